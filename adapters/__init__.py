@@ -12,13 +12,9 @@ these libraries before an object of theirs has to be built.
     array([[0, 1, 2]])
 """
 
-from __future__ import annotations
-
 from spinor_geom.adapters.arrays import ArrayPairAdapter, TensorPairAdapter, TriangleMeshAdapter
 from spinor_geom.adapters.mesh_files import MeshFile, MeshFileAdapter, read_mesh
-from spinor_geom.adapters.meshio_mesh import MeshioAdapter
-from spinor_geom.adapters.meshlab import MeshSetAdapter
-from spinor_geom.adapters.open3d_mesh import Open3DAdapter
+from spinor_geom.adapters.mesh_objects import MeshioAdapter, MeshSetAdapter, Open3DAdapter
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.pyvista_mesh import PyVistaAdapter
 from spinor_geom.adapters.registry import Adapter, extend, known_types, register, to_mesh

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spinor_geom.adapters.extending import grown_attributes
+from spinor_geom.adapters.contents import grown_attributes
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_existing_vertices
 
 if TYPE_CHECKING:
@@ -85,8 +85,7 @@ class TensorPairAdapter:
         vertices, faces = obj
         require_existing_vertices(extension.faces, vertices=len(vertices) + len(extension.vertices))
         floating = vertices.dtype if vertices.dtype.is_floating_point else torch.float64
-        fits = int(extension.faces.max(initial=0)) <= torch.iinfo(faces.dtype).max
-        indices = faces.dtype if fits else torch.int64
+        indices = faces.dtype if extension.faces.max(initial=0) <= torch.iinfo(faces.dtype).max else torch.int64
         new_vertices = torch.tensor(extension.vertices, dtype=floating, device=vertices.device)
         new_faces = torch.tensor(extension.faces, dtype=indices, device=faces.device)
         return _rebuilt_pair(

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from operator import attrgetter
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.contents import FileContents, malformed, single_precision, unit_vectors
-from spinor_geom.adapters.extending import cast_values, parts_of_faces
+from spinor_geom.adapters.contents import (
+    FileContents,
+    cast_values,
+    malformed,
+    parts_of_faces,
+    single_precision,
+    unit_vectors,
+)
 from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer, Json
 from spinor_geom.adapters.polygons import Polygons, seam_representatives
 from spinor_geom.errors import MeshFileError
@@ -28,29 +32,26 @@ WIDTHS = {"POSITION": 3, "NORMAL": 3, "TEXCOORD_0": 2}
 # rows of arrays, beyond as many as the file has bytes; 35 bytes of memory or so each.
 MOST_ROWS = 10_000_000
 ROWS_OF_A_PRIMITIVE = 100  # what its Python objects take
-# None of these means anything when averaged: a new vertex takes them from the nearest old one.
-COPIED = ("JOINTS_", "WEIGHTS_", "TANGENT")
+COPIED = ("JOINTS_", "WEIGHTS_", "TANGENT")  # from the nearest old vertex: their means mean nothing
 NAMES = {"COLOR_0": "color", "NORMAL": "normal", "TEXCOORD_0": "uv"}
 
 
-def read_glb(data: bytes, path: Path | None) -> FileContents:
+def read_glb(data: bytes) -> FileContents:
     """All triangles of a GLB file's scene, in the scene's coordinates.
 
     Primitives follow one another in the order of the nodes. A mesh that several nodes show is read once for each, up to
     `MOST_ROWS` rows of arrays in all, or as many as the file has bytes. Skins are at rest. Edges along which any
     attribute differs, and those between the primitives of one node (which differ in material), are seams and are
-    closed; nodes are not joined. Compression (Draco, meshopt), sparse arrays, strips, morph targets and data outside of
-    the file are not read.
+    closed; nodes are not joined. Not read: Draco, meshopt, sparse arrays, strips, morph targets, data outside the file.
     """
     try:
-        pieces = scene_pieces(GlbContainer.read(data, path))
+        pieces = scene_pieces(GlbContainer.read(data))
     except MeshFileError:
         raise
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError) as error:
-        problem = f"does not follow glTF ({type(error).__name__}: {error})"
-        raise malformed(path, "JSON", problem, "check the file") from error
+        raise malformed("JSON", f"does not follow glTF ({type(error).__name__}: {error})", "check the file") from error
     if not pieces:
-        raise malformed(path, "scene", "has no triangles", "give a file with a surface in it")
+        raise malformed("scene", "has no triangles", "give a file with a surface in it")
     vertices = np.concatenate([piece.decoded("POSITION") for piece in pieces])
     attributes = {
         NAMES.get(semantic, semantic): np.concatenate([piece.decoded(semantic) for piece in pieces])
@@ -64,11 +65,11 @@ def read_glb(data: bytes, path: Path | None) -> FileContents:
         color_scale=1.0 if color_dtype.kind == "f" else float(np.iinfo(color_dtype).max),
         representatives=_representatives(vertices, pieces),
         suffix=".glb",
-        appended=partial(_appended, data, pieces, path),
+        appended=partial(_appended, data, pieces),
     )
 
 
-def _appended(data: bytes, pieces: Sequence[Piece], path: Path | None, extension: MeshExtension) -> bytes:
+def _appended(data: bytes, pieces: Sequence[Piece], extension: MeshExtension) -> bytes:
     """The file with every new patch in the primitive that most of its rim belongs to.
 
     New vertices stand after those of their primitive; those that no new face uses are not written. Rim vertices of
@@ -78,17 +79,15 @@ def _appended(data: bytes, pieces: Sequence[Piece], path: Path | None, extension
         return data
     from scipy.spatial import KDTree  # takes long to import
 
-    container = GlbContainer.read(data, path)
+    container = GlbContainer.read(data)
     nodes, meshes = container.tree["nodes"], container.tree["meshes"]
     vertices = np.concatenate([*(piece.decoded("POSITION") for piece in pieces), extension.vertices])
-    votes = parts_of_faces(extension, [piece.start for piece in pieces], pieces[-1].stop)
-    owners = votes.argmax(axis=1)
+    owners = parts_of_faces(extension, [piece.start for piece in pieces], pieces[-1].stop).argmax(axis=1)
     for number in np.unique(owners).tolist():
         piece, faces = pieces[number], extension.faces[owners == number]
         node = nodes[piece.node]
-        if Counter(other.get("mesh") for other in nodes)[node["mesh"]] > 1:
-            # what other nodes show stays as it is
-            meshes.append(deepcopy(meshes[node["mesh"]]))
+        if sum(other.get("mesh") == node["mesh"] for other in nodes) > 1:
+            meshes.append(deepcopy(meshes[node["mesh"]]))  # what other nodes show stays as it is
             node["mesh"] = len(meshes) - 1
         primitive = meshes[node["mesh"]]["primitives"][piece.primitive]
         own = (faces >= piece.start) & (faces < piece.stop)
@@ -104,7 +103,7 @@ def _appended(data: bytes, pieces: Sequence[Piece], path: Path | None, extension
             elif name in extension.vertex_attributes and not semantic.startswith(COPIED):
                 new_rows[is_new] = piece.encoded(semantic, extension.vertex_attributes[name][new])
             for other in pieces:
-                if other.node == piece.node and have_one_layout(piece, other, semantic):
+                if other.node == piece.node and other.layout(semantic) == piece.layout(semantic):
                     taken = (others >= other.start) & (others < other.stop)
                     new_rows[taken] = other.rows[semantic][others[taken] - other.start]
             primitive["attributes"][semantic] = container.store(
@@ -133,7 +132,7 @@ def encode_glb(contents: FileContents) -> bytes:
             values = values[:, :2] * [1.0, -1.0] + [0.0, 1.0]
         rows[semantic] = single_precision(values / contents.color_scale if name == "color" else values)
     faces, _ = contents.polygons.triangulated(contents.vertices)
-    container = GlbContainer(tree={}, views=[], path=None)
+    container = GlbContainer(tree={}, views=[])
     primitive = {
         "attributes": {name: container.store(values, target=ARRAY_BUFFER) for name, values in rows.items()},
         "indices": container.store(faces.reshape(-1, 1).astype("<u4"), target=ELEMENT_ARRAY_BUFFER),
@@ -180,6 +179,10 @@ class Piece:
         """One more than the number of its last vertex in the scene."""
         return self.start + len(self.rows["POSITION"])
 
+    def layout(self, semantic: str) -> tuple[int, np.dtype[Any]] | None:
+        """The width and the type of an attribute's rows, if it has any."""
+        return (self.rows[semantic].shape[1], self.rows[semantic].dtype) if semantic in self.rows else None
+
     def decoded(self, semantic: str) -> Float[np.ndarray, "n k"]:
         """An attribute as float64 in the scene's coordinates; colours in the file's own scale."""
         rows = self.rows[semantic]
@@ -212,7 +215,7 @@ class Piece:
 
 def scene_pieces(container: GlbContainer) -> list[Piece]:
     """The triangle primitives of the scene, node by node, parents first; a MeshFileError names the place."""
-    tree, path = container.tree, container.path
+    tree = container.tree
     nodes = tree.get("nodes", [])
     for node in nodes:
         if "mesh" in node:
@@ -229,7 +232,7 @@ def scene_pieces(container: GlbContainer) -> list[Piece]:
     while stack:
         number, parent = stack.pop()
         if number in seen:
-            raise malformed(path, f"node {number}", "has two parents", "check the file")
+            raise malformed(f"node {number}", "has two parents", "check the file")
         seen.add(number)
         node = container.item("nodes", number)
         with np.errstate(over="ignore", invalid="ignore"):  # a position that is not finite is reported later
@@ -241,7 +244,7 @@ def scene_pieces(container: GlbContainer) -> list[Piece]:
         if "skin" in node:
             transform = np.eye(4)
         elif is_flat:
-            raise malformed(path, f"node {number}", "its transform flattens the mesh", "correct the transform")
+            raise malformed(f"node {number}", "its transform flattens the mesh", "correct the transform")
         for index in range(len(tree["meshes"][node["mesh"]]["primitives"])):
             piece = _piece(container, number, index, pieces[-1].stop if pieces else 0, transform)
             rows_left -= ROWS_OF_A_PRIMITIVE
@@ -250,7 +253,7 @@ def scene_pieces(container: GlbContainer) -> list[Piece]:
                 rows_left -= len(piece.faces) + sum(map(len, piece.rows.values()))
             if rows_left < 0:
                 problem = f"with it the scene has more than {MOST_ROWS:,} rows of arrays, as it shows meshes repeatedly"
-                raise malformed(path, f"node {number}", problem, "give each mesh as a file of its own")
+                raise malformed(f"node {number}", problem, "give each mesh as a file of its own")
     return pieces
 
 
@@ -258,53 +261,46 @@ def _piece(
     container: GlbContainer, node: int, index: int, start: int, transform: Float[np.ndarray, "4 4"]
 ) -> Piece | None:
     """One primitive, or None if it has no triangles."""
-    tree, path = container.tree, container.path
+    tree = container.tree
     mesh = tree["nodes"][node]["mesh"]
     primitive = tree["meshes"][mesh]["primitives"][index]
     place = f"mesh {mesh}, primitive {index}"
     mode = primitive.get("mode", TRIANGLES)
     if mode in STRIPS_AND_FANS:
-        raise malformed(path, place, "is a triangle strip or fan", "convert it to a list of triangles")
+        raise malformed(place, "is a triangle strip or fan", "convert it to a list of triangles")
     if mode != TRIANGLES or "POSITION" not in primitive["attributes"]:
         return None
     if "KHR_draco_mesh_compression" in primitive.get("extensions", {}):
-        raise malformed(path, place, "is compressed with Draco", "decompress the file first")
+        raise malformed(place, "is compressed with Draco", "decompress the file first")
     if primitive.get("targets"):
-        raise malformed(path, place, "has morph targets, and a patch could not move with them", "apply them first")
+        raise malformed(place, "has morph targets, and a patch could not move with them", "apply them first")
     rows = {semantic: container.values(accessor) for semantic, accessor in primitive["attributes"].items()}
     count = len(rows["POSITION"])
     if any(len(own) != count or own.shape[1] != WIDTHS.get(name, own.shape[1]) for name, own in rows.items()):
-        problem = "its attributes do not have one row a vertex, of their own width"
-        raise malformed(path, place, problem, "check the file")
+        raise malformed(place, "its attributes do not have one row a vertex, of their own width", "check the file")
     indices = np.arange(count)
     if "indices" in primitive:
         stored = container.values(primitive["indices"])
         if stored.dtype.kind != "u":
-            raise malformed(path, place, "its indices are no unsigned integers", "correct the indices")
+            raise malformed(place, "its indices are no unsigned integers", "correct the indices")
         indices = stored[:, 0].astype(np.int64)
     if len(indices) % 3 or indices.max(initial=-1) >= count:
-        problem = f"its indices are no triangles over its {count} vertices"
-        raise malformed(path, place, problem, "correct the indices")
+        raise malformed(place, f"its indices are no triangles over its {count} vertices", "correct the indices")
     if not len(indices):
         return None
-    normalized = (
-        semantic
-        for semantic, accessor in primitive["attributes"].items()
-        if tree["accessors"][accessor].get("normalized", False) and rows[semantic].dtype.kind != "f"
-    )
+    normalized = (name for name, item in primitive["attributes"].items() if tree["accessors"][item].get("normalized"))
     return Piece(
         node=node,
         primitive=index,
         start=start,
         faces=indices.reshape(-1, 3),
         rows=rows,
-        normalized=frozenset(normalized),
+        normalized=frozenset(name for name in normalized if rows[name].dtype.kind != "f"),
         transform=transform,
     )
 
 
 def _local_transform(node: Json) -> Float[np.ndarray, "4 4"]:
-    """A node's transform to its parent's coordinates."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape((4, 4), order="F")
     from scipy.spatial.transform import Rotation  # takes long to import
@@ -323,11 +319,5 @@ def shared_semantics(pieces: list[Piece]) -> list[str]:
         for semantic in pieces[0].rows
         if semantic != "POSITION"
         and not semantic.startswith(COPIED)
-        and all(have_one_layout(pieces[0], piece, semantic) for piece in pieces)
+        and all(piece.layout(semantic) == pieces[0].layout(semantic) for piece in pieces)
     ]
-
-
-def have_one_layout(first: Piece, second: Piece, semantic: str) -> bool:
-    """Whether two pieces store an attribute in rows of one width and type."""
-    a, b = first.rows.get(semantic), second.rows.get(semantic)
-    return a is not None and b is not None and a.shape[1] == b.shape[1] and a.dtype == b.dtype

@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,25 +34,24 @@ class GlbContainer:
 
     tree: Json  # the JSON
     views: list[bytes | None]  # of each buffer view; None where they are not in the file, or compressed
-    path: Path | None  # the file's name, for errors
     chunks: bytes = b""  # the chunks after the binary one, whatever they are
 
     @classmethod
-    def read(cls, data: bytes, path: Path | None) -> GlbContainer:
+    def read(cls, data: bytes) -> GlbContainer:
         """Open a file; a MeshFileError if it is no binary glTF 2 file, shorter than it says, or has malformed JSON."""
-        tree, binary, chunks = _chunks(data, path)
-        container = cls(tree=tree, views=[], path=path, chunks=chunks)
+        tree, binary, chunks = _chunks(data)
+        container = cls(tree=tree, views=[], chunks=chunks)
         for name in LISTS:
             items = tree.get(name, [])
             if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
-                raise malformed(path, "JSON", f"'{name}' is no list of objects", "check the file")
+                raise malformed("JSON", f"'{name}' is no list of objects", "check the file")
         for number, view in enumerate(tree.get("bufferViews", [])):
             # buffer 0 without an address is the one inside the file
             outside = view["buffer"] != 0 or "uri" in tree["buffers"][0]
             start, stop = view.get("byteOffset", 0), view.get("byteOffset", 0) + view["byteLength"]
             if not outside and not 0 <= start <= stop <= len(binary):
                 problem = f"ends at byte {stop} of the binary buffer, which has {len(binary)}"
-                raise malformed(path, f"buffer view {number}", problem, "check that the file is complete")
+                raise malformed(f"buffer view {number}", problem, "check that the file is complete")
             compressed = "EXT_meshopt_compression" in view.get("extensions", {})
             container.views.append(None if outside or compressed else binary[start:stop])
         for reference in _references(tree):
@@ -64,8 +62,7 @@ class GlbContainer:
         """An entry of one of the JSON's lists; a MeshFileError if it has none of that number."""
         items: list[Json] = self.tree.get(name, [])
         if type(number) is not int or not 0 <= number < len(items):
-            problem = f"names number {number} of its {len(items)} {name}"
-            raise malformed(self.path, "JSON", problem, "check the file")
+            raise malformed("JSON", f"names number {number} of its {len(items)} {name}", "check the file")
         return items[number]
 
     def encoded(self) -> bytes:
@@ -99,11 +96,11 @@ class GlbContainer:
         content = None if view is None else self.views[view]
         if content is None:
             problem = "its data is not in the file, sparse, or compressed"
-            raise malformed(self.path, f"accessor {accessor}", problem, "convert the file")
+            raise malformed(f"accessor {accessor}", problem, "convert the file")
         stride = self.tree["bufferViews"][view].get("byteStride", row)
         if count < 0 or offset < 0 or stride < row or (count and offset + (count - 1) * stride + row > len(content)):
             problem = f"announces {count} rows, more than buffer view {view} holds"
-            raise malformed(self.path, f"accessor {accessor}", problem, "check that the file is complete")
+            raise malformed(f"accessor {accessor}", problem, "check that the file is complete")
         shape = (count, WIDTHS[item["type"]])
         return np.asarray(np.ndarray(shape, dtype, content, offset, (stride, dtype.itemsize)))
 
@@ -115,8 +112,7 @@ class GlbContainer:
         count, width = rows.shape
         size = width * rows.dtype.itemsize
         stride = size + -size % 4 if target == ARRAY_BUFFER else size
-        padded = np.zeros((count, stride), dtype=np.uint8)
-        padded[:, :size] = np.ascontiguousarray(rows).view(np.uint8).reshape(count, size)
+        padded = np.pad(np.ascontiguousarray(rows).view(np.uint8), ((0, 0), (0, stride - size)))
         view: Json = {"buffer": 0, "byteLength": padded.size, "target": target}
         if stride != size:
             view["byteStride"] = stride
@@ -148,24 +144,24 @@ class GlbContainer:
         return uses
 
 
-def _chunks(data: bytes, path: Path | None) -> tuple[Json, bytes, bytes]:
+def _chunks(data: bytes) -> tuple[Json, bytes, bytes]:
     """The JSON, the binary chunk, and all chunks after these."""
     if len(data) < 20 or data[:4] != b"glTF":
-        raise malformed(path, "byte 0", "does not begin like a binary glTF file", "check the file's format")
+        raise malformed("byte 0", "does not begin like a binary glTF file", "check the file's format")
     version, length, json_length, json_type = struct.unpack_from("<IIII", data, 4)
     if version != 2 or json_type != JSON_CHUNK:
-        raise malformed(path, "byte 4", f"is glTF version {version}, only 2 is read", "convert the file")
+        raise malformed("byte 4", f"is glTF version {version}, only 2 is read", "convert the file")
     if length > len(data) or 20 + json_length > length:
         problem = f"announces {max(length, 20 + json_length)} bytes, but the file has {len(data)}"
-        raise malformed(path, "byte 8", problem, "check that the file is complete")
+        raise malformed("byte 8", problem, "check that the file is complete")
     try:
         tree = json.loads(data[20 : 20 + json_length])
     except (ValueError, RecursionError) as error:
-        raise malformed(path, "JSON", str(error), "check that the file is complete") from None
+        raise malformed("JSON", str(error), "check that the file is complete") from None
     if not isinstance(tree, dict):
-        raise malformed(path, "JSON", "is no object", "check the file")
+        raise malformed("JSON", "is no object", "check the file")
     if _depth(tree) > DEEPEST_JSON:
-        raise malformed(path, "JSON", f"is nested more than {DEEPEST_JSON} levels deep", "check the file")
+        raise malformed("JSON", f"is nested more than {DEEPEST_JSON} levels deep", "check the file")
     position = 20 + json_length
     if position + 8 > length:
         return tree, b"", b""
@@ -174,7 +170,7 @@ def _chunks(data: bytes, path: Path | None) -> tuple[Json, bytes, bytes]:
         return tree, b"", data[position:length]
     if position + 8 + binary_length > length:
         problem = f"announces {binary_length} bytes of binary data, but the file ends after {length - position - 8}"
-        raise malformed(path, f"byte {position}", problem, "check that the file is complete")
+        raise malformed(f"byte {position}", problem, "check that the file is complete")
     end = position + 8 + binary_length
     return tree, data[position + 8 : end], data[end + -end % 4 : length]
 
@@ -203,5 +199,4 @@ def _objects(tree: Json) -> Iterator[Json]:
 
 
 def _references(tree: Json) -> Iterator[Json]:
-    """All objects in the JSON that refer to a buffer view."""
     return (item for item in _objects(tree) if "bufferView" in item)

@@ -3,10 +3,7 @@
 What such a file holds is what its library reads of it, and it is written anew by that library, which has to be there.
 """
 
-from __future__ import annotations
-
 import io
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,19 +12,16 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from spinor_geom.adapters.contents import FileContents, malformed
-from spinor_geom.adapters.extending import cast_values
+from spinor_geom.adapters.contents import FileContents, cast_values, malformed
 from spinor_geom.adapters.polygons import Polygons, appearance_of, seam_representatives
 from spinor_geom.adapters.pyvista_mesh import polygons_of
 from spinor_geom.adapters.registry import extend, to_mesh
-from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError, UnknownMeshTypeError
-from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 _READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
 LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "networkx")}  # other formats need none
 
 
-def read_vtk(data: bytes, path: Path | None, *, suffix: str) -> FileContents:
+def read_vtk(data: bytes, *, suffix: str) -> FileContents:
     """A file of VTK: XML polygonal data (.vtp), or legacy polygonal data or an unstructured grid of faces (.vtk)."""
     import pyvista
 
@@ -39,11 +33,11 @@ def read_vtk(data: bytes, path: Path | None, *, suffix: str) -> FileContents:
         reader.Update()
     if heard.events:  # after an error it goes on with what it has, or with nothing
         problem = f"VTK cannot read it ({heard.events[0].alert.splitlines()[-1]})"
-        raise malformed(path, "", problem, "check that it is complete")
-    return _contents(pyvista.wrap(reader.GetOutput()), path, suffix)
+        raise malformed("", problem, "check that it is complete")
+    return _contents(pyvista.wrap(reader.GetOutput()), suffix)
 
 
-def read_3mf(data: bytes, path: Path | None) -> FileContents:
+def read_3mf(data: bytes) -> FileContents:
     """All meshes of a 3MF file in the coordinates of its build; colours and materials are not read."""
     import trimesh
 
@@ -51,8 +45,8 @@ def read_3mf(data: bytes, path: Path | None) -> FileContents:
         scene = trimesh.load_scene(io.BytesIO(data), file_type="3mf", process=False)
     # what trimesh and lxml raise for files that do not follow the format; lxml's errors are SyntaxErrors
     except (BadZipFile, SyntaxError, KeyError, IndexError, StopIteration, TypeError, ValueError) as error:
-        raise malformed(path, "", f"trimesh cannot read it ({type(error).__name__}: {error})", "check it") from error
-    return _contents(scene, path, ".3mf")
+        raise malformed("", f"trimesh cannot read it ({type(error).__name__}: {error})", "check it") from error
+    return _contents(scene, ".3mf")
 
 
 def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
@@ -84,14 +78,8 @@ def encode_3mf(contents: FileContents) -> bytes:
     return _encoded(trimesh.Scene([trimesh.Trimesh(contents.vertices, triangles, process=False)]), ".3mf")
 
 
-def _contents(held: Any, path: Path | None, suffix: str) -> FileContents:
-    """What a library's object holds; a MeshFileError where it is no surface."""
-    try:
-        mesh = to_mesh(held)
-    except NonFiniteVertexError as error:
-        raise NonFiniteVertexError(vertex=error.fields["vertex"], place=str(path or "")) from None
-    except (MeshError, UnknownMeshTypeError) as error:
-        raise MeshFileError(f"{path}: {error}", path=path, place="") from error
+def _contents(held: Any, suffix: str) -> FileContents:
+    mesh = to_mesh(held)
     polygons = Polygons.of_triangles(mesh.faces) if suffix == ".3mf" else polygons_of(held)
     return FileContents(
         vertices=mesh.vertices,
@@ -101,16 +89,11 @@ def _contents(held: Any, path: Path | None, suffix: str) -> FileContents:
         color_scale=255.0,
         representatives=seam_representatives(mesh.vertices, polygons, appearance_of(mesh.vertex_attributes)),
         suffix=suffix,
-        appended=partial(_appended, held, suffix),
+        appended=lambda extension: _encoded(extend(held, extension), suffix),
     )
 
 
-def _appended(held: Any, suffix: str, extension: MeshExtension) -> bytes:
-    return _encoded(extend(held, extension), suffix)
-
-
 def _encoded(held: Any, suffix: str) -> bytes:
-    """A file of a library's object."""
     if suffix == ".3mf":
         return bytes(held.export(file_type="3mf"))
     with TemporaryDirectory() as folder:

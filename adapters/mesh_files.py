@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,8 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from spinor_geom.adapters.contents import FileContents, malformed, nonfinite_rows
-from spinor_geom.adapters.extending import grown_attributes
+from spinor_geom.adapters.contents import FileContents, grown_attributes, malformed, nonfinite_rows
 from spinor_geom.adapters.glb import encode_glb, read_glb
 from spinor_geom.adapters.library_files import LIBRARIES, encode_3mf, encode_vtk, read_3mf, read_vtk
 from spinor_geom.adapters.obj import encode_obj, read_obj
@@ -21,14 +21,13 @@ from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, read_ply
 from spinor_geom.adapters.polygons import Polygons, close_seams
 from spinor_geom.adapters.stl import encode_stl, read_stl
-from spinor_geom.errors import MeshFileError, NonFiniteVertexError
+from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError, UnknownMeshTypeError, require
 from spinor_geom.files import atomic_path
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
-from spinor_geom.optional import require
 from spinor_geom.shown import Shown
 
 # how each is read, where a MeshFileError names the place that cannot be, and written
-FORMATS: dict[str, tuple[Callable[[bytes, Path | None], FileContents], Callable[[FileContents], bytes]]] = {
+FORMATS: dict[str, tuple[Callable[[bytes], FileContents], Callable[[FileContents], bytes]]] = {
     ".obj": (read_obj, encode_obj),
     ".ply": (read_ply, encode_ply),
     ".stl": (read_stl, encode_stl),
@@ -69,8 +68,7 @@ class MeshFile(Shown):
         """Split the polygons and close the seams; without `read_sizes` nothing counts as appended."""
         wrong = nonfinite_rows(contents.vertices)
         if len(wrong):
-            place = ", ".join(filter(None, (str(path or ""), contents.first_nonfinite)))
-            raise NonFiniteVertexError(vertex=int(wrong[0]), place=place)
+            raise NonFiniteVertexError(vertex=int(wrong[0]), place=contents.first_nonfinite)
         triangles, polygons = contents.polygons.triangulated(contents.vertices)
         faces, kept = close_seams(triangles, contents.representatives)
         mesh = TriangleMesh(contents.vertices, faces, vertex_attributes=contents.attributes, labels=contents.labels)
@@ -93,12 +91,7 @@ class MeshFile(Shown):
         return self.contents.polylines
 
     def extended(self, extension: MeshExtension) -> MeshFile:
-        """The file with new vertices and faces after its own; this object stays as it is.
-
-        Raises:
-            VertexIndexError: a new face names a vertex that does not exist.
-            MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
-        """
+        """The file with new vertices and faces after its own; this object stays as it is. Raises as `extend`."""
         old = self.contents
         first = len(old.vertices)
         contents = replace(
@@ -120,8 +113,7 @@ class MeshFile(Shown):
 
         Of each group the vertex of lowest index stays, with its attributes. Polygons lose corners that now repeat the
         one before, those of fewer than three corners (needles) are left out; curves stay whole. Such a file no longer
-        follows the one that was read: it is written anew, without materials and other things that are not in
-        `contents`.
+        follows the one that was read: it is written anew, without materials and what else is not in `contents`.
         """
         mesh, new_index = TriangleMesh(
             self.contents.vertices, np.zeros((0, 3), dtype=np.int64), vertex_attributes=self.contents.attributes
@@ -153,13 +145,12 @@ class MeshFile(Shown):
             MissingPackageError: the library of the format is not installed.
         """
         target = Path(path)
-        suffix = known_suffix(target)
-        data = self._encoded(suffix)
+        data = self._encoded(known_suffix(target))
         try:
             with atomic_path(target) as temporary:
                 temporary.write_bytes(data)
         except OSError as error:
-            raise malformed(target, "", f"cannot be written ({error})", "check the folder") from error
+            raise MeshFileError(f"{target}: cannot be written ({error}); check the folder", path=target) from error
 
     def _encoded(self, suffix: str) -> bytes:
         if self.contents.appended is None or self.contents.suffix != suffix:
@@ -181,8 +172,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
 
     OBJ faces are read by position, so texture seams leave no trace; in PLY, OFF, GLB and VTK's formats, vertices that a
     renderer's format split along texture or normal seams are closed up again in `MeshFile.mesh`. STL, which cannot
-    share vertices, is read with those of equal position made one, as by `MeshFile.merged`. No other file that this one
-    names is ever opened.
+    share vertices, is read with those of equal position made one, as by `MeshFile.merged`. No other file is opened.
 
     Args:
         path: a file whose suffix is .obj, .ply, .stl, .off, .glb, .vtp, .vtk or .3mf, in any case.
@@ -194,20 +184,33 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     """
     source = Path(path)
     suffix = known_suffix(source)
+    with naming(source):
+        try:
+            data = source.read_bytes()
+        except OSError as error:
+            problem = f"cannot be read ({error.strerror or error})"
+            raise malformed("", problem, "check the name and the access rights") from error
+        if not data:
+            raise malformed("", "is empty", "check that the file is complete")
+        file = MeshFile.of_contents(FORMATS[suffix][0](data), path=source)
+        if suffix == ".stl":
+            file = file.merged()
+        if len(file.polygons) == 0 and not file.polylines:
+            raise malformed("", "has vertices but no faces and no curves", "give a file with a surface in it")
+        return file
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Errors of what is read inside name the file, before the place in it."""
     try:
-        data = source.read_bytes()
-    except OSError as error:
-        problem = f"cannot be read ({error.strerror or error})"
-        raise malformed(source, "", problem, "check the name and the access rights") from error
-    if not data:
-        raise malformed(source, "", "is empty", "check that the file is complete")
-    contents = FORMATS[suffix][0](data, source)
-    file = MeshFile.of_contents(contents, path=source)
-    if suffix == ".stl":
-        file = file.merged()
-    if len(file.polygons) == 0 and not file.polylines:
-        raise malformed(source, "", "has vertices but no faces and no curves", "give a file with a surface in it")
-    return file
+        yield
+    except NonFiniteVertexError as error:
+        place = ", ".join(filter(None, (str(path), error.fields["place"])))
+        raise NonFiniteVertexError(vertex=error.fields["vertex"], place=place) from None
+    except (MeshFileError, MeshError, UnknownMeshTypeError) as error:
+        place = error.fields.get("place", "")
+        raise MeshFileError(f"{path}{', ' if place else ': '}{error}", path=path, place=place) from error
 
 
 class MeshFileAdapter:

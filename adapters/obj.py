@@ -11,9 +11,7 @@ import io
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import compress
-from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
@@ -40,6 +38,7 @@ GROUP = "spinor_geom_fill"
 NEWLINE = b"\n"
 KEYS = (b"v", b"vt", b"vn", b"f", b"l", b"o")  # first words of lines
 COUNTED = (b"v", b"vt", b"vn")
+COLORED = ({6}, {7})  # words behind `v` where all lines have so many
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,7 +56,7 @@ class ObjText:
     ending: bytes  # what has to follow its last byte before a new line can begin
 
 
-def read_obj_stream(stream: BinaryIO, path: Path | None) -> ObjText:
+def read_obj_stream(stream: BinaryIO) -> ObjText:
     """The vertices, faces, curves and names of an OBJ file, read once from where the stream stands.
 
     Faces are read by their position indices, so texture and normal seams leave no trace. `v` lines may carry colours
@@ -65,15 +64,15 @@ def read_obj_stream(stream: BinaryIO, path: Path | None) -> ObjText:
     coordinates and normals become the attributes "uv" and "normal" where each vertex has only one. Pieces of curves are
     joined where two of them meet in a vertex. A MeshFileError names the line that cannot be understood.
     """
-    reader = _Reader(path)
+    reader = _Reader()
     # one byte a letter, with all line ends alike
     decoder = io.IncrementalNewlineDecoder(codecs.getincrementaldecoder("latin-1")(), translate=True)
     last, line = b"", 1
-    for block in _blocks(stream, decoder, path):
+    for block in _blocks(stream, decoder):
         if b"\0" in block:
             at = f"line {line + block.count(NEWLINE, 0, block.index(0))}"
-            raise malformed(path, at, "a zero byte, so this is no OBJ text", "check the file's format")
-        reader.add(_Block(block.removeprefix(BYTE_ORDER_MARK) if line == 1 else block, path, first_line=line))
+            raise malformed(at, "a zero byte, so this is no OBJ text", "check the file's format")
+        reader.add(_Block(block.removeprefix(BYTE_ORDER_MARK) if line == 1 else block, first_line=line))
         line, last = line + block.count(NEWLINE), block[-2:]
     ends = decoder.newlines or "\n"
     newline = (ends if isinstance(ends, str) else ends[0]).encode("ascii")
@@ -82,7 +81,7 @@ def read_obj_stream(stream: BinaryIO, path: Path | None) -> ObjText:
     return reader.text(newline, ending + (newline if last.rstrip().endswith(b"\\") else b""))
 
 
-def _blocks(stream: BinaryIO, decoder: io.IncrementalNewlineDecoder, path: Path | None) -> Iterator[bytes]:
+def _blocks(stream: BinaryIO, decoder: io.IncrementalNewlineDecoder) -> Iterator[bytes]:
     """The file in blocks that end with a line that no backslash continues."""
     rest, searched = "", 0
     while read := stream.read(BLOCK_SIZE):
@@ -95,7 +94,7 @@ def _blocks(stream: BinaryIO, decoder: io.IncrementalNewlineDecoder, path: Path 
             rest = rest[end + 1 :]
         elif len(rest) > LONGEST_LINE:
             problem = f"a line of more than {LONGEST_LINE >> 20} MiB"
-            raise malformed(path, "", problem, "check that this is an OBJ file, or write it in several pieces")
+            raise malformed("", problem, "check that this is an OBJ file, or write it in several pieces")
         searched = len(rest)
     if rest := rest + decoder.decode(b"", final=True):
         yield rest.encode("latin-1")
@@ -104,59 +103,48 @@ def _blocks(stream: BinaryIO, decoder: io.IncrementalNewlineDecoder, path: Path 
 class _Reader:
     """What the blocks read so far have given."""
 
-    def __init__(self, path: Path | None) -> None:
-        self.path = path
+    def __init__(self) -> None:
         self.counts = dict.fromkeys(COUNTED, 0)
         self.widths: dict[bytes, set[int]] = {key: set() for key in COUNTED}  # words of their lines
         self.values: dict[bytes, list[Float[np.ndarray, "n k"]]] = {key: [] for key in COUNTED}
-        self.colors: list[Float[np.ndarray, "n k"]] = []
         self.first_nonfinite = ""
         self.unreadable: dict[bytes, MeshFileError] = {}
         # of faces and curves in each block: their corners, and of each how many these are, its line and its name
         none = np.zeros(0, dtype=np.int64)
         self.elements = {key: [(none.reshape(0, 3), none, none, none)] for key in (b"f", b"l")}
-        self.wrong: list[tuple[int, str]] = []
         self.names = {"": 0}
         self.of_object = self.of_group = ""
 
     def add(self, block: _Block) -> None:
-        """Takes the elements of the next block."""
         block.check_sizes(b"v", least=3, what="a vertex needs three coordinates")
         if len(block.standing[b"v"]):
-            vertices = block.floats(b"v", 0, 3)
-            self.values[b"v"].append(vertices)
-            if not self.first_nonfinite and len(wrong := nonfinite_rows(vertices)):
+            widths = block.widths(b"v")
+            self.widths[b"v"] |= widths
+            rows = block.floats(b"v", min(widths) if widths in COLORED else 3)
+            self.values[b"v"].append(rows)
+            if not self.first_nonfinite and len(wrong := nonfinite_rows(rows[:, :3])):
                 self.first_nonfinite = f"line {block.line_numbers[block.standing[b'v'][wrong[0]]]}"
-            self.widths[b"v"] |= block.widths(b"v")
-            if self.widths[b"v"] in ({6}, {7}):
-                self.colors.append(block.floats(b"v", 3, min(self.widths[b"v"])))
-            else:
-                self.colors.clear()
         block.check_sizes(b"f", least=3, what="a face needs three corners")
         block.check_sizes(b"l", least=2, what="a curve needs two vertices")
         starts, names = self._names(block)
         for key in (b"f", b"l"):
             lines = block.standing[key]
             if len(lines):
-                corners, unknown = block.corners(key, self.counts)
-                self.wrong += unknown
+                corners = block.corners(key, self.counts)
                 own_names = np.array(names, dtype=np.int64)[np.searchsorted(starts, lines) - 1]
                 self.elements[key].append((corners, block.sizes[lines], block.line_numbers[lines], own_names))
         for key in (b"vt", b"vn"):
-            self._add_values(block, key)
+            # as long as they may all be used; an unreadable one matters only then
+            self.widths[key] |= block.widths(key)
+            if len(self.widths[key]) != 1 or key in self.unreadable or min(self.widths[key]) < 1:
+                self.values[key].clear()
+                continue
+            try:
+                self.values[key].append(block.floats(key, min(self.widths[key])))
+            except MeshFileError as error:
+                self.unreadable[key] = error
         for key in COUNTED:
             self.counts[key] += len(block.standing[key])
-
-    def _add_values(self, block: _Block, key: bytes) -> None:
-        """Texture coordinates or normals, as long as they may all be used; an unreadable one matters only then."""
-        self.widths[key] |= block.widths(key)
-        if len(self.widths[key]) != 1 or key in self.unreadable or min(self.widths[key]) < 1:
-            self.values[key].clear()
-            return
-        try:
-            self.values[key].append(block.floats(key, 0, min(self.widths[key])))
-        except MeshFileError as error:
-            self.unreadable[key] = error
 
     def _names(self, block: _Block) -> tuple[list[int], list[int]]:
         """Behind which lines of a block which name holds, as a number."""
@@ -170,25 +158,25 @@ class _Reader:
         return starts, numbers
 
     def _number(self) -> int:
-        name = "/".join(filter(None, (self.of_object, self.of_group)))
-        return self.names.setdefault(name, len(self.names))
+        return self.names.setdefault("/".join(filter(None, (self.of_object, self.of_group))), len(self.names))
 
     def text(self, newline: bytes, ending: bytes) -> ObjText:
         """All of it; a MeshFileError if there are no vertices, or an index is of none."""
         if not self.values[b"v"]:
-            advice = "check that the file is complete and is an OBJ file"
-            raise malformed(self.path, "", "has no vertices (`v` lines)", advice)
-        vertices = np.concatenate(self.values[b"v"])
+            raise malformed("", "has no vertices (`v` lines)", "check that the file is complete and is an OBJ file")
+        vertices = np.concatenate([rows[:, :3] for rows in self.values[b"v"]])
         faces, curves = ([np.concatenate(parts) for parts in zip(*own, strict=True)] for own in self.elements.values())
-        wrong = list(self.wrong)
+        wrong: list[tuple[int, int]] = []
         for corners, sizes, lines, _ in (faces, curves):
-            beyond = np.flatnonzero(corners[:, 0] >= len(vertices))[:1].tolist()
-            wrong += [(int(np.repeat(lines, sizes)[corner]), str(corners[corner, 0] + 1)) for corner in beyond]
+            outside = np.flatnonzero((corners[:, 0] < 0) | (corners[:, 0] >= len(vertices)))[:1].tolist()
+            wrong += [(int(np.repeat(lines, sizes)[corner]), int(corners[corner, 0]) + 1) for corner in outside]
         if wrong:
-            number, word = min(wrong)
-            problem = f"'{word}' names a vertex that does not exist, the file has {len(vertices)} (numbered from 1)"
-            raise malformed(self.path, f"line {number}", problem, "correct the index, or complete the file")
-        attributes = {"color": np.concatenate(self.colors)} if self.colors else {}
+            number, index = min(wrong)
+            problem = f"'{index}' names a vertex that does not exist, the file has {len(vertices)} (numbered from 1)"
+            raise malformed(f"line {number}", problem, "correct the index, or complete the file")
+        attributes = {}
+        if self.widths[b"v"] in COLORED:
+            attributes["color"] = np.concatenate([rows[:, 3:] for rows in self.values[b"v"]])
         corner_indices = {}
         for column, name, key in ((1, "uv", b"vt"), (2, "normal", b"vn")):
             own = _index_of_each_vertex(faces[0][:, 0], faces[0][:, column], len(vertices), self.counts[key])
@@ -229,8 +217,7 @@ class _Block:
     lines begin with each of `KEYS`; those of groups stand among those of objects.
     """
 
-    def __init__(self, data: bytes, path: Path | None, *, first_line: int) -> None:
-        self.path = path
+    def __init__(self, data: bytes, *, first_line: int) -> None:
         data += 2 * NEWLINE  # so that three letters stand wherever a word begins
         ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord(NEWLINE))
         for mark, pattern in ((b"\\", rb"\\\n"), (b"#", rb"#[^\n]*")):
@@ -254,11 +241,9 @@ class _Block:
         self._data, self._behind_keys, self._line_ends = data, letters.tobytes(), np.append(0, ends[is_end] + 1)
 
     def row(self, line: int) -> list[bytes]:
-        """The words of a line."""
         return self._data[self._line_ends[line] : self._line_ends[line + 1]].split()
 
     def widths(self, key: bytes) -> set[int]:
-        """How many words follow the key on its lines."""
         return set(np.unique(self.sizes[self.standing[key]]).tolist())
 
     def _text(self, key: bytes) -> bytes:
@@ -270,7 +255,7 @@ class _Block:
         return b"".join([self._behind_keys[start:stop] for start, stop in runs])
 
     def _error(self, line: int, problem: str, advice: str) -> MeshFileError:
-        return malformed(self.path, f"line {self.line_numbers[line]}", problem, advice)
+        return malformed(f"line {self.line_numbers[line]}", problem, advice)
 
     def check_sizes(self, key: bytes, *, least: int, what: str) -> None:
         """Whether enough words follow the key on all of its lines."""
@@ -279,27 +264,25 @@ class _Block:
             text = b" ".join(self.row(line)).decode("utf-8", "replace")
             raise self._error(line, f"{what}, got '{text}'", "complete or remove the line")
 
-    def floats(self, key: bytes, start: int, stop: int) -> Float[np.ndarray, "n k"]:
-        """Words `start` to `stop` behind the key on all of its lines, as numbers."""
+    def floats(self, key: bytes, count: int) -> Float[np.ndarray, "n {count}"]:
+        """The first words behind the key on all of its lines, as numbers."""
 
         def error(number: int, word: str) -> MeshFileError:
-            line = self.standing[key][number // (stop - start)]
+            line = self.standing[key][number // count]
             return self._error(line, f"'{word}' is no number", "correct the line")
 
         text, sizes = self._text(key), self.sizes[self.standing[key]]
         words = text.split()
-        if start or not (sizes == stop).all():
+        if not (sizes == count).all():
             place = np.arange(len(words)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-            words = list(compress(words, ((place >= start) & (place < stop)).tobytes()))
-        # `float` takes underscores, at a fraction of the time of `real`
-        convert = real if b"_" in text else float
-        return np.array(converted(words, convert, error), dtype=np.float64).reshape(-1, stop - start)
+            words = list(compress(words, (place < count).tobytes()))
+        convert = real if b"_" in text else float  # `float` takes underscores, at a fraction of the time of `real`
+        return np.array(converted(words, convert, error), dtype=np.float64).reshape(-1, count)
 
-    def corners(self, key: bytes, counts: dict[bytes, int]) -> tuple[Int[np.ndarray, "n 3"], list[tuple[int, str]]]:
+    def corners(self, key: bytes, counts: dict[bytes, int]) -> Int[np.ndarray, "n 3"]:
         """The indices (position, texture, normal) from 0 of all corners on the lines; −1 where one is not given.
 
-        `counts` elements stand in the blocks before this one. Also the first line with a position that cannot exist and
-        the word there, if there is one.
+        `counts` elements stand in the blocks before this one. A position before the first of all is as it is written.
         """
         text = self._text(key)
         line_of = np.repeat(self.standing[key], self.sizes[self.standing[key]])
@@ -312,12 +295,11 @@ class _Block:
             corners = np.array(converted(text.split(), _corner, error), dtype=np.int64)
         if (corners < 0).any():
             before = [counts[name] + np.searchsorted(self.standing[name], line_of) for name in COUNTED]
-            corners = np.where(corners < 0, corners + np.stack(before, axis=1) + 1, corners)
+            resolved = corners + np.stack(before, axis=1) + 1
+            corners = np.where((corners < 0) & (resolved > 0), resolved, corners)
             # an index before the file's first element must not pass for "not given"
             corners[:, 1:] = np.where(corners[:, 1:] < 0, np.iinfo(np.int64).max, corners[:, 1:])
-        wrong = np.flatnonzero(corners[:, 0] < 1)[:1].tolist()
-        at = [(int(self.line_numbers[line_of[i]]), text.split()[i].decode("utf-8", "replace")) for i in wrong]
-        return corners - 1, at
+        return corners - 1
 
 
 def _uniform_corners(text: bytes, count: int) -> Int[np.ndarray, "{count} 3"] | None:
@@ -381,14 +363,10 @@ def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
     return text.ending + "".join(lines).encode("ascii")
 
 
-def read_obj(data: bytes, path: Path | None) -> FileContents:
+def read_obj(data: bytes) -> FileContents:
     """What `read_obj_stream` reads of an OBJ file, with its text as the source to append to."""
-    text = read_obj_stream(io.BytesIO(data), path)
-    return replace(text.contents, suffix=".obj", appended=partial(_appended, data, text))
-
-
-def _appended(data: bytes, text: ObjText, extension: MeshExtension) -> bytes:
-    return data + added_lines(text, extension)
+    text = read_obj_stream(io.BytesIO(data))
+    return replace(text.contents, suffix=".obj", appended=lambda extension: data + added_lines(text, extension))
 
 
 def encode_obj(contents: FileContents) -> bytes:

@@ -1,16 +1,12 @@
 """OFF: text, with polygons, colours, normals and texture coordinates; read and appended to like the records of PLY."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from itertools import chain, islice, pairwise
-from pathlib import Path
 
 import numpy as np
 
-from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, malformed, text_rows
-from spinor_geom.adapters.extending import cast_values
+from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, cast_values, malformed, text_rows
 from spinor_geom.adapters.ply import LONGEST_COUNT, contents_of
 from spinor_geom.adapters.records import Element, Property, Records, of_rows, rows_of
 from spinor_geom.errors import MeshFileError
@@ -22,23 +18,23 @@ COLORS = ("red", "green", "blue", "alpha")
 CORNERS = Property("vertex_indices", np.dtype("i4"), np.dtype("u4"))
 
 
-def read_off(data: bytes, path: Path | None) -> FileContents:
+def read_off(data: bytes) -> FileContents:
     """The vertices, with colours, normals and texture coordinates, and the faces of an OFF file.
 
     One vertex and one face a line; colours of faces are kept in the file but not read. Plain files whose lines
     are broken elsewhere are read too, and written anew. Other kinds of OFF (binary, four or n coordinates) are not.
     """
     if b"\0" in data:
-        raise malformed(path, f"byte {data.index(0)}", "a zero byte, so this is no OFF text", "binary OFF is not read")
+        raise malformed(f"byte {data.index(0)}", "a zero byte, so this is no OFF text", "binary OFF is not read")
     newline = (re.search(rb"\r\n|\n|\r", data) or [b"\n"])[0]
     text = data.replace(b"\r", b"\n") if newline == b"\r" else data
-    keyword, vertex, face = _header(text, path)
+    keyword, vertex, face = _header(text)
     start = text.find(b"\n", face.count_at[1]) + 1 or len(text)
-    words = _words if b"#" in text else bytes.split
+    words = (lambda line: line.partition(b"#")[0].split()) if b"#" in text else bytes.split
     suffix = ".off"
     try:
-        rows, vertex = rows_of(text, start, vertex, path, words)
-        face_rows, face = rows_of(text, vertex.stop, face, path, words)
+        rows, vertex = rows_of(text, start, vertex, words)
+        face_rows, face = rows_of(text, vertex.stop, face, words)
     except MeshFileError:
         lines = [] if any(keyword) else text[face.count_at[1] :].splitlines()
         reflowed = _reflowed(list(chain.from_iterable(map(words, lines))), vertex.count, face.count)
@@ -49,16 +45,15 @@ def read_off(data: bytes, path: Path | None) -> FileContents:
     names = _names(keyword, len(rows[0]))
     if not names:
         problem = f"a vertex with {len(rows[0])} numbers does not fit the keyword"
-        raise malformed(path, vertex.line(0), problem, "correct the line, or convert the file")
+        raise malformed(vertex.line(0), problem, "correct the line, or convert the file")
     colors = [place for place, name in enumerate(names) if name in COLORS]
     is_integer = all(row[place].isdigit() for row in rows for place in colors if place < len(row))
     color, number = np.dtype("u1" if is_integer else "f8"), np.dtype("f8")
     columns = tuple(Property(name, color if name in COLORS else number) for name in names)
-    elements = {
-        "vertex": of_rows(rows, replace(vertex, properties=columns), path),
-        "face": of_rows(list(map(_without_color, face_rows)), face, path),
-    }
-    return contents_of(Records(data=data, newline=newline, elements=elements), path, suffix=suffix)
+    # a colour may follow a face's size and corners
+    face_rows = [row[: 1 + int(row[0])] if len(row) > 4 and SIZE.match(row[0]) else row for row in face_rows]
+    elements = {"vertex": of_rows(rows, replace(vertex, properties=columns)), "face": of_rows(face_rows, face)}
+    return contents_of(Records(data=data, newline=newline, elements=elements), suffix=suffix)
 
 
 def encode_off(contents: FileContents) -> bytes:
@@ -72,7 +67,7 @@ def encode_off(contents: FileContents) -> bytes:
     return ("\n".join(lines) + "\n").encode("ascii")
 
 
-def _header(text: bytes, path: Path | None) -> tuple[tuple[bytes | None, ...], Element, Element]:
+def _header(text: bytes) -> tuple[tuple[bytes | None, ...], Element, Element]:
     """Which columns the keyword announces, and vertices and faces as they are counted."""
     found = re.compile(rb"[^\s#]+|#[^\n]*").finditer(text, text.startswith(BYTE_ORDER_MARK) and len(BYTE_ORDER_MARK))
     words = list(islice((word for word in found if not word[0].startswith(b"#")), 3))
@@ -83,28 +78,17 @@ def _header(text: bytes, path: Path | None) -> tuple[tuple[bytes | None, ...], E
         if match is None or is_binary:
             name = words[0][0].decode("latin-1") + " BINARY" * is_binary
             line = text.count(b"\n", 0, words[0].start()) + 1
-            raise malformed(path, f"line {line}", f"'{name}' is no kind of OFF that is read", "convert the file")
+            raise malformed(f"line {line}", f"'{name}' is no kind of OFF that is read", "convert the file")
         keyword, words = match.groups(), words[1:]
     counts = [word for word in words[:2] if word[0].isdigit() and len(word[0]) <= LONGEST_COUNT and int(word[0])]
     if len(counts) < 2:
         line = text.count(b"\n", 0, words[0].start() if words else len(text.rstrip())) + 1
-        raise malformed(
-            path, f"line {line}", "the counts of vertices and faces are missing or zero", "correct the file"
-        )
+        raise malformed(f"line {line}", "the counts of vertices and faces are missing or zero", "correct the file")
     vertex, face = (
         Element(name=name, count=int(count[0]), count_at=count.span(), properties=(CORNERS,))
         for name, count in zip(("vertex", "face"), counts, strict=True)
     )
     return keyword, vertex, face
-
-
-def _words(line: bytes) -> list[bytes]:
-    return line.partition(b"#")[0].split()
-
-
-def _without_color(row: list[bytes]) -> list[bytes]:
-    """A face's size and corners, without the colour that may follow."""
-    return row[: 1 + int(row[0])] if len(row) > 4 and SIZE.match(row[0]) else row
 
 
 def _reflowed(words: list[bytes], vertices: int, faces: int) -> tuple[list[list[bytes]], list[list[bytes]]] | None:
@@ -125,8 +109,7 @@ def _names(keyword: tuple[bytes | None, ...], width: int) -> tuple[str, ...]:
     """What the numbers of a vertex are: position, normal, colour, texture, then what no keyword announces."""
     has_uv, has_color, has_normal = map(bool, keyword or (None,) * 3)
     rest = width - 3 - 3 * has_normal - 2 * has_uv
-    # many programs write colours under the plain keyword
-    has_color = has_color or (rest in (3, 4) and not has_uv)
+    has_color = has_color or (rest in (3, 4) and not has_uv)  # many programs write colours under the plain keyword
     if rest < 0 or (has_color and rest not in (3, 4)):
         return ()
     colors = COLORS[: rest * has_color]

@@ -1,18 +1,21 @@
 """PLY: text and binary, with every per-vertex property, polygons, and whatever else a file holds."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, color_scale_of, malformed, nonfinite_rows
-from spinor_geom.adapters.extending import most_frequent_row
+from spinor_geom.adapters.contents import (
+    BYTE_ORDER_MARK,
+    FileContents,
+    color_scale_of,
+    malformed,
+    most_frequent_row,
+    nonfinite_rows,
+)
 from spinor_geom.adapters.polygons import Polygons, seam_representatives
 from spinor_geom.adapters.records import Element, Property, Records, binary_records, of_rows, read_binary, rows_of
 from spinor_geom.mesh.triangle_mesh import MeshExtension
@@ -32,36 +35,36 @@ GROUPS: Mapping[str, tuple[tuple[str, ...], ...]] = {
 FACE_LISTS = ("vertex_indices", "vertex_index")
 
 
-def read_ply(data: bytes, path: Path | None) -> FileContents:
+def read_ply(data: bytes) -> FileContents:
     """The vertices, per-vertex properties and faces of a PLY file."""
-    return contents_of(read_records(data, path), path, suffix=".ply")
+    return contents_of(read_records(data), suffix=".ply")
 
 
-def read_records(data: bytes, path: Path | None) -> Records:
+def read_records(data: bytes) -> Records:
     """The header and all records of a PLY file; a MeshFileError names the place that cannot be read."""
-    position, records = _read_header(data, path)
+    position, records = _read_header(data)
     text, elements = data.replace(b"\r", b"\n") if records.newline == b"\r" else data, {}
     for element in records.elements.values():
         if not element.properties:
             element = replace(element, stop=position)
         elif records.newline:
-            rows, element = rows_of(text, position, element, path)
-            element = of_rows(rows, element, path)
+            rows, element = rows_of(text, position, element)
+            element = of_rows(rows, element)
         else:
-            element = read_binary(data, position, element, path)
+            element = read_binary(data, position, element)
         elements[element.name] = element
         position = element.stop
     return replace(records, elements=elements)
 
 
-def _read_header(data: bytes, path: Path | None) -> tuple[int, Records]:
+def _read_header(data: bytes) -> tuple[int, Records]:
     """Where the header of a PLY file ends, and its elements, which have no records yet."""
     start = len(BYTE_ORDER_MARK) if data.startswith(BYTE_ORDER_MARK) else 0
     if not re.match(rb"ply\s", data[start : start + 4]):
-        raise malformed(path, "line 1", "does not begin with 'ply'", "check the file's format")
+        raise malformed("line 1", "does not begin with 'ply'", "check the file's format")
     end = re.search(rb"(?:^|[\r\n])end_header[ \t]*(\r\n|\n|\r)", data)
     if end is None:
-        raise malformed(path, "header", "has no line 'end_header'", "check that the file is complete")
+        raise malformed("header", "has no line 'end_header'", "check that the file is complete")
     # an end like "\r" before binary data that begins with "\n" is ambiguous; the first line of the file tells
     newline = b"\r\n" if data[start + 3 : start + 5] == b"\r\n" else data[start + 3 : start + 4]
     size = end.start(1) + len(newline) if end[1].startswith(newline) else end.end()
@@ -69,7 +72,7 @@ def _read_header(data: bytes, path: Path | None) -> tuple[int, Records]:
     formats = (line.split() for _, line in lines)
     encoding = next((words[1] for words in formats if words[:1] == ["format"] and words[1:]), None)
     if encoding not in BYTE_ORDERS:
-        raise malformed(path, "header", f"the format is {encoding}", f"use one of {', '.join(BYTE_ORDERS)}")
+        raise malformed("header", f"the format is {encoding}", f"use one of {', '.join(BYTE_ORDERS)}")
     elements: list[Element] = []
     for number, (begin, line) in enumerate(lines, start=1):
         match line.split():
@@ -82,13 +85,13 @@ def _read_header(data: bytes, path: Path | None) -> tuple[int, Records]:
                 added = _property(description, BYTE_ORDERS[encoding])
                 if added is None or added.name in {item.name for item in elements[-1].properties}:
                     problem = f"'{line.strip()}' is of unknown type, or the second of its name"
-                    raise malformed(path, f"line {number}", problem, "correct the header")
+                    raise malformed(f"line {number}", problem, "correct the header")
                 elements[-1] = replace(elements[-1], properties=(*elements[-1].properties, added))
             case _:
-                raise malformed(path, f"line {number}", f"cannot understand '{line.strip()}'", "correct the header")
+                raise malformed(f"line {number}", f"cannot understand '{line.strip()}'", "correct the header")
     by_name = {element.name: element for element in elements}
     if len(by_name) != len(elements):
-        raise malformed(path, "header", "has two elements of one name", "rename one")
+        raise malformed("header", "has two elements of one name", "rename one")
     return size, Records(data=data, newline=newline if encoding == "ascii" else b"", elements=by_name)
 
 
@@ -102,7 +105,7 @@ def _property(description: list[str], order: str) -> Property | None:
     return None
 
 
-def contents_of(records: Records, path: Path | None, *, suffix: str) -> FileContents:
+def contents_of(records: Records, *, suffix: str) -> FileContents:
     """What records of the elements "vertex" and "face" mean, in a file of some format ("" where none can be appended).
 
     Colours, normals and texture coordinates become "color", "normal" and "uv"; every other scalar property of the
@@ -111,22 +114,22 @@ def contents_of(records: Records, path: Path | None, *, suffix: str) -> FileCont
     """
     for name, what in (("vertex", "vertices"), ("face", "faces")):
         if name not in records.elements or records.elements[name].count == 0:
-            raise malformed(path, "header", f"has no {what}", "give a file with a surface in it")
+            raise malformed("header", f"has no {what}", "give a file with a surface in it")
     vertices, faces = records.elements["vertex"], records.elements["face"]
     corner_list = next((name for name in FACE_LISTS if name in faces.lengths), None)
     if not set("xyz") <= vertices.values.keys() - vertices.lengths.keys():
-        raise malformed(path, "header", "the vertices have no x, y and z", "check the file")
+        raise malformed("header", "the vertices have no x, y and z", "check the file")
     if corner_list is None:
-        raise malformed(path, "header", "the faces have no list 'vertex_indices'", "check the file")
+        raise malformed("header", "the faces have no list 'vertex_indices'", "check the file")
     corners = faces.values[corner_list]
     if corners.dtype.kind not in "iu":
-        raise malformed(path, "header", "the corners of faces are not integers", "check the file")
+        raise malformed("header", "the corners of faces are not integers", "check the file")
     points, groups = _table(vertices, tuple("xyz")), _attribute_groups(vertices)
     attributes = {attribute: _table(vertices, names) for attribute, names in groups.items()}
     polygons = Polygons.of_sizes(corners, faces.lengths[corner_list])
     for face, problem in polygons.defects(len(points)):
         place = ", ".join(filter(None, (faces.line(face), f"face {face}")))
-        raise malformed(path, place, problem, "correct or remove the face")
+        raise malformed(place, problem, "correct or remove the face")
     appearance = [attributes[name] for name in ("uv", "normal") if name in groups]
     wrong, color_scale = nonfinite_rows(points), 1.0
     if "color" in groups:
@@ -161,10 +164,7 @@ def _appended(
     faces = {name: np.repeat(most_frequent_row(values), count) for name, values in own.values.items()}
     for name, lengths in own.lengths.items():
         faces[name] = np.zeros((count, int(most_frequent_row(lengths)[0])))
-    return records.appended(
-        {"vertex": vertices, "face": faces | {corner_list: extension.faces}},
-        {"vertex": len(extension.vertices), "face": count},
-    )
+    return records.appended({"vertex": vertices, "face": faces | {corner_list: extension.faces}})
 
 
 def encode_ply(contents: FileContents) -> bytes:
@@ -182,7 +182,7 @@ def encode_ply(contents: FileContents) -> bytes:
         columns |= dict(zip(names, (values * (255.0 / contents.color_scale) if is_color else values).T, strict=True))
     properties = tuple(Property(name, np.dtype(f"<{TYPES[kind]}")) for name, kind in types.items())
     largest = int(contents.polygons.sizes.max(initial=3))
-    count_name, count_dtype = ("uchar", "u1") if largest < 256 else ("uint", "<u4")
+    count_name, count_dtype = ("uchar", np.dtype("u1")) if largest < 256 else ("uint", np.dtype("<u4"))
     header = [
         "ply",
         "format binary_little_endian 1.0",
@@ -192,20 +192,12 @@ def encode_ply(contents: FileContents) -> bytes:
         f"property list {count_name} int vertex_indices",
         "end_header\n",
     ]
-    records = binary_records(properties, columns, len(contents.vertices))
-    return "\n".join(header).encode("ascii") + records + _encoded_polygons(contents.polygons, count_dtype)
-
-
-def _encoded_polygons(polygons: Polygons, count_dtype: str) -> bytes:
-    """Face records, each a count and that many 32-bit indices, without a loop over the faces."""
-    width = np.dtype(count_dtype).itemsize
-    starts = polygons.starts[:-1] * 4 + np.arange(len(polygons)) * width
-    buffer = np.zeros(len(polygons.corners) * 4 + len(polygons) * width, dtype=np.uint8)
-    is_count = np.zeros(len(buffer), dtype=bool)
-    is_count[(starts[:, None] + np.arange(width)).reshape(-1)] = True
-    buffer[is_count] = polygons.sizes.astype(count_dtype).view(np.uint8)
-    buffer[~is_count] = polygons.corners.astype("<i4").view(np.uint8)
-    return buffer.tobytes()
+    vertices = binary_records(properties, columns, len(contents.vertices))
+    # before the corners of each face how many they are, byte by byte
+    corners, sizes = contents.polygons.corners.astype("<i4"), contents.polygons.sizes.astype(count_dtype)
+    starts = np.repeat(contents.polygons.starts[:-1] * corners.itemsize, count_dtype.itemsize)
+    faces = np.insert(corners.view(np.uint8), starts, sizes.view(np.uint8))
+    return "\n".join(header).encode("ascii") + vertices + faces.tobytes()
 
 
 def _table(element: Element, names: tuple[str, ...]) -> Float[np.ndarray, "n _"]:

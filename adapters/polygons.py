@@ -9,26 +9,20 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from spinor_geom.mesh.sheets import repeats_a_vertex
+from spinor_geom.mesh.loops import repeats_a_vertex
 from spinor_geom.mesh.topology import boundary_edges, coincident_vertices, linked
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
-# A polygon of n corners is split in the best of its n fans; beyond this size only the first is tried, as n fans take
-# n² triangles.
+# a polygon of n corners is split in the best of its n fans, which take n² triangles; a larger one in the first
 LARGEST_SEARCHED = 32
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Polygons:
-    """Faces of any number of corners: face i has the corners corners[starts[i]:starts[i + 1]].
+    """Faces of any number of corners: face i has the corners corners[starts[i]:starts[i + 1]]."""
 
-    Attributes:
-        corners: (n,) int64 vertex indices of all faces, one face after the other.
-        starts: (P + 1,) int64, where each face begins; the last entry is n.
-    """
-
-    corners: Int[np.ndarray, " n"]
-    starts: Int[np.ndarray, " p"]
+    corners: Int[np.ndarray, " n"]  # int64, vertex indices of all faces, one face after the other
+    starts: Int[np.ndarray, " p"]  # int64, where each face begins; the last entry, one more than there are faces, is n
 
     @classmethod
     def of_sizes(cls, corners: Int[np.ndarray, " n"], sizes: Int[np.ndarray, " p"]) -> Polygons:
@@ -85,8 +79,7 @@ class Polygons:
     def rows(self) -> list[list[int]]:
         """The corners of every face as lists, for writing."""
         flat = self.corners.tolist()
-        bounds = self.starts.tolist()
-        return [flat[start:stop] for start, stop in pairwise(bounds)]
+        return [flat[start:stop] for start, stop in pairwise(self.starts.tolist())]
 
     def triangulated(self, vertices: Float[np.ndarray, "v 3"]) -> tuple[Int[np.ndarray, "t 3"], Int[np.ndarray, " t"]]:
         """The faces split into triangles (T, 3), in the same order, and the polygon (T,) each comes from.
@@ -149,24 +142,21 @@ def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[tuple[int, Int[n
             ends.setdefault(end, []).append(number)
     unused = set(range(len(pieces)))
     curves = []
-    for number, piece in enumerate(pieces):
-        if number in unused:
-            unused.discard(number)
-            forward = _grown(piece, pieces, ends, unused)
-            curves.append((number, _grown(forward[::-1], pieces, ends, unused)[::-1]))
-    return tuple((number, np.array(curve, dtype=np.int64)) for number, curve in curves)
-
-
-def _grown(curve: list[int], pieces: list[list[int]], ends: dict[int, list[int]], unused: set[int]) -> list[int]:
-    """A curve extended beyond its last vertex while a single other piece goes on from there."""
-    curve = list(curve)
-    while curve[0] != curve[-1] and len(ends[curve[-1]]) == 2:
-        # one of the two is the curve's own last piece; were the other used, the curve would be closed
-        follower = next(number for number in ends[curve[-1]] if number in unused)
-        unused.discard(follower)
-        piece = pieces[follower]
-        curve += (piece if piece[0] == curve[-1] else piece[::-1])[1:]
-    return curve
+    for number, first in enumerate(pieces):
+        if number not in unused:
+            continue
+        unused.discard(number)
+        curve = list(first)
+        for _ in range(2):  # beyond its last vertex, then, turned round, beyond its first
+            while curve[0] != curve[-1] and len(ends[curve[-1]]) == 2:
+                # one of the two is the curve's own last piece; were the other used, the curve would be closed
+                follower = next(piece for piece in ends[curve[-1]] if piece in unused)
+                unused.discard(follower)
+                added = pieces[follower]
+                curve += (added if added[0] == curve[-1] else added[::-1])[1:]
+            curve = curve[::-1]
+        curves.append((number, np.array(curve, dtype=np.int64)))
+    return tuple(curves)
 
 
 def seam_representatives(

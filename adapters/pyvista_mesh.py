@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spinor_geom.adapters.extending import grown, grown_attributes, padded, real_attributes, repeated, triangles_of
+from spinor_geom.adapters.contents import grown, grown_attributes, padded, real_attributes, repeated, triangles_of
 from spinor_geom.adapters.polygons import Polygons, without_seams
 from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
@@ -14,8 +14,7 @@ from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 if TYPE_CHECKING:
     import pyvista
 
-# VTK's numbers of cell types
-TRIANGLE = 5
+TRIANGLE = 5  # VTK's numbers of cell types
 FACES = (TRIANGLE, 7, 9)  # and polygon, quad
 NO_FACES = (0, 1, 2, 3, 4)  # empty, vertices, lines: kept as they are
 

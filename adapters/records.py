@@ -1,7 +1,5 @@
 """Records of vertices, faces and whatever else a PLY or OFF file holds, text and binary, whatever they mean."""
 
-from __future__ import annotations
-
 import io
 import struct
 from array import array
@@ -9,14 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Int, Shaped
 
-from spinor_geom.adapters.contents import is_readable, malformed, real, text_rows
-from spinor_geom.adapters.extending import cast_values
+from spinor_geom.adapters.contents import cast_values, is_readable, malformed, real, text_rows
 from spinor_geom.errors import MeshFileError
 
 LARGEST_RECORD = 1 << 30  # bytes; numpy's records are below 2 GiB
@@ -57,15 +53,14 @@ class Records:
     newline: bytes  # how lines end; b"" where records are binary
     elements: Mapping[str, Element]  # the kinds of records by name, in the file's order
 
-    def appended(self, columns: Mapping[str, Mapping[str, np.ndarray]], counts: Mapping[str, int]) -> bytes:
+    def appended(self, columns: Mapping[str, Mapping[str, np.ndarray]]) -> bytes:
         """The file with records after those of some elements; all other bytes but their counts stay.
 
-        For each of these elements come its new values by the properties' names, (n,) or (n, k) for lists (those that
-        are not named are empty), and how many records they are.
+        For each of these elements come its new values by the properties' names, (n,) or (n, k) for lists, else empty.
         """
         edits = []
         for element in self.elements.values():
-            added = counts.get(element.name, 0)
+            added = max(map(len, columns.get(element.name, {}).values()), default=0)
             if added:
                 edits.append((*element.count_at, b"%d" % (element.count + added)))
                 edits.append((element.stop, element.stop, self._encoded(element, columns[element.name], added)))
@@ -85,12 +80,9 @@ class Records:
 
 
 def binary_records(properties: tuple[Property, ...], columns: Mapping[str, np.ndarray], count: int) -> bytes:
-    """Binary records whose lists are equally long; arguments as of `Records.appended`, for one element."""
+    """So many binary records whose lists are equally long; columns as of `Records.appended`, for one element."""
     tables = _tables(properties, columns, count, as_text=False)
-    records = np.empty(count, [(str(index), table.dtype, table.shape[1:]) for index, table in enumerate(tables)])
-    for index, table in enumerate(tables):
-        records[str(index)] = table
-    return records.tobytes()
+    return np.hstack([np.ascontiguousarray(table).view(np.uint8) for table in tables]).tobytes()
 
 
 def _tables(
@@ -106,15 +98,15 @@ def _tables(
     return tables
 
 
-def read_binary(data: bytes, position: int, element: Element, path: Path | None) -> Element:
+def read_binary(data: bytes, position: int, element: Element) -> Element:
     """An element with the records that begin at byte `position`; a MeshFileError if the file ends before they do."""
-    run, stop = _equal_records(data, position, element), position
+    run = _equal_records(data, position, element)
+    stop = position + run.nbytes
     lists = [item.name for item in element.properties if item.count_dtype is not None]
     values = {item.name: run[item.name].reshape(-1) for item in element.properties}
     lengths = {name: np.full(len(run), run.dtype[name].shape[0]) for name in lists}
-    stop += run.nbytes
     if len(run) < element.count:
-        others, other_lengths, stop = _walk(data, stop, element, len(run), path)
+        others, other_lengths, stop = _walk(data, stop, element, len(run))
         values = {name: np.append(own, others[name]) for name, own in values.items()}
         lengths = {name: np.append(own, other_lengths[name]) for name, own in lengths.items()}
     return replace(element, stop=stop, values=values, lengths=lengths)
@@ -148,51 +140,44 @@ def _equal_records(data: bytes, position: int, element: Element) -> np.ndarray:
 
 
 def _walk(
-    data: bytes, position: int, element: Element, first: int, path: Path | None
+    data: bytes, position: int, element: Element, first: int
 ) -> tuple[dict[str, np.ndarray], dict[str, Int[np.ndarray, " n"]], int]:
-    """Values and lengths of lists of the records from number `first` on, and where these end.
-
-    Of lists of differing lengths: where a record begins is known only after the one before, so this is a loop.
-    """
+    """Values and lengths of lists, which may differ, of the records from number `first` on, and where these end."""
     columns = []
     for item in element.properties:
         order = None if item.count_dtype is None else item.count_dtype.str[0].replace("|", "<") + item.count_dtype.char
-        columns.append((array("q"), array("q"), item.dtype.itemsize, order and struct.Struct(order)))
-    for record in range(first, element.count):
-        for place, size, width, count in columns:
-            length = 1
+        columns.append((list[bytes](), array("q"), item.dtype.itemsize, order and struct.Struct(order)))
+    for record in range(first, element.count):  # each begins where the one before it ends
+        for pieces, sizes, width, count in columns:
+            size = width
             if count:
                 if position + count.size > len(data):
-                    raise _too_short(element, record, path)
+                    raise _too_short(element, record)
                 (number,) = count.unpack_from(data, position)
                 if not 0 <= number == number // 1:
-                    raise _too_short(element, record, path)
-                length = int(number)
+                    raise _too_short(element, record)
+                sizes.append(int(number))
+                size *= int(number)
                 position += count.size
-            place.append(position)
-            size.append(length)
-            position += length * width
+            pieces.append(data[position : position + size])
+            position += size
         if position > len(data):
-            raise _too_short(element, record, path)
-    buffer = np.frombuffer(data, np.uint8)
+            raise _too_short(element, record)
     values, lengths = {}, {}
-    for item, (place, size, _, count) in zip(element.properties, columns, strict=True):
-        own = np.array(size)
-        within = np.arange(int(own.sum())) - np.repeat(np.cumsum(own) - own, own)
-        begins = np.repeat(np.array(place), own) + within * item.dtype.itemsize
-        values[item.name] = buffer[begins[:, None] + np.arange(item.dtype.itemsize)].reshape(-1).view(item.dtype)
+    for item, (pieces, sizes, _, count) in zip(element.properties, columns, strict=True):
+        values[item.name] = np.frombuffer(b"".join(pieces), item.dtype)
         if count:
-            lengths[item.name] = own
+            lengths[item.name] = np.array(sizes)
     return values, lengths, position
 
 
-def _too_short(element: Element, record: int, path: Path | None) -> MeshFileError:
+def _too_short(element: Element, record: int) -> MeshFileError:
     problem = f"the header announces {element.count}, but the file ends within number {record}"
-    return malformed(path, f"element '{element.name}'", problem, "check that the file is complete")
+    return malformed(f"element '{element.name}'", problem, "check that the file is complete")
 
 
 def rows_of(
-    text: bytes, position: int, element: Element, path: Path | None, words: Callable[[bytes], list[bytes]] = bytes.split
+    text: bytes, position: int, element: Element, words: Callable[[bytes], list[bytes]] = bytes.split
 ) -> tuple[list[list[bytes]], Element]:
     """The words of an element's records, one on each next line that holds any, and the element with its lines."""
     stream = io.BytesIO(text)
@@ -205,11 +190,11 @@ def rows_of(
             if len(rows) == element.count:
                 break
     if len(rows) < element.count:
-        raise _too_short(element, len(rows), path)
+        raise _too_short(element, len(rows))
     return rows, replace(element, stop=stream.tell(), lines=lines)
 
 
-def of_rows(rows: list[list[bytes]], element: Element, path: Path | None) -> Element:
+def of_rows(rows: list[list[bytes]], element: Element) -> Element:
     """An element with the records that some rows of words hold; a MeshFileError names the line that cannot be read."""
     try:
         return _of_words(rows, element)
@@ -217,7 +202,7 @@ def of_rows(rows: list[list[bytes]], element: Element, path: Path | None) -> Ele
         convert = partial(_of_words, element=element)
         number = next(number for number, row in enumerate(rows) if not is_readable([row], convert))
         problem = f"cannot read {element.name} {number} from '{b' '.join(rows[number][:12]).decode('latin-1')}'"
-        raise malformed(path, element.line(number), problem, "correct the line") from error
+        raise malformed(element.line(number), problem, "correct the line") from error
 
 
 def _of_words(rows: list[list[bytes]], element: Element) -> Element:
@@ -226,19 +211,16 @@ def _of_words(rows: list[list[bytes]], element: Element) -> Element:
     # `float` takes underscores, at a fraction of the time of `real`
     numbers = np.array(list(map(real if b"_" in b"".join(words) else float, words)))
     items = tuple(Property(item.name, wide, item.count_dtype and wide) for item in element.properties)
-    read = read_binary(numbers.tobytes(), 0, replace(element, count=len(rows), properties=items), None)
+    read = read_binary(numbers.tobytes(), 0, replace(element, count=len(rows), properties=items))
     width = len(items) + sum(read.lengths.values())
     if not np.array_equal(np.broadcast_to(width, len(rows)), list(map(len, rows))):
         raise ValueError("too many or too few words")
-    values = {item.name: _typed(read.values[item.name], item.dtype) for item in element.properties}
+    values = {}
+    for item in element.properties:
+        own = values[item.name] = read.values[item.name]
+        if item.dtype.kind != "f":  # real numbers keep all their digits, whatever the header declares
+            limits = np.iinfo(item.dtype)
+            if not ((own >= limits.min) & (own <= limits.max) & (own == np.rint(own))).all():
+                raise ValueError("a number is no integer, or out of range")
+            values[item.name] = own.astype(item.dtype)
     return replace(element, values=values, lengths=read.lengths)
-
-
-def _typed(values: np.ndarray, dtype: np.dtype[Any]) -> np.ndarray:
-    """Numbers read as float64 in the type that the header declares; text positions keep all their digits."""
-    if dtype.kind == "f":
-        return values
-    limits = np.iinfo(dtype)
-    if not ((values >= limits.min) & (values <= limits.max) & (values == np.rint(values))).all():
-        raise ValueError("a number is no integer, or out of range")
-    return values.astype(dtype)

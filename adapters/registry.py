@@ -1,7 +1,5 @@
 """Which adapter serves which type: decided by name, so that no optional library is imported to find out."""
 
-from __future__ import annotations
-
 from typing import Any, Protocol, runtime_checkable
 
 from spinor_geom.errors import UnknownMeshTypeError
@@ -20,8 +18,7 @@ class Adapter(Protocol):
     def types(self) -> tuple[str, ...]:
         """The types it serves, each as "package.Class": the top-level package and the class's own name.
 
-        "pair of package.Class" stands for a tuple or list (vertices, faces) of two such objects. Subclasses are served
-        too.
+        "pair of package.Class" is a tuple or list (vertices, faces) of two such objects. Subclasses are served too.
         """
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
@@ -50,8 +47,8 @@ def to_mesh(obj: Any) -> TriangleMesh:
 
     The result has all vertices of `obj` in their own order, so that the indices of loops and extensions are those of
     `obj`. Quads and larger polygons are split into triangles. Where a renderer's format splits vertices along texture
-    or normal seams, faces name the vertex of lowest index at each place, so that a seam is not a boundary. Nothing else
-    is merged, cleaned or reordered.
+    or normal seams, faces name the vertex of lowest index at each place, so that a seam is not a boundary. Nothing
+    else is merged, cleaned or reordered.
 
     Args:
         obj: a `TriangleMesh`, a pair (vertices, faces) of numpy arrays or torch tensors, a `trimesh.Trimesh` or

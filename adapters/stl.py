@@ -1,11 +1,8 @@
 """STL, text and binary: three corners for every triangle, nothing shared."""
 
-from __future__ import annotations
-
 import re
 import struct
 from itertools import chain
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -29,7 +26,7 @@ HEADER = 80
 SOLID = "spinor_geom"
 
 
-def read_stl(data: bytes, path: Path | None) -> FileContents:
+def read_stl(data: bytes) -> FileContents:
     """The triangles of an STL file as a soup: vertices 3i, 3i + 1, 3i + 2 are the corners of facet i.
 
     Text positions are read as float64, binary ones are float32. Normals and attribute bytes are not kept.
@@ -41,12 +38,12 @@ def read_stl(data: bytes, path: Path | None) -> FileContents:
     if size <= len(data) < size + (1 if is_text else FACET.itemsize):
         corners, is_text = np.frombuffer(data, FACET, count, HEADER + 4)["corners"], False
     elif is_text:
-        corners = _text_corners(data, path)
+        corners = _text_corners(data)
     else:
         problem = f"announces {count} facets, {size} bytes; has {len(data)} and does not begin with 'solid'"
-        raise malformed(path, f"byte {HEADER}", problem, "check that the file is complete and is an STL file")
+        raise malformed(f"byte {HEADER}", problem, "check that the file is complete and is an STL file")
     if len(corners) == 0:
-        raise malformed(path, "", "has no facets", "check that the file is complete")
+        raise malformed("", "has no facets", "check that the file is complete")
     vertices = corners.reshape(-1, 3).astype(np.float64)
     wrong = nonfinite_rows(vertices)
     return FileContents(
@@ -79,7 +76,7 @@ def encode_stl(contents: FileContents) -> bytes:
     return SOLID.encode("ascii").ljust(HEADER, b"\0") + struct.pack("<I", len(faces)) + facets.tobytes()
 
 
-def _text_corners(data: bytes, path: Path | None) -> Float[np.ndarray, "f 3 3"]:
+def _text_corners(data: bytes) -> Float[np.ndarray, "f 3 3"]:
     if b"\n" not in data:
         data = data.replace(b"\r", b"\n")
     # the first line is the solid's name, which may be anything
@@ -89,9 +86,9 @@ def _text_corners(data: bytes, path: Path | None) -> Float[np.ndarray, "f 3 3"]:
     begins = len(re.findall(rb"(?im)^[ \t]*facet\b", data[start:]))
     if begins != ends or len(words) != 3 * ends:
         problem = f"{begins} facets begin, {ends} end, and {len(words)} vertices can be read, three for each are needed"
-        raise malformed(path, f"about facet {min(ends, len(words) // 3)}", problem, "check that the file is complete")
+        raise malformed(f"about facet {min(ends, len(words) // 3)}", problem, "check that the file is complete")
 
     def error(number: int, word: str) -> MeshFileError:
-        return malformed(path, f"facet {number // 9}", f"'{word}' is no number", "correct it")
+        return malformed(f"facet {number // 9}", f"'{word}' is no number", "correct it")
 
     return np.array(converted(list(chain.from_iterable(words)), real, error)).reshape(-1, 3, 3)

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.contents import unit_vectors
-from spinor_geom.adapters.extending import (
+from spinor_geom.adapters.contents import (
     grown_attributes,
     padded,
     parts_of_faces,
     real_attributes,
     repeated,
     triangles_of,
+    unit_vectors,
 )
 from spinor_geom.adapters.polygons import without_seams
 from spinor_geom.errors import MeshShapeError
@@ -98,8 +98,7 @@ def _visual_attributes(mesh: trimesh.Trimesh) -> dict[str, np.ndarray]:
 
 
 def _attribute_name(mesh: trimesh.Trimesh, name: str) -> str:
-    taken = {"normal", "uv", "color", *_visual_attributes(mesh)}
-    return f"attribute {name}" if name in taken else name
+    return f"attribute {name}" if name in {"normal", "uv", "color", *_visual_attributes(mesh)} else name
 
 
 def _grown_visual(mesh: trimesh.Trimesh, grown: dict[str, np.ndarray], *, new_faces: int) -> Any:
@@ -172,10 +171,7 @@ class SceneAdapter:
         )
 
     def extend(self, obj: trimesh.Scene, extension: MeshExtension) -> trimesh.Scene:
-        """A new `Scene` in which the geometries have what was appended to them; all else is copied.
-
-        New faces that join two geometries are a MeshShapeError too.
-        """
+        """A new `Scene` whose geometries have grown, all else copied; faces that join two are a MeshShapeError too."""
         parts = _parts(obj)
         grown = obj.copy()
         old = sum(len(part.mesh.vertices) for part in parts)

@@ -17,10 +17,9 @@ from PIL import Image
 from spinor_geom.bench.cases import known_kind
 from spinor_geom.bench.claims import LEAST_POINTS, Figure, claims
 from spinor_geom.bench.machine import Record, is_older
-from spinor_geom.bench.measure import DISTANCE
-from spinor_geom.bench.page import LOCAL, pieces_of, scale_of, table_of
+from spinor_geom.bench.page import LOCAL, OLDER, Table, filler_table, pieces_of, scale_of, table_of
 from spinor_geom.bench.runner import PICTURED, SUITES, VIEWS, read_records
-from spinor_geom.bench.tables import OLDER, Table, filler_table
+from spinor_geom.bench.worker import DISTANCE
 from spinor_geom.files import atomic_path, write_text
 from spinor_geom.render.portrait import plain_portrait
 

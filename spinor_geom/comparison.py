@@ -9,29 +9,20 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, discrete_minimal_surface
-from spinor_geom.measures.hausdorff import HausdorffDistance, hausdorff_distance
-from spinor_geom.measures.mean_curvature import discrete_mean_curvature
+from spinor_geom.measures import HausdorffDistance, discrete_mean_curvature, hausdorff_distance
 from spinor_geom.meshing.embed import Patch, mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
 
-# second derivatives cost some milliseconds a point
-MOST_CURVATURE_POINTS = 500
+MOST_CURVATURE_POINTS = 500  # second derivatives cost some milliseconds a point
 
 
 @dataclass(frozen=True, kw_only=True)
 class CurvatureFigures:
-    """|H| at some points, in 1/mesh units.
-
-    Attributes:
-        max: Largest.
-        rms: Root mean square, by area where it is a mesh's.
-        tangential_rms: Of a mesh: what pulls its vertices along the surface, as in `discrete_mean_curvature`; 0 for the
-            surface itself.
-    """
+    """|H| at some points, in 1/mesh units."""
 
     max: float
-    rms: float
-    tangential_rms: float
+    rms: float  # by area where it is a mesh's
+    tangential_rms: float  # of a mesh: what pulls vertices along the surface, see `discrete_mean_curvature`; else 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,12 +145,9 @@ def _discrete_curvature(mesh: Patch | DiscreteMinimalSurface) -> CurvatureFigure
 def exact_curvature(
     solution: PlateauSolution, points: Complex[np.ndarray, " n"], most: int = MOST_CURVATURE_POINTS
 ) -> Float[np.ndarray, " k"]:
-    """|H| of a surface by automatic differentiation of its position, in 1/mesh units; a branch point has none.
+    """|H| at points of Ω by automatic differentiation of the position, in 1/mesh units; a branch point has none.
 
-    Args:
-        solution: The surface.
-        points: In Ω.
-        most: That are taken, evenly spread.
+    Of more than `most` points so many are taken, evenly spread.
     """
     if len(points) > most:
         points = points[np.linspace(0, len(points) - 1, most).astype(int)]

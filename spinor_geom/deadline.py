@@ -1,7 +1,5 @@
 """A budget of seconds that long computations look at between their steps."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,6 @@
 """Every exception of the package: each says what is wrong, where, and what to do."""
 
-from __future__ import annotations
-
+import importlib.util
 from collections.abc import Sequence
 from typing import Any
 
@@ -37,10 +36,7 @@ class MeshShapeError(MeshError):
 class VertexIndexError(MeshError):
     """A face names a vertex that does not exist."""
 
-    sentence = (
-        "face {face} names vertex {index}, but the mesh has {vertices} vertices, numbered from 0; correct the face's "
-        "indices"
-    )
+    sentence = "face {face} names vertex {index}, but the mesh has {vertices}, numbered from 0; correct its indices"
 
 
 class NonFiniteVertexError(MeshError):
@@ -48,18 +44,13 @@ class NonFiniteVertexError(MeshError):
 
     def __init__(self, *, vertex: int, place: str = "") -> None:
         where = f"{place}: " if place else ""
-        super().__init__(
-            f"{where}vertex {vertex} has a NaN or infinite coordinate; remove or correct it", vertex=vertex, place=place
-        )
+        super().__init__(f"{where}vertex {vertex} has a NaN or infinite part; correct it", vertex=vertex, place=place)
 
 
 class NoFacesError(MeshError):
     """Points without faces have no holes."""
 
-    sentence = (
-        "the mesh has {vertices} vertices and no faces, so it has no holes; make faces first, or span a closed curve "
-        "of points with solve_plateau"
-    )
+    sentence = "the mesh has {vertices} vertices and no faces: no holes; make faces, or span a curve with solve_plateau"
 
 
 class MeshExtentError(MeshError):
@@ -71,10 +62,7 @@ class MeshExtentError(MeshError):
 class NonManifoldEdgeError(MeshError):
     """An edge has three or more faces where a boundary loop passes."""
 
-    sentence = (
-        "edge {edge} has the faces {faces}, at most 2 are allowed beside a boundary loop; remove or split the extra "
-        "faces"
-    )
+    sentence = "edge {edge} has the faces {faces}, at most 2 are allowed beside a loop; remove or split the others"
 
 
 class DuplicateVertexError(MeshError):
@@ -106,10 +94,7 @@ class RepeatedPointError(LoopError):
 class CurveError(LoopError):
     """The formulas of a closed curve are not what they should be."""
 
-    sentence = (
-        "the curve {reason} (near s = {parameter:.6g}); give a closed curve on [0, 1) with its own derivatives and "
-        "name its corners"
-    )
+    sentence = "the curve {reason} (near s = {parameter:.6g}); give a closed one on [0, 1), its derivatives and corners"
 
 
 class ZeroWidthSlitError(LoopError):
@@ -168,10 +153,7 @@ class SelfCrossingLoopError(LoopError):
 class OpenCurveError(LoopError):
     """A curve does not come back to its first point."""
 
-    sentence = (
-        "the curve is open: its ends are {gap:.6g} apart, its mean edge is {mean_edge:.3g}; close it, or raise the "
-        "closing tolerance"
-    )
+    sentence = "the curve is open: its ends are {gap:.6g} apart (mean edge {mean_edge:.3g}); close it, or raise closing"
 
 
 class KnottedLoopError(LoopError):
@@ -198,10 +180,7 @@ class SeveralRimsError(LoopError):
 class LoopsMeetError(LoopError):
     """Two loops that are to be joined cross or touch each other."""
 
-    sentence = (
-        "edge {edges[0]} of the first loop and edge {edges[1]} of the second meet, so no annulus lies between them; "
-        "move the loops apart, or merge the vertices that they share"
-    )
+    sentence = "edge {edges[0]} of one loop and edge {edges[1]} of the other meet; move them apart, or merge vertices"
 
 
 class TwistedRimsError(LoopError):
@@ -216,19 +195,13 @@ class TwistedRimsError(LoopError):
 class NoAreaError(LoopError):
     """The loop encloses nothing: its points lie on a line, or its sides on each other."""
 
-    sentence = (
-        "the loop encloses no area (mean width {width:.1e}, mean edge {mean_edge:.3g}), a patch would be slivers; "
-        "merge or remove vertices along it instead"
-    )
+    sentence = "the loop encloses no area (mean width {width:.1e}, mean edge {mean_edge:.3g}); merge or remove vertices"
 
 
 class LoneFaceError(LoopError):
     """The loop is the outline of one face that hangs on nothing."""
 
-    sentence = (
-        "the loop is the outline of face {face} {vertices}, which has no neighbours; a patch would lie on that face; "
-        "remove the face"
-    )
+    sentence = "the loop is the outline of face {face} {vertices}, which has no neighbours; remove the face"
 
 
 class DomainError(SpinorGeomError, ValueError):
@@ -252,24 +225,17 @@ class SurfaceError(SpinorGeomError):
 class PeriodError(SurfaceError):
     """An associate surface does not close around a part of ∂Ω."""
 
-    def __init__(self, *, angle: float, around: str, period: Sequence[float]) -> None:
-        told = ", ".join(f"{x:.3g}" for x in period)
-        super().__init__(
-            f"the associate surface of angle {angle:.6g} does not close around {around}: it moves by ({told}) there; "
-            "take an angle that is a multiple of π, or a part of the domain that does not go around",
-            angle=angle,
-            around=around,
-            period=tuple(period),
-        )
+    sentence = (
+        "the associate surface of angle {angle:.6g} does not close around {around}: it moves by ({period[0]:.3g}, "
+        "{period[1]:.3g}, {period[2]:.3g}) there; take an angle that is a multiple of π, or a part of the domain that "
+        "does not go around"
+    )
 
 
 class SingularMatrixError(SpinorGeomError, ValueError):
     """A Laplacian cannot be factored: faces without area, as loops that cross themselves have them."""
 
-    sentence = (
-        "a Laplacian of {size} inner vertices is singular, as some faces have no area; check that the loop does not "
-        "cross itself or run along itself"
-    )
+    sentence = "a Laplacian of {size} inner vertices is singular, as faces have no area; check the loop for crossings"
 
 
 class DtypeError(SpinorGeomError, TypeError):
@@ -296,10 +262,7 @@ class StorageError(SpinorGeomError):
 class ZeroOnContourError(SpinorGeomError):
     """A holomorphic function has a zero on the path along which its zeros are counted."""
 
-    sentence = (
-        "the function has a zero on the boundary, or too near to it, by z = {z:.6g}; its zeros cannot be counted: use"
-        " a slightly larger or smaller domain"
-    )
+    sentence = "the function has a zero on the boundary, or too near, by z = {z:.6g}; take a slightly different domain"
 
 
 class ImperfectFillWarning(UserWarning):
@@ -336,3 +299,9 @@ class MissingPackageError(SpinorGeomError, ImportError):
 
 class RenderError(SpinorGeomError, RuntimeError):
     """No picture could be drawn."""
+
+
+def require(package: str, *, extra: str) -> None:
+    """Checks, without importing it, that a package is installed; else a MissingPackageError names the extra to get."""
+    if importlib.util.find_spec(package) is None:
+        raise MissingPackageError(package=package, extra=extra)

@@ -1,7 +1,5 @@
 """Files that are either completely written or not touched at all, and names that are harmless on every system."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -16,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 _LONGEST_PART, _LONGEST_NAME = 180, 700
-# What no name has by itself: a % stands before two digits, or at an end.
-NUMBERED = "%~"
+NUMBERED = "%~"  # what no name has by itself: a % stands before two digits, or at an end
 _UNSAFE = re.compile(r"[\x00-\x1f\x7f\\/:*?\"<>|%\ud800-\udfff]|^[. ]|[. ]$")
 
 
@@ -29,10 +26,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     disk (fsync) and renamed over `path` in one step; a file that was there keeps its access rights. After any error, an
     interrupt included, the old file is as it was and the temporary file is gone. A symbolic link stays a link: the file
     it names is replaced. Devices and pipes (`/dev/stdout`) hold nothing to protect and are written to directly.
-
-    Raises:
-        OSError: the folder does not exist or may not be written to, the disk is full, or `path` is a folder; its
-            `filename` is `path`, not the temporary one, where it names one or none.
+    It is an OSError where the folder does not exist or may not be written to, the disk is full, or `path` is a folder;
+    its `filename` is `path`, not the temporary one, where it names one or none.
     """
     target = Path(os.path.realpath(path))
     if target.is_dir():

@@ -4,8 +4,6 @@ Both sides write lines of JSON: a process is told its jobs on its standard input
 far it is. It ends when its input does, so it does not outlive the process that started it, however that ended.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math
@@ -24,12 +22,9 @@ Event: TypeAlias = dict[str, Any]
 Tell: TypeAlias = Callable[[Event], None]
 Kind: TypeAlias = Literal["start", "death", "time", "memory"]
 
-# Seconds for the imports of a process, which are not the first job's fault.
-START_LIMIT = 600.0
-# Seconds between looks at its memory and the clock.
-LOOK = 0.05
-# Bytes that are kept of what libraries wrote.
-SAID = 4000
+START_LIMIT = 600.0  # seconds for the imports of a process, which are not the first job's fault
+LOOK = 0.05  # seconds between looks at its memory and the clock
+SAID = 4000  # bytes that are kept of what libraries wrote
 START = (
     "import json, runpy, sys; sys.path[:] = json.loads(sys.argv[1]); runpy.run_module(sys.argv[2], run_name='__main__')"
 )
@@ -85,8 +80,7 @@ class Process:
                 heard(event)
             return self._said()
         except BaseException:
-            # only an idle process can be given another job
-            self.end()
+            self.end()  # only an idle process can be given another job
             raise
 
     def end(self) -> None:
@@ -105,7 +99,7 @@ class Process:
             return self._process
         self.end()
         # a file, not a pipe: nobody has to empty it; it lives as long as the process
-        self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
+        self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
         self._begin, self._look = 0, 0.0
         self._process = subprocess.Popen(
             [sys.executable, "-c", START, json.dumps(sys.path), self._module],
@@ -130,15 +124,14 @@ class Process:
         deadline = monotonic() + seconds
         while True:
             now = monotonic()
-            # however much it tells
-            if now >= self._look:
+            if now >= self._look:  # however much it tells
                 self._look = now + LOOK
                 if memory < math.inf and self._memory() > memory:
-                    raise self._fault(f"took more than {memory / 2**20:.0f} MiB of memory", "memory")
-                if now > deadline:
-                    raise self._fault(f"took longer than {seconds:g} s", "time")
-                if now > end:
-                    raise self._fault(f"took longer than {whole_seconds:g} s as a whole", "time")
+                    what = f"took more than {memory / 2**20:.0f} MiB of memory; raise the limit, or split the file"
+                    raise self._fault(what, "memory")
+                if now > min(deadline, end):
+                    limit = f"{seconds:g} s" if now > deadline else f"{whole_seconds:g} s as a whole"
+                    raise self._fault(f"took longer than {limit}; raise the limit", "time")
             with contextlib.suppress(queue.Empty):
                 event = self._events.get(timeout=LOOK)
                 if event is None:
@@ -184,8 +177,7 @@ def _listen(process: subprocess.Popen[str], events: queue.SimpleQueue[Event | No
 def serve(work: Callable[[Any, Tell], None]) -> None:
     """The main program of a process: does jobs as they come; what its work tells reaches `Process.run`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started it decides what an interrupt means
-    # what libraries print goes to standard error
-    channel = os.fdopen(os.dup(1), "w", encoding="ascii")
+    channel = os.fdopen(os.dup(1), "w", encoding="ascii")  # what libraries print goes to standard error
     os.dup2(2, 1)
     jobs: queue.SimpleQueue[str] = queue.SimpleQueue()
 

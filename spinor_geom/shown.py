@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spinor_geom.optional import require
+from spinor_geom.errors import require
 
 if TYPE_CHECKING:
     import pyvista
@@ -35,11 +35,7 @@ class Shown:
         return self._shape().framed(title=type(self).__name__)
 
     def to_pyvista(self) -> pyvista.PolyData:
-        """A `pyvista.PolyData` with the values at the vertices as point data.
-
-        Raises:
-            MissingPackageError: pyvista is not installed.
-        """
+        """A `pyvista.PolyData` with the values at the vertices as point data; a MissingPackageError without pyvista."""
         require("pyvista", extra="render")
         import pyvista
 
@@ -76,10 +72,6 @@ class Shown:
 
         It is the Gauss curvature of a minimal surface, and |H| of a mesh; grey where there is none.
 
-        Args:
-            path: of the file, with the suffix .glb; replaced as a whole.
-
-        Raises:
-            MeshFileError: another suffix, or the file cannot be written.
+        The file at `path`, with the suffix .glb, is replaced as a whole; a MeshFileError where it cannot be written.
         """
         self._shape().write_gltf(path)

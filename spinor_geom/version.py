@@ -1,7 +1,5 @@
 """The version, and for what is not released the commit it was made from. The build takes it from here too."""
 
-from __future__ import annotations
-
 import subprocess
 from functools import cache
 from importlib.metadata import distributions
@@ -19,18 +17,13 @@ def program_version() -> str:
     installation are of other code. Files that come with neither tell the release.
     """
     root = Path(__file__).parents[1]
-    if (root / ".git").exists():
-        return _of_commit(root)
-    beside = next(iter(distributions(name="spinor-geom", path=[str(root)])), None)
-    return RELEASE if beside is None else beside.version
-
-
-def _of_commit(root: Path) -> str:
+    if not (root / ".git").exists():
+        beside = next(iter(distributions(name="spinor-geom", path=[str(root)])), None)
+        return RELEASE if beside is None else beside.version
     tag = f"v{RELEASE}"
     command = ["git", "-C", str(root), "describe", "--always", "--dirty=.dirty", "--abbrev=9", "--tags", "--match", tag]
     try:
         said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
-        # no git, or a clone that belongs to somebody else, which git does not open
-        return f"{RELEASE}.dev0+unknown"
+        return f"{RELEASE}.dev0+unknown"  # no git, or a clone that belongs to somebody else, which git does not open
     return RELEASE if said == tag else f"{RELEASE}.dev0+g{said.rpartition('-g')[2]}"

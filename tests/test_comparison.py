@@ -6,7 +6,7 @@ import pytest
 from spinor_geom.comparison import MOST_CURVATURE_POINTS, compare
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.meshing import mesh_patch
+from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solve import solve_plateau
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
 

@@ -76,9 +76,14 @@ def test_a_death_is_told_with_the_last_words(process: Process, job: Event, reaso
 @pytest.mark.parametrize(
     ("job", "limits", "kind", "reason"),
     [
-        ({"sleep": 100}, {"seconds": 0.5}, "time", "its process took longer than 0.5 s"),
-        ({"talk": 1}, {"whole_seconds": 0.5}, "time", "its process took longer than 0.5 s as a whole"),
-        ({"take": 1 << 20}, {"memory": 100 << 20}, "memory", "its process took more than 100 MiB of memory"),
+        ({"sleep": 100}, {"seconds": 0.5}, "time", "its process took longer than 0.5 s; raise the limit"),
+        ({"talk": 1}, {"whole_seconds": 0.5}, "time", "its process took longer than 0.5 s as a whole; raise the limit"),
+        (
+            {"take": 1 << 20},
+            {"memory": 100 << 20},
+            "memory",
+            "its process took more than 100 MiB of memory; raise the limit, or split the file",
+        ),
     ],
 )
 def test_limits_hold_however_much_a_process_tells(

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from spinor_geom.batching.records import failure
+from spinor_geom.batching.store import failure
 from spinor_geom.bench.machine import machine
 from spinor_geom.cli.main import main
 from spinor_geom.version import RELEASE, program_version

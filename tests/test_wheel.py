@@ -54,7 +54,10 @@ def test_the_wheel_holds_every_module_and_nothing_else(wheel: Path) -> None:
         held = {name for name in archive.namelist() if ".dist-info/" not in name}
     expected = {str(path.relative_to(ROOT)) for path in (ROOT / "spinor_geom").rglob("*.py")}
     expected |= {f"spinor_geom/{path.relative_to(ROOT)}" for path in (ROOT / "adapters").rglob("*.py")}
-    assert held == expected | {"spinor_geom/py.typed", "spinor_geom/render/viewer.js"}
+    assert held == expected | {
+        "spinor_geom/py.typed",
+        *(f"spinor_geom/render/{name}" for name in ("page.css", "viewer.js")),
+    }
 
 
 def test_the_wheel_has_its_licence_and_its_command(unpacked: Path) -> None:

@@ -12,7 +12,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, BinaryIO, cast
@@ -24,23 +24,14 @@ from spinor_geom.isolate import Tell, serve
 SUFFIXES = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
 # A member of more bytes than this may not be so many times larger than it is packed: text packs 3 to 20 times.
 FREE_SIZE, MOST_RATIO = 1 << 24, 200
-# The list of a zip archive's members is held in memory: half a kilobyte each.
-MOST_ZIP_MEMBERS = 200_000
+MOST_ZIP_MEMBERS = 200_000  # the list of a zip archive's members is held in memory: half a kilobyte each
 # In bytes: of a member's name, and of what may stand in a tar archive's header of any length.
 LONGEST_NAME, LONGEST_HEADER = 4096, 1 << 20
-LONG_HEADERS = (
-    tarfile.GNUTYPE_LONGNAME,
-    tarfile.GNUTYPE_LONGLINK,
-    tarfile.XHDTYPE,
-    tarfile.XGLTYPE,
-    tarfile.SOLARIS_XHDTYPE,
-)
 # What the modules raise over bytes that are not as they should be, the first of it with no number of the system.
 DAMAGE = (
     OSError,
     EOFError,
     LookupError,
-    NotImplementedError,
     RuntimeError,
     ValueError,
     lzma.LZMAError,
@@ -102,9 +93,7 @@ class ArchiveReader:
     def open(self, path: str, member: Member) -> BinaryIO:
         """A member's bytes as a stream from its start.
 
-        Raises:
-            ArchiveError: the archive has changed or is damaged; so may reads of the stream.
-            OSError: it cannot be read.
+        An archive that has changed or is damaged is an ArchiveError, here or where the stream is read; else OSError.
         """
         with _damage_of(path, member.name):
             status = os.stat(path)
@@ -165,13 +154,12 @@ class _Header(tarfile.TarInfo):
         try:
             return super().frombuf(buf, *arguments)
         except tarfile.HeaderError as error:
-            if not buf.strip(b"\0"):  # the archive's end
+            if not buf.strip(b"\0"):  # the archive's end, which tarfile takes a damaged one for, too
                 raise
-            # which tarfile takes this for, too
             raise tarfile.ReadError(f"a header is damaged: {error}") from error
 
     def _proc_member(self, archive: tarfile.TarFile) -> Any:
-        if self.type in LONG_HEADERS and self.size > LONGEST_HEADER:
+        if not self.isreg() and self.size > LONGEST_HEADER:
             raise _refused(Path(os.fsdecode(archive.name or "")), f"a header of {self.size} bytes", "do not use it")
         return cast(Any, super())._proc_member(archive)
 
@@ -198,7 +186,7 @@ def _refused(path: Path, what: str, advice: str) -> ArchiveError:
 
 
 def list_members(job: dict[str, Any], tell: Tell) -> None:
-    """Lists an archive: a line of JSON for each wanted member, its key and the fields of its `Member`.
+    """Lists an archive: a line of JSON for each wanted member, with its key and the fields of its `Member`.
 
     The job has "archive", its path; "suffix" of the names that are wanted; "parts" of their keys, before those of their
     own names; "listing", the file. What is told is "listed" after each member, or the "problem".
@@ -210,10 +198,10 @@ def list_members(job: dict[str, Any], tell: Tell) -> None:
                 if member.name.lower().endswith(job["suffix"]):
                     inner = (part for part in member.name.replace("\\", "/").split("/") if part not in ("", "."))
                     key = safe_name([*job["parts"], *inner])
-                    # some file systems see no difference between A and a
-                    seen[key.lower()] += 1
+                    seen[key.lower()] += 1  # some file systems see no difference between A and a
                     key += f"{NUMBERED}{seen[key.lower()]}" if seen[key.lower()] > 1 else ""
-                    file.write(json.dumps([key, asdict(member)]) + "\n")
+                    entry = {"key": key, "member": member.name, "place": member.place, "size": member.size}
+                    file.write(json.dumps(entry) + "\n")
                 tell({"listed": member.place})
     except ArchiveError as error:
         tell({"problem": str(error)})

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import logging
 import os
-import signal
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryFile
 from time import perf_counter
@@ -18,23 +17,22 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from spinor_geom.batching.inputs import SMALL, Inputs, Source, listed
 from spinor_geom.batching.options import BatchOptions, Format, Limits, What
-from spinor_geom.batching.records import failure
 from spinor_geom.batching.store import Store, log_line, opened_store
 from spinor_geom.batching.worker import run_block
-from spinor_geom.errors import BatchError, OptionError
+from spinor_geom.errors import BatchError, OptionError, require
 from spinor_geom.fill.options import Continuity, require_positive
-from spinor_geom.optional import require
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 TOGETHER = 64  # most files whose loops are solved side by side
 WAITING = 2  # blocks that wait at each worker
-# What the scheduler remembers of its own work, which nobody reads here.
-SHORT_LOGS = dict.fromkeys(("distributed.admin.log-length", "distributed.admin.low-level-log-length"), 100)
-# Blocks for each worker that are looked ahead, so that the last ones can be shared out evenly.
-AHEAD = 4
-COUNTS = ("files", "files_failed", "files_total", "files_before", "loops", "loops_failed")
+SETTINGS = {
+    # what the scheduler remembers of its own work, which nobody reads here
+    **dict.fromkeys(("distributed.admin.log-length", "distributed.admin.low-level-log-length"), 100),
+    # an interrupt of the terminal, which all processes hear, is for the driver
+    "distributed.worker.preload": ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,12 +49,12 @@ class BatchProgress:
         seconds: since the start.
     """
 
-    files: int
-    files_failed: int
-    files_total: int
-    files_before: int
-    loops: int
-    loops_failed: int
+    files: int = 0
+    files_failed: int = 0
+    files_total: int = 0
+    files_before: int = 0
+    loops: int = 0
+    loops_failed: int = 0
     seconds: float
 
 
@@ -181,8 +179,7 @@ def batch(
         if first is not None:
             with _cluster(workers, scheduler, limits) as client:
                 run.solve(client, chain([first], left))
-        # pyarrow and numpy are not needed before
-        from spinor_geom.batching.summary import write_summary
+        from spinor_geom.batching.summary import write_summary  # pyarrow and numpy are not needed before
 
         progress = run.progress()
         paths = write_summary(store, listed(file), options, asdict(progress))
@@ -195,7 +192,7 @@ class _Run:
     options: BatchOptions
     limits: Limits
     on_progress: Callable[[BatchProgress], None] | None
-    counts: Counter[str] = field(default_factory=lambda: Counter(dict.fromkeys(COUNTS, 0)))
+    counts: Counter[str] = field(default_factory=Counter)
     start: float = field(default_factory=perf_counter)
 
     def incomplete(self, sources: Iterable[Source]) -> Iterator[Source]:
@@ -209,15 +206,11 @@ class _Run:
                 self._finish(one)
 
     def solve(self, client: Client, sources: Iterator[Source]) -> None:
-        """Has sources solved, a few blocks at a time, until there are no more.
-
-        Raises:
-            BatchError: nothing can be written any more, or the cluster is gone.
-        """
+        """Has sources solved, a few blocks at a time; BatchError if nothing can be written, or the cluster is gone."""
         from distributed import wait
 
         again: deque[list[Source]] = deque()
-        blocks = _blocks(sources, lambda: _threads(client))
+        blocks = _blocks(sources, self.counts, client)
         running: dict[Future, list[Source]] = {}
         while True:
             while len(running) < WAITING * _threads(client):
@@ -252,13 +245,11 @@ class _Run:
             raise BatchError(f"a worker cannot do its work ({error}); is the same version installed there?")
         tries = []
         for source in block:
-            # what the workers had finished before they died need not be done again
-            one = self.store.completed(source)
+            one = self.store.completed(source)  # what the workers had finished before they died need not be done again
             if one is not None:
                 self._finish(one)
             elif len(block) == 1:
-                reason = "every worker that tried it was killed; look at their logs"
-                self._finish(self.store.commit(source, failure(source.key, reason, status="fault"), {}))
+                self._finish(self.store.fail(source, "every worker that tried it was killed; look at their logs"))
             else:
                 tries.append([source])
         return tries
@@ -277,23 +268,19 @@ class _Run:
         return BatchProgress(**self.counts, seconds=perf_counter() - self.start)
 
 
-def _blocks(sources: Iterator[Source], threads: Callable[[], int]) -> Iterator[list[Source]]:
+def _blocks(sources: Iterator[Source], counts: Counter[str], client: Client) -> Iterator[list[Source]]:
     """Sources in blocks to be solved together: small files, and fewer as the end comes near."""
-    ahead: deque[Source] = deque()
-    ended = False
-    while True:
-        wanted = AHEAD * TOGETHER * threads()
-        if not ended and len(ahead) < wanted:
-            ahead.extend(islice(sources, wanted - len(ahead)))
-            ended = len(ahead) < wanted
-        if not ahead:
-            return
-        most = max(1, min(TOGETHER, len(ahead) // (2 * threads()))) if ended else TOGETHER
-        block = [ahead.popleft()]
-        size = block[0].size
-        while ahead and len(block) < most and size + ahead[0].size <= SMALL:
-            size += ahead[0].size
-            block.append(ahead.popleft())
+    block: list[Source] = []
+    handed = most = 0
+    for source in sources:
+        if block and (len(block) >= most or sum(one.size for one in block) + source.size > SMALL):
+            yield block
+            handed += len(block)
+            block = []
+        if not block:
+            most = min(TOGETHER, (counts["files_total"] - counts["files_before"] - handed) // (2 * _threads(client)))
+        block.append(source)
+    if block:
         yield block
 
 
@@ -317,7 +304,7 @@ def _cluster(workers: int | None, scheduler: str | None, limits: Limits) -> Iter
             yield client
         return
     with (
-        dask.config.set({"distributed.scheduler.allowed-failures": limits.retries, **SHORT_LOGS}),
+        dask.config.set({"distributed.scheduler.allowed-failures": limits.retries, **SETTINGS}),
         LocalCluster(
             n_workers=workers,  # or as many as there are cores for this process
             threads_per_worker=1,
@@ -331,16 +318,4 @@ def _cluster(workers: int | None, scheduler: str | None, limits: Limits) -> Iter
         Client(cluster, set_as_default=False) as client,
         client.as_current(),
     ):
-        client.register_plugin(_deafness())
         yield client
-
-
-def _deafness() -> Any:
-    """Makes workers leave an interrupt of the terminal, which all processes hear, to the driver."""
-    from distributed import WorkerPlugin
-
-    class Deaf(WorkerPlugin):  # type: ignore[misc] # distributed's types are not read, see pyproject.toml
-        def setup(self, worker: Any) -> None:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    return Deaf()

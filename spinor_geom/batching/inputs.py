@@ -1,7 +1,5 @@
 """The inputs of a batch, one after the other: files, patterns, folders, manifests and archives, never all in memory."""
 
-from __future__ import annotations
-
 import csv
 import glob
 import json
@@ -14,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from spinor_geom.batching.archives import Member, is_archive
-from spinor_geom.batching.options import Limits, fault_reason
+from spinor_geom.batching.archives import is_archive
+from spinor_geom.batching.options import Limits
 from spinor_geom.errors import BatchError
 from spinor_geom.files import safe_name
 from spinor_geom.isolate import FaultError, Process
@@ -28,8 +26,7 @@ PROBLEM = "problem"
 # Halves of characters, which no name has; those that stand for single bytes are others.
 HALVES = re.compile("[\ud800-\udc7f\udd00-\udfff]")
 LONGEST_LINE = 1 << 20  # of a manifest
-# Files of so many bytes together are read at once, and their loops solved side by side.
-SMALL = 1 << 20
+SMALL = 1 << 20  # files of so many bytes together are read at once, and their loops solved side by side
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,16 +35,11 @@ class Source:
 
     key: str  # that of its folder of results, too: a harmless relative path, different for different inputs
     path: str  # the file, or the archive that it is in
-    member: Member | None = None  # where it is in the archive
+    member: str = ""  # its name in the archive, if it is in one
+    place: int = 0  # where in the archive, as of `Member`
     size: int = 0  # in bytes
     modified: int = 0  # in nanoseconds
     problem: str = ""  # why it cannot be read, if that is known already
-
-    @classmethod
-    def from_dict(cls, entry: dict[str, Any]) -> Source:
-        """What `asdict` gave."""
-        member = entry["member"]
-        return cls(**{**entry, "member": None if member is None else Member(**member)})
 
 
 class Inputs:
@@ -73,8 +65,7 @@ class Inputs:
                 raise BatchError(f"{given}: is the output folder; name another for the results")
             wanted = label = os.path.basename(os.path.abspath(_fixed_part(given) if pattern else given)) or "root"
             count = 1
-            # some file systems see no difference between A and a
-            while label.lower() in taken:
+            while label.lower() in taken:  # some file systems see no difference between A and a
                 count += 1
                 label = f"{wanted}~{count}"
             taken.add(label.lower())
@@ -148,14 +139,13 @@ class Inputs:
             try:
                 self._lister.run(job, told.update, seconds=self._limits.seconds, memory=self._limits.memory)
             except FaultError as fault:
-                told["problem"] = f"{path}: {fault_reason(fault)}"
+                told["problem"] = f"{path}: {fault}"
             if "problem" in told:
                 yield Source(key=safe_name([*parts, PROBLEM]), path=path, problem=told["problem"])
                 return
             with listing.open(encoding="ascii") as lines:
-                for key, fields in map(json.loads, lines):
-                    member = Member(**fields)
-                    yield Source(key=key, path=path, member=member, size=member.size, modified=modified)
+                for line in lines:
+                    yield Source(path=path, modified=modified, **json.loads(line))
 
     def _of_manifest(self, path: Path, label: str) -> Iterator[Source]:
         """The files that a manifest names, relative to its folder: a CSV column or JSON lines with "path"."""
@@ -178,7 +168,7 @@ def listed(file: IO[str]) -> Iterator[Source]:
     """Sources from a file with a line of JSON for each; one iteration at a time."""
     file.seek(0)
     while line := file.readline():
-        yield Source.from_dict(json.loads(line))
+        yield Source(**json.loads(line))
 
 
 def _fixed_part(pattern: str) -> str:

@@ -19,31 +19,22 @@ from spinor_geom.errors import (
     OpenCurveError,
     SpinorGeomError,
 )
-from spinor_geom.fill.one_loop import refuse_empty
+from spinor_geom.fill.discrete_patch import refuse_empty
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.intersections import require_simple
 from spinor_geom.mesh.knots import knot_determinant
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NamedLoop:
-    """A loop of a file, or what should have been one.
-
-    Attributes:
-        name: of the object and group that it belongs to; "" where the file has none.
-        points: of the loop, or of what was found in its place.
-        loop: the loop; None where it could not be made.
-        error: why no surface over it is looked for, if so.
-        notes: what was repaired.
-    """
+    """A loop of a file, or what should have been one."""
 
     kind: Literal["hole", "curve"]
-    name: str
-    points: Float[np.ndarray, "k 3"]
-    loop: BoundaryLoop | None
-    error: SpinorGeomError | None = None
-    notes: tuple[str, ...] = ()
+    name: str  # of the object and group that it belongs to; "" where the file has none
+    points: Float[np.ndarray, "k 3"]  # of the loop, or of what was found in its place
+    loop: BoundaryLoop | None  # None where it could not be made
+    error: SpinorGeomError | None = None  # why no surface over it is looked for, if so
+    notes: tuple[str, ...] = ()  # what was repaired
 
 
 def curve_loops(text: ObjText, *, closing: float) -> list[NamedLoop]:
@@ -60,35 +51,10 @@ def curve_loops(text: ObjText, *, closing: float) -> list[NamedLoop]:
 
 
 def refuse_what_bounds_no_disk(loop: BoundaryLoop) -> None:
-    """Checks that a loop is simple and no knot.
-
-    Raises:
-        SelfCrossingLoopError: it crosses or touches itself.
-        KnottedLoopError: it is knotted.
-    """
+    """A SelfCrossingLoopError where a loop crosses or touches itself, a KnottedLoopError where it is knotted."""
     require_simple(loop)
-    determinant = knot_determinant(loop.points)
-    if determinant is not None:
+    if (determinant := knot_determinant(loop.points)) is not None:
         raise KnottedLoopError(determinant=determinant)
-
-
-def hole_names(
-    mesh: TriangleMesh, face_names: Int[np.ndarray, " f"], names: Sequence[str], loops: Sequence[BoundaryLoop]
-) -> list[str]:
-    """For each hole the name that most of the faces beside it have, which are given as numbers among the names."""
-    if not loops or len(names) == 1:
-        return [names[0]] * len(loops)
-    size = len(mesh.vertices)
-    half_edges = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    keys = half_edges[:, 0] * size + half_edges[:, 1]
-    order = np.argsort(keys, kind="stable")
-    found = []
-    for loop in loops:
-        # a loop runs against the half-edges of the faces beside it
-        wanted = np.roll(loop.vertex_ids, -1) * size + loop.vertex_ids
-        at = order[np.searchsorted(keys, wanted, sorter=order).clip(max=len(order) - 1)]
-        found.append(names[int(np.bincount(face_names[at // 3]).argmax())])
-    return found
 
 
 def _joined(
@@ -99,18 +65,12 @@ def _joined(
     is_open = [number for number, curve in enumerate(curves) if curve[0] != curve[-1]]
     if not is_open:
         return whole
-    ends = [int(vertex) for number in is_open for vertex in curves[number][[0, -1]]]
-    partner = _partners(vertices, [curves[number] for number in is_open], closing)
+    pieces = [curves[number].copy() for number in is_open]
+    ends = np.array([piece[[0, -1]] for piece in pieces]).ravel()
     gaps: dict[int, float] = {}
-    for one, other in partner.items():
-        if other < one:  # the later end takes the earlier's vertex
-            gap = float(np.linalg.norm(vertices[ends[one]] - vertices[ends[other]]))
-            ends[one] = ends[other]
-            gaps[ends[one]] = max(gap, gaps.get(ends[one], 0.0))
-    pieces = [
-        np.concatenate([ends[2 * place : 2 * place + 1], curves[number][1:-1], ends[2 * place + 1 : 2 * place + 2]])
-        for place, number in enumerate(is_open)
-    ]
+    for one, other in _partners(vertices, pieces, closing).tolist():
+        gaps[int(ends[one])] = float(np.linalg.norm(vertices[ends[one]] - vertices[ends[other]]))
+        pieces[other // 2][-(other % 2)] = ends[one]  # the later end takes the earlier's vertex
     joined = [
         (is_open[first], curve, max((gaps[v] for v in gaps.keys() & set(curve.tolist())), default=0.0))
         for first, curve in chained(pieces)
@@ -120,20 +80,17 @@ def _joined(
 
 def _partners(
     vertices: Float[np.ndarray, "v 3"], pieces: Sequence[Int[np.ndarray, " _"]], closing: float
-) -> dict[int, int]:
-    """Pairs of ends that are near to each other and to no other; end 2k + e is the first (e = 0) or last of piece k."""
+) -> Int[np.ndarray, "p 2"]:
+    """Pairs of ends that are near to each other alone, the earlier first; piece k has the ends 2k and 2k + 1."""
     points = np.array([vertices[piece[[0, -1]]] for piece in pieces]).reshape(-1, 3)
     edges = np.repeat([_mean_edge(vertices[piece]) for piece in pieces], 2)
     if not np.isfinite(points).all():
-        return {}
+        return np.zeros((0, 2), dtype=np.int64)
     pairs = cKDTree(points).query_pairs(closing * float(edges.max()), output_type="ndarray")
     apart = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
     pairs = pairs[apart <= closing * edges[pairs].min(axis=1)]
     lone = np.bincount(pairs.ravel(), minlength=len(points)) == 1
-    both = {}
-    for a, b in pairs[lone[pairs].all(axis=1)].tolist():
-        both[a], both[b] = b, a
-    return both
+    return np.asarray(pairs[lone[pairs].all(axis=1)])
 
 
 def _mean_edge(points: Float[np.ndarray, "k 3"]) -> float:

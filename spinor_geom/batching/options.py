@@ -6,7 +6,6 @@ from typing import Literal, TypeAlias, get_args
 
 from spinor_geom.errors import OptionError
 from spinor_geom.fill.options import CONTINUITY, Continuity, require_positive
-from spinor_geom.isolate import FaultError
 
 What: TypeAlias = Literal["fill", "surface", "loops"]
 Format: TypeAlias = Literal["obj", "ply", "glb", "npz"]
@@ -14,9 +13,7 @@ Format: TypeAlias = Literal["obj", "ply", "glb", "npz"]
 WHAT: tuple[What, ...] = get_args(What)
 FORMAT: tuple[Format, ...] = get_args(Format)
 OF_CURVES = ("obj", "npz")
-# A file with so many loops that take as long as they may is done to its end.
-HARDEST_LOOPS = 100
-ADVICE = {"time": "; raise the limit", "memory": "; raise the limit, or split the file"}
+HARDEST_LOOPS = 100  # a file with so many loops that take as long as they may is done to its end
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,8 +54,3 @@ class Limits:
     def whole_seconds(self) -> float:
         """For a file, however many loops it has."""
         return HARDEST_LOOPS * self.seconds
-
-
-def fault_reason(fault: FaultError) -> str:
-    """What ended a process, and what to do."""
-    return f"{fault}{ADVICE.get(fault.kind, '')}"

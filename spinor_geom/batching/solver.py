@@ -15,11 +15,10 @@ from typing import Any, BinaryIO
 
 import torch
 
-from spinor_geom.batching.archives import ArchiveReader
+from spinor_geom.batching.archives import ArchiveReader, Member
 from spinor_geom.batching.inputs import SMALL, Source
 from spinor_geom.batching.loops import NamedLoop
 from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.records import failure
 from spinor_geom.batching.store import Store
 from spinor_geom.batching.task import OpenedFile, fill_options, open_file, results_of, wanted
 from spinor_geom.errors import ArchiveError, BatchError, SpinorGeomError
@@ -27,8 +26,7 @@ from spinor_geom.fill.many_loops import minimal_patches
 from spinor_geom.fill.one_loop import Answer
 from spinor_geom.isolate import Tell, serve
 
-# Files whose results are held until the disk has them.
-WAITING = 4
+WAITING = 4  # files whose results are held until the disk has them
 
 
 def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
@@ -37,12 +35,11 @@ def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
     Args:
         job: "sources", "options" and "store", as `asdict` gives them.
         tell: is called with "reading" before each source is read, with "solving" before and after what is done of all
-            of them together, and with "finished" after a source's results are written; with "stop" where nothing can
-            be written.
+            of them together, and with "finished" after a source's results are written; with "stop" where none can be.
         archives: keeps the last archive open.
     """
     options, store = BatchOptions(**job["options"]), Store(**job["store"])
-    sources = [Source.from_dict(entry) for entry in job["sources"]]
+    sources = [Source(**entry) for entry in job["sources"]]
     try:
         with ExitStack() as stack:
             _work(sources, options, store, partial(_stream, archives=archives, stack=stack), tell)
@@ -53,13 +50,17 @@ def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
             return  # they are tried one by one
         where = traceback.extract_tb(error.__traceback__)[-1]
         reason = f"unexpected {type(error).__name__} in {Path(where.filename).name}, line {where.lineno}: {error}"
-        _commit(store, sources[0], failure(sources[0].key, reason, status="fault"), {}, tell)
+        tell({"finished": store.fail(sources[0], reason)})
 
 
 def _work(
     sources: Sequence[Source], options: BatchOptions, store: Store, stream_of: Callable[[Source], BinaryIO], tell: Tell
 ) -> None:
-    _require_device(options.device)
+    try:  # once, what otherwise every file would fail for
+        torch.zeros(1, device=options.device)
+    except (RuntimeError, AssertionError) as error:
+        reason = str(error).splitlines()[0]
+        raise BatchError(f"device {options.device!r} cannot be used by a worker ({reason}); name another") from error
     opened: list[tuple[Source, OpenedFile]] = []
     for source in sources:
         tell({"reading": source.key})
@@ -68,29 +69,26 @@ def _work(
                 raise ArchiveError(source.problem)
             opened.append((source, open_file(stream_of(source), source.key, options)))
         except SpinorGeomError as error:
-            _commit(store, source, failure(source.key, str(error)), {}, tell)
+            tell({"finished": store.fail(source, str(error), status="failed")})
         except OSError as error:
             reason = f"{source.path}: cannot be read ({error.strerror or error}); check the access rights"
             # of the disk or the rights, which may be others when the batch is resumed
-            _commit(store, source, failure(source.key, reason, status="fault"), {}, tell)
-    # all of them from here on: what happens now is not the fault of the last one read
-    tell({"solving": ""})
-    loops = [loop for _, file in opened for loop in wanted(file)]
-    answers = _answers(loops, options)
+            tell({"finished": store.fail(source, reason)})
+    tell({"solving": ""})  # all of them from here on: what happens now is not the fault of the last one read
+    answers = _answers([loop for _, file in opened for loop in wanted(file)], options, tell)
     waiting: deque[Future[dict[str, Any]]] = deque()
     # the next file is meshed while this one's results are on their way to the disk
     with ThreadPoolExecutor(1) as writer:
         for source, file in opened:
-            results = results_of(file, _told(answers, source, tell))
-            waiting.append(writer.submit(store.commit, source, results.record, results.files))
+            waiting.append(writer.submit(store.commit, source, *results_of(file, answers)))
             while waiting and (waiting[0].done() or len(waiting) > WAITING):
                 tell({"finished": waiting.popleft().result()})
         for one in waiting:
             tell({"finished": one.result()})
 
 
-def _answers(loops: Sequence[NamedLoop], options: BatchOptions) -> Iterator[Answer]:
-    """The patch of each loop, in order, or why it has none."""
+def _answers(loops: Sequence[NamedLoop], options: BatchOptions, tell: Tell) -> Iterator[Answer]:
+    """The patch of each loop, in order, or why it has none; each is a sign of life."""
     found = {
         kind: minimal_patches(
             [loop.loop for loop in loops if loop.kind == kind and loop.loop is not None],
@@ -100,38 +98,22 @@ def _answers(loops: Sequence[NamedLoop], options: BatchOptions) -> Iterator[Answ
         )
         for kind in ("hole", "curve")
     }
-    return (next(found[loop.kind]) for loop in loops)
-
-
-def _require_device(name: str) -> None:
-    """Checks once what otherwise every file would fail for."""
-    try:
-        torch.zeros(1, device=name)
-    except (RuntimeError, AssertionError, NotImplementedError) as error:
-        reason = str(error).splitlines()[0]
-        raise BatchError(f"device {name!r} cannot be used by a worker ({reason}); name another") from error
-
-
-def _told(answers: Iterator[Answer], source: Source, tell: Tell) -> Iterator[Answer]:
-    """The same answers, each a sign of life."""
-    for answer in answers:
-        tell({"solving": source.key})
+    for loop in loops:
+        answer = next(found[loop.kind])
+        tell({"solving": ""})
         yield answer
 
 
 def _stream(source: Source, *, archives: ArchiveReader, stack: ExitStack) -> BinaryIO:
     """The text of a source, which can be gone back in; that of a small one is in memory."""
-    # the stack closes it, after the file's results are written
-    opened = open(source.path, "rb") if source.member is None else archives.open(source.path, source.member)  # noqa: SIM115
-    stream: BinaryIO = stack.enter_context(closing(opened))
+    if source.member:
+        opened = archives.open(source.path, Member(name=source.member, size=source.size, place=source.place))
+    else:
+        opened = open(source.path, "rb")  # noqa: SIM115 - closed below, or by the stack
     if source.size > SMALL:
-        return stream
-    with closing(stream):
-        return io.BytesIO(stream.read())
-
-
-def _commit(store: Store, source: Source, record: dict[str, Any], files: Any, tell: Tell) -> None:
-    tell({"finished": store.commit(source, record, files)})
+        return stack.enter_context(closing(opened))  # the stack closes it, after the file's results are written
+    with closing(opened):
+        return io.BytesIO(opened.read())
 
 
 if __name__ == "__main__":

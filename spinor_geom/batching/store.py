@@ -1,4 +1,8 @@
-"""The output folder of a batch: where results go, who may write them, and what is complete; nothing else survives."""
+"""The output folder of a batch: where results go, who may write them, and what is complete; nothing else survives.
+
+What is known of a file and its loops is its record, in JSON's types. All that may differ between two runs over the same
+input stands under the keys "seconds". Imports nothing heavy.
+"""
 
 import errno
 import json
@@ -13,14 +17,45 @@ from typing import Any
 
 from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.records import RECORD, failure, summary
 from spinor_geom.errors import BatchError
 from spinor_geom.files import atomic_folder, atomic_path, json_text, write_json
 from spinor_geom.version import program_version
 
-RUN, LOCK, LOG = "run.json", ".lock", "failures.log"
+RUN, RECORD, LOCK, LOG = "run.json", "record.json", ".lock", "failures.log"
 RESULTS, STAGING, ROOM = "files", ".staging", "room"
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # a disk that takes no more, or only small files
+# From good to bad. "imperfect": there is a surface, but not within the tolerance, or it crosses something. "failed": of
+# a loop that there is none, of a file that this is so of one of its loops or of the file itself. "fault": the file's
+# process died or was ended, which may be so once and not again: a resumed batch tries anew.
+STATUSES = ("done", "imperfect", "failed", "fault")
+
+
+def failure(key: str, reason: str, *, status: str = "failed") -> dict[str, Any]:
+    """The record of a file that has no results."""
+    return {
+        "source": key,
+        "status": status,
+        # names of files may hold bytes that are no text, or that terminals obey
+        "reason": "".join(character if character.isprintable() else "?" for character in reason),
+        **dict.fromkeys(("vertices", "faces", "curves", "filled")),
+        "loops": [],
+        "version": program_version(),
+        "seconds": {},
+    }
+
+
+def summary(record: dict[str, Any]) -> dict[str, Any]:
+    """What the driver is told of a file: few bytes, however many loops it has."""
+    statuses = [loop["status"] for loop in record["loops"]]
+    bad = [loop for loop in record["loops"] if loop["status"] != "done"]
+    return {
+        "key": record["source"],
+        "status": record["status"],
+        "reason": record["reason"],
+        "loops": len(statuses),
+        "loops_failed": statuses.count("failed"),
+        "first": "" if not bad else f"loop {bad[0]['loop']} ({bad[0]['name'] or 'no name'}): {bad[0]['reason']}",
+    }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +111,10 @@ class Store:
                 self._place(source, record, {})
         return summary(record)
 
+    def fail(self, source: Source, reason: str, *, status: str = "fault") -> dict[str, Any]:
+        """As `commit`, of a source that has no results."""
+        return self.commit(source, failure(source.key, reason, status=status), {})
+
     def _place(self, source: Source, record: Mapping[str, Any], files: Mapping[str, Callable[[Path], None]]) -> None:
         target = self.folder(source.key)
         with atomic_folder(target, staging=Path(self.output, STAGING)) as folder:
@@ -113,10 +152,7 @@ def log_line(one: dict[str, Any]) -> str:
 
 @contextmanager
 def opened_store(output: str | os.PathLike[str], options: BatchOptions, *, resume: bool) -> Iterator[Store]:
-    """An output folder, made if it does not exist, which no other run can have at the same time.
-
-    A run that was begun there goes on, or the folder must be empty; BatchError where neither can be.
-    """
+    """An output folder, made or empty or with a run to go on, which no other can have meanwhile; else BatchError."""
     import filelock
 
     root = Path(os.path.realpath(output))
@@ -131,8 +167,7 @@ def opened_store(output: str | os.PathLike[str], options: BatchOptions, *, resum
         _require_same(root, settings, resume=resume)
         store = Store(output=str(root), token=secrets.token_hex(16))
         write_json(root / RUN, {**settings, "token": store.token})
-        # what a run that was cut off has left half written
-        shutil.rmtree(root / STAGING, ignore_errors=True)
+        shutil.rmtree(root / STAGING, ignore_errors=True)  # what a run that was cut off has left half written
         yield store
         shutil.rmtree(root / STAGING, ignore_errors=True)
     finally:
@@ -141,8 +176,7 @@ def opened_store(output: str | os.PathLike[str], options: BatchOptions, *, resum
 
 def _require_same(root: Path, settings: dict[str, Any], *, resume: bool) -> None:
     held = {entry.name for entry in root.iterdir()} - {LOCK, STAGING}
-    # a run that did not get as far as to a result has left nothing to be careful with
-    if held <= {RUN, LOG}:
+    if held <= {RUN, LOG}:  # a run that did not get as far as to a result has left nothing to be careful with
         return
     if RUN not in held:
         raise BatchError(f"{root}: holds other things ({min(held)}); name a new folder")

@@ -1,6 +1,7 @@
 """What a batch leaves of all files together: tables, a log in the order of the inputs, and a page without scripts."""
 
 import csv
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
@@ -15,21 +16,19 @@ from jaxtyping import Float, Int
 from spinor_geom.adapters.mesh_files import read_mesh
 from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.records import failure, summary
-from spinor_geom.batching.store import Store, log_line
+from spinor_geom.batching.store import Store, failure, log_line, summary
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import atomic_path
 from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.operators import face_normals
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.page import document, table
 from spinor_geom.version import program_version
 
-# How many of each are shown; all of them are in the table.
-FIRST, WORST, FAILED, REASONS = 12, 12, 48, 40
+FIRST, WORST, FAILED, REASONS = 12, 12, 48, 40  # how many of each are shown; all of them are in the table
 SIZE = 160
 MARGIN = 8
-# More triangles than a small picture can show: the outline alone is drawn.
-MOST_FACES = 3000
+MOST_FACES = 3000  # more triangles than a small picture can show: the outline alone is drawn
 TILT = np.radians(35.0)  # against the plane of the points, so that the shape shows
 DARK, LIGHT = np.array([28, 78, 128]), np.array([196, 222, 245])
 STYLE = """.loops { display: flex; flex-wrap: wrap; gap: 1rem }
@@ -87,8 +86,9 @@ class PageParts:
 
     def _fail(self, entry: dict[str, Any]) -> None:
         # reasons differ in their numbers; a few of each length are enough
-        if len(self.reasons) < REASONS or _kind(entry["reason"]) in self.reasons:
-            self.reasons[_kind(entry["reason"])] += 1
+        kind = re.sub(r"\d\d?", "#", entry["reason"])[:200]
+        if len(self.reasons) < REASONS or kind in self.reasons:
+            self.reasons[kind] += 1
         if len(self.failed) < FAILED:
             self.failed.append(entry)
 
@@ -115,11 +115,6 @@ def write_page(parts: PageParts, store: Store, settings: dict[str, Any], path: P
     ]
     with atomic_path(path) as temporary:
         temporary.write_text(document("spinor-geom batch", body, style=STYLE), encoding="utf-8", errors="replace")
-
-
-def _kind(reason: str) -> str:
-    """A reason without what is particular to one loop."""
-    return "".join("#" if character.isdigit() else character for character in reason)[:200].replace("##", "#")
 
 
 def _table(rows: Iterable[tuple[Any, Any]], header: tuple[str, str]) -> str:
@@ -175,9 +170,7 @@ def thumbnail(points: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], o
     extent = float((high - low)[:2].max())
     scale = (SIZE - 2 * MARGIN) / extent if extent > np.finfo(np.float64).tiny else 1.0
     flat = SIZE / 2 + (turned - 0.5 * (low + high)) * scale * [1, -1, 1]
-    shapes = []
-    if 0 < len(faces) <= MOST_FACES:
-        shapes += _triangles(flat, faces)
+    shapes = _triangles(flat, faces) if len(faces) <= MOST_FACES else []
     path = " ".join(f"{x:.1f},{y:.1f}" for x, y in flat[outline, :2].tolist())
     shapes.append(f'<polyline points="{path}" fill="none" stroke="#d0021b" stroke-width="1.5"/>')
     return f'<svg viewBox="0 0 {SIZE} {SIZE}" width="{SIZE}" height="{SIZE}">{"".join(shapes)}</svg>'
@@ -186,19 +179,15 @@ def thumbnail(points: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], o
 def _seen(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     """The points with their plane almost across the line of sight, the third coordinate towards the eye."""
     centred = points - points.mean(axis=0)
-    _, _, axes = np.linalg.svd(centred, full_matrices=False)
-    if len(axes) < 3 or np.linalg.det(axes) < 0:
-        axes = np.vstack([axes[:2], np.cross(axes[0], axes[1])]) if len(axes) > 1 else np.eye(3)
-    x, y, z = (centred @ axes.T).T
+    axes = np.linalg.eigh(centred.T @ centred)[1][:, ::-1]
+    axes[:, 2] *= np.linalg.det(axes)
+    x, y, z = (centred @ axes).T
     return np.stack([x, np.cos(TILT) * y + np.sin(TILT) * z, np.cos(TILT) * z - np.sin(TILT) * y], axis=1)
 
 
 def _triangles(flat: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> list[str]:
     corners = flat[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1)
-    shade = np.abs(normals[:, 2]) / np.where(lengths > 0, lengths, 1.0)
-    colors = (DARK + shade[:, None] * (LIGHT - DARK)).astype(int)
+    colors = (DARK + np.abs(face_normals(flat, faces)[:, 2:]) * (LIGHT - DARK)).astype(int)
     order = np.argsort(corners[:, :, 2].mean(axis=1), kind="stable")
     return [
         f'<path d="M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}L{e:.1f} {f:.1f}Z" fill="#{red:02x}{green:02x}{blue:02x}"/>'

@@ -9,23 +9,22 @@ from time import perf_counter
 from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
-from jaxtyping import Float
 
 from spinor_geom.adapters.contents import FileContents, malformed
 from spinor_geom.adapters.mesh_files import FORMATS, MeshFile
 from spinor_geom.adapters.obj import ObjText, added_lines, read_obj_stream
 from spinor_geom.adapters.polygons import Polygons
-from spinor_geom.batching.loops import NamedLoop, curve_loops, hole_names, refuse_what_bounds_no_disk
+from spinor_geom.batching.loops import NamedLoop, curve_loops, refuse_what_bounds_no_disk
 from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.records import failure, worst
+from spinor_geom.batching.store import STATUSES, failure
 from spinor_geom.comparison import compare
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import safe_name
+from spinor_geom.fill.discrete_patch import refuse_what_is_no_hole
 from spinor_geom.fill.many_loops import fill_loops
-from spinor_geom.fill.one_loop import Answer, FillOptions, refuse_what_is_no_hole, unfilled
+from spinor_geom.fill.one_loop import Answer, FillOptions, unfilled
 from spinor_geom.fill.result import LoopOutcome
-from spinor_geom.fill.stitch import LoopPatch, stitch
-from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.fill.surroundings import LoopPatch, Surroundings, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
@@ -35,21 +34,12 @@ from spinor_geom.version import program_version
 
 Writer: TypeAlias = Callable[[Path], None]
 
-# Points of an outline in a record: enough for a thumbnail.
-OUTLINE_POINTS = 48
+OUTLINE_POINTS = 48  # points of an outline in a record: enough for a thumbnail
 FIGURES = ("residual_rms_per_edge", "residual_max_per_edge", "area", "stability", "continuation")
 CROSSINGS = ("self_intersections", "mesh_intersections", "patch_intersections")
 LONGEST_LABEL = 60
 COPIED_AT_ONCE = 1 << 20
 LARGEST_COORDINATE = 1e70  # fourth powers of lengths have to be numbers
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Results:
-    """What is left of a file: its record, JSON-ready, and what writes each of its files, by name."""
-
-    record: dict[str, Any]
-    files: dict[str, Writer]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,58 +65,50 @@ class OpenedFile:
 def open_file(stream: BinaryIO, key: str, options: BatchOptions) -> OpenedFile:
     """Reads a file and finds its loops; SpinorGeomError where it is no OBJ file, or malformed."""
     start = perf_counter()
-    text = read_obj_stream(stream, None)
+    text = read_obj_stream(stream)
     largest = float(np.abs(text.contents.vertices[np.isfinite(text.contents.vertices)]).max(initial=0.0))
     if largest > LARGEST_COORDINATE:
-        raise malformed(
-            None, "", f"has a coordinate of size {largest:.1e}, whose powers are no numbers", "scale the file"
-        )
-    mesh, holes, problem = _mesh_and_holes(text)
-    surroundings = Surroundings(mesh.mesh, [hole.loop for hole in holes if hole.loop is not None])
-    checked = [replace(hole, error=_refusal(hole, surroundings)) for hole in holes]
+        raise malformed("", f"has a coordinate of size {largest:.1e}, whose powers are no numbers", "scale the file")
+    mesh, rims, problem = _mesh_and_rims(text)
+    surroundings = Surroundings(mesh.mesh, rims)
+    holes = [_hole(rim, text, mesh, surroundings) for rim in rims]
     return OpenedFile(
         key=key,
         stream=stream,
         text=text,
         mesh=mesh,
         surroundings=surroundings,
-        loops=(*checked, *curve_loops(text, closing=options.closing)),
+        loops=(*holes, *curve_loops(text, closing=options.closing)),
         problem=problem,
         seconds=perf_counter() - start,
         options=options,
     )
 
 
-def _mesh_and_holes(text: ObjText) -> tuple[MeshFile, list[NamedLoop], str]:
+def _mesh_and_rims(text: ObjText) -> tuple[MeshFile, list[BoundaryLoop], str]:
     try:
         mesh = MeshFile.of_contents(text.contents, path=None)
-        holes = find_boundary_loops(mesh.mesh)
-        names = hole_names(mesh.mesh, text.face_names[mesh.face_polygons], text.names, holes)
+        return mesh, find_boundary_loops(mesh.mesh), ""
     except SpinorGeomError as error:
-        # curves need no more than their own points
-        usable = np.isfinite(text.contents.vertices).all(axis=1)
-        bare = FileContents(
-            vertices=np.where(usable[:, None], text.contents.vertices, 0.0),
-            polygons=Polygons.of_triangles(np.zeros((0, 3), dtype=np.int64)),
-            representatives=np.arange(len(usable)),
-        )
+        usable = np.isfinite(text.contents.vertices).all(axis=1)  # curves need no more than their own points
+        bare = FileContents.without_faces(np.where(usable[:, None], text.contents.vertices, 0.0))
         problem = str(error) if len(text.contents.polygons) else ""
         return MeshFile.of_contents(bare, path=None), [], problem
-    named = [
-        NamedLoop(kind="hole", name=name, points=loop.points, loop=loop)
-        for loop, name in zip(holes, names, strict=True)
-    ]
-    return mesh, named, ""
 
 
-def _refusal(hole: NamedLoop, surroundings: Surroundings) -> SpinorGeomError | None:
-    assert hole.loop is not None
+def _hole(loop: BoundaryLoop, text: ObjText, mesh: MeshFile, surroundings: Surroundings) -> NamedLoop:
+    """A hole, which has the name that most of the faces beside it have."""
+    name, error = "", None
+    if len(text.names) > 1:
+        faces = surroundings.faces_at(loop.vertex_ids)
+        beside = faces[np.isin(mesh.mesh.faces[faces], loop.vertex_ids).sum(axis=1) > 1]
+        name = text.names[int(np.bincount(text.face_names[mesh.face_polygons[beside]]).argmax())]
     try:
-        refuse_what_is_no_hole(hole.loop, surroundings.taken)
-        refuse_what_bounds_no_disk(hole.loop)
-    except SpinorGeomError as error:
-        return error
-    return None
+        refuse_what_is_no_hole(loop, surroundings)
+        refuse_what_bounds_no_disk(loop)
+    except SpinorGeomError as refusal:
+        error = refusal
+    return NamedLoop(kind="hole", name=name, points=loop.points, loop=loop, error=error)
 
 
 def wanted(opened: OpenedFile) -> list[NamedLoop]:
@@ -143,8 +125,11 @@ def fill_options(options: BatchOptions) -> FillOptions:
     )
 
 
-def results_of(opened: OpenedFile, answers: Iterator[Answer]) -> Results:
-    """The results of a file from the exact patch of each loop that is `wanted`, in order, or why it has none."""
+def results_of(opened: OpenedFile, answers: Iterator[Answer]) -> tuple[dict[str, Any], dict[str, Writer]]:
+    """The record of a file, JSON-ready, and what writes each of its files, by name.
+
+    The answers are the exact patch of each loop that is `wanted`, in order, or why it has none.
+    """
     start = perf_counter()
     files: dict[str, Writer] = {}
     filled: dict[str, Any] | None = None
@@ -154,7 +139,8 @@ def results_of(opened: OpenedFile, answers: Iterator[Answer]) -> Results:
         entries, extension = _solved(opened, answers, files)
         if opened.options.what == "fill" and opened.holes:
             filled = _filled(opened, extension, files)
-    status = worst([*(entry["status"] for entry in entries), *(["failed"] if opened.problem else [])])
+    statuses = [*(entry["status"] for entry in entries), *(["failed"] if opened.problem else [])]
+    status = max(statuses, key=STATUSES.index, default="done")
     record = failure(opened.key, opened.problem, status=status) | {
         "vertices": len(opened.text.contents.vertices),
         "faces": len(opened.text.contents.polygons),
@@ -163,7 +149,7 @@ def results_of(opened: OpenedFile, answers: Iterator[Answer]) -> Results:
         "loops": entries,
         "seconds": {"read": opened.seconds, "results": perf_counter() - start},
     }
-    return Results(record=record, files=files)
+    return record, files
 
 
 def _solved(
@@ -198,6 +184,8 @@ def _solved(
 def _entry(opened: OpenedFile, place: int, status: str, reason: str) -> dict[str, Any]:
     """What is known of a loop before it is solved."""
     loop = opened.loops[place]
+    count = len(loop.points)
+    shown = loop.points[np.linspace(0, count - 1, min(count, OUTLINE_POINTS)).astype(int)].tolist()
     return {
         "source": opened.key,
         "loop": place,
@@ -206,22 +194,17 @@ def _entry(opened: OpenedFile, place: int, status: str, reason: str) -> dict[str
         "status": status,
         "reason": reason,
         "notes": list(loop.notes),
-        "vertices": len(loop.points),
+        "vertices": count,
         "perimeter": None if loop.loop is None else loop.loop.perimeter,
         "elongation": None if loop.loop is None else loop.loop.elongation,
         "corners": None if loop.loop is None else int(loop.loop.corners.sum()),
         **dict.fromkeys((*FIGURES, "route", "patch_vertices", "patch_faces", *CROSSINGS, "comparison")),
         "files": {},
         # what cannot be seen in a file of results is drawn from here
-        "outline": _outline(loop.points) if status == "failed" else None,
+        "outline": [[float(f"{x:.6g}") for x in point] for point in shown] if status == "failed" else None,
         "version": program_version(),
         "seconds": {},
     }
-
-
-def _outline(points: Float[np.ndarray, "k 3"]) -> list[list[float]]:
-    shown = points[np.linspace(0, len(points) - 1, min(len(points), OUTLINE_POINTS)).astype(int)]
-    return [[float(f"{x:.6g}") for x in point] for point in shown.tolist()]
 
 
 def _listed(opened: OpenedFile, place: int, files: dict[str, Writer]) -> dict[str, Any]:
@@ -241,19 +224,16 @@ def _solved_entry(
     status = "failed" if not outcome.filled else "done" if good else "imperfect"
     entry = _entry(opened, place, status, outcome.reason or "; ".join(outcome.notes))
     entry["notes"] += outcome.notes
-    # "solve" is the time until the surface was there, which may have been solved with others before
-    entry["seconds"] = {name: seconds for name, seconds in outcome.timings.items() if name not in ("solve", "total")}
     solution, figures = outcome.solution, outcome.to_dict()
-    entry |= {key: figures[key] for key in FIGURES}
-    if solution is not None:
-        entry["route"] = solution.route
-        entry["seconds"] |= {f"solve.{name}": seconds for name, seconds in solution.timings.items()}
+    # "solve" is the time until the surface was there, which may have been solved with others before
+    entry["seconds"] = {name: time for name, time in figures["timings"].items() if name not in ("solve", "total")}
+    entry |= {key: figures[key] for key in FIGURES} | {"route": None if solution is None else solution.route}
     if piece is None:
         return entry
     entry |= {
         "patch_vertices": len(piece.patch.vertices),
         "patch_faces": len(piece.patch.faces),
-        **{key: getattr(outcome, key) for key in CROSSINGS},
+        **{key: figures[key] for key in CROSSINGS},
     }
     entry["files"]["patch"] = name = _file_name(opened, place, opened.options.format)
     files[name] = partial(_write_mesh, _patch_contents(opened, piece))
@@ -319,17 +299,10 @@ def _append(opened: OpenedFile, extension: MeshExtension, path: Path) -> None:
 
 
 def _write_loop(loop: BoundaryLoop, path: Path) -> None:
-    around = np.append(np.arange(len(loop)), 0)
     if path.suffix == ".npz":
         np.savez(path, points=loop.points, vertex_ids=loop.vertex_ids, corners=loop.corners)
         return
-    contents = FileContents(
-        vertices=loop.points,
-        polygons=Polygons.of_triangles(np.zeros((0, 3), dtype=np.int64)),
-        representatives=around[:-1],
-        polylines=(around,),
-    )
-    path.write_bytes(FORMATS[path.suffix][1](contents))
+    _write_mesh(FileContents.without_faces(loop.points, np.append(np.arange(len(loop)), 0)), path)
 
 
 def _write_mesh(contents: FileContents, path: Path) -> None:

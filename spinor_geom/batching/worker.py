@@ -5,8 +5,7 @@ from collections import Counter, deque
 from typing import Any
 
 from spinor_geom.batching.inputs import Source
-from spinor_geom.batching.options import Limits, fault_reason
-from spinor_geom.batching.records import failure
+from spinor_geom.batching.options import Limits
 from spinor_geom.batching.store import Store
 from spinor_geom.errors import BatchError
 from spinor_geom.isolate import Event, FaultError, Process
@@ -28,10 +27,23 @@ def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
     done: list[dict[str, Any]] = []
     deaths: Counter[str] = Counter()
     blocks = deque([list(job["sources"])])
+
+    def heard(event: Event) -> None:
+        if "stop" in event:
+            raise BatchError(event["stop"])
+        if "finished" in event:
+            done.append(event["finished"])
+
+    times = {"seconds": limits.seconds, "whole_seconds": limits.whole_seconds}
     try:
         while blocks:
-            block = blocks.popleft()
-            fault = _attempt({**job, "sources": block}, limits, done)
+            block, fault = blocks.popleft(), None
+            try:
+                solver().run({**job, "sources": block}, heard, memory=limits.memory, **times)
+            except FaultError as error:
+                if error.kind == "start":
+                    raise BatchError(f"the process that solves cannot start: {error}; see what is installed") from error
+                fault = error
             finished = {one["key"] for one in done}
             waiting = {entry["key"]: entry for entry in block if entry["key"] not in finished}
             # the file that was being read did it, or the only one
@@ -45,8 +57,7 @@ def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
             deaths[guilty] += 1
             # what a limit ended would only cost as much once more
             if fault.kind != "death" or deaths[guilty] > limits.retries:
-                record = failure(guilty, fault_reason(fault), status="fault")
-                done.append(Store(**job["store"]).commit(Source.from_dict(entry), record, {}))
+                done.append(Store(**job["store"]).fail(Source(**entry), str(fault)))
             else:
                 blocks.append([entry])
             if waiting:
@@ -54,27 +65,6 @@ def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
     except BatchError as error:
         return {"finished": done, "stop": str(error)}
     return {"finished": done, "stop": ""}
-
-
-def _attempt(job: dict[str, Any], limits: Limits, done: list[dict[str, Any]]) -> FaultError | None:
-    """Has the process that solves do a job: what it finishes joins what is done, and what ended it is returned."""
-    stop = ""
-
-    def heard(event: Event) -> None:
-        nonlocal stop
-        stop = event.get("stop", stop)
-        if "finished" in event:
-            done.append(event["finished"])
-
-    try:
-        solver().run(job, heard, seconds=limits.seconds, whole_seconds=limits.whole_seconds, memory=limits.memory)
-    except FaultError as fault:
-        if fault.kind == "start":
-            raise BatchError(f"the process that solves cannot start: {fault}; see what is installed") from fault
-        return fault
-    if stop:
-        raise BatchError(stop)
-    return None
 
 
 def solver() -> Process:

@@ -25,7 +25,7 @@ REPEATS = 4  # of which the first one is slower
 LOOKS_APART = 20  # files between two looks at the workers' memory
 
 
-def smooth_loop(seed: int, points: int = POINTS) -> BoundaryLoop:
+def smooth_loop(seed: int) -> BoundaryLoop:
     """Points by arc length of a random curve of three harmonics around an ellipse of up to 2:1."""
     random = np.random.default_rng(seed)
     coefficients = np.zeros((4, 3), dtype=np.complex128)
@@ -33,7 +33,7 @@ def smooth_loop(seed: int, points: int = POINTS) -> BoundaryLoop:
     for k in (2, 3):
         cosine, sine = random.uniform(-0.15, 0.15, size=(2, 3)) / k
         coefficients[k] = cosine - 1j * sine
-    return evenly_sampled(harmonics(coefficients), points)
+    return evenly_sampled(harmonics(coefficients), POINTS)
 
 
 def smooth(seed: int, noise: float = 0.0) -> str:
@@ -62,26 +62,31 @@ def write_files(folder: Path, count: int, text: Callable[[int], str]) -> Path:
     return folder
 
 
-def _rate(work: Path, text: Callable[[int], str], files: int, workers: int | None = None) -> dict[str, Any]:
-    """Loops a second, up to the written summary, and the memory of the largest process below this one."""
+def _watched(inputs: Path, count: int, **options: Any) -> dict[str, Any]:
+    """A batch up to the written summary, and the most memory of this process and of the largest one below it."""
     import psutil
 
-    driver, largest = psutil.Process(), 0.0
+    driver, peak, largest = psutil.Process(), 0.0, 0.0
 
     def look(now: BatchProgress) -> None:
-        nonlocal largest
+        # while it works: the packages of the summary take more than the work
+        nonlocal peak, largest
+        peak = max(peak, driver.memory_info().rss / 2**20)
         if now.files % LOOKS_APART == 1:
             for child in driver.children(recursive=True):
                 with suppress(psutil.NoSuchProcess):  # it has ended
                     largest = max(largest, child.memory_info().rss / 2**20)
 
-    inputs = write_files(work / "in", files, text)
     start = perf_counter()
-    result = batch(str(inputs), work / "out", workers=workers, on_progress=look)
+    done = batch(str(inputs), inputs.parent / "out", **options, on_progress=look).progress
     seconds = perf_counter() - start
-    done = result.progress
-    figures = {"files": files, "seconds": seconds, "rate": done.loops / seconds, "files_failed": done.files_failed}
-    return {**figures, "worker_mib": largest}
+    figures = {"files": count, "seconds": seconds, "rate": done.loops / seconds, "files_failed": done.files_failed}
+    return {**figures, "worker_mib": largest, "driver_mib": peak}
+
+
+def _rate(work: Path, text: Callable[[int], str], files: int, **options: Any) -> dict[str, Any]:
+    figures = _watched(write_files(work / "in", files, text), files, **options)
+    return {name: value for name, value in figures.items() if name != "driver_mib"}
 
 
 def _solved(count: int, solve: Callable[[list[BoundaryLoop]], object]) -> dict[str, Any]:
@@ -98,21 +103,11 @@ def _solved(count: int, solve: Callable[[list[BoundaryLoop]], object]) -> dict[s
 
 
 def _memory(work: Path, inputs: int) -> dict[str, Any]:
-    """Peak memory of the driver while it works through inputs that are refused quickly."""
-    import psutil
-
-    driver, peak = psutil.Process(), 0.0
-
-    def look(_: object) -> None:
-        # while it works: the packages of the summary take more than the work
-        nonlocal peak
-        peak = max(peak, driver.memory_info().rss / 2**20)
-
+    """Of inputs that are refused quickly, the memory of the driver."""
     manifest = work / "nowhere.csv"
     manifest.write_text("path\n" + "nowhere.obj\n" * inputs)
-    start = perf_counter()
-    batch(str(manifest), work / "out", on_progress=look)
-    return {"files": inputs, "seconds": perf_counter() - start, "driver_mib": peak}
+    figures = _watched(manifest, inputs)
+    return {name: figures[name] for name in ("files", "seconds", "driver_mib")}
 
 
 def _cluster(work: Path, files: int) -> dict[str, Any]:

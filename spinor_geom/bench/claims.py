@@ -18,17 +18,15 @@ REFERENCE, REFERENCE_CASE, REFERENCE_SHARE = "meshlib-nicely", "enneper-0.8", {6
 SAME_LOAD = 1.0  # seconds at loads further apart are not compared
 LEAST_POINTS = 64  # of a loop that stands for a smooth curve
 ROUNDING = 1e-15  # errors below this are
-# of the smooth continuation, from unit spheres, by the caps' heights
-CAP_DISTANCES = dict(zip(HEIGHTS, (2e-3, 4e-3, 8e-3, 2e-2), strict=True))
+CAP_DISTANCES = dict(zip(HEIGHTS, (2e-3, 4e-3, 8e-3, 2e-2), strict=True))  # from unit spheres, by the caps' heights
 NOISY_SECONDS = {100: 0.15, 250: 0.5, 600: 2.0, 1200: 6.0}  # by points of rims with noise
-# loops a second; memory of a batch's largest process, in MiB
-RATES = {
+RATES = {  # loops a second
     "smooth loops": 60.0,
     "loops with 5% noise": 10.0,
     "rims cut along triangles": 12.0,
     "solved only, on CUDA": 2e3,
 }
-WORKER_MIB = 1536.0
+WORKER_MIB = 1536.0  # of a batch's largest process
 FASTER = (
     ("smooth loops", "one worker", "smooth loops, one worker", 1.8),
     ("solved only, 64 at once", "one by one", "solved only, one by one", 8.0),

@@ -15,10 +15,10 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.distance import pdist
 
 from spinor_geom.adapters import read_mesh
-from spinor_geom.bench.holes import Hole, collar, lattice
+from spinor_geom.bench.cases import Hole, collar, lattice
 from spinor_geom.errors import OptionError
-from spinor_geom.measures.hausdorff import distances_to_mesh
-from spinor_geom.mesh.topology import boundary_edges, face_components
+from spinor_geom.measures import distances_to_mesh
+from spinor_geom.mesh.topology import boundary_edges, is_disk
 
 Kind = Literal["flat", "dome", "curved", "long", "ring", "tube", "scan"]
 _Points: TypeAlias = Float[np.ndarray, "k 3"]
@@ -34,8 +34,7 @@ _SPHERES = ("icosphere-3", "icosphere-4", "uv-sphere", "jittered-sphere")
 SCANS = ("bunny_scan.ply", "spot_cut.obj", "max_face.obj", "mountain.obj", "demosthenes_low_res.obj")
 PER_SCAN = 12
 FEWEST, MOST = 20, 150  # points of a scan's rim
-# radii of the disks grown on scans, in mean edges: rims of about 20 and 150 points
-_SMALLEST, _LARGEST = 3.0, 24.0
+_SMALLEST, _LARGEST = 3.0, 24.0  # radii of the disks grown on scans, in mean edges: rims of about 20 and 150 points
 _SEED = 17
 _TRIES = 1000
 
@@ -44,7 +43,6 @@ _TRIES = 1000
 class CutOut:
     """A mesh with a hole, and what was in it."""
 
-    name: str
     kind: Kind
     hole: Hole  # the rest of the mesh
     vertices: Float[np.ndarray, "n 3"]  # of the whole mesh, a surface's own points
@@ -68,7 +66,7 @@ def cut(name: str, kind: Kind, mesh: _Mesh, removed: Bool[np.ndarray, " f"], exa
     used, rest = np.unique(faces[~removed], return_inverse=True)
     rim = np.flatnonzero(np.isin(used, faces[removed]))
     hole = Hole(name=name, vertices=vertices[used], faces=rest.reshape(-1, 3), rim=rim, facing=kind in ("ring", "tube"))
-    return CutOut(name=name, kind=kind, hole=hole, vertices=vertices, faces=faces[removed], places=used, exact=exact)
+    return CutOut(kind=kind, hole=hole, vertices=vertices, faces=faces[removed], places=used, exact=exact)
 
 
 def _sphere(ball: str) -> _Mesh:
@@ -180,15 +178,6 @@ def scan_disk(name: str, folder: Path) -> CutOut:
             if len(loops) == 1 and FEWEST <= len(loops[0]) == len(found.hole.rim) <= MOST:
                 return found
     raise OptionError(f"{scan}: no disk with a rim of {FEWEST} to {MOST} points was found in {_TRIES} tries")
-
-
-def is_disk(faces: Int[np.ndarray, "f 3"]) -> bool:
-    """Whether faces are one piece with a simple rim and without a hole."""
-    if not len(faces) or face_components(faces).any():
-        return False
-    rim = boundary_edges(faces)
-    edges = (3 * len(faces) + len(rim)) // 2
-    return len(np.unique(rim)) == len(rim) and len(np.unique(faces)) - edges + len(faces) == 1
 
 
 @lru_cache(maxsize=1)

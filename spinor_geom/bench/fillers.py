@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.bench.holes import Hole
+from spinor_geom.bench.cases import Hole
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, discrete_minimal_surface
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.options import Continuity
@@ -43,8 +43,7 @@ class LoopMethod:
 
 
 def _solved(loop: BoundaryLoop) -> tuple[Answer, Mesh]:
-    solution = solve_plateau(loop)
-    return solution, mesh_patch(solution)
+    return (solution := solve_plateau(loop)), mesh_patch(solution)
 
 
 def _discrete(loop: BoundaryLoop, **options: Any) -> tuple[Answer, Mesh]:
@@ -193,7 +192,7 @@ def _meshlib(hole: Hole, *, metric: str = "", fine: bool = False, natural: bool 
     return fill, finish
 
 
-def _cgal(hole: Hole, *, function: str, outputs: int = 2, options: tuple[float, ...] = ()) -> Prepared:
+def _cgal(hole: Hole, *, function: str, outputs: int = 2, more: tuple[float, ...] = ()) -> Prepared:
     from CGAL import CGAL_Polygon_mesh_processing
     from CGAL.CGAL_Kernel import Point_3
     from CGAL.CGAL_Polyhedron_3 import Polyhedron_3, Polyhedron_modifier
@@ -229,7 +228,7 @@ def _cgal(hole: Hole, *, function: str, outputs: int = 2, options: tuple[float, 
     call = getattr(CGAL_Polygon_mesh_processing, function)
 
     def fill() -> list[Any]:
-        return [call(polyhedron, halfedge, *([] for _ in range(outputs)), *options) for halfedge in rims]
+        return [call(polyhedron, halfedge, *([] for _ in range(outputs)), *more) for halfedge in rims]
 
     def finish(answer: Any) -> Filled:
         vertices, faces = points(), []
@@ -297,6 +296,10 @@ def _trimesh(hole: Hole, *, stitch: bool) -> Prepared:
     return (lambda: repair.stitch(mesh)) if stitch else mesh.fill_holes, finish
 
 
+def _tool(package: str, options: str, prepare: Callable[..., Prepared], **settings: Any) -> Filler:
+    return Filler(package, options, partial(prepare, **settings))
+
+
 _FAIR = "triangulate_refine_and_fair_hole"
 _REFINE = "triangulate_and_refine_hole"
 _FINE = "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000"
@@ -305,39 +308,31 @@ _WHOLE = "fill_hole, islands joined, facing rims bridged; timed with finding loo
 _SMOOTHED = "and apply_coord_laplacian_smoothing of the new faces with its defaults"
 
 FILLERS: Mapping[str, Filler] = {
-    OURS: Filler("spinor_geom", _WHOLE, partial(_spinor, continuity="C0")),
-    SMOOTH: Filler("spinor_geom", 'the same with continuity="C1"', partial(_spinor, continuity="C1")),
-    "meshlab-close": Filler("pymeshlab", "maxholesize above the rim's edges", partial(_meshlab, refine=False)),
-    "meshlab-close-refined": Filler(
-        "pymeshlab", "and refinehole=True with the rim's mean edge", partial(_meshlab, refine=True)
-    ),
-    "meshlab-close-smoothed": Filler("pymeshlab", _SMOOTHED, partial(_meshlab, refine=True, smooth=True)),
-    "meshlib-universal": Filler(
-        "meshlib", "fillHole, universal metric", partial(_meshlib, metric="getUniversalMetric")
-    ),
-    "meshlib-min-area": Filler(
-        "meshlib", "fillHole, minimum-area metric", partial(_meshlib, metric="getMinAreaMetric")
-    ),
-    "meshlib-nicely": Filler(
+    OURS: _tool("spinor_geom", _WHOLE, _spinor, continuity="C0"),
+    SMOOTH: _tool("spinor_geom", 'the same with continuity="C1"', _spinor, continuity="C1"),
+    "meshlab-close": _tool("pymeshlab", "maxholesize above the rim's edges", _meshlab, refine=False),
+    "meshlab-close-refined": _tool("pymeshlab", "and refinehole=True with the rim's mean edge", _meshlab, refine=True),
+    "meshlab-close-smoothed": _tool("pymeshlab", _SMOOTHED, _meshlab, refine=True, smooth=True),
+    "meshlib-universal": _tool("meshlib", "fillHole, universal metric", _meshlib, metric="getUniversalMetric"),
+    "meshlib-min-area": _tool("meshlib", "fillHole, minimum-area metric", _meshlib, metric="getMinAreaMetric"),
+    "meshlib-nicely": _tool(
         "meshlib", "fillHoleNicely with its defaults, stitchHolesNicely between facing rims", _meshlib
     ),
-    "meshlib-nicely-fine": Filler("meshlib", _FINE, partial(_meshlib, fine=True)),
-    "meshlib-nicely-natural": Filler("meshlib", _NATURAL, partial(_meshlib, natural=True)),
-    "cgal": Filler("CGAL", "triangulate_hole", partial(_cgal, function="triangulate_hole", outputs=1)),
-    "cgal-refine": Filler("CGAL", _REFINE, partial(_cgal, function=_REFINE)),
-    "cgal-fair": Filler("CGAL", f"{_FAIR}, which fairs with continuity 1", partial(_cgal, function=_FAIR)),
-    "cgal-fair-2": Filler(
-        "CGAL", "with fairing continuity 2", partial(_cgal, function=_FAIR, options=(_CGAL_DENSITY, 2))
+    "meshlib-nicely-fine": _tool("meshlib", _FINE, _meshlib, fine=True),
+    "meshlib-nicely-natural": _tool("meshlib", _NATURAL, _meshlib, natural=True),
+    "cgal": _tool("CGAL", "triangulate_hole", _cgal, function="triangulate_hole", outputs=1),
+    "cgal-refine": _tool("CGAL", _REFINE, _cgal, function=_REFINE),
+    "cgal-fair": _tool("CGAL", f"{_FAIR}, which fairs with continuity 1", _cgal, function=_FAIR),
+    "cgal-fair-2": _tool("CGAL", "with fairing continuity 2", _cgal, function=_FAIR, more=(_CGAL_DENSITY, 2)),
+    "vtk": _tool("pyvista", "vtkFillHolesFilter through pyvista, any size: it closes the outer boundaries too", _vtk),
+    "open3d": _tool("open3d", "t.geometry fill_holes, any size", _open3d),
+    "pymeshfix": _tool(
+        "pymeshfix", "fill_small_boundaries up to the rim's edges, refine=False", _meshfix, refine=False
     ),
-    "vtk": Filler("pyvista", "vtkFillHolesFilter through pyvista, any size: it closes the outer boundaries too", _vtk),
-    "open3d": Filler("open3d", "t.geometry fill_holes, any size", _open3d),
-    "pymeshfix": Filler(
-        "pymeshfix", "fill_small_boundaries up to the rim's edges, refine=False", partial(_meshfix, refine=False)
-    ),
-    "pymeshfix-refined": Filler("pymeshfix", "the same, refine=True", partial(_meshfix, refine=True)),
-    "trimesh": Filler("trimesh", "fill_holes", partial(_trimesh, stitch=False)),
-    "trimesh-stitch": Filler(
-        "trimesh", "repair.stitch, which closes every boundary, the outer ones too", partial(_trimesh, stitch=True)
+    "pymeshfix-refined": _tool("pymeshfix", "the same, refine=True", _meshfix, refine=True),
+    "trimesh": _tool("trimesh", "fill_holes", _trimesh, stitch=False),
+    "trimesh-stitch": _tool(
+        "trimesh", "repair.stitch, which closes every boundary, the outer ones too", _trimesh, stitch=True
     ),
 }
 """Ours first."""

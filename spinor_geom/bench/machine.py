@@ -23,7 +23,7 @@ PACKAGES = (
 
 # what decides the figures of our methods; not how they are measured, asked for or shown
 MEASURED = (
-    *("batching", "discrete", "domain", "fill", "holomorphic", "measures", "mesh", "meshing", "plateau", "surface"),
+    *("batching", "discrete", "domain", "fill", "holomorphic", "measures*", "mesh", "meshing", "plateau", "surface"),
     "training",
 )
 _ROOT = Path(__file__).parents[2]
@@ -58,6 +58,8 @@ def _changed_since(version: str) -> bool:
 
 def machine() -> dict[str, Any]:
     """Processor, cores, system, load, and the versions of what is compared; None for a package that is not there."""
+    found = {name: importlib.metadata.distributions(name=name) for name in PACKAGES}
+    versions = {name: next((one.version for one in here), None) for name, here in found.items()}
     return {
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
@@ -65,7 +67,7 @@ def machine() -> dict[str, Any]:
         "python": platform.python_version(),
         "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         "threads": os.environ.get("OMP_NUM_THREADS"),
-        "versions": {"spinor-geom": program_version(), **{name: _version(name) for name in PACKAGES}},
+        "versions": {"spinor-geom": program_version(), **versions},
     }
 
 
@@ -84,8 +86,3 @@ def _processor() -> str:
         return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
         return platform.processor() or platform.machine()
-
-
-def _version(package: str) -> str | None:
-    found = importlib.metadata.distributions(name=package)
-    return next((distribution.version for distribution in found), None)

@@ -1,27 +1,48 @@
-"""What a run leaves: CSV, markdown, and one page with everything in it."""
+"""What a run leaves: CSV, markdown, and one page with everything in it; the last two show the same tables."""
 
 import csv
 import html
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from statistics import median
+from textwrap import shorten
 
 import numpy as np
 
-from spinor_geom.bench.fillers import FILLERS
-from spinor_geom.bench.machine import Record, told
-from spinor_geom.bench.measure import DISTANCE, REMOVED
+from spinor_geom.bench.claims import Figure, claims, is_whole
+from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, SMOOTH
+from spinor_geom.bench.machine import Record, is_older, told
 from spinor_geom.bench.runner import VIEWS, Run
-from spinor_geom.bench.tables import Table, option_table, tables
+from spinor_geom.bench.worker import DISTANCE, REMOVED
 from spinor_geom.files import write_text
 from spinor_geom.render import page
 from spinor_geom.render.layers import Faces, Scale
-from spinor_geom.render.page import Scene, Views
+from spinor_geom.render.page import Scene, Views, cell, markdown
 
 PAGE, TABLES, CSV = "report.html", "tables.md", "records.csv"
-# fields that say how it was measured here: nothing for others
-LOCAL = ("key", "package", "data", "view", "repeat", "said", "seconds_all")
+LOCAL = ("key", "package", "data", "view", "repeat", "said", "seconds_all")  # fields of this machine
 _GAP = 1.15  # from piece to piece, per width
+OLDER = "†"  # a row of ours whose code has changed since
+_short = partial(shorten, width=160, placeholder="…")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table of text with a note below its heading; `marked` rows miss what is promised."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+    marked: frozenset[int] = frozenset()
+
+    def __str__(self) -> str:
+        """The heading and the table, in markdown."""
+        note = [self.note, ""] if self.note else []
+        return "\n".join([f"### {self.title}", "", *note, markdown(self.columns, self.rows)])
 
 
 def write(run: Run) -> None:
@@ -98,3 +119,171 @@ def scale_of(pieces: Mapping[str, Faces]) -> Scale:
     """One scale for all: from zero to what all but one vertex in twenty of a typical piece stay below."""
     tops = [float(np.quantile(piece.fields[DISTANCE], 0.95)) for name, piece in pieces.items() if name != REMOVED]
     return Scale(low=0.0, high=float(np.median(tops)))
+
+
+FIELDS = (
+    *("n", "files", "seconds", "rate", "files_failed", "driver_mib", "worker_mib", "equal", "memory_mib", "closed"),
+    *("area_error", "limit_error", "area_excess", "rms_per_edge", "max_per_diagonal", "surface_distance_max"),
+    "residual_per_edge",
+    *("exact_curvature_median", "triangles", "mesh_area_error", "distance_max", "curvature_rms", "min_angle"),
+    *("rim_kept", "open_edges", "old_faces_kept", "crossings", "mesh_crossings", "nonmanifold_edges", "converged"),
+    *("verdict", "untrue", "told"),
+)
+"""What is shown of every single record, where its suite has it; all of it stands in the CSV."""
+
+
+def tables(records: Sequence[Record]) -> list[Table]:
+    """All tables of a run that have rows."""
+    of = {suite: [r for r in records if r["suite"] == suite] for suite in dict.fromkeys(r["suite"] for r in records)}
+    cut_outs = [r for r in of.get("cut-outs", []) if r["status"] != "missing"]
+    single = (record_table(suite, here) for suite, here in of.items() if suite not in ("odd", "cut-outs"))
+    compared = (odd_table(of.get("odd", [])), filler_table(cut_outs))
+    return [table for table in (claim_table(claims(records)), *compared, *single, trouble_table(records)) if table.rows]
+
+
+def record_table(suite: str, records: Iterable[Record]) -> Table:
+    """A line a record that is done."""
+    shown = []
+    for record in (r for r in records if r["status"] == "done"):
+        told = _short(record.get("told") or record.get("said") or "")
+        whole = (left_open(record) or "yes") if "open_rim_edges" in record else None
+        shown.append({**record, "closed": whole, "told": told})
+    names = [name for name in FIELDS if any(record.get(name) not in (None, "") for record in shown)]
+    rows = [(Path(r["case"]).name, method_name(r), *(cell(r.get(name)) for name in names)) for r in shown]
+    return Table(title=f"Suite {suite}", columns=("case", "method", *(n.replace("_", " ") for n in names)), rows=rows)
+
+
+def method_name(record: Record) -> str:
+    """The method, marked where the code has changed since it was measured."""
+    return f"{record['method']} {OLDER}" if is_older(record) else str(record["method"])
+
+
+def left_open(record: Record) -> str:
+    """How many edges a filler left open, marked where it says nothing about them or tells of success."""
+    left = record["open_rim_edges"] + record["new_open_edges"]
+    return f"{left} open{'' if record['succeeded'] is False else ' !'}" if left else ""
+
+
+def claim_table(found: Sequence[Figure]) -> Table:
+    """The promises, those that are missed marked."""
+    rows = [(c.suite, c.case, c.text, c.measured, c.kind, "met" if c.met else "**missed**") for c in found]
+    missed = frozenset(k for k, c in enumerate(found) if not c.met)
+    note = f"{len(found) - len(missed)} of {len(found)} are met. Those of time are told, not checked." if found else ""
+    columns = ("suite", "case", "promise", "measured", "kind", "verdict")
+    return Table(title="Promises", columns=columns, rows=rows, note=note, marked=missed)
+
+
+def odd_table(records: Sequence[Record]) -> Table:
+    """A line a tool, a column a rim; tools that leave edges open without a word are marked."""
+    odd = [r for r in records if r["status"] != "missing"]
+    rims = _names(odd, "case")
+    found = {(r["method"], r["case"]): _in_short(r) for r in odd}
+    rows = [(tool, *(found.get((tool, rim), "") for rim in rims)) for tool in _names(odd, "method")]
+    true = "; ".join(f"{case}: {text}" for case, text in {r["case"]: r.get("expected") for r in odd}.items() if text)
+    return Table(
+        title="Odd rims, and test cases of other projects",
+        columns=("tool", *rims),
+        rows=rows,
+        note="Patches; pairs of crossing triangles (×); open edges, ! where the tool says nothing about them or tells "
+        "of success; the largest angle; seconds. Refused: it says that it did not fill. Doubled: its faces are there "
+        f"already. What is true of the rims: {true}.",
+        marked=frozenset(k for k, row in enumerate(rows) if any(" !" in text for text in row)),
+    )
+
+
+def _in_short(record: Record) -> str:
+    if record["status"] != "done":
+        return str(record["status"])
+    patches, left = record.get("patches") or 0, left_open(record)
+    if not patches and record["succeeded"] is False:
+        return "refused"
+    crossings = (record.get("crossings") or 0) + (record.get("mesh_crossings") or 0)
+    parts = [
+        f"{patches} patches" if patches > 1 else "" if left else "closed" if patches else "doubled",
+        f"{crossings} ×" if crossings else "",
+        left,
+        *((f"{record['max_angle']:.0f}°", f"{record['seconds']:.2g} s") if patches else ()),
+    ]
+    return ", ".join(part for part in parts if part)
+
+
+def filler_table(records: Sequence[Record]) -> Table:
+    """A line a filler: how many cut-outs it closes, how near, smooth and quick; then by kind of hole or scan."""
+    whole = [r for r in records if is_whole(r)]
+    by_case = ([r for r in whole if r["case"] == case] for case in _names(whole, "case"))
+    nearest = [min(here, key=lambda r: r["distance"]) for here in by_case]
+    smooth = {r["case"]: r["distance"] for r in whole if r["method"] == SMOOTH}
+    kinds: dict[str, dict[str, list[float]]] = {}
+    for r in whole:
+        kind = r["case"].rpartition("-")[0] if r["kind"] == "scan" else r["kind"]
+        kinds.setdefault(kind, {}).setdefault(r["method"], []).append(r["distance"])
+    rows = []
+    for method in _names(records, "method"):
+        here, mine = [r for r in records if r["method"] == method], [r for r in whole if r["method"] == method]
+        bends = [r["bend"] / r["removed_bend"] for r in mine if r["bend"] is not None and r["removed_bend"]]
+        scans = [r for r in mine if r["kind"] == "scan"]
+        medians = []
+        for by_method in kinds.values():
+            text, values = _median(by_method.get(method, []), ".3g"), by_method.get(method)
+            best = values and median(values) == min(map(median, by_method.values()))
+            medians.append(f"**{text}**" if best else text)
+        rows.append(
+            (
+                method_name(here[0]),
+                f"{len(mine)} of {len(here)}",
+                str(sum(bool(r.get("crossings") or r.get("mesh_crossings")) for r in mine)),
+                str(sum(r["old_faces_kept"] for r in mine)),
+                _share([r["method"] == method for r in nearest]),
+                _share([r["method"] == method for r in nearest if r["kind"] == "scan"]),
+                _share([smooth[r["case"]] < r["distance"] for r in scans if r["case"] in smooth and method != SMOOTH]),
+                _median(bends, ".2f"),
+                _median([r["seconds"] for r in mine], ".3f"),
+                _median([r["distance"] for r in scans], ".3g"),
+                *medians,
+            )
+        )
+    columns = ("filler", "closed", "crossing", "mesh kept", "nearest", "nearest on scans", f"{SMOOTH} nearer on scans")
+    return Table(
+        title="Cut-outs: who puts back what was removed",
+        columns=(*columns, "bend", "seconds", "distance on scans", *kinds),
+        rows=rows,
+        note="Of patches that close their hole, figures are medians: the bend across the rim per the removed piece's; "
+        "distances per diameter of the hole, on scans and by kind: of new vertices from a known surface, of the "
+        "triangles from a scan, both ways.",
+    )
+
+
+def _names(records: Sequence[Record], field: str) -> list[str]:
+    return list(dict.fromkeys(r[field] for r in records))
+
+
+def _share(met: Sequence[bool]) -> str:
+    return f"{sum(met) / len(met):.0%}" if met else ""
+
+
+def _median(values: Sequence[float], form: str) -> str:
+    return format(median(values), form) if values else ""
+
+
+def trouble_table(records: Sequence[Record]) -> Table:
+    """What is missing, refused, failed, crashed or took too long."""
+    cases: dict[tuple[str, str, str], list[str]] = {}
+    for r in records:
+        if r["status"] != "done" and r["suite"] != "odd":
+            where = "all" if r["status"] == "missing" else Path(r["case"]).name
+            where += f", {r['n']} points" if r.get("n") and where != "all" else ""
+            cases.setdefault((r["method"], r["status"], _short(r.get("reason") or "")), []).append(where)
+    rows = [
+        (method, status, on[0] + (f" and {len(set(on)) - 1} more" if len(set(on)) > 1 else ""), reason)
+        for (method, status, reason), on in cases.items()
+    ]
+    return Table(
+        title="Missing, refused, failed, crashed or too slow", columns=("method", "status", "on", "reason"), rows=rows
+    )
+
+
+def option_table() -> Table:
+    """What every method and filler is asked for."""
+    rows = [(name, "spinor_geom", method.options) for name, method in LOOP_METHODS.items()]
+    rows += [(name, filler.package, filler.options) for name, filler in FILLERS.items()]
+    return Table(title="Methods and tools", columns=("name", "package", "options"), rows=rows)

@@ -14,11 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from spinor_geom.bench.batches import BATCHES
-from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind
+from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind, mesh_files, odd_holes
 from spinor_geom.bench.claims import REFERENCE, REFERENCE_CASE
 from spinor_geom.bench.cut_outs import CAPS, CUT, NOISY, WINDOWS, scan_names
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, OURS, SMOOTHEST
-from spinor_geom.bench.holes import mesh_files, odd_holes
 from spinor_geom.bench.machine import Record, Task, machine, stamp
 from spinor_geom.bench.solves import QUICK as QUICK_SOLVES
 from spinor_geom.bench.solves import SUITES as SOLVED
@@ -37,8 +36,7 @@ QUICK_CASES = (
     *("enneper-0.8", "tennis-seam", "random-1", "random-1@even", "random-1@uneven", "plane-l", "schwarz-d-quad"),
 )
 QUICK_SHARE = 0.03  # of a batch's files
-# what a short run measures on its first two cases only
-SLOW = ("pymeshlab",)
+SLOW = ("pymeshlab",)  # what a short run measures on its first two cases only
 COMPARED = ("spinor", "libigl", "libigl-uniform")
 
 
@@ -78,11 +76,7 @@ def case_name(task: Task) -> str:
 
 
 def chosen_tasks(settings: Settings, folder: Path) -> list[Task]:
-    """All tasks of a run into a folder, those of one method after each other.
-
-    Raises:
-        OptionError: a suite, a case, a method or the folder of mesh files does not exist, or nothing is left.
-    """
+    """All tasks of a run into a folder, those of one method after each other; an OptionError where there are none."""
     if settings.data is not None and not settings.data.is_dir():
         raise OptionError(f"{settings.data}: is not a folder; name one that holds mesh files")
     places = {name: place for place, name in enumerate((*LOOP_METHODS, *FILLERS))}
@@ -137,7 +131,7 @@ def _each(suite: str, cases: Iterable[str], methods: Iterable[str], repeat: int 
 def _cut_outs(settings: Settings, folder: Path) -> Iterator[Task]:
     """Pieces cut out of known surfaces and scans, filled by what continues a mesh smoothly."""
     cases = QUICK_CUT_OUTS if settings.few else (*CAPS, *WINDOWS, *scan_names(settings.data))
-    data = None if settings.data is None else str(settings.data)
+    data = settings.data and str(settings.data)
     named = [name for name in settings.methods if name in FILLERS]
     for task in _each("cut-outs", cases, dict.fromkeys((*SMOOTHEST, *named)), 1, data=data):
         yield {**task, "view": str(folder / VIEWS / task["case"]) if task["case"] in PICTURED else None}
@@ -270,7 +264,6 @@ def _description(settings: Settings, folder: Path) -> dict[str, Any]:
                 "name another folder"
             )
         here = before
-    data = None if settings.data is None else str(settings.data)
-    description = {"settings": {**asdict(settings), "data": data}, "machine": here}
+    description = {"settings": {**asdict(settings), "data": settings.data and str(settings.data)}, "machine": here}
     write_json(path, description)
     return description

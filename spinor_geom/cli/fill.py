@@ -10,11 +10,10 @@ from rich.text import Text
 from spinor_geom.adapters.mesh_files import known_suffix
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines, show_table
 from spinor_geom.cli.source import read_surface, require_writable
-from spinor_geom.errors import SpinorGeomError
+from spinor_geom.errors import SpinorGeomError, require
 from spinor_geom.files import write_json
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.result import FillResult, LoopOutcome
-from spinor_geom.optional import require
 
 if TYPE_CHECKING:
     from spinor_geom.comparison import Comparison
@@ -69,7 +68,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     show_result(result)
     if arguments.picture is not None:
         from spinor_geom.render.png import write_png
-        from spinor_geom.render.scene import fill_scene
+        from spinor_geom.render.portrait import fill_scene
 
         write_png(fill_scene(result), arguments.picture)
     if arguments.html is not None:

@@ -7,10 +7,10 @@ from typing import Any
 
 from spinor_geom.cli.console import ExitStatus, show_lines, show_table
 from spinor_geom.cli.source import read_surface, require_writable
+from spinor_geom.errors import require
 from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import loop_crossings
-from spinor_geom.optional import require
 
 COLUMNS = ("loop", "points", "perimeter", "mean edge", "elongation", "corners", "vertex", "remark")
 
@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         show_lines("no boundary loops: the mesh is closed", piped=True)
     if arguments.picture is not None:
         from spinor_geom.render.png import write_png
-        from spinor_geom.render.scene import loops_scene
+        from spinor_geom.render.portrait import loops_scene
 
         arguments.picture.parent.mkdir(parents=True, exist_ok=True)
         write_png(loops_scene(mesh.mesh, loops), arguments.picture)
@@ -61,14 +61,12 @@ def row(index: int, loop: BoundaryLoop) -> list[str]:
     """A loop as a line of the table."""
     crossings = 0 if loop.slit_fraction else len(loop_crossings(loop.points))
     remarks = [
-        *([f"zero-width slit ({loop.slit_fraction:.0%})"] if loop.slit_fraction else []),
-        *([f"{len(loop.seam_edges)} edges on another loop"] if len(loop.seam_edges) else []),
-        *(
-            [f"crosses or touches itself at {crossings} {'pair' if crossings == 1 else 'pairs'} of edges"]
-            if crossings
-            else []
-        ),
-        *([f"no patch: {loop.obstacle}"] if loop.obstacle is not None else []),
+        f"zero-width slit ({loop.slit_fraction:.0%})" if loop.slit_fraction else "",
+        f"{len(loop.seam_edges)} edges on another loop" if len(loop.seam_edges) else "",
+        f"crosses or touches itself at {crossings} {'pair' if crossings == 1 else 'pairs'} of edges"
+        if crossings
+        else "",
+        "" if loop.obstacle is None else f"no patch: {loop.obstacle}",
         *loop.remarks,
     ]
     return [
@@ -79,5 +77,5 @@ def row(index: int, loop: BoundaryLoop) -> list[str]:
         f"{loop.elongation:.3g}",
         str(int(loop.corners.sum())),
         str(int(loop.vertex_ids[0])),
-        "; ".join(remarks),
+        "; ".join(filter(None, remarks)),
     ]

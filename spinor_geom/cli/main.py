@@ -15,8 +15,7 @@ from spinor_geom.errors import SpinorGeomError
 from spinor_geom.experiments import NAMES as EXPERIMENTS
 from spinor_geom.fill.options import CONTINUITY
 
-# commands of one module
-_TOGETHER = {
+_TOGETHER = {  # commands of one module
     **dict.fromkeys(("view", "render", "morph"), "pictures"),
     **dict.fromkeys(("batch", "bench", "reproduce"), "runs"),
 }
@@ -111,7 +110,7 @@ _FLAG: dict[str, Any] = {"action": "store_true"}
 _LENGTH: dict[str, Any] = {"metavar": "LENGTH", "type": _positive}
 _SECONDS: dict[str, Any] = {"metavar": "S", "type": _positive}
 _COUNT: dict[str, Any] = {"metavar": "N", "type": _checked(int, "a number from 1 on", lambda n: n > 0)}
-_NAMES: dict[str, Any] = {"metavar": "NAME[,NAME…]", "type": lambda text: [name for name in text.split(",") if name]}
+_NAMES: dict[str, Any] = {"metavar": "NAME[,NAME…]", "type": lambda text: tuple(filter(None, text.split(",")))}
 _loops = _checked(
     lambda text: [int(part) for part in text.split(",")],
     "a list of numbers such as 0,2,5; loops are numbered from 0",

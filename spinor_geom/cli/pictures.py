@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 from spinor_geom.cli.console import ExitStatus
 from spinor_geom.cli.source import read_surface, require_writable
-from spinor_geom.errors import RenderError
-from spinor_geom.optional import require
+from spinor_geom.errors import RenderError, require
 from spinor_geom.render.layers import MESH, Faces, Lines, View
 from spinor_geom.render.png import draw_apart
 

@@ -2,12 +2,11 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from spinor_geom.batching.engine import BatchProgress, batch
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines, show_table
+from spinor_geom.errors import require
 from spinor_geom.experiments import NAMES
-from spinor_geom.optional import require
 
 DATA = Path("data")  # of a clone, in whose root the command is usually given
 
@@ -54,17 +53,13 @@ def _said(now: BatchProgress) -> str:
 
 def _bench(arguments: argparse.Namespace) -> ExitStatus:
     from spinor_geom.bench.claims import claims
-    from spinor_geom.bench.page import PAGE, write
+    from spinor_geom.bench.page import PAGE, claim_table, trouble_table, write
     from spinor_geom.bench.runner import Settings, measure
-    from spinor_geom.bench.tables import claim_table, trouble_table
 
-    chosen: dict[str, Any] = {name: tuple(getattr(arguments, name) or ()) for name in ("suites", "cases", "methods")}
-    if arguments.data is not None or DATA.is_dir():
-        chosen["data"] = arguments.data or DATA
-    if arguments.repeat is not None:
-        chosen["repeat"] = arguments.repeat
-    if arguments.time_limit is not None:
-        chosen["time_limit"] = arguments.time_limit
+    own = ("suites", "cases", "methods", "repeat", "time_limit", "data")
+    chosen = {name: value for name, value in vars(arguments).items() if name in own and value is not None}
+    if DATA.is_dir():
+        chosen.setdefault("data", DATA)
     settings = Settings.short(**chosen) if arguments.quick else Settings(**chosen)
     with progress("measuring") as advance:
         result = measure(settings, arguments.output, on_record=lambda _, done, total: advance(done, total))

@@ -1,7 +1,5 @@
 """Area descent of a discrete disk with fixed boundary: Pinkall-Polthier iteration and a Newton finish."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,10 +17,8 @@ Faces = Int[np.ndarray, "f 3"]
 
 # Harmonic steps converge slowly near a loss of stability, Newton steps need a good start: hand over at this change.
 _HAND_OVER = 1e-3
-# Steps shorter than this share are not worth an area evaluation: the area is stationary to round-off.
-_SHORTEST_STEP = 1e-3
-# Faces below this have no normal.
-_NO_AREA = 1e-300
+_SHORTEST_STEP = 1e-3  # no smaller share of a step is worth an area evaluation: it is stationary to round-off
+_NO_AREA = 1e-300  # faces below this have no normal
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,9 +41,7 @@ def harmonic_extension(laplacian: csc_array, boundary: Float[np.ndarray, "m k"])
     return np.asarray(np.concatenate([boundary, factor.solve(-(laplacian[m:, :m] @ boundary))]))
 
 
-def descend_from_plane(
-    plane: PlaneTriangulation, boundary: Float[np.ndarray, "m 3"], *, relative_change: float
-) -> Disk:
+def descend_from_plane(plane: PlaneTriangulation, boundary: Vertices, *, relative_change: float) -> Disk:
     """Maps a plane mesh harmonically to its boundary in space, and descends in area as `descend_area` does."""
     mapped = harmonic_extension(mollified_laplacian(plane_coordinates(plane.points), plane.faces), boundary)
     return descend_area(mapped, plane.faces, len(boundary), relative_change=relative_change)
@@ -109,9 +103,8 @@ def _harmonic_step(x: Vertices, faces: Faces, m: int) -> tuple[Float[np.ndarray,
     cross = np.cross(edge[:, 1], edge[:, 2])
     normal = cross / np.maximum(np.linalg.norm(cross, axis=1), _NO_AREA)[:, None]
     pull = 0.5 * np.cross(normal[:, None], edge)
-    gradient = np.stack(
-        [np.bincount(faces.ravel(), pull[:, :, k].ravel(), minlength=len(x)) for k in range(3)], axis=1
-    )[m:]
+    pulls = [np.bincount(faces.ravel(), pull[:, :, k].ravel(), minlength=len(x)) for k in range(3)]
+    gradient = np.stack(pulls, axis=1)[m:]
     step = -factor_symmetric(mollified_laplacian(x, faces)[m:, m:]).solve(gradient)
     return np.asarray(step), -float((gradient * step).sum())
 

@@ -1,10 +1,7 @@
 """A plane domain for any closed curve: its minimum-area triangulation, unfolded."""
 
-from __future__ import annotations
-
 import itertools
 import math
-from functools import partial
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -13,14 +10,10 @@ from spinor_geom.domain.flattening import flatten_boundary
 from spinor_geom.errors import DomainError, FirstFillError
 from spinor_geom.mesh.operators import intrinsic_angles, intrinsic_laplacian
 
-# The triangulation costs O(n³) time and O(n²) memory: longer loops are thinned to this many points for it.
-_LONGEST = 160
-# Sine of the angle by which a curve turns at a point that may be left out: sampled straight sides keep their ends.
-_STRAIGHT = 1e-6
-# Share of the squared diagonals in the cost: decides where areas tie (plane loops, straight sides).
-_DIAGONAL_WEIGHT = 1e-4
-# Share of the way to 60° by which angles are drawn: none is below 3° then.
-_TO_EQUILATERAL = 0.05
+_LONGEST = 160  # the triangulation costs O(n³) time and O(n²) memory: longer loops are thinned to so many points
+_STRAIGHT = 1e-6  # sine of the turn at a point that may be left out: sampled straight sides keep their ends
+_DIAGONAL_WEIGHT = 1e-4  # share of squared diagonals in the cost: decides where areas tie (plane loops, straight sides)
+_TO_EQUILATERAL = 0.05  # share of the way to 60° by which angles are drawn: none is below 3° then
 
 
 def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Complex[np.ndarray, " m"]:
@@ -38,8 +31,14 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     angles = intrinsic_angles(np.linalg.norm(side, axis=2))
     turning = np.pi - np.bincount(triangles.ravel(), angles.ravel(), minlength=len(corners))
     edge = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+
+    def laplacian() -> Float[np.ndarray, "n n"]:
+        # of angles drawn a little to 60°, which still sum to π: slivers must not dominate the straightening
+        drawn = angles + _TO_EQUILATERAL * (np.pi / 3 - angles)
+        # the sines are the sides of a triangle with these angles, and its size does not matter
+        return np.asarray(intrinsic_laplacian(np.sin(drawn), triangles).toarray())
+
     try:
-        laplacian = partial(_laplacian, angles, triangles)
         flat = flatten_boundary(edge, turning, laplacian, clearance=1.0, saws=saws)
     except DomainError as error:
         raise FirstFillError(
@@ -127,13 +126,3 @@ def _thinned(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, " k"]:
         if not drop.any() or len(kept) - drop.sum() < 3:
             return kept
         kept = kept[~drop]
-
-
-def _laplacian(angles: Float[np.ndarray, "t 3"], triangles: Int[np.ndarray, "t 3"]) -> Float[np.ndarray, "n n"]:
-    """Cotangent Laplacian with angles drawn a little to 60°: slivers must not dominate the straightening.
-
-    The angles of each triangle still sum to π, without which the matrix would not be positive.
-    """
-    drawn = angles + _TO_EQUILATERAL * (np.pi / 3 - angles)
-    # the sines are the sides of a triangle with these angles, and its size does not matter
-    return np.asarray(intrinsic_laplacian(np.sin(drawn), triangles).toarray())

@@ -22,19 +22,17 @@ from spinor_geom.domain.triangulation import MOST_POINTS, one_by_one_on_error, t
 from spinor_geom.errors import DomainError, FirstFillError, OptionError, SpinorGeomError, TooManyRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas, mollified_laplacian
-from spinor_geom.mesh.topology import face_components, is_watertight
+from spinor_geom.mesh.topology import boundary_edges, is_disk
 from spinor_geom.shown import Shown
 
 if TYPE_CHECKING:
     import pymeshlab
 
 DiscreteMethod = Literal["libigl", "pymeshlab"]
-# The first mesh only has to be near enough for its flattening to be right.
-_FIRST_CHANGE = 1e-3
+_FIRST_CHANGE = 1e-3  # the first mesh only has to be near enough for its flattening to be right
 FINE_CHANGE = 1e-8
 _FINE_GROWTH = 0.15
-# Of the mean stretch from the plane: beyond, a target edge length is not kept.
-_MOST_STRETCHED = 4.0
+_MOST_STRETCHED = 4.0  # of the mean stretch from the plane: beyond, a target edge length is not kept
 _STEPS = 5
 
 
@@ -196,18 +194,13 @@ def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, t
     faces = disk_without_inner_points(points)
     area = float(face_areas(points, faces).sum())
     if area < disk.areas[-1]:
-        return Disk(
-            vertices=points, faces=faces, areas=(area,), converged=False, reason="no inner vertices lowered its area"
-        )
+        why = "no inner vertices lowered its area"
+        return Disk(vertices=points, faces=faces, areas=(area,), converged=False, reason=why)
     return replace(disk, reason=disk.reason or failure)
 
 
 def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:
-    """A disk over a closed curve that is minimal to about three digits: enough to flatten it.
-
-    Raises:
-        FirstFillError: no first fill was found.
-    """
+    """A disk over a closed curve that is minimal to about three digits: enough to flatten it; or a FirstFillError."""
     (disk,) = first_disks([points])
     if isinstance(disk, SpinorGeomError):
         raise disk
@@ -220,10 +213,8 @@ def first_disks(loops: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk | Spinor
     def made(some: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk]:
         polygons = [unfolded_loop(points) for points in some]
         planes = triangulate_regions([[polygon] for polygon in polygons], graded_sizes(polygons))
-        return [
-            descend_from_plane(plane, points, relative_change=_FIRST_CHANGE)
-            for plane, points in zip(planes, some, strict=True)
-        ]
+        pairs = zip(planes, some, strict=True)
+        return [descend_from_plane(plane, points, relative_change=_FIRST_CHANGE) for plane, points in pairs]
 
     return one_by_one_on_error(made, loops)
 
@@ -294,7 +285,10 @@ def remeshed(
     finally:
         # it would use our options in the caller's next calls
         _remesh(_mesh_set(np.eye(3), np.array([[0, 1, 2]])))
-    if not np.array_equal(new[:m], vertices[:m]) or not _is_disk(new_faces, vertices=len(new), boundary_size=m):
+    rim, boundary = np.arange(m), boundary_edges(new_faces)
+    kept = np.array_equal(boundary[boundary[:, 0].argsort()], np.stack([rim, np.roll(rim, -1)], axis=1))
+    kept = kept and np.array_equal(new[:m], vertices[:m])
+    if not kept or len(np.unique(new_faces)) < len(new) or not is_disk(new_faces):
         raise FirstFillError(f"MeshLab's remeshing tore the fill of a loop of {m} points")
     return new, new_faces
 
@@ -315,17 +309,3 @@ def _mesh_set(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"])
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32)))
     return meshes
-
-
-def _is_disk(faces: Int[np.ndarray, "f 3"], *, vertices: int, boundary_size: int) -> bool:
-    """Whether faces are one disk on all vertices whose boundary runs 0, 1, … boundary_size − 1."""
-    here = np.arange(boundary_size)
-    # a cone over the boundary closes a disk, and nothing else, to a sphere
-    cone = np.stack([np.roll(here, -1), here, np.full(boundary_size, vertices)], axis=1)
-    closed = np.concatenate([faces, cone])
-    return bool(
-        len(np.unique(closed)) == vertices + 1
-        and 2 * (vertices + 1) - len(closed) == 4  # Euler's formula for triangles without a boundary
-        and is_watertight(closed)
-        and face_components(closed).max() == 0
-    )

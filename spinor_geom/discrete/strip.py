@@ -1,26 +1,23 @@
 """Strips of triangles between two loops, and discrete annuli made from them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.discrete.area_descent import Disk, descend_from_plane, harmonic_extension
+from spinor_geom.discrete.area_descent import Disk, Faces, Vertices, descend_from_plane, harmonic_extension
 from spinor_geom.domain.sizes import GROWTH, size_bounds
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.mesh.operators import mollified_laplacian
 
 Rim = Float[np.ndarray, "m 3"]
 OtherRim = Float[np.ndarray, "n 3"]
+Places = tuple[Complex[np.ndarray, " m"], Complex[np.ndarray, " n"]]
 
-# Longer loops are thinned to so many points for the search of the strip.
-_MOST_POINTS = 128
+_MOST_POINTS = 128  # longer loops are thinned to so many points for the search of the strip
 # The first annulus has to be near enough for its conformal structure to be right; so often is it meshed anew.
 _FIRST_CHANGE, _ROUNDS = 1e-3, 2
-# Nodes on a length as long as a round annulus is wide.
-_NODES_PER_MODULUS = 4
+_NODES_PER_MODULUS = 4  # nodes on a length as long as a round annulus is wide
 
 
 def minimum_area_strip(first: Rim, second: OtherRim) -> tuple[Int[np.ndarray, "f 3"], float]:
@@ -34,9 +31,10 @@ def minimum_area_strip(first: Rim, second: OtherRim) -> tuple[Int[np.ndarray, "f
     """
     m, n = len(first), len(second)
     back = second[::-1]  # runs beside the first
-    ahead_a, ahead_b = np.roll(first, -1, axis=0), np.roll(back, -1, axis=0)
-    along_a = _triangle_areas(first[:, None], ahead_a[:, None], back[None])  # (m, n): edge i of the first, vertex j
-    along_b = _triangle_areas(back[None], ahead_b[None], first[:, None])  # (m, n): vertex i, edge j of the second
+    across = back - first[:, None]
+    edges_a, edges_b = np.roll(first, -1, axis=0) - first, np.roll(back, -1, axis=0) - back
+    along_a = 0.5 * np.linalg.norm(np.cross(edges_a[:, None], across), axis=2)  # (m, n): edge i of the first, vertex j
+    along_b = 0.5 * np.linalg.norm(np.cross(edges_b, -across), axis=2)  # (m, n): vertex i, edge j of the second
     # row i, column l: least area of a strip from (0, start) to (i, start + l), for each start
     around = (np.arange(n)[:, None] + np.arange(n + 1)) % n
     edges = (np.arange(n)[:, None] + np.arange(n)) % n
@@ -124,13 +122,7 @@ def ruled_annulus(first: Rim, second: OtherRim, target: float) -> tuple[PlaneTri
     return plane, np.concatenate([first, second, (1 - share) * ends[0] + share * ends[1]])
 
 
-def _triangle_areas(
-    a: Float[np.ndarray, "*#s 3"], b: Float[np.ndarray, "*#s 3"], c: Float[np.ndarray, "*#s 3"]
-) -> Float[np.ndarray, "*s"]:
-    return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=-1))
-
-
-def _strip_places(first: Rim, second: OtherRim) -> tuple[Complex[np.ndarray, " m"], Complex[np.ndarray, " n"]]:
+def _strip_places(first: Rim, second: OtherRim) -> Places:
     """Places on a round annulus: angles by the strip, radii by its mean width."""
     kept = [_thinned(p) for p in (first, second)]
     faces, area = minimum_area_strip(first[kept[0]], second[kept[1]])
@@ -141,23 +133,16 @@ def _strip_places(first: Rim, second: OtherRim) -> tuple[Complex[np.ndarray, " m
     angles = np.split(np.angle(total), [len(kept[0])])
     length = sum(float(np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum()) for p in (first, second)) / 2
     inner = math.exp(-2 * np.pi * area / length**2)
-    outer_angle, inner_angle = (
-        sign * _filled(sign * some, index, len(p))
-        for sign, some, index, p in zip((1, -1), angles, kept, (first, second), strict=True)
-    )
-    return np.exp(1j * outer_angle), inner * np.exp(1j * inner_angle)
+    places = []
+    for sign, some, index, points in zip((1, -1), angles, kept, (first, second), strict=True):
+        # increasing angles of some of the points, interpolated between them
+        turned = np.unwrap(sign * some)
+        ends = np.append(index, len(points)), np.append(turned, turned[0] + 2 * np.pi)
+        places.append(np.exp(1j * sign * np.interp(np.arange(len(points)), *ends)))
+    return places[0], inner * places[1]
 
 
-def _filled(angles: Float[np.ndarray, " k"], index: Int[np.ndarray, " k"], count: int) -> Float[np.ndarray, " n"]:
-    """Increasing angles of some of the points of a rim, interpolated between them."""
-    turned = np.unwrap(angles)
-    ends = np.append(index, count), np.append(turned, turned[0] + 2 * np.pi)
-    return np.asarray(np.interp(np.arange(count), *ends))
-
-
-def _conformal_places(
-    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], m: int, rim: int
-) -> tuple[Complex[np.ndarray, " m"], Complex[np.ndarray, " n"]]:
+def _conformal_places(vertices: Vertices, faces: Faces, m: int, rim: int) -> Places:
     """Places of the rims' vertices on the round annulus that a discrete annulus is conformal to."""
     laplacian = mollified_laplacian(vertices, faces)
     height = harmonic_extension(laplacian, np.repeat([0.0, 1.0], [m, rim - m])[:, None])
@@ -168,13 +153,11 @@ def _conformal_places(
     for part in (flux[:m], flux[m:]):
         step = np.pi * (part + np.roll(part, -1)) / part.sum()
         angles.append(np.cumsum(step) - step)
-    shift = _best_turn(vertices[:m], vertices[m:rim], angles[0], angles[1], modulus)
+    shift = _best_turn([vertices[:m], vertices[m:rim]], angles, modulus)
     return np.exp(1j * angles[0]), math.exp(-modulus) * np.exp(-1j * (angles[1] + shift))
 
 
-def nodes_on_cylinder(
-    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], rims: tuple[int, ...]
-) -> float:
+def nodes_on_cylinder(vertices: Vertices, faces: Faces, rims: tuple[int, ...]) -> float:
     """How many equal steps of the angle resolve the gap and every edge of a discrete annulus over a round one."""
     places = _conformal_places(vertices, faces, rims[0], sum(rims))
     modulus = -math.log(abs(places[1][0]))
@@ -182,15 +165,13 @@ def nodes_on_cylinder(
     return 2 * math.pi / max(min(modulus / _NODES_PER_MODULUS, shortest), float(np.finfo(np.float64).tiny))
 
 
-def _best_turn(
-    first: Rim, second: OtherRim, angle: Float[np.ndarray, " m"], other: Float[np.ndarray, " n"], modulus: float
-) -> float:
+def _best_turn(rims: list[np.ndarray], angles: list[np.ndarray], modulus: float) -> float:
     """The turn of the inner rim, run clockwise, for which the harmonic map of the annulus has the least energy."""
     n = 256
     even = 2 * np.pi * np.arange(n) / n
     spectra = [
         np.fft.rfft([np.interp(even, at, column, period=2 * np.pi) for column in points.T], axis=1)
-        for points, at in ((first, angle), (second, other))
+        for points, at in zip(rims, angles, strict=True)
     ]
     k = np.arange(n // 2 + 1)
     weight = -np.append(1 / modulus, k[1:] / np.sinh(np.minimum(k[1:] * modulus, 300.0)))

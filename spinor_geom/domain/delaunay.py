@@ -1,9 +1,6 @@
 """Constrained Delaunay triangles of a polygon with inner points, and what is read off them."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,29 +12,25 @@ from spinor_geom.errors import DomainError
 # numbers of vertices of the closed polygons that bound a plane region, with that on their left: the outer one first
 Rims = tuple[int, ...]
 
-# a walk that has not arrived after so many triangles counts as blocked
-_LONGEST_WALK = 16
+Places = Complex[np.ndarray, " k"]
+Lengths = Float[np.ndarray, " k"]
+Owners = Int[np.ndarray, " k"]  # the regions of points
+
+_LONGEST_WALK = 16  # a walk that has not arrived after so many triangles counts as blocked
 
 
 class ConstrainedDelaunay:
     """Constrained Delaunay triangulations of regions, each as by itself; all polygons' vertices, then inner points."""
 
-    # counter-clockwise, one region after the other; those outside the polygons have vertices that mean nothing
-    faces: Int[np.ndarray, "t 3"]
-    inside: Int[np.ndarray, " i"]  # numbers of the faces inside
-
     def __init__(
         self, points: Complex[np.ndarray, " n"], regions: Sequence[Rims], region: Int[np.ndarray, " n"] | None = None
     ) -> None:
-        """Takes the vertices of the polygons, then points inside; without the region of each there is only one.
-
-        A DomainError tells that two edges of a polygon cross, or that two points are equal.
-        """
+        """Takes the polygons' vertices, then points inside; DomainError where two are equal, or edges of one cross."""
         self.points, self.regions = points, tuple(regions)
         self.region = np.zeros(len(points), dtype=np.int64) if region is None else region
         self.boundary_size = sum(map(sum, regions))  # of all polygons
         self.own = _members(self.region, len(regions))  # the numbers of each region's points
-        self._parts = [_Region(points[own], rims) for own, rims in zip(self.own, regions, strict=True)]
+        self.parts = [_Region(points[own], rims) for own, rims in zip(self.own, regions, strict=True)]
         self._read()
 
     @property
@@ -45,12 +38,11 @@ class ConstrainedDelaunay:
         """The faces inside."""
         return np.asarray(self.faces[self.inside])
 
-    def insert(self, points: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"] | None = None) -> None:
+    def insert(self, points: Places, region: Owners) -> None:
         """Adds points inside the polygons and off their edges, and to no other; the triangles' numbers change."""
-        region = np.zeros(len(points), dtype=np.int64) if region is None else region
         for number, some in enumerate(_members(region, len(self.regions))):
             if len(some):
-                self._parts[number].insert(points[some])
+                self.parts[number].insert(points[some])
                 self.own[number] = np.append(self.own[number], len(self.points) + some)
         self.points, self.region = np.append(self.points, points), np.append(self.region, region)
         self._read()
@@ -59,28 +51,34 @@ class ConstrainedDelaunay:
         """Puts points elsewhere, those of some regions and to no other, and triangulates these regions anew."""
         self.points = points
         for number in regions:
-            self._parts[number] = _Region(points[self.own[number]], self.regions[number])
+            self.parts[number] = _Region(points[self.own[number]], self.regions[number])
         self._read()
 
-    @property
-    def neighbours(self) -> Int[np.ndarray, "t 3"]:
-        """For each triangle inside: number k lies across the edge from vertex k to the next, −1 across the polygon."""
-        # the last one is that of no triangle
-        number = np.full(len(self.faces) + 1, -1)
-        number[self.inside] = self.inside
-        across = [np.where(one.across < 0, -1, start + one.across) for start, one in self._started()]
-        return np.asarray(number[np.concatenate(across)])
-
     def _read(self) -> None:
-        self.faces = np.concatenate([own[one.faces] for own, one in zip(self.own, self._parts, strict=True)])
-        self.inside = np.concatenate([start + one.inside for start, one in self._started()])
+        # counter-clockwise, one region after the other; those outside the polygons have vertices that mean nothing
+        self.faces = np.concatenate([own[one.faces] for own, one in zip(self.own, self.parts, strict=True)])
+        first = np.cumsum([0, *(len(one.faces) for one in self.parts[:-1])])
+        # their numbers inside; across the edge from vertex k of one of these to the next lies neighbour k, −1 for none
+        self.inside = np.concatenate([k + one.inside for k, one in zip(first, self.parts, strict=True)])
+        across = [np.where(one.across < 0, -1, k + one.across) for k, one in zip(first, self.parts, strict=True)]
+        self.neighbours = np.concatenate(across)
 
-    def _started(self) -> Iterator[tuple[int, _Region]]:
-        """The regions with the number of each one's first triangle."""
-        start = 0
-        for one in self._parts:
-            yield start, one
-            start += len(one.faces)
+    def reaches(self, start: Int[np.ndarray, " k"], target: Places) -> Bool[np.ndarray, " k"]:
+        """Whether a walk over the triangles from number `start` towards each `target` arrives inside the polygon."""
+        arrived = np.zeros(len(start), dtype=bool)
+        active, at = np.arange(len(start)), start
+        for _ in range(_LONGEST_WALK):
+            p = self.points[self.faces[at]]
+            side = cross(p[:, [1, 2, 0]] - p, target[active][:, None] - p)
+            way_out = side.argmin(axis=1)
+            inside = side[np.arange(len(at)), way_out] >= 0
+            arrived[active[inside]] = True
+            following = self.neighbours[at, way_out]
+            go = ~inside & (following >= 0)
+            active, at = active[go], following[go]
+            if len(active) == 0:
+                break
+        return arrived
 
 
 class _Region:
@@ -91,40 +89,29 @@ class _Region:
             pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
         )
         after = rim_successors(rims)
-        # Any: numpy's stubs do not say that arrays are buffers
-        edges: Any = np.stack([np.arange(len(after)), after], axis=1).astype(np.uint32)
         self._m = len(after)
-        self._insert(points)
-        with self._typed_errors():
-            self._cdt.insert_edges(edges)
+        self._call(self._cdt.insert_vertices, plane_coordinates(points))
+        self._call(self._cdt.insert_edges, np.stack([np.arange(self._m), after], axis=1).astype(np.uint32))
         outer = self._cdt.collect_outer_triangles_and_holes()
-        # no point is ever added out there, so these stay as they are
-        self._outer = np.fromiter(outer, dtype=np.int64, count=len(outer))
+        self._outer = np.fromiter(outer, dtype=np.int64)  # no point is ever added out there, so these stay as they are
         self._read()
 
-    def insert(self, points: Complex[np.ndarray, " k"]) -> None:
-        self._insert(points)
+    def insert(self, points: Places) -> None:
+        self._call(self._cdt.insert_vertices, plane_coordinates(points))
         self._read()
-
-    def _insert(self, points: Complex[np.ndarray, " k"]) -> None:
-        vertices: Any = plane_coordinates(points)
-        with self._typed_errors():
-            self._cdt.insert_vertices(vertices)
 
     def _read(self) -> None:
         triangles = self._cdt.triangles_array(copy=False)
         # the vertices of a triangle around everything come first
         self.faces = triangles["vertices"].astype(np.int64) - 3
-        # none: the largest number that there is
-        self.across = triangles["neighbors"].astype(np.int32)
-        is_inside = np.ones(len(self.faces), dtype=bool)
+        across = triangles["neighbors"].astype(np.int32)  # none, the largest number that there is, becomes −1
+        is_inside = np.append(np.ones(len(self.faces), dtype=bool), False)
         is_inside[self._outer] = False
-        self.inside = np.flatnonzero(is_inside)
+        self.across, self.inside = np.where(is_inside[across], across, -1), np.flatnonzero(is_inside)
 
-    @contextmanager
-    def _typed_errors(self) -> Iterator[None]:
+    def _call(self, insert: Callable[[Any], None], what: np.ndarray) -> None:
         try:
-            yield
+            insert(what)
         except RuntimeError as error:
             # what the library says is of its own numbering
             raise DomainError(
@@ -174,9 +161,7 @@ def unique_edges(faces: Int[np.ndarray, "t 3"], n: int) -> Int[np.ndarray, "e 2"
     return np.stack([code // n, code % n], axis=1)
 
 
-def circumcircles(
-    p: Complex[np.ndarray, "t 3"],
-) -> tuple[Complex[np.ndarray, " t"], Float[np.ndarray, " t"], Float[np.ndarray, " t"]]:
+def circumcircles(p: Complex[np.ndarray, "t 3"]) -> tuple[Places, Lengths, Lengths]:
     """Circumcentre, circumradius, and shortest edge of each counter-clockwise triangle."""
     b, c = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
     bb, cc = b.real**2 + b.imag**2, c.real**2 + c.imag**2
@@ -185,27 +170,3 @@ def circumcircles(
     offset = 1j * (b * cc - c * bb) / twice
     shortest = np.sqrt(np.minimum(np.abs(c - b) ** 2, np.minimum(bb, cc)))
     return p[:, 0] + offset, np.abs(offset), shortest
-
-
-def reachable(
-    points: Complex[np.ndarray, " n"],
-    faces: Int[np.ndarray, "t 3"],
-    neighbours: Int[np.ndarray, "t 3"],
-    start: Int[np.ndarray, " k"],
-    target: Complex[np.ndarray, " k"],
-) -> Bool[np.ndarray, " k"]:
-    """Whether a walk over the triangles from number `start` towards `target` arrives without leaving the polygon."""
-    arrived = np.zeros(len(start), dtype=bool)
-    active, at = np.arange(len(start)), start
-    for _ in range(_LONGEST_WALK):
-        p = points[faces[at]]
-        side = cross(p[:, [1, 2, 0]] - p, target[active][:, None] - p)
-        way_out = side.argmin(axis=1)
-        inside = side[np.arange(len(at)), way_out] >= 0
-        arrived[active[inside]] = True
-        following = neighbours[at, way_out]
-        go = ~inside & (following >= 0)
-        active, at = active[go], following[go]
-        if len(active) == 0:
-            break
-    return arrived

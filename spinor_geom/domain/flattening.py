@@ -1,7 +1,5 @@
 """Boundary first flattening: boundary lengths kept, or as nearly as a simple plane domain allows."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -15,21 +13,20 @@ from spinor_geom.domain.polygons import bound_domain, outer_clearance, untangled
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.operators import factor_symmetric, intrinsic_angles, intrinsic_laplacian, mollified_edge_lengths
 
+Vertices = Float[np.ndarray, "n 3"]
+Faces = Int[np.ndarray, "f 3"]
 PerVertex = Float[np.ndarray, " m"]  # one number for each vertex of the boundary, rim by rim
 Matrix = Float[np.ndarray, "m m"]
 Polygon = Complex[np.ndarray, "_"]
 
 # Strengths of straightening, weakest first: weight of the size of u against the evenness of the smoothed curvature.
 _STRENGTHS = (1e5, 1e4, 3e3, 1e3, 3e2, 1e2, 30.0, 10.0, 3.0, 1.0, 0.1)
-# Widths of the smoothing as fractions of the boundary length: slow windings first, then ever more local tangles.
-_WIDTHS = (0.06, 0.03, 0.015)
-# Between far parts of the outer rim, across the outside, in local edge lengths.
-CLEARANCE = 1.5
+_WIDTHS = (0.06, 0.03, 0.015)  # of smoothing, by the boundary length: slow windings first, then more local tangles
+CLEARANCE = 1.5  # between far parts of the outer rim, across the outside, in local edge lengths
 # Newton steps to holes that close, and the log scale at which they have come to nothing: floats tell edges no more.
 _CLOSING_STEPS, _LARGEST_SCALE = 6, -float(np.log(np.finfo(np.float64).eps))
 
-# gives the Dirichlet-to-Neumann matrix Λ of a surface's boundary
-NeumannMatrix = Callable[[], Matrix]
+NeumannMatrix = Callable[[], Matrix]  # gives the Dirichlet-to-Neumann matrix Λ of a surface's boundary
 # makes of polygons the points of the curves that are drawn through their vertices
 Drawn = Callable[[tuple[Polygon, ...]], tuple[Polygon, ...]]
 
@@ -48,9 +45,7 @@ class Flattening:
         return np.concatenate(self.rims)
 
 
-def dirichlet_to_neumann(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int
-) -> tuple[NeumannMatrix, PerVertex]:
+def dirichlet_to_neumann(vertices: Vertices, faces: Faces, boundary_size: int) -> tuple[NeumannMatrix, PerVertex]:
     """Dirichlet-to-Neumann matrix Λ of a discrete surface and its boundary's turning k₀ when flattened at u = 0.
 
     A flattening with boundary log scale u turns by k₀ + Λu at its vertices; a disk's turning sums to 2π. Λ is made when
@@ -77,12 +72,7 @@ def dirichlet_to_neumann(
 
 
 def flatten(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "f 3"],
-    boundary_size: int,
-    *,
-    holes: Rims = (),
-    drawn: Drawn | None = None,
+    vertices: Vertices, faces: Faces, boundary_size: int, *, holes: Rims = (), drawn: Drawn | None = None
 ) -> Flattening:
     """Flattens a discrete surface conformally, with boundary scale as near to 1 as a simple boundary allows.
 
@@ -95,15 +85,9 @@ def flatten(
     Gaussian smoothing S along them: it straightens the slow winding and leaves corners alone. α is lowered until the
     boundary is clear. Small lobes, as ragged rims have them, are drawn in where that does not help (see `untangled`).
 
-    Args:
-        vertices: those of the outer rim first, then those of the holes, in order with the surface on their left.
-        faces: counter-clockwise.
-        boundary_size: number m of boundary vertices.
-        holes: numbers of those on the rims of holes, which come last.
-        drawn: gives the curves that will be drawn through the rims' vertices, which are to bound a domain too.
-
-    Raises:
-        DomainError: no simple domain was found.
+    The first vertices are the m of the boundary: those of the outer rim, then those of the holes, in order with the
+    surface on their left; the faces run counter-clockwise. The curves that will be drawn through the rims' vertices are
+    to bound a domain too. A DomainError tells that no simple domain was found.
 
     Source: Sawhney & Crane (2018) for u ↦ k₀ + Λu; Lévy et al., "Least squares conformal maps", ACM TOG 21 (2002), for
     the conformal energy.
@@ -127,8 +111,7 @@ def flatten_boundary(
     """The boundary of `flatten`, which raises alike, from edge lengths, turning angles at u = 0 and the matrix Λ.
 
     A gap below the clearance, in local edge lengths, is accepted if no larger one is found. `saws` leaves u·Λu out: the
-    boundary may then turn to and fro from vertex to vertex, which rounding it off undoes, and has fewer notches where
-    it winds about itself.
+    boundary may then turn to and fro from vertex to vertex, which rounding off undoes, and winds with fewer notches.
     """
     rims = (len(edge) - sum(holes), *holes)
     # tee: what was laid out in vain is not laid out again for its lobes

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TypeAlias
@@ -20,36 +19,29 @@ from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_pol
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.interpolation import piecewise_cubic
 
+Vertices = Complex[np.ndarray, " m"]
+LogScale = Float[np.ndarray, " m"]
 
+
+@dataclass(frozen=True, eq=False)
 class SplineBoundary:
-    """A closed curve z(t) of polynomial pieces, t in [0, 1), with corners where the domain has corners.
+    """A closed curve z(t) of polynomial pieces, t in [0, 1), with corners where the domain has corners."""
 
-    Attributes:
-        parameters: (m + 1,) of the vertices, from 0, with 1 (the first vertex again) at the end.
-        coefficients: (d + 1, m) of the pieces between them, highest power first.
-        corners: (m,) bool, which vertices are corners.
-        vertices: (m,) points that the curve passes through.
-    """
-
-    def __init__(
-        self,
-        parameters: Float[np.ndarray, " m1"],
-        coefficients: Complex[np.ndarray, "d1 m"],
-        corners: Bool[np.ndarray, " m"],
-    ) -> None:
-        self.parameters = np.asarray(parameters, dtype=np.float64)
-        self.coefficients = np.asarray(coefficients, dtype=np.complex128)
-        self.corners = np.asarray(corners, dtype=bool)
-        self.vertices = self.coefficients[-1].copy()
+    parameters: Float[np.ndarray, " m1"]  # of the vertices, from 0, with 1 (the first vertex again) at the end
+    coefficients: Complex[np.ndarray, "d1 m"]  # of the pieces between them, highest power first
+    corners: Bool[np.ndarray, " m"]  # which vertices are corners
 
     @classmethod
-    def through(
-        cls, vertices: Complex[np.ndarray, " m"], corners: Bool[np.ndarray, " m"] | None = None
-    ) -> SplineBoundary:
+    def through(cls, vertices: Vertices, corners: Bool[np.ndarray, " m"] | None = None) -> SplineBoundary:
         """The interpolating cubic spline by chord length through vertices, counter-clockwise."""
         flags = np.zeros(len(vertices), dtype=bool) if corners is None else np.asarray(corners, dtype=bool)
         parameters, coefficients = piecewise_cubic(plane_coordinates(np.asarray(vertices, dtype=np.complex128)), flags)
         return cls(parameters, coefficients[..., 0] + 1j * coefficients[..., 1], flags)
+
+    @property
+    def vertices(self) -> Vertices:
+        """Points that the curve passes through."""
+        return np.asarray(self.coefficients[-1])
 
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """z(t); t is taken modulo 1."""
@@ -124,28 +116,6 @@ def sampled(boundary: Boundary, each: int) -> Complex[np.ndarray, " n"]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PathTree:
-    """A tree of straight edges inside Ω that joins every vertex of its triangulation to the root.
-
-    Attributes:
-        root: the vertex where integration starts.
-        parent: for each vertex the one before it on its way from the root; the root is its own parent.
-    """
-
-    root: int
-    parent: Int[np.ndarray, " n"]
-
-    def visited(self, wanted: Int[np.ndarray, " k"]) -> Int[np.ndarray, " v"]:
-        """The vertices on the ways from the root to the given ones, these and the root included, ascending."""
-        on_way = np.zeros(len(self.parent), dtype=bool)
-        while len(wanted):
-            on_way[wanted] = True
-            wanted = np.unique(self.parent[wanted])
-            wanted = wanted[~on_way[wanted]]
-        return np.flatnonzero(on_way)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class PlaneDomain:
     """A plane domain Ω, simply connected or with holes, with a triangulation of it.
 
@@ -154,8 +124,7 @@ class PlaneDomain:
 
     Attributes:
         boundary: the outer boundary as a closed curve, counter-clockwise.
-        triangulation: triangles inside the polygon of the boundary's vertices; those vertices come first, those of the
-            holes next.
+        triangulation: triangles inside the polygon of the boundary's vertices, which come first, those of holes next.
         log_scale: u at the boundary's vertices: e^u is the length in Ω per length on the discrete surface it was
             flattened from; 0 where lengths are kept.
         holes: boundaries of holes, clockwise.
@@ -163,7 +132,7 @@ class PlaneDomain:
 
     boundary: Boundary
     triangulation: PlaneTriangulation
-    log_scale: Float[np.ndarray, " m"] = field(default_factory=lambda: np.zeros(0))
+    log_scale: LogScale = field(default_factory=lambda: np.zeros(0))
     holes: tuple[Boundary, ...] = ()
 
     @classmethod
@@ -171,8 +140,7 @@ class PlaneDomain:
     def disk(cls, radius: float = 1.0, n: int = 64) -> PlaneDomain:
         """The disk |z| < radius; `n` vertices on its circle. Most loops are solved on it: they share one.
 
-        Raises:
-            OptionError: radius is not positive or n < 3.
+        A radius that is not positive, or n < 3, is an OptionError.
         """
         if not radius > 0 or n < 3:
             raise OptionError(f"a disk needs a positive radius and at least 3 vertices, got {radius} and {n}")
@@ -182,8 +150,7 @@ class PlaneDomain:
     def annulus(cls, inner: float, outer: float = 1.0, n: int = 64) -> PlaneDomain:
         """The annulus inner < |z| < outer; `n` vertices on each circle.
 
-        Raises:
-            OptionError: not 0 < inner < outer, n < 3, or so few that the polygons cross.
+        It is an OptionError where not 0 < inner < outer, n < 3, or n is so small that the polygons cross.
         """
         if not 0 < inner < outer or n < 3 or inner >= outer * np.cos(np.pi / n):
             raise OptionError(
@@ -194,27 +161,18 @@ class PlaneDomain:
 
     @classmethod
     def from_boundary(
-        cls,
-        vertices: Complex[np.ndarray, " m"],
-        corners: Bool[np.ndarray, " m"] | None = None,
-        log_scale: Float[np.ndarray, " m"] | None = None,
+        cls, vertices: Vertices, corners: Bool[np.ndarray, " m"] | None = None, log_scale: LogScale | None = None
     ) -> PlaneDomain:
-        """The domain inside the spline through the vertices (counter-clockwise).
-
-        Raises:
-            DomainError: the polygon of the vertices is not simple.
-        """
+        """The domain inside the spline through the vertices (counter-clockwise); raises as `inside`."""
         return cls.inside(SplineBoundary.through(vertices, corners), log_scale)
 
     @classmethod
     def inside(
-        cls, boundary: Boundary, log_scale: Float[np.ndarray, " m"] | None = None, *, holes: tuple[Boundary, ...] = ()
+        cls, boundary: Boundary, log_scale: LogScale | None = None, *, holes: tuple[Boundary, ...] = ()
     ) -> PlaneDomain:
         """The domain inside a curve and outside holes, triangulated with edges that grow inwards.
 
-        Raises:
-            DomainError: the polygon of the curve's vertices is not simple, or a hole's is not simple, not clockwise or
-                not inside it.
+        A polygon of vertices that is not simple, or of a hole and not clockwise or not inside, is a DomainError.
         """
         rims = tuple(len(each.vertices) for each in (boundary, *holes))
         vertices = np.concatenate([each.vertices for each in (boundary, *holes)])
@@ -231,7 +189,7 @@ class PlaneDomain:
         return (self.boundary, *self.holes)
 
     @cached_property
-    def vertices(self) -> Complex[np.ndarray, " m"]:
+    def vertices(self) -> Vertices:
         """The vertices of all of ∂Ω."""
         return np.concatenate([boundary.vertices for boundary in self.boundaries])
 
@@ -243,22 +201,18 @@ class PlaneDomain:
 
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """Points of ∂Ω."""
-        return self._on_boundaries(lambda boundary, own: boundary.point(own), t)
+        return self._on_boundaries("point", t)
 
     def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """dz/dt at points of ∂Ω."""
-        return self._on_boundaries(lambda boundary, own: boundary.derivative(own), t)
+        return self._on_boundaries("derivative", t)
 
-    def _on_boundaries(
-        self,
-        function: Callable[[Boundary, Float[np.ndarray, " n"]], Complex[np.ndarray, " n"]],
-        t: Float[np.ndarray, "*pts"],
-    ) -> Complex[np.ndarray, "*pts"]:
+    def _on_boundaries(self, method: str, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         number = (np.asarray(t) // 2).astype(np.int64)
         z = np.empty(number.shape, dtype=np.complex128)
         for k, boundary in enumerate(self.boundaries):
             here = number == k
-            z[here] = function(boundary, np.asarray(t)[here] - 2 * k)
+            z[here] = getattr(boundary, method)(np.asarray(t)[here] - 2 * k)
         return z
 
     @cached_property
@@ -315,11 +269,11 @@ class PlaneDomain:
         return first + int(np.argmin(np.abs(points[first:] - points[first:].mean())))
 
     @cached_property
-    def paths(self) -> PathTree:
-        """Tree over the triangulation's edges from its root.
+    def parents(self) -> Int[np.ndarray, " n"]:
+        """For each vertex of the triangulation the one before it on its way along edges from the root, its own parent.
 
-        It is a tree of shortest paths in which an edge that touches ∂Ω counts many times its length: near ∂Ω the poles
-        of p and q are near too, and integrals along it cost digits. So boundary vertices are leaves where they can be.
+        The ways are shortest paths in which an edge that touches ∂Ω counts many times its length: near ∂Ω the poles of
+        p and q are near too, and integrals along it cost digits. So boundary vertices are leaves where they can be.
         """
         points = self.triangulation.points
         n, m = len(points), self.triangulation.boundary_size
@@ -328,9 +282,18 @@ class PlaneDomain:
         cost = np.abs(points[edges[:, 1]] - points[edges[:, 0]]) * np.array([1.0, 1e3, 1e6])[on_boundary]
         graph = coo_array((cost, (edges[:, 0], edges[:, 1])), shape=(n, n)).tocsr()
         _, before = dijkstra(graph, directed=False, indices=np.array(self.root), return_predecessors=True)
-        parent = before.ravel().astype(np.int64)
-        parent[self.root] = self.root
-        return PathTree(root=self.root, parent=parent)
+        parents = before.ravel().astype(np.int64)
+        parents[self.root] = self.root
+        return parents
+
+    def visited(self, wanted: Int[np.ndarray, " k"]) -> Int[np.ndarray, " v"]:
+        """The vertices on the ways from the root to the given ones, these and the root included, ascending."""
+        on_way = np.zeros(len(self.parents), dtype=bool)
+        while len(wanted):
+            on_way[wanted] = True
+            wanted = np.unique(self.parents[wanted])
+            wanted = wanted[~on_way[wanted]]
+        return np.flatnonzero(on_way)
 
 
 def panel_breaks(boundary: Boundary) -> Float[np.ndarray, " b"]:
@@ -344,8 +307,7 @@ def panel_breaks(boundary: Boundary) -> Float[np.ndarray, " b"]:
     return np.unique(np.concatenate([t, after.ravel(), before.ravel()]))
 
 
-# the boundaries of many domains are one: the circle on which most loops are solved
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=16)  # the boundaries of many domains are one: the circle on which most loops are solved
 def _graded_triangulation(vertices: bytes, rims: Rims) -> PlaneTriangulation:
     """The triangulation inside polygons given as the bytes of their complex vertices, with edges that grow inwards."""
     points = np.frombuffer(vertices, dtype=np.complex128)

@@ -1,15 +1,12 @@
-"""Closed plane polygons: where they cross themselves, what they bound, and how near they come to themselves."""
-
-from __future__ import annotations
+"""Closed plane polygons: where they cross themselves, what they bound and with what points, how near they come."""
 
 import itertools
 
 import numpy as np
-from jaxtyping import Bool, Complex, Int
-from scipy.spatial import cKDTree
+from jaxtyping import Bool, Complex, Float, Int
 
-from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates
-from spinor_geom.mesh.intersections import crossings_between
+from spinor_geom.domain.delaunay import flat_coordinates
+from spinor_geom.mesh.intersections import crossings_between, edges_with_near_boxes
 from spinor_geom.mesh.operators import winding_numbers
 
 
@@ -17,23 +14,20 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
     """Pairs i < j of edges of a closed polygon that cross; neighbours count where one folds back onto the other."""
     m = len(polygon)
     ends = np.stack([polygon, np.roll(polygon, -1)])
-    edge, middle = ends[1] - ends[0], ends.mean(axis=0)
-    half = 0.5 * np.abs(edge)
-    tree = cKDTree(plane_coordinates(middle))
-    # the share is for round-off: edges cross only where their middles are within half their lengths
-    i, j = tree.query_pairs(2.001 * half.max(), output_type="ndarray").T
-    near = (np.abs(middle[i] - middle[j]) <= 1.001 * (half[i] + half[j])) & (j - i > 1) & (j - i < m - 1)
-    i, j = i[near], j[near]
+    edge = ends[1] - ends[0]
+    i, j = edges_with_near_boxes(flat_coordinates(ends[0]), flat_coordinates(ends[1]), 0.0)
+    apart = (j - i > 1) & (j - i < m - 1)
+    i, j = i[apart], j[apart]
     on_line = 1e-12 * np.abs(edge) * np.abs(polygon - polygon[0]).max()
 
-    def apart(one: Int[np.ndarray, " k"], other: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+    def parts(one: Int[np.ndarray, " k"], other: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
         side = np.imag(np.conj(edge[one]) * (ends[:, other] - polygon[one]))
         # points on the line of an edge are on neither side: edges of one straight side do not cross by round-off
         side[np.abs(side) <= on_line[one]] = 0
         return np.asarray(side[0] * side[1] < 0)
 
-    hit = apart(i, j)
-    hit[hit] = apart(j[hit], i[hit])
+    hit = parts(i, j)
+    hit[hit] = parts(j[hit], i[hit])
     turn = np.conj(edge) * np.roll(edge, -1)
     back = np.flatnonzero((turn.imag == 0) & (turn.real < 0))
     folds = np.sort(np.stack([back, (back + 1) % m], axis=1), axis=1)
@@ -110,8 +104,7 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"]) -> float:
         return np.inf
     order = np.argsort(relative[i, j])
     i, j = i[order], j[order]
-    # the smallest gaps first: the first that lies outside all along is the answer
-    for start in range(0, len(i), 256):
+    for start in range(0, len(i), 256):  # the smallest gaps first: the first that lies outside all along is the answer
         block = slice(start, start + 256)
         along_gap = a[i[block], None] + np.array([0.2, 0.5, 0.8]) * (a[j[block]] - a[i[block]])[:, None]
         d = a - along_gap[:, :, None]
@@ -120,3 +113,47 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"]) -> float:
             first = start + int(np.argmax(outside))
             return float(relative[i[first], j[first]])
     return np.inf
+
+
+def lattice_inside(polygon: Complex[np.ndarray, " m"], spacing: float) -> Complex[np.ndarray, " k"]:
+    """The points inside a polygon of the triangular lattice with rows along the x-axis; see `lattices_inside`."""
+    return lattices_inside(polygon, np.full(len(polygon), spacing), np.roll(np.arange(len(polygon)), -1), 0)[0]
+
+
+def lattices_inside(
+    polygons: Complex[np.ndarray, " m"],
+    spacing: Float[np.ndarray, " m"],
+    after: Int[np.ndarray, " m"],
+    region: Int[np.ndarray, " m"] | int,
+) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """The points of triangular lattices inside polygons, or between them, and their regions, which ascend.
+
+    Row by row: a row enters and leaves a region by turns where it crosses the edges. Takes time and memory in
+    proportion to the crossings and the points. Of every vertex of the simple polygons come the distance of neighbouring
+    points of its region's lattice, the number of the next vertex on its polygon, and the region.
+    """
+    height = np.sqrt(0.75) * spacing
+    end = polygons[after]
+    low, high = np.minimum(polygons.imag, end.imag), np.maximum(polygons.imag, end.imag)
+    # the edges cross the rows from the first at or above their low end to the last below their high end
+    first, last = np.ceil(low / height).astype(np.int64), np.ceil(high / height).astype(np.int64)
+    edge, row = _ranges(first, last - first)
+    share = (row * height[edge] - polygons.imag[edge]) / (end.imag - polygons.imag)[edge]
+    x = polygons.real[edge] + share * (end.real - polygons.real)[edge]
+    order = np.lexsort((x, row, np.broadcast_to(region, len(polygons))[edge]))
+    edge, row, x = edge[order[::2]], row[order[::2]], x[order]
+    shift = 0.5 * (row % 2)
+    left = np.ceil(x[::2] / spacing[edge] - shift).astype(np.int64)
+    right = np.ceil(x[1::2] / spacing[edge] - shift).astype(np.int64)
+    piece, column = _ranges(left, right - left)
+    edge, row = edge[piece], row[piece]
+    points = (column + shift[piece]) * spacing[edge] + 1j * (row * height[edge])
+    return np.asarray(points), np.broadcast_to(region, len(polygons))[edge]
+
+
+def _ranges(
+    first: Int[np.ndarray, " n"], count: Int[np.ndarray, " n"]
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Numbers first, first + 1, … for each of n ranges, one range after the other, and whose each number is."""
+    owner = np.repeat(np.arange(len(first)), count)
+    return owner, np.arange(len(owner)) + (first + count - np.cumsum(count))[owner]

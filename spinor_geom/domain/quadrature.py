@@ -1,13 +1,16 @@
-"""Quadrature rules on [0, 1], by name."""
+"""Quadrature: rules on [0, 1] by name, and Gauss-Legendre panels on the boundary of a plane domain, holes included."""
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 
+from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
 from spinor_geom.errors import OptionError
 
 RuleName = Literal["trapezoid", "simpson", "gauss"]
@@ -22,15 +25,10 @@ class Rule(NamedTuple):
 
 @lru_cache(maxsize=64)
 def rule(name: RuleName, n: int) -> Rule:
-    """Quadrature rule on [0, 1].
+    """Quadrature rule on [0, 1]: n intervals of "trapezoid" or "simpson", or n nodes of "gauss".
 
-    Args:
-        name: "trapezoid" (n intervals, n + 1 nodes, error O(n⁻²)), "simpson" (n intervals, n even, error O(n⁻⁴)) or
-            "gauss" (Gauss-Legendre with n nodes, exact for polynomials of degree 2n - 1).
-        n: number of intervals, or of nodes for "gauss".
-
-    Raises:
-        OptionError: unknown name, n < 1, or an odd n for "simpson".
+    The error is O(n⁻²) or, for an even n, O(n⁻⁴); Gauss-Legendre is exact for polynomials of degree 2n − 1. An unknown
+    name, n < 1, and an odd n for "simpson" are an OptionError.
     """
     if n < 1:
         raise OptionError(f"a quadrature rule needs n of at least 1, got {n}")
@@ -58,10 +56,7 @@ def cumulative_matrix(order: int, ends: tuple[float, ...] | None = None) -> Floa
     nodes, _ = np.polynomial.legendre.leggauss(order)
     x = nodes if ends is None else 2 * np.asarray(ends) - 1
     values = np.polynomial.legendre.legvander(nodes, order - 1)
-    integrals = np.stack(
-        [np.polynomial.legendre.legval(x, np.polynomial.legendre.legint(unit, lbnd=-1)) for unit in np.eye(order)],
-        axis=1,
-    )
+    integrals = np.polynomial.legendre.legvander(x, order) @ np.polynomial.legendre.legint(np.eye(order), lbnd=-1)
     return _frozen(integrals @ np.linalg.inv(values) / 2)
 
 
@@ -69,3 +64,76 @@ def _frozen(array: np.ndarray) -> np.ndarray:
     """The array itself, which may be shared because it can no longer be written to."""
     array.setflags(write=False)
     return array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Panels:
+    """Composite Gauss-Legendre rule along ∂Ω: P panels of G nodes each."""
+
+    order: int  # G
+    breaks: Float[np.ndarray, " b"]  # panel ends in the parameter t, from 0 to 1; for holes as in `PlaneDomain`
+    t: Float[np.ndarray, " n"]  # parameters of the nodes, increasing
+    z: Complex[np.ndarray, " n"]  # nodes on ∂Ω
+    dz: Complex[np.ndarray, " n"]  # derivative dz/dt at the nodes
+    weights: Float[np.ndarray, " n"]  # quadrature weights in t, so that Σ f·dz·weights = ∮ f dz
+
+    @classmethod
+    def around(cls, domain: PlaneDomain, breaks: Sequence[Float[np.ndarray, " _"]], order: int) -> Panels:
+        """Panels on all of ∂Ω, between the breaks from 0 to 1 that each of its boundaries has."""
+        parts = [cls.on(boundary, ends, order) for boundary, ends in zip(domain.boundaries, breaks, strict=True)]
+        shifts = 2.0 * np.arange(len(parts))
+        return cls(
+            order=order,
+            breaks=np.concatenate([part.breaks + shift for part, shift in zip(parts, shifts, strict=True)]),
+            t=np.concatenate([part.t + shift for part, shift in zip(parts, shifts, strict=True)]),
+            z=np.concatenate([part.z for part in parts]),
+            dz=np.concatenate([part.dz for part in parts]),
+            weights=np.concatenate([part.weights for part in parts]),
+        )
+
+    @cached_property
+    def ends(self) -> Float[np.ndarray, "p 2"]:
+        """Both ends of each panel in t."""
+        pairs = np.stack([self.breaks[:-1], self.breaks[1:]], axis=1)
+        return np.asarray(pairs[pairs[:, 0] % 2 < 1])
+
+    @cached_property
+    def rims(self) -> tuple[int, ...]:
+        """Numbers of panels of each boundary."""
+        return tuple(np.bincount((self.ends[:, 0] // 2).astype(np.int64)).tolist())
+
+    @cached_property
+    def widths(self) -> Float[np.ndarray, " p"]:
+        """Lengths of the panels in t."""
+        return np.asarray(self.ends[:, 1] - self.ends[:, 0])
+
+    @property
+    def own_parameters(self) -> tuple[Float[np.ndarray, " _"], ...]:
+        """The parameters of the nodes of each boundary, from 0 to 1."""
+        counts = np.cumsum(self.rims)[:-1] * self.order
+        return tuple(part - 2 * number for number, part in enumerate(np.split(self.t, counts)))
+
+    @classmethod
+    def on(cls, boundary: Boundary, breaks: Float[np.ndarray, " b"], order: int) -> Panels:
+        """Panels between consecutive breaks (0 = first < … < last = 1), `order` nodes each."""
+        x, w = rule("gauss", order)
+        h = np.diff(breaks)
+        t = (breaks[:-1, None] + h[:, None] * x).ravel()
+        return cls(
+            order=order,
+            breaks=breaks,
+            t=t,
+            z=boundary.point(t),
+            dz=boundary.derivative(t),
+            weights=(h[:, None] * w).ravel(),
+        )
+
+    @property
+    def cumulative(self) -> Float[np.ndarray, "g g"]:
+        """Integration matrix of one panel of unit length, from its start to each of its nodes."""
+        return cumulative_matrix(self.order)
+
+    @property
+    def arc_weights(self) -> Float[np.ndarray, " n"]:
+        """Weights of the integral by arc length, Σ f·arc_weights = ∮ f |dz|."""
+        return np.asarray(self.weights * np.abs(self.dz))

@@ -1,36 +1,37 @@
-"""What Delaunay refinement adds to triangulated regions of the plane: circumcentres, and points on long bridges."""
-
-from __future__ import annotations
+"""Delaunay refinement of regions of the plane, by circumcentres and points on long bridges; better places for them."""
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from spinor_geom.domain.delaunay import (
     ConstrainedDelaunay,
+    Lengths,
+    Owners,
+    Places,
     circumcircles,
+    cross,
     edge_codes,
     plane_coordinates,
-    reachable,
     unique_edges,
 )
-from spinor_geom.domain.nearest import Lengths, NearestPoints, Owners, Places
-from spinor_geom.domain.sizes import RegionSizes
+from spinor_geom.domain.sizes import NearestPoints, RegionSizes
 
-# in degrees, below which a triangle is refined; above 30 the number of points grows quickly
-MIN_ANGLE = 25.0
+# of the angle below which a triangle is refined; above 30° the number of points grows quickly
+_LEAST_SINE = np.sin(np.radians(25.0))
 # a triangle is too large when its circumradius exceeds this times the wanted edge length (equilateral: 1.3 edges)
 _LARGEST_RADIUS = 0.75
-# where it comes near to that by the lengths wanted at its corners, the one wanted in its middle decides
-_DOUBTFUL = 0.8
-# new points of one batch keep this share of the smaller of their circumradii between them
-_BATCH_SPACING = 0.8
-# a batch adds points in proportion to those there are, so the number of batches grows like a logarithm
-_BATCHES = 60
+_DOUBTFUL = 0.8  # where it comes near to that by the lengths wanted at its corners, that of its middle decides
+_BATCH_SPACING = 0.8  # new points of one batch keep this share of the smaller of their circumradii between them
+_BATCHES = 60  # a batch adds points in proportion to those there are, so the number of batches grows like a logarithm
 # no new point sees a boundary edge under more than 110°; a right angle leaves short edges beside long ones no room
 _WIDEST_VIEW = np.cos(np.radians(180 - 110))
 # an inner edge between two boundary vertices is split from this many wanted edge lengths on, sooner at a corner
-_LONGEST_BRIDGE = 1.45
-_LONGEST_EAR = 1.05
+_LONGEST_BRIDGE, _LONGEST_EAR = 1.45, 1.05
+_ROUND_ENOUGH = 0.4  # smoothing may make a triangle less round only down to this (1: equilateral)
+_MOVES = 2  # more moves, or a new triangulation between them, make no angle better
+# a point of a poor triangle tries eight places around it, at these shares of the mean length of its edges
+_POLISHING_STEPS = (0.3, 0.3, 0.15, 0.15, 0.08, 0.08)
+_AROUND = np.append(0, np.exp(2j * np.pi * np.arange(8) / 8))
 
 
 class Boundary:
@@ -66,14 +67,9 @@ class Boundary:
 
 
 def refine(
-    mesh: ConstrainedDelaunay,
-    at_points: Float[np.ndarray, " n"],
-    boundary: Boundary,
-    size: RegionSizes,
-    room: Int[np.ndarray, " r"],
+    mesh: ConstrainedDelaunay, at_points: Lengths, boundary: Boundary, size: RegionSizes, room: Int[np.ndarray, " r"]
 ) -> None:
     """Inserts batches of circumcentres until no triangle wants and can have one; `room` bounds each region's points."""
-    sine = np.sin(np.radians(MIN_ANGLE))
     at_centres = np.zeros(boundary.count, dtype=bool)
     # the triangles to look at are those of open vertices: the new ones, and those whose point lost against another
     is_open = np.ones(len(mesh.points), dtype=bool)
@@ -88,10 +84,10 @@ def refine(
         if len(doubtful):
             wanted[doubtful] = size(p[doubtful].mean(axis=1), owner[doubtful])
         excess = radius / (_LARGEST_RADIUS * wanted)
-        poor = np.flatnonzero((excess > 1) | (shortest < 2 * radius * sine))
+        poor = np.flatnonzero((excess > 1) | (shortest < 2 * radius * _LEAST_SINE))
         poor = poor[~boundary.too_near(centre[poor], owner[poor])]
         if len(poor):
-            poor = poor[reachable(mesh.points, mesh.faces, mesh.neighbours, seen[poor], centre[poor])]
+            poor = poor[mesh.reaches(seen[poor], centre[poor])]
         chosen = poor[independent(centre[poor], owner[poor], _BATCH_SPACING * radius[poor], excess[poor])]
         there = np.bincount(mesh.region[mesh.boundary_size :], minlength=boundary.count)
         new = chosen[place_in_region(owner[chosen]) < (room - there)[owner[chosen]]]
@@ -152,8 +148,7 @@ def long_bridges(mesh: ConstrainedDelaunay, boundary: Boundary, size: RegionSize
     owner = mesh.region[start]
     place, length = 0.5 * (points[start] + points[end]), np.abs(points[end] - points[start])
     # a bridge that hides one convex vertex from an inner point goes sooner, and its point lies farther in
-    blocked = faces[(faces < m).all(axis=1)]
-    code, count = np.unique(edge_codes(blocked, m), return_counts=True)
+    code, count = np.unique(edge_codes(faces[(faces < m).all(axis=1)], m), return_counts=True)
     one_sided = np.isin(start * m + end, code[count == 1])
     is_next = after[after[start]] == end
     ear = (is_next | (after[after[end]] == start)) & one_sided
@@ -170,3 +165,93 @@ def long_bridges(mesh: ConstrainedDelaunay, boundary: Boundary, size: RegionSize
 def place_in_region(region: Owners) -> Owners:
     """Numbers from 0 on within each run of equal numbers, which ascend."""
     return np.asarray(np.arange(len(region)) - np.searchsorted(region, region))
+
+
+def smooth(mesh: ConstrainedDelaunay) -> None:
+    """Moves inner points to the mean of their neighbours, twice, where no face is flipped, and triangulates anew."""
+    points, faces, m = mesh.points, mesh.triangles, mesh.boundary_size
+    n = len(points)
+    if n == m:
+        return
+    a, b = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    degree = np.bincount(a, minlength=n)[m:]
+    for _ in range(_MOVES):
+        total = np.bincount(a, points.real[b], n) + 1j * np.bincount(a, points.imag[b], n)
+        moved = points.copy()
+        moved[m:] = total[m:] / degree
+        points = _held_back(mesh, points, moved)
+    mesh.move(points, np.unique(mesh.region[m:]))
+
+
+def polish(mesh: ConstrainedDelaunay) -> None:
+    """Moves inner points of triangles with an angle below that of refinement to the best of a few places nearby."""
+    for step in _POLISHING_STEPS:
+        points, faces = mesh.points, mesh.triangles
+        chosen = _worst_points(mesh, faces)
+        if not chosen.any():
+            break
+        # every corner of a face at a chosen point, sorted by point
+        corner = np.flatnonzero(chosen[faces].ravel())
+        corner = corner[np.argsort(faces.ravel()[corner], kind="stable")]
+        own, face, k = faces.ravel()[corner], corner // 3, corner % 3
+        p, q = points[faces[face, (k + 1) % 3]], points[faces[face, (k + 2) % 3]]
+        start = np.flatnonzero(np.append(True, own[1:] != own[:-1]))
+        vertex, count = own[start], np.diff(np.append(start, len(own)))
+        reach = np.add.reduceat(np.abs(p - points[own]), start) / count
+        mean = np.add.reduceat(p, start) / count
+        places = points[vertex][:, None] + step * reach[:, None] * _AROUND
+        places = np.append(places, mean[:, None], axis=1)
+        sines = smallest_sine(np.repeat(places, count, axis=0), p[:, None], q[:, None])
+        best = np.minimum.reduceat(sines, start, axis=0).argmax(axis=1)
+        points = points.copy()
+        points[vertex] = places[np.arange(len(vertex)), best]
+        mesh.move(points, np.unique(mesh.region[vertex]))
+
+
+def smallest_sine(
+    a: Complex[np.ndarray, "*#n"], b: Complex[np.ndarray, "*#n"], c: Complex[np.ndarray, "*#n"]
+) -> Float[np.ndarray, "*n"]:
+    """Sine of the smallest angle of triangles a, b, c; negative for clockwise ones."""
+    ab, bc, ca = np.abs(b - a), np.abs(c - b), np.abs(a - c)
+    longest = np.maximum(ab, np.maximum(bc, ca))
+    middle = ab + bc + ca - longest - np.minimum(ab, np.minimum(bc, ca))
+    return np.asarray(cross(b - a, c - a) / (longest * middle))
+
+
+def _worst_points(mesh: ConstrainedDelaunay, faces: Int[np.ndarray, "t 3"]) -> Bool[np.ndarray, " n"]:
+    """Marks inner points of poor triangles that are worse than all their neighbours: these can move independently."""
+    n = len(mesh.points)
+    quality = smallest_sine(*mesh.points[faces].T)
+    poor = np.flatnonzero(quality < _LEAST_SINE)
+    key = np.full(n, np.inf)
+    np.minimum.at(key, faces[poor].ravel(), np.repeat(quality[poor], 3))
+    key[: mesh.boundary_size] = np.inf
+    for own in mesh.own:  # the corners of one triangle share its quality: the place among its region's points decides
+        key[own] += np.arange(len(own)) * 1e-12
+    least = np.full(n, np.inf)
+    a, b = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    np.minimum.at(least, a, key[b])
+    np.minimum.at(least, b, key[a])
+    return np.asarray(np.isfinite(key) & (key < least))
+
+
+def _held_back(mesh: ConstrainedDelaunay, points: Places, moved: Places) -> Places:
+    """The moved points, except around faces that the move would flip or make thin."""
+    faces = mesh.triangles
+    before = _roundness(points[faces])
+    for _ in range(10):
+        after = _roundness(moved[faces])
+        worse = (after < _ROUND_ENOUGH) & (after < before)
+        if not worse.any():
+            return moved
+        back = faces[worse].ravel()
+        moved[back] = points[back]
+    # nothing moves in regions where that was not enough
+    return np.where(np.isin(mesh.region, mesh.region[back]), points, moved)
+
+
+def _roundness(p: Complex[np.ndarray, "t 3"]) -> Float[np.ndarray, " t"]:
+    """Area over the sum of squared edges, 1 for an equilateral triangle, not positive for a flipped one."""
+    b, c = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
+    squares = np.abs(b) ** 2 + np.abs(c) ** 2 + np.abs(c - b) ** 2
+    return np.asarray(2 * np.sqrt(3.0) * cross(b, c) / squares)

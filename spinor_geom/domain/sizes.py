@@ -1,24 +1,25 @@
-"""How long the edges of a triangulation shall be beside a boundary and away from it."""
-
-from __future__ import annotations
+"""How long the edges of a triangulation shall be beside a boundary and away from it, by the nearest of its points."""
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Complex, Float, Int
+from scipy.spatial import cKDTree
 
-from spinor_geom.domain.delaunay import rim_successors
-from spinor_geom.domain.nearest import Lengths, NearestPoints, Owners, Places, Regions
+from spinor_geom.domain.delaunay import Lengths, Owners, Places, rim_successors
 
+Polygon = Complex[np.ndarray, " _"]
+Regions = Owners | int  # of points, or the one of all of them
 SizeFunction = Callable[[Places], Lengths]
 RegionSizes = Callable[[Places, Owners], Lengths]
 SizeBounds = Callable[[Places, Regions], tuple[Lengths, Lengths]]
 
-# Change of the edge length per unit of distance from the boundary, upwards.
-GROWTH = 0.35
+GROWTH = 0.35  # change of the edge length per unit of distance from the boundary, upwards
+# Regions are farther apart than any two points of one, in extents of the largest; they are kept apart by the half.
+_APART = 8.0
 
 
-def graded_size(*polygons: Complex[np.ndarray, " _"], growth: float = GROWTH) -> SizeFunction:
+def graded_size(*polygons: Polygon, growth: float = GROWTH) -> SizeFunction:
     """Edge length that is the local one at the closed polygons of a boundary and grows with the distance from them.
 
     h(z) = min_j (e_j + growth·|z − b_j|) over the boundary vertices b_j nearest to z; e_j is the mean of the two
@@ -28,15 +29,13 @@ def graded_size(*polygons: Complex[np.ndarray, " _"], growth: float = GROWTH) ->
     return lambda z: bounds(z, 0)[1]
 
 
-def graded_sizes(polygons: Sequence[Complex[np.ndarray, " _"]]) -> RegionSizes:
+def graded_sizes(polygons: Sequence[Polygon]) -> RegionSizes:
     """`graded_size` inside each of several polygons, by their numbers."""
     bounds = size_bounds(polygons, range(len(polygons)), growth=GROWTH, decay=0.0)
     return lambda z, region: bounds(z, region)[1]
 
 
-def size_bounds(
-    polygons: Sequence[Complex[np.ndarray, " _"]], regions: Sequence[int] = (), *, growth: float, decay: float
-) -> SizeBounds:
+def size_bounds(polygons: Sequence[Polygon], regions: Sequence[int] = (), *, growth: float, decay: float) -> SizeBounds:
     """The range of edge lengths that pass gradually into those of closed polygons: of one region, or of those named.
 
     As functions of points (k,) and their regions. The upper bound is `graded_size`; the lower one, which may be
@@ -46,14 +45,11 @@ def size_bounds(
     region = np.repeat(regions or (0,) * len(rims), rims)
     after = rim_successors(rims)
     edge = np.abs(boundary[after] - boundary)
-    before = np.empty_like(after)
-    before[after] = np.arange(len(after))
-    own = local = 0.5 * (edge + edge[before])
+    own = local = 0.5 * (edge + edge[np.argsort(after)])
     tree = NearestPoints(boundary, region)
     distance, index = tree.query(boundary, region, count=8)
     for _ in range(4):
-        # where a region has fewer vertices
-        local = (np.append(local, np.inf)[index] + growth * distance).min(axis=1)
+        local = (np.append(local, np.inf)[index] + growth * distance).min(axis=1)  # where a region has fewer vertices
     around = np.append(local, np.inf)
 
     def bounds(z: Places, region: Regions) -> tuple[Lengths, Lengths]:
@@ -62,3 +58,31 @@ def size_bounds(
         return low, (around[index] + growth * distance).min(axis=1)
 
     return bounds
+
+
+class NearestPoints:
+    """Finds the nearest of the points of a region.
+
+    Regions lie above each other. The tree is split between them before it is within one, so that what is found for one
+    does not depend on the others, down to the order of equal distances.
+    """
+
+    def __init__(self, points: Complex[np.ndarray, " n"], region: Regions = 0) -> None:
+        self._apart = 1.0
+        if len(points):
+            self._apart = _APART * max(float(np.ptp(points.real)), float(np.ptp(points.imag)), np.finfo(float).tiny)
+        self._tree = cKDTree(self._places(points, region), balanced_tree=False)
+
+    def query(
+        self, z: Places, region: Regions = 0, *, count: int = 1, within: float = np.inf
+    ) -> tuple[Float[np.ndarray, "k c"], Int[np.ndarray, "k c"]]:
+        """Distances and numbers of so many points nearest to each z, in order; infinite and n where there are fewer."""
+        bound = min(within, 0.5 * self._apart)
+        nearest = np.arange(1, min(count, max(self._tree.n, 1)) + 1)
+        distance, index = self._tree.query(self._places(z, region), k=nearest, distance_upper_bound=bound)
+        return np.asarray(distance), np.asarray(index)
+
+    def _places(self, z: Places, region: Regions) -> Float[np.ndarray, "k 3"]:
+        places = np.empty((len(z), 3))
+        places[:, 0], places[:, 1], places[:, 2] = z.real, z.imag, self._apart * np.asarray(region)
+        return places

@@ -1,7 +1,5 @@
 """Triangulation of a simple plane polygon, with holes or not, whose boundary stays as it is, vertex by vertex."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,23 +8,18 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.domain.delaunay import ConstrainedDelaunay, Rims, rim_successors, unique_edges
-from spinor_geom.domain.lattice import lattices_inside
-from spinor_geom.domain.nearest import Lengths, NearestPoints, Owners, Places
-from spinor_geom.domain.refinement import MIN_ANGLE, Boundary, independent, long_bridges, place_in_region, refine
-from spinor_geom.domain.sizes import RegionSizes, SizeFunction, graded_size
-from spinor_geom.domain.smoothing import polish, smooth
+from spinor_geom.domain.delaunay import ConstrainedDelaunay, Lengths, Owners, Places, Rims, rim_successors, unique_edges
+from spinor_geom.domain.polygons import lattices_inside
+from spinor_geom.domain.refinement import Boundary, independent, long_bridges, place_in_region, polish, refine, smooth
+from spinor_geom.domain.sizes import NearestPoints, Polygon, RegionSizes, SizeFunction, graded_size
 from spinor_geom.errors import DomainError, OptionError, SpinorGeomError
 
-# of a triangulation, if nothing else is said
-MOST_POINTS = 200_000
+MOST_POINTS = 200_000  # of a triangulation, if nothing else is said
 # points at which the largest size is looked for, and shares of it by which lattice points keep off the boundary
 _SIZE_SAMPLES, _ROOM_AT_BOUNDARY = 100, 2.0
 _MOST_ROWS = 20_000
-# in radians, from which on a polygon's turn to the left is no rounding error
-_STRAIGHT = 1e-9
-# seeds keep this share of the lengths of edges from the tips of triangles on the boundary, and from its vertices, and
-# this share of the wanted size from each other
+_STRAIGHT = 1e-9  # in radians, from which on a polygon's turn to the left is no rounding error
+# seeds keep these shares of edges' lengths from the tips on the boundary and its vertices, of the wanted size apart
 _FROM_TIPS, _FROM_VERTICES, _LEAST_SPACING = 0.75, 1.2, 0.7
 
 # points inside a region, about as far from each other as is wanted, and the distance of each from its neighbours
@@ -39,17 +32,12 @@ R = TypeVar("R")
 class PlaneTriangulation:
     """A triangulated simple polygon, with holes or without.
 
-    Attributes:
-        points: Vertices x + iy; the boundary comes first, counter-clockwise, equal to the input bit for bit; after it
-            the boundaries of holes, clockwise.
-        faces: Counter-clockwise triangles, indices into `points`.
-        boundary_size: Number of boundary vertices, those of holes included.
-        hole_sizes: Numbers of vertices of the holes.
+    The boundary comes first, equal to the input bit for bit: counter-clockwise, then those of holes, clockwise.
     """
 
     points: Complex[np.ndarray, " n"]
-    faces: Int[np.ndarray, "t 3"]
-    boundary_size: int
+    faces: Int[np.ndarray, "t 3"]  # counter-clockwise
+    boundary_size: int  # number of boundary vertices, those of holes included
     hole_sizes: tuple[int, ...] = ()
 
     @property
@@ -82,10 +70,7 @@ def one_by_one_on_error(make: Callable[[Sequence[T]], list[R]], items: Sequence[
 
 
 def triangulate_polygon(
-    boundary: Complex[np.ndarray, " m"],
-    size: SizeFunction | None = None,
-    *,
-    holes: Sequence[Complex[np.ndarray, " _"]] = (),
+    boundary: Polygon, size: SizeFunction | None = None, *, holes: Sequence[Polygon] = ()
 ) -> PlaneTriangulation:
     """Triangulates a simple polygon with inner points so that edges are about `size` long and angles are large.
 
@@ -96,12 +81,9 @@ def triangulate_polygon(
     poor are moved one by one. Small angles that the boundary itself forces stay.
 
     The polygon runs counter-clockwise, the holes inside it, which are left out, clockwise. The size is the wanted edge
-    length at points (k,), in units of the polygon; by default `graded_size`.
-
-    Raises:
-        DomainError: The polygon or a hole runs the other way, has fewer than three vertices or one that is not finite,
-            or touches or crosses itself; or a hole is not inside.
-        OptionError: `size` gives a value that is not positive and finite.
+    length at points (k,), in units of the polygon; by default `graded_size`. One that is not positive and finite is an
+    OptionError; a polygon or a hole that runs the other way, has fewer than three vertices or one that is not finite,
+    touches or crosses itself, or a hole that is not inside, is a DomainError.
 
     Source: Ruppert (1995), A Delaunay refinement algorithm for quality 2-dimensional mesh generation, J. Algorithms 18.
     """
@@ -110,7 +92,7 @@ def triangulate_polygon(
 
 
 def triangulate_regions(
-    regions: Sequence[Sequence[Complex[np.ndarray, " _"]]],
+    regions: Sequence[Sequence[Polygon]],
     size: RegionSizes,
     *,
     seeds: Sequence[Seeds] = (),
@@ -156,21 +138,16 @@ def triangulate_regions(
             break
         mesh.insert(middle, of)
     smooth(mesh)
-    polish(mesh, MIN_ANGLE)
+    polish(mesh)
     points = mesh.points * scale[mesh.region] + centre[mesh.region]
     points[: mesh.boundary_size] = boundary
-    place = np.empty(len(points), dtype=np.int64)
-    for own in mesh.own:
-        place[own] = np.arange(len(own))
-    faces = mesh.triangles
-    of_region = np.split(place[faces], np.cumsum(np.bincount(mesh.region[faces[:, 0]], minlength=len(mesh.own)))[:-1])
     return [
-        PlaneTriangulation(points=points[own], faces=some, boundary_size=sum(rims), hole_sizes=rims[1:])
-        for own, some, rims in zip(mesh.own, of_region, mesh.regions, strict=True)
+        PlaneTriangulation(points=points[at], faces=one.faces[one.inside], boundary_size=sum(rims), hole_sizes=rims[1:])
+        for at, one, rims in zip(mesh.own, mesh.parts, mesh.regions, strict=True)
     ]
 
 
-def _require_region(polygons: Sequence[Complex[np.ndarray, " _"]]) -> tuple[complex, float]:
+def _require_region(polygons: Sequence[Polygon]) -> tuple[complex, float]:
     """Checks a polygon and its holes; gives an origin and a unit in which nothing depends on its place and size."""
     for number, polygon in enumerate(polygons):
         name, sign, ways = "the polygon", 1, ("clockwise", "counter-clockwise")
@@ -225,8 +202,7 @@ def _seeds(boundary: Boundary, size: RegionSizes, room: Int[np.ndarray, " r"]) -
     largest = np.zeros(boundary.count)
     np.maximum.at(largest, of, size(sample, of))
     spacing = np.maximum(np.maximum(largest, shortest), np.sqrt(area / np.maximum(room, 1)))
-    # no row crosses regions without room
-    spacing[(largest == 0) | (room == 0)] = np.inf
+    spacing[(largest == 0) | (room == 0)] = np.inf  # no row crosses regions without room
     lattice, of = lattices_inside(points, spacing[owner], after, owner)
     distance, _ = NearestPoints(points, owner).query(lattice, of)
     free = distance[:, 0] > _ROOM_AT_BOUNDARY * spacing[of]
@@ -240,8 +216,7 @@ def _behind_a_row(
 ) -> tuple[Complex[np.ndarray, " j"], Int[np.ndarray, " j"], Float[np.ndarray, " j"]]:
     """The tips of equilateral triangles on the edges of polygons, and behind them the seeds that stand wide enough.
 
-    Their regions, which ascend, and the sizes wanted there come with them. Edges that turn much from one to the next
-    have no room for a row of tips.
+    Their regions, which ascend, and the sizes wanted there come with them. Edges that turn much have no room for tips.
     """
     polygon, owner, edge = boundary.points, boundary.region, boundary.edge
     tips, length = 0.5 * (polygon + polygon[boundary.after]) + 1j * np.sqrt(0.75) * edge, np.abs(edge)

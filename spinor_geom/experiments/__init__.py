@@ -3,7 +3,7 @@
 NAMES = {
     "twisted-circle": "forms",
     "tennis-seam": "forms",
-    "prescribed": "prescribed",
+    "prescribed": "trainings",
     "heat-maps": "quadrature",
     "mean-curvature": "quadrature",
     "catenoid": "quadrature",

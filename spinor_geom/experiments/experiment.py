@@ -7,7 +7,9 @@ import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from operator import attrgetter
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from markdown_it import MarkdownIt
@@ -21,8 +23,7 @@ from spinor_geom.training import LevenbergMarquardt, RMSprop
 
 REPORT, PAGE, DESCRIPTION = "report.md", "report.html", "data.json"
 TITLE = "The paper's experiments, measured anew"
-# pixels per inch of the PNGs
-_RESOLUTION = 160
+_RESOLUTION = 160  # pixels per inch of the PNGs
 _STYLE = "h2 { border-top: 1px solid var(--faint); padding-top: 1.5rem } img { display: block; max-height: 40rem }"
 
 
@@ -59,12 +60,6 @@ class Experiment:
         """The same, JSON-ready: by it a run knows what an earlier one finished."""
         named = self.settings(quick=quick).items()
         return {name: finite(asdict(v) if isinstance(v, RMSprop | LevenbergMarquardt) else v) for name, v in named}
-
-    def shortened(self) -> dict[str, tuple[Any, Any]]:
-        """Each setting that the quick run changes: its full and its quick value."""
-        paths = {path: path.partition(".") for path in self.quick}
-        long = {path: getattr(self.full[a], b) if b else self.full[a] for path, (a, _, b) in paths.items()}
-        return {path: (long[path], value) for path, value in self.quick.items()}
 
 
 def kept_as(name: str, options: RMSprop) -> RMSprop:
@@ -158,7 +153,8 @@ def report(done: Sequence[Done], *, quick: bool, shown: Callable[[str], str] | N
         f"{'Quick' if quick else 'Full'} run: {len(done)} {'experiment' if len(done) == 1 else 'experiments'} in "
         f"{sum(one.seconds for one in done):.0f} s; what the paper says was seen in {held}.",
     ]
-    return "\n\n".join([*start, *(_section(one, quick, shown or _link) for one in done)]) + "\n"
+    link = shown or (lambda address: f"![{Path(address).stem}]({address})")
+    return "\n\n".join([*start, *(_section(one, quick, link) for one in done)]) + "\n"
 
 
 def page(done: Sequence[Done], folder: Path, *, quick: bool) -> str:
@@ -171,14 +167,11 @@ def page(done: Sequence[Done], folder: Path, *, quick: bool) -> str:
     return document(TITLE, [converter.render(report(done, quick=quick, shown=embedded))], style=_STYLE)
 
 
-def _link(address: str) -> str:
-    return f"![{Path(address).stem}]({address})"
-
-
 def _section(done: Done, quick: bool, shown: Callable[[str], str]) -> str:
     one = done.experiment
     columns = list(dict.fromkeys(name for row in done.rows for name in row))
-    shortened = [f"{name} {short} instead of {long}" for name, (long, short) in one.shortened().items()]
+    full = SimpleNamespace(**one.full)
+    shortened = [f"{name} {short} instead of {attrgetter(name)(full)}" for name, short in one.quick.items()]
     parts = [
         f"## {done.name}: {one.title}",
         f"**The paper.** {one.paper}",

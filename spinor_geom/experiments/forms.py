@@ -8,21 +8,20 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Complex
 from matplotlib.figure import Figure
 from numpy.polynomial import polynomial
 
 from spinor_geom import gallery
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import ZeroOnContourError
-from spinor_geom.experiments.drawing import Drawn, surfaces
 from spinor_geom.experiments.experiment import Experiment, Outcome, kept_as
 from spinor_geom.experiments.paper_surfaces import boundary_distance, solved_by_network
 from spinor_geom.gallery import KnownCurve, KnownDisk
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.render.plots import log_log
+from spinor_geom.render.plots import Drawn, log_log, surfaces
 from spinor_geom.surface import BranchPoint, SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
@@ -31,14 +30,11 @@ SPINOR, ENNEPER = "RMSprop, spinor", "RMSprop, Weierstrass-Enneper"
 NETWORK, SERIES = "Levenberg-Marquardt, spinor", "Douglas-Newton"
 LEFT, CAUCHY, ALONE = "Douglas-Newton, unstable left", "Cauchy network", "Levenberg-Marquardt, random start"
 FORMS = ("spinor", "Weierstrass-Enneper")
-# where the zeros of prescribed order lie, and what they are multiplied by
-_PLACE = 0.2 + 0.1j
-_FACTORS = ([1.0, 0.3j], [0.4, 0.5 - 0.2j])
-# what p is moved by, to show that a removable branch point goes
-_PERTURBATION = 0.15
+_PLACE = 0.2 + 0.1j  # where the zeros of prescribed order lie
+_FACTORS = ([1.0, 0.3j], [0.4, 0.5 - 0.2j])  # what they are multiplied by
+_PERTURBATION = 0.15  # what p is moved by, to show that a removable branch point goes
 _DEGREE, _SEED = 5, 0
-# the baseline has failed where it stays so many times farther from the curve than the spinors
-_FAILED = 2.0
+_FAILED = 2.0  # the baseline has failed where it stays so many times farther from the curve than the spinors
 # a disk is the one whose area differs by less than this share of the least difference between two, or of its own
 _SHARE_OF_GAP, _SHARE_OF_AREA = 0.2, 1e-3
 
@@ -92,11 +88,8 @@ def _compare(curve: KnownCurve, rmsprop: RMSprop, options: LevenbergMarquardt, *
     network = solved_by_network(curve, options)
     between = time.perf_counter()
     exact = solve_plateau(curve, model="series", unstable="keep")
-    seconds = {
-        **{method: trained.seconds for method, trained in paper.items()},
-        NETWORK: between - begin,
-        SERIES: time.perf_counter() - between,
-    }
+    seconds = {method: trained.seconds for method, trained in paper.items()}
+    seconds |= {NETWORK: between - begin, SERIES: time.perf_counter() - between}
     trained = {**paper, NETWORK: network}
     diagonal = paper[SPINOR].diagonal
     distances = {method: one.max_per_diagonal for method, one in trained.items()}
@@ -121,10 +114,7 @@ def _compare(curve: KnownCurve, rmsprop: RMSprop, options: LevenbergMarquardt, *
         method: ([s.index for s in one.history], [(s.boundary_error or np.nan) / diagonal for s in one.history])
         for method, one in paper.items()
     }
-    drawn = {
-        method: replace(Drawn.of(surface), marks=positions(surface, branched[method] or ()))
-        for method, surface in found.items()
-    }
+    drawn = {method: marked(surface, branched[method] or ()) for method, surface in found.items()}
     return Outcome(
         rows=rows,
         holds=ratio >= _FAILED,
@@ -157,9 +147,10 @@ def counted(points: tuple[BranchPoint, ...] | None) -> str:
     return f"{len(points)}, {lasting} not removable" if points else "none"
 
 
-def positions(surface: SpinorSurface | WeierstrassSurface, points: Sequence[BranchPoint]) -> Float[np.ndarray, "k 3"]:
-    """Where branch points lie in space."""
-    return surface.position(np.array([point.z for point in points], dtype=np.complex128))
+def marked(surface: SpinorSurface | WeierstrassSurface, points: Sequence[BranchPoint]) -> Drawn:
+    """A surface with crosses where branch points lie in space."""
+    z = np.array([point.z for point in points], dtype=np.complex128)
+    return replace(Drawn.of(surface), marks=surface.position(z))
 
 
 def _poles_of_g(surface: SpinorSurface) -> str:
@@ -253,10 +244,7 @@ def drawn() -> dict[str, Drawn]:
         "spinors, p and q have a common zero": surface_of(FORMS[0], p, q),
         "the same after a small change of p": surface_of(FORMS[0], moved, q),
     }
-    return {
-        title: replace(Drawn.of(surface), marks=positions(surface, surface.branch_points()))
-        for title, surface in shown.items()
-    }
+    return {title: marked(surface, surface.branch_points()) for title, surface in shown.items()}
 
 
 _TRAININGS = {"rmsprop": RMSprop(), "network": LevenbergMarquardt(depth=10, tolerance=1e-5)}

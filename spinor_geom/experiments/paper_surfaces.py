@@ -17,13 +17,10 @@ from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_levenberg_marquardt
 
-# order of the Taylor expansions and relative size of the perturbation of their coefficients
-_ORDER, _PERTURBATION = 10, 0.1
+_ORDER, _PERTURBATION = 10, 0.1  # of Taylor expansions, and of their coefficients, relative to the largest
 _SEED = 5
-# of the parameter of a prescribed surface's boundary: how uneven it is, β, and where it starts, b
-_UNEVEN, _SHIFT = 0.4, 0.1
-# points of the circle that Taylor coefficients are taken from, and a boundary's, of which a hundred matter
-_TAYLOR_POINTS, _BOUNDARY_POINTS = 256, 512
+_UNEVEN, _SHIFT = 0.4, 0.1  # of the parameter of a prescribed surface's boundary: β, and b, where it starts
+_TAYLOR_POINTS, _BOUNDARY_POINTS = 256, 512  # of the circle, for Taylor coefficients, and of a boundary
 _MEASURED = 1024  # points of ∂Ω whose distance from Γ is measured
 
 

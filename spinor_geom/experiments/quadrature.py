@@ -11,21 +11,18 @@ from jaxtyping import Complex, Float
 from numpy.typing import ArrayLike
 
 from spinor_geom.domain.quadrature import RuleName
-from spinor_geom.experiments.drawing import Drawn, disk_grid, surfaces
 from spinor_geom.experiments.experiment import Experiment, Outcome
 from spinor_geom.experiments.paper_surfaces import reconstructed
 from spinor_geom.gallery import catenoid
-from spinor_geom.render.plots import log_log
+from spinor_geom.render.plots import Drawn, disk_grid, log_log, surfaces
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.curvature import mean_curvature_of_integrals
 from spinor_geom.training import LevenbergMarquardt
 
-# slopes of log(error) by log(steps), and how far a fitted one may be off
-ORDERS: dict[RuleName, tuple[int, float]] = {"trapezoid": (-2, 0.1), "simpson": (-4, 0.2)}
+ORDERS: dict[RuleName, tuple[int, float]] = {"trapezoid": (-2, 0.1), "simpson": (-4, 0.2)}  # slopes, and how far off
 # below which rounding shows: distances, and |H| in 1/diagonal, whose second derivatives lose half the digits of sums
 _DISTANCE_FLOOR, _CURVATURE_FLOOR = 1e-12, 1e-11
-# largest |H| in 1/diagonal that counts as nearly zero: a sphere of that curvature has 200 times the diagonal
-_NEARLY_ZERO = 1e-2
+_NEARLY_ZERO = 1e-2  # |H| in 1/diagonal: a sphere of that curvature has 200 times the diagonal
 
 
 def catenoid_error(*, grid: tuple[int, int], steps: Sequence[int]) -> Outcome:

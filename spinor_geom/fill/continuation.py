@@ -10,42 +10,48 @@ Source: Schneider & Kobbelt (2001), Geometric fairing of irregular meshes for fr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import csc_array, diags_array
 
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import unique_edges
-from spinor_geom.errors import DomainError, SingularMatrixError, SurfaceError
-from spinor_geom.fill.collar import Bend, Collar, bend_across, collar_of
-from spinor_geom.fill.stitch import fit_to_rim
-from spinor_geom.fill.surroundings import NOTHING, Crossings, Surroundings
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.operators import Bending, crossing_angles, face_normals, factor_symmetric, mollified_laplacian
+from spinor_geom.errors import DomainError, SingularMatrixError
+from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.mesh.operators import Bending, crossing_angles, factor_symmetric, mollified_laplacian, vertex_angles
 from spinor_geom.mesh.topology import HalfEdges
-from spinor_geom.meshing.embed import Patch
-from spinor_geom.meshing.remesh import over_domain_of_angles, remesh
-from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.meshing.embed import Patch, over_domain_of_angles, remesh
 
 # Newton's method starts after so many linear solves at most; a dome that is not found after few is not after many.
-_STARTS = 3
-_MOST_STEPS = 40
-# Edges that are longer by more leave triangles that are too coarse for the bulge.
-_MOST_STRETCHED = 2.0
-# At rest: the next step is shorter than this share of an edge, as a mean.
-_AT_REST = 3e-3
-# A factor serves on while each step is so much shorter than the one before.
-_QUICK = 0.5
-# Where no longer share of a step brings the next one down, the linear problem is no guide.
-_SHORTEST = 0.05
+_STARTS, _MOST_STEPS = 3, 40
+_MOST_STRETCHED = 2.0  # edges that are longer by more leave triangles that are too coarse for the bulge
+_AT_REST = 3e-3  # at rest: the next step is shorter than this share of an edge, as a mean
+_QUICK = 0.5  # a factor serves on while each step is so much shorter than the one before
+_SHORTEST = 0.05  # where no longer share of a step brings the next one down, the linear problem is no guide
+
+CREASE = np.radians(40)  # nothing goes on across an edge with a larger angle between its faces' normals
+# Rings of faces whose curvature is compared, and edges between them below which there is nothing to be compared.
+_RINGS, _FEWEST_EDGES = 3, 12
+_CONSTANT = 1e-3  # share of the rings' mean curvature, and of one edge's, that is rounding and triangles, not shape
+_LONGEST = 100.0  # edges over which the curvature of the smoothest mesh changes
 
 Start: TypeAlias = Literal["minimal", "discrete", "strip"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bend:
+    """The angle between the normals of a patch and of the mesh along their common edges, in degrees; RMS by length."""
+
+    largest: float
+    rms: float
+
+    def to_dict(self) -> dict[str, float]:
+        """The figures in JSON's types."""
+        return {"largest_degrees": self.largest, "rms_degrees": self.rms}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,6 +92,98 @@ class Continuation:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Collar:
+    """The first ring of faces around a patch, and how the mesh bends there.
+
+    The vertices are the patch's boundary, in its order, then those of the ring beyond it.
+    """
+
+    vertices: Float[np.ndarray, "v 3"]  # (m + r, 3) positions
+    faces: Int[np.ndarray, "f 3"]  # those of the mesh that touch the boundary
+    boundary_size: int  # m
+    bends: Bool[np.ndarray, " v"]  # which have a mean curvature: not on another border, at a crease, at loose faces
+    curvature: Float[np.ndarray, " r"]  # H at the vertices beyond the boundary; 0 where they have none
+    length: float  # ℓ, after which the correlation of H has fallen by e; 0 for noise, and where H does not change
+    roughness: float  # share of the variance of H between neighbours: 0 on a smooth mesh, 1 and more in noise
+    creased: int  # number of boundary vertices at creases
+
+
+def collar_of(surroundings: Surroundings, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
+    """The collar of a patch that has no edge which the mesh has too, other than the rim's; `rim` are mesh vertices."""
+    mesh, m = surroundings.mesh, len(rim)
+    rings = [surroundings.faces_at(rim)]
+    for _ in range(1, _RINGS):
+        rings.append(np.setdiff1d(surroundings.faces_at(np.unique(mesh.faces[rings[-1]])), np.concatenate(rings)))
+    first = np.setdiff1d(mesh.faces[rings[0]], rim)
+    beyond = np.setdiff1d(mesh.faces[np.concatenate(rings)], np.concatenate([rim, first]))
+    ids = np.concatenate([rim, first, beyond])
+    order = np.argsort(ids, kind="stable")
+    faces = [order[np.searchsorted(ids[order], mesh.faces[ring])] for ring in rings]
+    vertices = mesh.vertices[ids]
+    together = np.concatenate(faces)
+    # the patch's inner vertices come last; it closes the rim
+    numbers = np.concatenate([np.arange(m), np.arange(len(ids), len(ids) + len(patch.vertices) - m)])
+    closed = HalfEdges.of(np.concatenate([together, numbers[patch.faces]]))
+    bends = ~closed.unclosed(len(ids) + len(patch.vertices) - m)[: len(ids)]
+    half_edges = HalfEdges.of(together)
+    creased = np.zeros(len(ids), dtype=bool)
+    creased[half_edges.origin[crossing_angles(half_edges, vertices) > CREASE]] = True
+    bends &= ~creased
+    bending = Bending.of(vertices, together)
+    length, roughness = _correlation(bending, half_edges, bends & (np.arange(len(ids)) >= m), vertices)
+    size = m + len(first)
+    return Collar(
+        vertices=vertices[:size],
+        faces=faces[0],
+        boundary_size=m,
+        bends=bends[:size],
+        curvature=np.where(bends, bending.curvature, 0.0)[m:size],
+        length=length,
+        roughness=roughness,
+        creased=int(creased[:m].sum()),
+    )
+
+
+def bend_across(collar: Collar, patch: Patch) -> Bend:
+    """How a patch bends away from the mesh along its rim."""
+    m, ring = collar.boundary_size, len(collar.vertices)
+    vertices = np.concatenate([collar.vertices, patch.vertices[m:]])
+    numbers = np.concatenate([np.arange(m), np.arange(ring, ring + len(patch.vertices) - m)])
+    faces = np.concatenate([numbers[patch.faces], collar.faces])
+    half_edges = HalfEdges.of(faces)
+    angles = crossing_angles(half_edges, vertices)
+    here = np.arange(3 * len(patch.faces))
+    across = here[half_edges.twin[here] >= len(here)]
+    if not len(across):
+        return Bend(largest=0.0, rms=0.0)
+    length = np.linalg.norm(vertices[half_edges.origin[across]] - vertices[half_edges.target[across]], axis=1)
+    angle = np.degrees(angles[across])
+    return Bend(largest=float(angle.max()), rms=float(np.sqrt(length @ angle**2 / length.sum())))
+
+
+def _correlation(
+    bending: Bending, half_edges: HalfEdges, bends: Bool[np.ndarray, " n"], vertices: Float[np.ndarray, "n 3"]
+) -> tuple[float, float]:
+    """The length over which H changes, and the share of its variance between neighbours."""
+    edges = np.stack([half_edges.origin, half_edges.target], axis=1)
+    edges = edges[bends[edges].all(axis=1) & (edges[:, 0] < edges[:, 1])]
+    if len(edges) < _FEWEST_EDGES:
+        return 0.0, 0.0
+    edge = float(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1).mean())
+    curvature = bending.curvature
+    weight = np.where(bends, bending.areas, 0.0)
+    mean = weight @ curvature / weight.sum()
+    variance = float(weight @ (curvature - mean) ** 2 / weight.sum())
+    if variance <= (_CONSTANT * max(abs(mean), 1 / edge)) ** 2:
+        return 0.0, 0.0
+    between = float(np.mean((curvature[edges[:, 0]] - curvature[edges[:, 1]]) ** 2) / 2)
+    correlation = 1 - between / variance
+    if correlation <= 0:
+        return 0.0, between / variance
+    return edge * min(-1 / float(np.log(correlation)), _LONGEST), between / variance
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Moved:
     """A patch that was moved, and by how much the edge that became longer most did so since it was meshed."""
 
@@ -98,8 +196,7 @@ class Moved:
     @cached_property
     def folds(self) -> int:
         """Half-edges across which the patch's normal turns by more than a right angle."""
-        faces = np.asarray(self.patch.faces)
-        angles = crossing_angles(HalfEdges.of(faces), face_normals(self.patch.vertices, faces))
+        angles = crossing_angles(HalfEdges.of(np.asarray(self.patch.faces)), self.patch.vertices)
         return int((angles > np.pi / 2).sum())
 
 
@@ -108,17 +205,8 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
 
     Where it does not come to rest or is folded, a patch over one loop starts again, over a domain that has the angles
     which the mesh leaves at the loop: those of a minimal surface are others where it turns back over the mesh. A patch
-    whose edges have become more than twice as long is meshed anew and goes on.
-
-    Args:
-        patch: with inner vertices.
-        collar: the mesh around it.
-        target: edge length with which it may be meshed anew.
-        is_conformal: whether its domain has its shape.
-
-    Raises:
-        SingularMatrixError: the patch's triangles are degenerate.
-        TooManyPointsError: the edge length asks for more vertices than anyone can use.
+    whose edges have become more than twice as long is meshed anew for edges of the target length and goes on, once its
+    domain has its shape (`is_conformal`). A SingularMatrixError tells that its triangles are degenerate.
     """
     moved = _at_rest(patch, collar)
     is_poor = moved.folds or not moved.converged or (moved.stretch > _MOST_STRETCHED and not is_conformal)
@@ -134,8 +222,9 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
 
 def _at_rest_over_angles(patch: Patch, collar: Collar, target: float) -> Moved | None:
     """From a domain with the angles that the mesh leaves at the loop; None where none is simple, or wide enough."""
+    beside = vertex_angles(collar.vertices, collar.faces)[: collar.boundary_size]
     try:
-        start = over_domain_of_angles(patch, 2 * np.pi - collar.angles, target)
+        start = over_domain_of_angles(patch, 2 * np.pi - beside, target)
     except (DomainError, SingularMatrixError):
         return None
     return _at_rest(start, collar) if len(start.vertices) > start.boundary_size else None
@@ -212,9 +301,8 @@ class _Problem:
 
     def _slope(self, bending: Bending) -> csc_array:
         """L/A from the inside vertices that bend to the free ones."""
-        return csc_array(
-            bending.laplacian[: self.free, : self.inside] @ diags_array(self._bends / bending.areas[: self.inside])
-        )
+        weight = diags_array(self._bends / bending.areas[: self.inside])
+        return csc_array(bending.laplacian[: self.free, : self.inside] @ weight)
 
     def _gradient_form(self, x: Float[np.ndarray, "v 3"], bending: Bending) -> csc_array:
         if self._known is None:
@@ -243,86 +331,3 @@ class _Problem:
         pull = np.zeros(len(x))
         pull[:s] = self._bends * force / bending.areas[:s]
         return np.asarray((bending.laplacian @ pull)[: self.free])
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MadePatch:
-    """A patch on its way into the mesh: its loops, and what its `LoopOutcome` will tell of it."""
-
-    patch: Patch
-    rims: Sequence[BoundaryLoop]
-    solution: PlateauSolution | None
-    reason: str
-    edges_split: int = 0
-    crossings: Crossings = NOTHING
-    continuation: Continuation | None = None
-    remarks: tuple[str, ...] = ()
-
-    @property
-    def start(self) -> Start:
-        """What the patch is before its continuation."""
-        if self.solution is not None:
-            return "minimal"
-        return "strip" if self.patch.hole_sizes else "discrete"
-
-    @property
-    def surface(self) -> SpinorSurface | None:
-        """The exact surface that the patch is a mesh of."""
-        return None if self.solution is None or self.continuation is not None else self.solution.surface
-
-    @cached_property
-    def rim(self) -> Int[np.ndarray, " m"]:
-        """Mesh vertices of its boundary vertices."""
-        return np.concatenate([loop.vertex_ids for loop in self.rims])
-
-    def joinable(self, surroundings: Surroundings) -> MadePatch:
-        """The patch with its edges split that the mesh or another patch has."""
-        patch, split = fit_to_rim(self.rim, self.patch, surroundings.taken, self.surface)
-        return replace(self, patch=patch, edges_split=self.edges_split + split)
-
-
-def continued(first: MadePatch, target: float, surroundings: Surroundings) -> MadePatch:
-    """The smooth continuation of the mesh around a patch, or the patch itself with the reason why it stays.
-
-    A patch without inner vertices has nothing that could move, and stays without a word; so does one whose
-    continuation crosses more than it does. `target` is the edge length, should it be meshed anew.
-
-    Raises:
-        SurfaceError: a strip stays, which is no surface to be kept.
-        TooManyPointsError: the edge length asks for more vertices than anyone can use.
-    """
-    if len(first.patch.vertices) == len(first.rim):
-        return _staying(first)
-    collar = collar_of(surroundings, first.rim, first.patch)
-    try:
-        moved = continue_patch(first.patch, collar, target, is_conformal=first.start != "discrete")
-    except SingularMatrixError as error:
-        return _staying(first, str(error))
-    before, after = bend_across(collar, first.patch), bend_across(collar, moved.patch)
-    if not moved.converged and after.rms >= before.rms:
-        steps = f"{moved.steps} steps left a bend of {after.rms:.3g}° (RMS)"
-        return _staying(first, f"{steps} across the rim, where it has {before.rms:.3g}°")
-    continuation = Continuation(
-        started_from=first.start,
-        before=before,
-        after=after,
-        steps=moved.steps,
-        remeshed=moved.remeshed,
-        converged=moved.converged,
-        correlation_length=collar.length,
-        roughness=collar.roughness,
-        creased=collar.creased,
-    )
-    smooth = replace(first, patch=moved.patch, reason=continuation.reason, continuation=continuation)
-    smooth = smooth.joinable(surroundings)
-    crossings = surroundings.crossings(smooth.patch)
-    if len(crossings) > len(first.crossings):
-        return _staying(first, ", ".join(crossings.notes), link=", as then")
-    return replace(smooth, crossings=crossings)
-
-
-def _staying(first: MadePatch, why: str = "", *, link: str = ":") -> MadePatch:
-    remarks = (f"the patch was not continued smoothly{link} {why}",) if why else ()
-    if first.start == "strip":
-        raise SurfaceError("; ".join([first.reason, *remarks]))
-    return replace(first, remarks=remarks)

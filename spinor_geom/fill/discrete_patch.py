@@ -1,9 +1,4 @@
-"""Patches of loops without an exact surface: discrete minimal surfaces, or triangles over the loops' points.
-
-They also tell, before anything is solved, the border of a sheet from the rim of a hole.
-"""
-
-from __future__ import annotations
+"""Patches of loops without an exact surface, discrete minimal ones or triangles; and which loops are no holes."""
 
 import numpy as np
 from jaxtyping import Int
@@ -12,9 +7,18 @@ from spinor_geom.deadline import time_limit
 from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.discrete.first_fill import disk_without_inner_points
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface, first_disk
-from spinor_geom.errors import SheetBorderError, SpinorGeomError, SurfaceError
+from spinor_geom.errors import (
+    LoneFaceError,
+    NoAreaError,
+    SeamError,
+    SheetBorderError,
+    SpinorGeomError,
+    SurfaceError,
+    ZeroWidthSlitError,
+)
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.mesh.operators import face_areas, graph_laplacian
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import require_few_points
@@ -24,17 +28,16 @@ _MOST_FOLDED_BACK = 0.5
 # A coarse disk crosses more than the exact patch: of its faces as many as this share of the rim's edges must cross.
 # 0.3 and more do along borders of scans, 0.08 where the lid of a shallow bowl touches it.
 _MOST_CROSSING = 0.15
-# The patch itself tells of loops with fewer points: their surfaces take little longer than such a disk.
-_LONG = 60
+MIN_WIDTH_PER_EDGE = 1e-6  # of a loop's mean edge: far above round-off, far below any hole that was meant
+_WHOLE_SLIT = 1 - 1e-9
+_LONG = 60  # the patch itself tells of loops with fewer points: their surfaces take little longer than such a disk
 
 
 def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tuple[Patch, str]:
     """The discrete minimal surface over a loop, else a triangulation without inner vertices; and what it is, in words.
 
-    Edges are at most `target` long, in mesh units. After so many seconds the descent of the area ends where it is.
-
-    Raises:
-        TooManyPointsError: the edge length asks for more vertices than anyone can use.
+    Edges are at most `target` long, in mesh units, which a TooManyPointsError tells to ask for too many. After so many
+    seconds the descent of the area ends where it is.
     """
     faces = disk_without_inner_points(loop.points)
     area = float(face_areas(loop.points, faces).sum())
@@ -64,6 +67,35 @@ def over_disk(vertices: np.ndarray, faces: Int[np.ndarray, "f 3"], rim: int) -> 
     return Patch(vertices=vertices, faces=faces, boundary_size=rim, points=points)
 
 
+def refuse_what_is_no_hole(loop: BoundaryLoop, surroundings: Surroundings) -> None:
+    """Checks, before anything is solved, that a loop bounds a hole.
+
+    A LoopError tells of a slit, a seam, the outline of one face, or points on a line, a NonManifoldEdgeError of an edge
+    that has several faces already.
+    """
+    if loop.obstacle is not None:
+        raise loop.obstacle
+    if loop.slit_fraction > _WHOLE_SLIT:
+        # the first edge that lies on another one, run the other way
+        ends = np.roll(loop.points, -1, axis=0)
+        one, other = loop_crossings(loop.points).T
+        opposite = (loop.points[one] == ends[other]).all(axis=1) & (ends[one] == loop.points[other]).all(axis=1)
+        edge = np.roll(loop.vertex_ids, -one[np.argmax(opposite)])[:2]
+        raise ZeroWidthSlitError(fraction=loop.slit_fraction, vertices=edge.tolist())
+    if len(loop.seam_edges):
+        raise SeamError(edge=[int(v) for v in loop.seam_edges[0]], count=len(loop.seam_edges))
+    face = surroundings.face_on(loop)
+    if face is not None:
+        raise LoneFaceError(face=face, vertices=[int(v) for v in loop.vertex_ids])
+    refuse_empty(loop, loop.diagonal / loop.elongation)
+
+
+def refuse_empty(loop: BoundaryLoop, width: float) -> None:
+    """Raises a `NoAreaError` where the width of a loop's hole, in mesh units, is below 1e-6 of its mean edge."""
+    if width <= MIN_WIDTH_PER_EDGE * loop.mean_edge_length:
+        raise NoAreaError(width=width, mean_edge=loop.mean_edge_length)
+
+
 def refuse_long_border(surroundings: Surroundings, loop: BoundaryLoop) -> None:
     """Refuses, before anything is solved, a long loop whose discrete disk lies on the mesh, as `refuse_border` does."""
     # 2π around a flat sheet, −2π around a hole in one
@@ -73,8 +105,7 @@ def refuse_long_border(surroundings: Surroundings, loop: BoundaryLoop) -> None:
         disk = first_disk(loop.points)
         patch = over_disk(disk.vertices, disk.faces, len(loop))
     except SpinorGeomError:
-        # nothing is known of its patch: it is solved as others are
-        return
+        return  # nothing is known of its patch: it is solved as others are
     refuse_border(surroundings, loop.vertex_ids, patch, most_crossing=_MOST_CROSSING * len(loop))
 
 
@@ -82,7 +113,7 @@ def refuse_border(
     surroundings: Surroundings, rim: Int[np.ndarray, " m"], patch: Patch, *, most_crossing: float = 0.0
 ) -> None:
     """Raises a SheetBorderError where a patch lies on the mesh; so many of its faces may cross it."""
-    folded = surroundings.taken.share_folded_back(surroundings.mesh, rim, patch)
+    folded = surroundings.share_folded_back(rim, patch)
     if folded > _MOST_FOLDED_BACK:
         pairs = surroundings.crossings(patch).mesh
         if len(np.unique(pairs[:, 0])) > most_crossing:

@@ -12,14 +12,13 @@ import numpy as np
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning, OptionError, SpinorGeomError
-from spinor_geom.fill.discrete_patch import refuse_long_border
+from spinor_geom.fill.discrete_patch import refuse_long_border, refuse_what_is_no_hole
 from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open
 from spinor_geom.fill.many_loops import Islands, fill_loops, minimal_patches, planned_joins
-from spinor_geom.fill.one_loop import Clock, FillOptions, refuse_what_is_no_hole, unfilled
+from spinor_geom.fill.one_loop import Clock, FillOptions, unfilled
 from spinor_geom.fill.options import Continuity, require_positive
 from spinor_geom.fill.result import FillResult, LoopOutcome
-from spinor_geom.fill.stitch import stitch
-from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.fill.surroundings import Surroundings, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
@@ -164,18 +163,20 @@ def fill_hole(
         own = loops[places[0]]
         loops[places[0]] = replace(own, points=loop.points, vertex_ids=loop.vertex_ids, corners=loop.corners)
     wanted = [place for place in range(len(loops)) if place not in reasons]
-    joins = planned_joins(triangles, loops, wanted, islands, bridge)
+    joins, notes = planned_joins(triangles, loops, wanted, islands, bridge)
+    joined = {place for first, others in joins.items() for place in (first, *others)}
     clock.lap("loops")
     with one_thread():
         surroundings = Surroundings(triangles, loops)
         left_open = {place: unfilled(place, loops[place], reason) for place, reason in reasons.items()}
-        alone = [place for place in wanted if place not in joins.alone]
+        alone = [place for place in wanted if place not in joined]
         for place in alone:
-            error = _refusal(loops[place], surroundings, options)
-            if error is not None:
+            if error := _refusal(loops[place], surroundings, options):
                 left_open[place] = unfilled(place, loops[place], error)
         answers = minimal_patches([loops[place] for place in alone if place not in left_open], options)
-        outcomes, patches = fill_loops(surroundings, loops, answers, options, on_loop, left_open=left_open, joins=joins)
+        outcomes, patches = fill_loops(
+            surroundings, loops, answers, options, on_loop, left_open=left_open, joins=joins, notes=notes
+        )
     clock.lap("fill")
     extension = stitch(triangles, patches)
     filled = extend(source, extension)
@@ -193,16 +194,16 @@ def fill_hole(
     if return_report:
         return filled, result
     if said := result.shortcomings:
-        more = [f"and {len(said) - _MOST_TOLD} more"] if len(said) > _MOST_TOLD else []
-        told = "; ".join([*said[:_MOST_TOLD], *more])
-        warnings.warn(f"fill_hole: {told} (return_report=True has all of it)", ImperfectFillWarning, stacklevel=2)
+        more = f"; and {len(said) - _MOST_TOLD} more" if len(said) > _MOST_TOLD else ""
+        told = f"fill_hole: {'; '.join(said[:_MOST_TOLD])}{more} (return_report=True has all of it)"
+        warnings.warn(told, ImperfectFillWarning, stacklevel=2)
     return filled
 
 
 def _refusal(loop: BoundaryLoop, surroundings: Surroundings, options: FillOptions) -> SpinorGeomError | None:
     """Why nothing is tried for a loop, or None."""
     try:
-        refuse_what_is_no_hole(loop, surroundings.taken)
+        refuse_what_is_no_hole(loop, surroundings)
         if not options.fills_borders:
             refuse_long_border(surroundings, loop)
     except SpinorGeomError as error:

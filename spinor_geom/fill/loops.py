@@ -1,7 +1,5 @@
 """The boundary loops of any mesh, and the choice of those to be filled."""
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -44,20 +42,6 @@ def boundary_loops(mesh: Any) -> list[BoundaryLoop]:
     return find_boundary_loops(triangles)
 
 
-def place_of_loop(loop: BoundaryLoop, loops: Sequence[BoundaryLoop]) -> int:
-    """The place of a loop among those of a mesh: same vertices in the same cyclic order, at the same positions.
-
-    Raises:
-        ForeignLoopError: it is none of them, or runs the other way.
-    """
-    for place, candidate in enumerate(loops):
-        for start in np.flatnonzero(candidate.vertex_ids == loop.vertex_ids[0]).tolist():
-            same_vertices = np.array_equal(np.roll(candidate.vertex_ids, -start), loop.vertex_ids)
-            if same_vertices and np.array_equal(np.roll(candidate.points, -start, axis=0), loop.points):
-                return place
-    raise ForeignLoopError(vertices=len(loop))
-
-
 def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
     """The rim of a mesh without the corners of triangles that were seen in it: Γ is free beside them.
 
@@ -74,13 +58,20 @@ def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
 def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int]:
     """The places of the loops of a mesh that a choice names, ascending.
 
+    A loop names that with the same vertices in the same cyclic order, at the same positions.
+
     Raises:
         LoopIndexError: a place does not exist.
-        ForeignLoopError: the loop given is not one of the mesh's.
+        ForeignLoopError: the loop given is not one of the mesh's, or runs the other way.
         OptionError: the choice is none of these.
     """
     if isinstance(choice, BoundaryLoop):
-        return [place_of_loop(choice, loops)]
+        for place, candidate in enumerate(loops):
+            for start in np.flatnonzero(candidate.vertex_ids == choice.vertex_ids[0]).tolist():
+                same_vertices = np.array_equal(np.roll(candidate.vertex_ids, -start), choice.vertex_ids)
+                if same_vertices and np.array_equal(np.roll(candidate.points, -start, axis=0), choice.points):
+                    return [place]
+        raise ForeignLoopError(vertices=len(choice))
     if isinstance(choice, str) and choice == "all":
         return list(range(len(loops)))
     try:
@@ -106,7 +97,6 @@ def reasons_to_leave_open(
         elif keep_largest and place == 0:
             reasons[place] = "not requested: keep_largest leaves the longest loop open"
         elif max_perimeter is not None and loop.perimeter > max_perimeter:
-            reasons[place] = (
-                f"not requested: its perimeter {loop.perimeter:.6g} is over max_perimeter {max_perimeter:.6g}"
-            )
+            over = f"its perimeter {loop.perimeter:.6g} is over max_perimeter {max_perimeter:.6g}"
+            reasons[place] = f"not requested: {over}"
     return reasons

@@ -6,19 +6,20 @@ Islands are loose pieces that lie in a hole; they are joined to its rim, or igno
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from time import perf_counter
+from types import MappingProxyType
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TwistedRimsError
+from spinor_geom.fill.discrete_patch import refuse_what_is_no_hole
 from spinor_geom.fill.loops import free_rim
-from spinor_geom.fill.one_loop import Answer, FillOptions, Solved, exact_patches, fill_loop, refuse_what_is_no_hole
+from spinor_geom.fill.one_loop import Answer, FillOptions, Solved, exact_patches, fill_loop
 from spinor_geom.fill.result import LoopOutcome
-from spinor_geom.fill.stitch import LoopPatch
-from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.fill.surroundings import LoopPatch, Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import winding_numbers
 from spinor_geom.mesh.topology import face_components
@@ -29,65 +30,43 @@ from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 # An island lies no farther over or under the plane of its hole than the hole itself, and this share of its width.
 _HEIGHT_PER_WIDTH = 0.2
 
+Loops: TypeAlias = Sequence[BoundaryLoop]
 Islands: TypeAlias = Literal["join", "ignore"]
-# Seconds that a surface may wait for others to be meshed together; their meshes do not depend on it.
-_WAITING = 1.0
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Joins:
-    """What is joined to what: for the first place of each bridge all others, and what is to be said of some gaps."""
-
-    others: dict[int, tuple[int, ...]] = field(default_factory=dict)
-    notes: dict[int, str] = field(default_factory=dict)
-
-    @property
-    def alone(self) -> set[int]:
-        """Places that are not filled by themselves."""
-        return {place for first, others in self.others.items() for place in (first, *others)}
+_WAITING = 1.0  # seconds that a surface may wait for others to be meshed together; their meshes do not depend on it
 
 
 def planned_joins(
-    mesh: TriangleMesh,
-    loops: Sequence[BoundaryLoop],
-    wanted: Collection[int],
-    islands: Islands,
-    bridge: Sequence[int] | None = None,
-) -> Joins:
-    """The bridge that was asked for, by the places of its loops, or the islands in the holes that are to be filled.
+    mesh: TriangleMesh, loops: Loops, wanted: Collection[int], islands: Islands, bridge: Sequence[int] | None
+) -> tuple[dict[int, tuple[int, ...]], dict[int, str]]:
+    """The bridge that was asked for, or the islands in the holes that are to be filled, and what is to be said of them.
 
-    A bridge of a single loop, or from a loop to itself, is an OptionError.
+    Both by the first place of those that are joined, the bridge with all others. One of a single loop, or from a loop
+    to itself, is an OptionError.
     """
     if bridge is not None:
         if len(bridge) < 2:
-            raise OptionError(
-                f"a bridge joins two loops or more, got {len(bridge)}; name another, or fill it by itself"
-            )
+            raise OptionError(f"a bridge joins two loops or more, got {len(bridge)}; name another, or fill it alone")
         first, *others = sorted(bridge)
-        twice = next((place for place in bridge if list(bridge).count(place) > 1), None)
-        if twice is not None:
-            raise OptionError(
-                f"a bridge joins different loops, got loop {twice} twice; fill it by itself, or name another"
-            )
-        return Joins(others={first: tuple(others)})
-    joins = Joins()
+        if twice := [place for place in bridge if list(bridge).count(place) > 1]:
+            raise OptionError(f"a bridge joins different loops, got loop {twice[0]} twice; name another")
+        return {first: tuple(others)}, {}
+    joins, notes = dict[int, tuple[int, ...]](), dict[int, str]()
     for hole, pieces in find_islands(mesh, loops).items():
         if hole not in wanted:
             continue
         open_pieces = [piece for piece in pieces if piece in wanted]
         if islands == "ignore" or not open_pieces:
             names = ", ".join(map(str, pieces))
-            note = f"a loose piece lies in the hole (loop {names}); it was ignored: islands='join' joins it"
+            notes[hole] = f"a loose piece lies in the hole (loop {names}); it was ignored: islands='join' joins it"
         else:
-            joins.others[hole] = tuple(open_pieces)
+            joins[hole] = tuple(open_pieces)
             names, (s, were) = ", ".join(map(str, open_pieces)), ("", "was") if len(open_pieces) == 1 else ("s", "were")
-            note = f"the loose piece{s} in the hole (loop{s} {names}) {were} joined to it"
-        joins.notes[hole] = note
-    return joins
+            notes[hole] = f"the loose piece{s} in the hole (loop{s} {names}) {were} joined to it"
+    return joins, notes
 
 
 def fill_between(
-    surroundings: Surroundings, places: tuple[int, ...], loops: Sequence[BoundaryLoop], options: FillOptions
+    surroundings: Surroundings, places: tuple[int, ...], loops: Loops, options: FillOptions
 ) -> tuple[tuple[LoopOutcome, ...], LoopPatch | None]:
     """The patch between several of a mesh's loops, with the outcomes of all, or the reason why there is none."""
     first, *others = places
@@ -96,7 +75,7 @@ def fill_between(
     found: Solved
     try:
         for place in places:
-            refuse_what_is_no_hole(loops[place], surroundings.taken)
+            refuse_what_is_no_hole(loops[place], surroundings)
         rims = [loops[place] for place in places]
         with time_limit(options.time_limit):
             solution = solve_plateau(rims, model=options.model, tolerance=options.tolerance, between="free")
@@ -130,7 +109,7 @@ def fill_between(
     return (here, *there), patch
 
 
-def find_islands(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> dict[int, tuple[int, ...]]:
+def find_islands(mesh: TriangleMesh, loops: Loops) -> dict[int, tuple[int, ...]]:
     """The loose pieces that lie in holes: for the place of a hole those of the pieces' rims.
 
     A piece is loose in a hole if its longest rim, seen along the normal of the hole's plane, lies inside the hole, is
@@ -172,20 +151,20 @@ def _lies_in(piece: BoundaryLoop, hole: BoundaryLoop) -> bool:
 
 def fill_loops(
     surroundings: Surroundings,
-    loops: Sequence[BoundaryLoop],
+    loops: Loops,
     answers: Iterator[Answer],
     options: FillOptions,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
     *,
-    left_open: Mapping[int, LoopOutcome] | None = None,
-    joins: Joins | None = None,
+    left_open: Mapping[int, LoopOutcome] = MappingProxyType({}),
+    joins: Mapping[int, tuple[int, ...]] = MappingProxyType({}),
+    notes: Mapping[int, str] = MappingProxyType({}),
 ) -> tuple[list[LoopOutcome], list[LoopPatch]]:
     """One outcome for each of a mesh's loops, and the patches of those that are filled, which join the surroundings.
 
     The answers are those of the loops that are to be filled by themselves, in order; `left_open` has the outcomes of
-    the loops that nothing is tried for, by their places.
+    the loops that nothing is tried for, by their places; `joins` and `notes` are as `planned_joins` gives them.
     """
-    left_open, joins = left_open or {}, joins or Joins()
     asked = len(loops) - sum(not _was_asked(outcome) for outcome in left_open.values())
     outcomes: dict[int, LoopOutcome] = {}
     patches: list[LoopPatch] = []
@@ -196,14 +175,14 @@ def fill_loops(
         done: tuple[LoopOutcome, ...]
         if place in left_open:
             done = (left_open[place],)
-        elif place in joins.others:
-            done, patch = fill_between(surroundings, (place, *joins.others[place]), loops, options)
+        elif place in joins:
+            done, patch = fill_between(surroundings, (place, *joins[place]), loops, options)
         else:
             options.on_stage(place, "exact surface")
             outcome, patch = fill_loop(surroundings, place, loop, next(answers), options)
             done = (outcome,)
-        if place in joins.notes and done[0].filled:
-            done = (replace(done[0], remarks=(*done[0].remarks, joins.notes[place])), *done[1:])
+        if place in notes and done[0].filled:
+            done = (replace(done[0], remarks=(*done[0].remarks, notes[place])), *done[1:])
         if patch is not None:
             patches.append(patch)
         for outcome in done:
@@ -218,7 +197,7 @@ def _was_asked(outcome: LoopOutcome) -> bool:
 
 
 def minimal_patches(
-    loops: Sequence[BoundaryLoop], options: FillOptions, *, is_rim: bool = True, device: str = "cpu"
+    loops: Loops, options: FillOptions, *, is_rim: bool = True, device: str = "cpu"
 ) -> Iterator[Answer]:
     """For each loop in order its surface and that one's mesh, or why there is none; small ones are made side by side.
 

@@ -6,44 +6,76 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from time import perf_counter
 from types import MappingProxyType
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from jaxtyping import Int
 
 from spinor_geom.deadline import time_limit
 from spinor_geom.discrete.strip import ruled_annulus
 from spinor_geom.errors import (
-    LoneFaceError,
     NoAreaError,
     OptionError,
-    SeamError,
     SheetBorderError,
+    SingularMatrixError,
     SpinorGeomError,
     SurfaceError,
     TooManyPointsError,
-    ZeroWidthSlitError,
 )
 from spinor_geom.fill.attributes import patch_attributes
-from spinor_geom.fill.continuation import MadePatch, continued
-from spinor_geom.fill.discrete_patch import discrete_patch, refuse_border
+from spinor_geom.fill.continuation import Continuation, Start, bend_across, collar_of, continue_patch
+from spinor_geom.fill.discrete_patch import discrete_patch, refuse_border, refuse_empty
 from spinor_geom.fill.options import CONTINUITY, Continuity, require_positive
 from spinor_geom.fill.result import LoopOutcome
-from spinor_geom.fill.stitch import LoopPatch, RimEdges
-from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.fill.surroundings import NOTHING, Crossings, LoopPatch, Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.intersections import loop_crossings
-from spinor_geom.meshing.embed import Patch, mesh_patches
+from spinor_geom.meshing.embed import Patch, edge_length_over, mesh_patches
 from spinor_geom.plateau.options import Model, require_model
 from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# A patch whose surface misses the loop by more, as RMS share of the mean edge, would be wrong beside its rim.
-MAX_RESIDUAL_PER_EDGE = 0.1
-MIN_WIDTH_PER_EDGE = 1e-6  # of a loop's mean edge: far above round-off, far below any hole that was meant
-_WHOLE_SLIT = 1 - 1e-9
+MAX_RESIDUAL_PER_EDGE = 0.1  # RMS, of the mean edge: the patch of a surface that misses more is wrong beside its rim
 
 Solved: TypeAlias = PlateauSolution | SpinorGeomError
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MadePatch:
+    """A patch on its way into the mesh: its loops, and what its `LoopOutcome` will tell of it."""
+
+    patch: Patch
+    rims: Sequence[BoundaryLoop]
+    solution: PlateauSolution | None
+    reason: str
+    edges_split: int = 0
+    crossings: Crossings = NOTHING
+    continuation: Continuation | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def start(self) -> Start:
+        """What the patch is before its continuation."""
+        if self.solution is not None:
+            return "minimal"
+        return "strip" if self.patch.hole_sizes else "discrete"
+
+    @property
+    def surface(self) -> SpinorSurface | None:
+        """The exact surface that the patch is a mesh of."""
+        return None if self.solution is None or self.continuation is not None else self.solution.surface
+
+    @cached_property
+    def rim(self) -> Int[np.ndarray, " m"]:
+        """Mesh vertices of its boundary vertices."""
+        return np.concatenate([loop.vertex_ids for loop in self.rims])
+
+    def joinable(self, surroundings: Surroundings) -> MadePatch:
+        """The patch with its edges split that the mesh or another patch has."""
+        patch, split = surroundings.fitted(self.patch, self.rim, self.surface)
+        return replace(self, patch=patch, edges_split=self.edges_split + split)
 
 
 class Answer(NamedTuple):
@@ -114,7 +146,7 @@ def fill_loop(
     clock = Clock(seconds)
     try:
         options.on_stage(place, "mesh")
-        made = _patch_over(place, loop, exact, options, tuple(others.values())).joinable(surroundings)
+        made = _patch_over(place, (loop, *others.values()), exact, options).joinable(surroundings)
         clock.lap("mesh")
         options.on_stage(place, "crossings")
         made = replace(made, crossings=surroundings.crossings(made.patch))
@@ -124,7 +156,7 @@ def fill_loop(
         if options.continuity == "C1":
             options.on_stage(place, "continuation")
             with time_limit(options.time_limit):
-                made = continued(made, target_length(made.rims, options), surroundings)
+                made = continued(made, edge_length_over(made.rims, options.target_edge_length), surroundings)
             clock.lap("continuation")
     except TooManyPointsError:
         raise
@@ -132,15 +164,8 @@ def fill_loop(
         clock.lap("failed")
         solution = found if isinstance(found, PlateauSolution) else None
         return unfilled(place, loop, error, solution=solution, joined_to=joined_to, timings=clock.laps()), None
-    patch = made.patch
-    attributes = patch_attributes(
-        surroundings.mesh.vertex_attributes,
-        made.rim,
-        patch,
-        made.surface,
-        is_planned=made.solution is not None,
-        labels=surroundings.mesh.labels,
-    )
+    patch, is_planned = made.patch, made.solution is not None
+    attributes = patch_attributes(surroundings.mesh, made.rim, patch, made.surface, is_planned=is_planned)
     clock.lap("attributes")
     surroundings.join(patch, made.rim)
     outcome = LoopOutcome(
@@ -163,13 +188,6 @@ def fill_loop(
         timings=clock.laps(),
     )
     return outcome, LoopPatch(place=place, rim=made.rim, patch=patch, attributes=attributes)
-
-
-def target_length(loops: Sequence[BoundaryLoop], options: FillOptions) -> float:
-    """The edge length of the patch over some loops, in mesh units."""
-    if isinstance(options.target_edge_length, str):
-        return sum(loop.perimeter for loop in loops) / sum(map(len, loops))
-    return float(options.target_edge_length)
 
 
 def unfilled(
@@ -198,26 +216,21 @@ def unfilled(
 
 
 def _patch_over(
-    place: int,
-    loop: BoundaryLoop,
-    exact: MadePatch | SpinorGeomError,
-    options: FillOptions,
-    others: tuple[BoundaryLoop, ...],
+    place: int, rims: Sequence[BoundaryLoop], exact: MadePatch | SpinorGeomError, options: FillOptions
 ) -> MadePatch:
     """The mesh of an exact surface; without one a discrete patch, or between two loops a strip to be continued."""
     if isinstance(exact, MadePatch):
         return exact
-    can_be_strip = options.continuity == "C1" and len(others) == 1 and isinstance(exact, SurfaceError)
-    if isinstance(exact, (NoAreaError, TooManyPointsError)) or (others and not can_be_strip):
+    can_be_strip = options.continuity == "C1" and len(rims) == 2 and isinstance(exact, SurfaceError)
+    if isinstance(exact, (NoAreaError, TooManyPointsError)) or (len(rims) > 1 and not can_be_strip):
         raise exact
-    reason, rims = str(exact), (loop, *others)
-    target = target_length(rims, options)
-    if others:
+    reason, target = str(exact), edge_length_over(rims, options.target_edge_length)
+    if can_be_strip:
         # straight lines, a start for a surface that is not minimal
-        patch = Patch.over(*ruled_annulus(loop.points, others[0].points, target))
+        patch = Patch.over(*ruled_annulus(rims[0].points, rims[1].points, target))
     else:
         options.on_stage(place, "discrete surface")
-        patch, what = discrete_patch(loop, target, seconds=options.time_limit)
+        patch, what = discrete_patch(rims[0], target, seconds=options.time_limit)
         reason = f"{what}, because: {reason}"
     return MadePatch(patch=patch, rims=rims, solution=None, reason=reason)
 
@@ -259,31 +272,45 @@ def _made(solution: PlateauSolution, patch: Patch | SpinorGeomError) -> MadePatc
     return MadePatch(patch=patch, rims=rims, solution=solution, reason="" if solution.converged else solution.reason)
 
 
-def refuse_what_is_no_hole(loop: BoundaryLoop, taken: RimEdges) -> None:
-    """Checks, before anything is solved, that a loop bounds a hole.
+def continued(first: MadePatch, target: float, surroundings: Surroundings) -> MadePatch:
+    """The smooth continuation of the mesh around a patch, or the patch itself with the reason why it stays.
 
-    Raises:
-        LoopError: it does not: a slit, a seam, the outline of one face, or points on a line.
-        NonManifoldEdgeError: one of its edges has several faces already.
+    A patch without inner vertices has nothing that could move, and stays without a word; so does one whose
+    continuation crosses more than it does. `target` is the edge length, should it be meshed anew. A strip that stays is
+    no surface to be kept, and a SurfaceError.
     """
-    if loop.obstacle is not None:
-        raise loop.obstacle
-    if loop.slit_fraction > _WHOLE_SLIT:
-        # the first edge that lies on another one, run the other way
-        ends = np.roll(loop.points, -1, axis=0)
-        one, other = loop_crossings(loop.points).T
-        opposite = (loop.points[one] == ends[other]).all(axis=1) & (ends[one] == loop.points[other]).all(axis=1)
-        edge = np.roll(loop.vertex_ids, -one[np.argmax(opposite)])[:2]
-        raise ZeroWidthSlitError(fraction=loop.slit_fraction, vertices=edge.tolist())
-    if len(loop.seam_edges):
-        raise SeamError(edge=[int(v) for v in loop.seam_edges[0]], count=len(loop.seam_edges))
-    face = taken.face_on(loop)
-    if face is not None:
-        raise LoneFaceError(face=face, vertices=[int(v) for v in loop.vertex_ids])
-    refuse_empty(loop, loop.diagonal / loop.elongation)
+    if len(first.patch.vertices) == len(first.rim):
+        return _staying(first)
+    collar = collar_of(surroundings, first.rim, first.patch)
+    try:
+        moved = continue_patch(first.patch, collar, target, is_conformal=first.start != "discrete")
+    except SingularMatrixError as error:
+        return _staying(first, str(error))
+    before, after = bend_across(collar, first.patch), bend_across(collar, moved.patch)
+    if not moved.converged and after.rms >= before.rms:
+        steps = f"{moved.steps} steps left a bend of {after.rms:.3g}° (RMS)"
+        return _staying(first, f"{steps} across the rim, where it has {before.rms:.3g}°")
+    continuation = Continuation(
+        started_from=first.start,
+        before=before,
+        after=after,
+        steps=moved.steps,
+        remeshed=moved.remeshed,
+        converged=moved.converged,
+        correlation_length=collar.length,
+        roughness=collar.roughness,
+        creased=collar.creased,
+    )
+    smooth = replace(first, patch=moved.patch, reason=continuation.reason, continuation=continuation)
+    smooth = smooth.joinable(surroundings)
+    crossings = surroundings.crossings(smooth.patch)
+    if len(crossings) > len(first.crossings):
+        return _staying(first, ", ".join(crossings.notes), link=", as then")
+    return replace(smooth, crossings=crossings)
 
 
-def refuse_empty(loop: BoundaryLoop, width: float) -> None:
-    """Raises a `NoAreaError` where the width of a loop's hole, in mesh units, is below 1e-6 of its mean edge."""
-    if width <= MIN_WIDTH_PER_EDGE * loop.mean_edge_length:
-        raise NoAreaError(width=width, mean_edge=loop.mean_edge_length)
+def _staying(first: MadePatch, why: str = "", *, link: str = ":") -> MadePatch:
+    remarks = (f"the patch was not continued smoothly{link} {why}",) if why else ()
+    if first.start == "strip":
+        raise SurfaceError("; ".join([first.reason, *remarks]))
+    return replace(first, remarks=remarks)

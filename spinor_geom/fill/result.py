@@ -1,7 +1,5 @@
 """What `fill_hole` did: one outcome for every boundary loop, and the whole."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -13,6 +11,7 @@ from spinor_geom.meshing.embed import Patch
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.shown import Shown
 
+_CROSSINGS = ("self_intersections", "mesh_intersections", "patch_intersections")
 _STATES = {
     "minimal": "is not within the tolerance",
     "discrete": "is closed by a discrete surface",
@@ -155,12 +154,7 @@ class LoopOutcome:
             "continuation": None if self.continuation is None else self.continuation.to_dict(),
             "annulus": None if solution is None or solution.annulus is None else solution.annulus.to_dict(),
             "area_minimum": None if solution is None else bool(solution.is_area_minimum),
-            "vertices_added": self.vertices_added,
-            "faces_added": self.faces_added,
-            "edges_split": self.edges_split,
-            "self_intersections": self.self_intersections,
-            "mesh_intersections": self.mesh_intersections,
-            "patch_intersections": self.patch_intersections,
+            **{name: getattr(self, name) for name in ("vertices_added", "faces_added", "edges_split", *_CROSSINGS)},
             "notes": list(self.notes),
             "timings": {**self.timings, **timings},
         }

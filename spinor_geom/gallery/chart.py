@@ -8,32 +8,24 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from scipy.spatial import cKDTree
 
-from spinor_geom.domain.lattice import lattice_inside
-from spinor_geom.measures.hausdorff import HausdorffDistance, SurfaceSamples, distances_to_mesh, mesh_samples
+from spinor_geom.domain.polygons import lattice_inside
+from spinor_geom.measures import HausdorffDistance, SurfaceSamples, distances_to_mesh, mesh_samples
 
 SurfaceFunction = Callable[[Complex[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
 TangentFunction = Callable[[Complex[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 2 3"]]
 
-# points where the projection of a point onto the surface may start
-_STARTS = 3000
-_STEPS = 60
+_STARTS, _STEPS = 3000, 60  # points where the projection of a point onto the surface may start, and its steps
 _BLOCK = 1 << 14  # points whose projections are iterated together
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chart:
-    """A piece of a surface over a polygon in the plane of z = x + iy, in formulas that also hold a little outside it.
+    """A piece of a surface over a polygon in the plane of z = x + iy, in formulas that hold a little outside it too."""
 
-    Attributes:
-        position: r(z).
-        tangents: r_x and r_y.
-        outline: the polygon, counter-clockwise, so dense that its chords do not matter.
-        symmetries: orthogonal maps of space whose images of that piece make the whole; the identity alone by default.
-    """
-
-    position: SurfaceFunction
-    tangents: TangentFunction
-    outline: Complex[np.ndarray, " m"]
+    position: SurfaceFunction  # r(z)
+    tangents: TangentFunction  # r_x and r_y
+    outline: Complex[np.ndarray, " m"]  # the polygon, counter-clockwise, so dense that its chords do not matter
+    # orthogonal maps of space whose images of that piece make the whole
     symmetries: tuple[Float[np.ndarray, "3 3"], ...] = (np.eye(3),)
 
     def samples(self, count: int) -> SurfaceSamples:
@@ -56,10 +48,8 @@ class Chart:
     ) -> HausdorffDistance:
         """Symmetric Hausdorff distance of a mesh from the surface, forward from the mesh, as `hausdorff_distance`."""
         here, there = mesh_samples(vertices, faces, samples), self.samples(samples)
-        return HausdorffDistance(
-            forward=here.summary(self.distances(here.points)),
-            backward=there.summary(distances_to_mesh(there.points, vertices, faces)),
-        )
+        backward = there.summary(distances_to_mesh(there.points, vertices, faces))
+        return HausdorffDistance(forward=here.summary(self.distances(here.points)), backward=backward)
 
     def lattice(self, count: int) -> Complex[np.ndarray, " k"]:
         """About `count` points of a triangular lattice inside the polygon."""
@@ -85,9 +75,7 @@ class Chart:
         falls.
         """
         blocks = np.array_split(points, -(-len(points) // _BLOCK)) if len(points) else [points]
-        images = [
-            np.concatenate([self._distances(block @ symmetry) for block in blocks]) for symmetry in self.symmetries
-        ]
+        images = [np.concatenate([self._distances(block @ m) for block in blocks]) for m in self.symmetries]
         return np.asarray(np.min(images, axis=0))
 
     @cached_property

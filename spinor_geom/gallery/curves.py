@@ -17,25 +17,15 @@ from spinor_geom.gallery.chart import Chart
 from spinor_geom.gallery.known import KnownCurve, KnownDisk
 from spinor_geom.mesh.curve import ClosedCurve, CurveFunction
 
-_TENNIS_SEAM_DISKS = {
-    0.8: (KnownDisk(area=4.36461878664500, stable=True, relative_error=1e-14),),
-    0.76: (
-        KnownDisk(area=4.6084369275, stable=True, relative_error=1e-10),
-        KnownDisk(area=4.6085984535, stable=False, relative_error=1e-10),
-    ),
-    0.75: (
-        KnownDisk(area=4.66497038914645, stable=True, relative_error=1e-14),
-        KnownDisk(area=4.66975749646780, stable=False, relative_error=1e-14),
-    ),
-    0.6: (
-        KnownDisk(area=4.9899, stable=True, relative_error=2e-5),
-        KnownDisk(area=5.5971234813, stable=False, relative_error=1e-10),
-    ),
+_TENNIS_SEAM_DISKS = {  # area, whether it is stable, relative error
+    0.8: [(4.36461878664500, True, 1e-14)],
+    0.76: [(4.6084369275, True, 1e-10), (4.6085984535, False, 1e-10)],
+    0.75: [(4.66497038914645, True, 1e-14), (4.66975749646780, False, 1e-14)],
+    0.6: [(4.9899, True, 2e-5), (5.5971234813, False, 1e-10)],
 }
 SmoothMap = Callable[[Float[Tensor, "..."]], Float[Tensor, "..."]]
 
-# vertices of a chart's outline, and points of a polygon's side that its length in space is measured by
-_OUTLINE, _LENGTH_POINTS = 400, 512
+_OUTLINE, _LENGTH_POINTS = 400, 512  # vertices of a chart's outline; points by which a side's length is measured
 _SCHERK_AREAS = {1.0: 1.08724596383763888, 2.0: 5.69751221158705744, 2.5: 11.4951537487130629, 3.0: 29.2319867716447538}
 
 
@@ -54,20 +44,19 @@ def twisted_circle(radius: float = 1.0, k: int = 3, amplitude: float = 0.2) -> K
 def tennis_seam(a: float = 0.8) -> KnownCurve:
     """The seam of a tennis ball on the unit sphere: (a cos t + b cos 3t, a sin t − b sin 3t, 2√(ab) sin 2t), b = 1 − a.
 
-    Between a = 0.78 and 0.76 the symmetric disk stops being stable; below, two mirror images of lower area are.
-
-    Raises:
-        OptionError: a is not in (0, 1).
+    Between a = 0.78 and 0.76 the symmetric disk stops being stable; below, two mirror images of lower area are. An a
+    that is not in (0, 1) is an OptionError.
     """
     if not 0 < a < 1:
         raise OptionError(f"a tennis seam needs a in (0, 1), got {a}")
     b = 1 - a
+    disks = (KnownDisk(area=s, stable=stable, relative_error=e) for s, stable, e in _TENNIS_SEAM_DISKS.get(a, ()))
     return _fourier(
         (1, (a, -1j * a, 0)),
         (2, (0, 0, -2j * math.sqrt(a * b))),
         (3, (b, 1j * b, 0)),
         name=f"tennis seam a={a:g}",
-        disks=_TENNIS_SEAM_DISKS.get(a, ()),
+        disks=tuple(disks),
         source="the curve of a tennis ball; areas by converged Fourier solves of Douglas's problem",
     )
 
@@ -128,18 +117,14 @@ def l_shape(rise: float = 0.0) -> KnownCurve:
     plane = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]])
     if rise == 0:
         return plane_polygon(plane, name="L-shape")
-    return polygon(
-        np.column_stack([plane, rise * plane.prod(axis=1)]),
-        name=f"L-shape on z = {rise:g}xy",
-        source="three unit squares",
-    )
+    vertices = np.column_stack([plane, rise * plane.prod(axis=1)])
+    return polygon(vertices, name=f"L-shape on z = {rise:g}xy", source="three unit squares")
 
 
 def zigzag_rim(sides: int = 20, height: float = 0.1) -> KnownCurve:
     """The rim of a crown: the corners of a regular polygon in the unit circle, alternately at z = ±height.
 
-    Raises:
-        OptionError: the number of sides is odd or below 4.
+    A number of sides that is odd or below 4 is an OptionError.
     """
     if sides < 4 or sides % 2:
         raise OptionError(f"a zigzag rim needs an even number of sides from 4 on, got {sides}")
@@ -151,8 +136,7 @@ def zigzag_rim(sides: int = 20, height: float = 0.1) -> KnownCurve:
 def scherk(side: float = 2.0) -> KnownCurve:
     """Boundary of Scherk's graph z = log(cos y/cos x) over the square of a given side about 0; it is infinite at π.
 
-    Raises:
-        OptionError: side is not in (0, π).
+    A side that is not in (0, π) is an OptionError.
     """
     if not 0 < side < np.pi:
         raise OptionError(f"Scherk's graph needs a side in (0, π), got {side}")
@@ -163,9 +147,9 @@ def scherk(side: float = 2.0) -> KnownCurve:
         return torch.stack([x, y, torch.log(y.cos() / x.cos())], dim=-1)
 
     def graph(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        return np.stack([z.real, z.imag, np.log(np.cos(z.imag) / np.cos(z.real))], axis=-1)
+        return over(torch.view_as_real(torch.tensor(z))).numpy()
 
-    def graph_tangents(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 2 3"]:
+    def tangents(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 2 3"]:
         one, none = np.ones(np.shape(z)), np.zeros(np.shape(z))
         x = np.stack([one, none, np.tan(z.real)], axis=-1)
         return np.stack([x, np.stack([none, one, -np.tan(z.imag)], axis=-1)], axis=-2)
@@ -177,15 +161,14 @@ def scherk(side: float = 2.0) -> KnownCurve:
     return replace(
         image_of_polygon(square, over, name=f"Scherk side {side:g}", source=source),
         disks=() if area is None else (KnownDisk(area=area, stable=True),),
-        chart=Chart(position=graph, tangents=graph_tangents, outline=outline @ [1, 1j]),
+        chart=Chart(position=graph, tangents=tangents, outline=outline @ [1, 1j]),
     )
 
 
 def polygon(vertices: ArrayLike, *, name: str = "polygon", source: str = "its vertices") -> KnownCurve:
     """The closed polygon through (k, 3) vertices, the first not repeated, corners all of them, by arc length.
 
-    Raises:
-        OptionError: fewer than three vertices, or not (k, 3).
+    Fewer than three vertices, or another shape, are an OptionError.
     """
     corners = np.asarray(vertices, dtype=np.float64)
     if corners.ndim != 2 or corners.shape[1] != 3 or len(corners) < 3:
@@ -198,41 +181,39 @@ def image_of_polygon(corners: Float[np.ndarray, "k d"], image: SmoothMap, *, nam
 
     A side's share of [0, 1) is its share of the length in space; along it the polygon is run at one speed.
     """
-    sides = len(corners)
+    sides, edges = len(corners), np.roll(corners, -1, axis=0) - corners
+
+    def derivative(order: int, share: Float[np.ndarray, " k"]) -> CurveFunction:
+        first = np.append(0.0, np.cumsum(share)[:-1])
+
+        def at(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+            turned = np.mod(t, 1.0)
+            side = np.asarray(np.searchsorted(first, turned, side="right") - 1)
+            start, edge = torch.tensor(corners[side]), torch.tensor(edges[side])
+
+            def along(u: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
+                return image(start + u[..., None] * edge)
+
+            function: SmoothMap = along
+            for _ in range(order):
+                function = partial(_slope, function)
+            value = function(torch.tensor((turned - first[side]) / share[side]))
+            return np.asarray(value.detach().numpy() / share[side][..., None] ** order)
+
+        return at
+
     middles = (np.arange(sides * _LENGTH_POINTS) + 0.5) / (sides * _LENGTH_POINTS)
-    speed = np.linalg.norm(_along(1, middles, corners, np.full(sides, 1 / sides), image), axis=1)
+    speed = np.linalg.norm(derivative(1, np.full(sides, 1 / sides))(middles), axis=1)
     length = speed.reshape(sides, -1).mean(axis=1)
     share = length / length.sum()
     return KnownCurve(
         name=name,
-        point=lambda t: _along(0, t, corners, share, image),
-        derivative=lambda t: _along(1, t, corners, share, image),
-        second_derivative=lambda t: _along(2, t, corners, share, image),
-        corners=tuple(_starts(share).tolist()),
+        point=derivative(0, share),
+        derivative=derivative(1, share),
+        second_derivative=derivative(2, share),
+        corners=(0.0, *np.cumsum(share)[:-1].tolist()),
         source=source,
     )
-
-
-def _along(
-    order: int,
-    t: Float[np.ndarray, "*pts"],
-    corners: Float[np.ndarray, "k d"],
-    share: Float[np.ndarray, " k"],
-    image: SmoothMap,
-) -> Float[np.ndarray, "*pts 3"]:
-    """A derivative of the image of a polygon whose sides have given shares of [0, 1)."""
-    first, turned = _starts(share), np.mod(t, 1.0)
-    side = np.asarray(np.searchsorted(first, turned, side="right") - 1)
-    start, edge = (torch.tensor(some[side]) for some in (corners, np.roll(corners, -1, axis=0) - corners))
-
-    def along(u: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
-        return image(start + u[..., None] * edge)
-
-    function: SmoothMap = along
-    for _ in range(order):
-        function = partial(_slope, function)
-    value = function(torch.tensor((turned - first[side]) / share[side]))
-    return np.asarray(value.detach().numpy() / share[side][..., None] ** order)
 
 
 def _slope(function: SmoothMap, u: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
@@ -241,20 +222,12 @@ def _slope(function: SmoothMap, u: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts
     return cast(Tensor, slope)
 
 
-def _starts(share: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    return np.append(0.0, np.cumsum(share)[:-1])
-
-
 def slit(length: float = 50.0, width: float = math.sqrt(0.75), *, bend: float = 0.0) -> KnownCurve:
     """A slit as a row of triangles leaves it when it is taken out of a mesh: a rectangle, plane or rolled.
 
-    Args:
-        length: of the longer sides; 50 with edges of 1 is 50 triangles long.
-        width: of the shorter sides; by default the height of an equilateral triangle with edge 1.
-        bend: angle through which the longer sides are rolled on a cylinder, in radians; 0 leaves the slit plane.
-
-    Raises:
-        OptionError: length or width is not positive, or the bend is negative or a whole turn.
+    By default its width is the height of an equilateral triangle with edge 1, and its length that of 50 such triangles.
+    The bend is the angle through which the longer sides are rolled on a cylinder, in radians. A length or width that is
+    not positive, and a bend that is negative or a whole turn, are an OptionError.
     """
     if not (length > 0 and width > 0 and 0 <= bend < 2 * math.pi):
         raise OptionError(f"a slit needs length and width > 0 and a bend in [0, 2π), got {length}, {width}, {bend}")
@@ -271,16 +244,9 @@ def horseshoe(
 ) -> KnownCurve:
     """The outline of a strip that runs along an arc of a circle and turns about that arc.
 
-    It starts in the circle's plane; at the end it stands at the angle `twist` to it.
-
-    Args:
-        radius: of the arc, the strip's middle line.
-        half_width: half the strip's width.
-        turn: angle of the arc, in radians.
-        twist: angle through which the strip turns about its middle line, in radians.
-
-    Raises:
-        OptionError: half the width is not between 0 and the radius, or the turn is not between 0 and 2π.
+    The arc, of a given radius and turn, is the strip's middle line. It starts in the circle's plane; at the end it
+    stands at the angle `twist` to it. Angles are in radians. A half width that is not between 0 and the radius, or a
+    turn that is not between 0 and 2π, is an OptionError.
     """
     if not (0 < half_width < radius and 0 < turn < 2 * math.pi):
         raise OptionError(
@@ -298,17 +264,9 @@ def helical_ramp(
 
     The helicoid between them is its minimal disk, stable however long it is because its normal is nowhere horizontal:
     the vertical shift is a positive Jacobi field. Its area is the turn times ½(ρ√(ρ² + c²) + c² asinh(ρ/c)) between
-    ρ = R − h and ρ = R + h, with c the rise in a radian. Over more than one turn it has no simple plane flattening of
-    the same lengths.
-
-    Args:
-        turns: about the axis.
-        radius: R, the middle line's distance from the axis.
-        half_width: h, half the ramp's width.
-        pitch: rise in one turn.
-
-    Raises:
-        OptionError: turns or pitch is not positive, or half the width is not between 0 and the radius.
+    ρ = R − h and ρ = R + h, with c the rise in a radian; R, the radius, is the middle line's distance from the axis, h
+    half the width, the pitch the rise in one turn. Over more than one turn it has no simple plane flattening of the
+    same lengths. Turns or a pitch that are not positive, and an h that is not between 0 and R, are an OptionError.
     """
     if not (turns > 0 and pitch > 0 and 0 < half_width < radius):
         raise OptionError(
@@ -328,14 +286,7 @@ def helical_ramp(
 
 
 def _outline(
-    radius: float,
-    half_width: float,
-    turn: float,
-    *,
-    rise: float = 0.0,
-    tilt: float = 0.0,
-    twist: float = 0.0,
-    **known: str,
+    radius: float, h: float, turn: float, *, rise: float = 0.0, tilt: float = 0.0, twist: float = 0.0, **known: str
 ) -> KnownCurve:
     """The outline of the strip x + iy = (R + v cos ψ)e^{iθ}, z = v sin ψ + rise·u, −h ≤ v ≤ h, 0 ≤ u ≤ 1.
 
@@ -347,7 +298,6 @@ def _outline(
         slope, outward = tilt + twist * u, radius + v * (tilt + twist * u).cos()
         return torch.stack([outward * (turn * u).cos(), outward * (turn * u).sin(), v * slope.sin() + rise * u], dim=-1)
 
-    h = half_width
     return image_of_polygon(np.array([(0, h), (1, h), (1, -h), (0, -h)]), strip, **known)
 
 

@@ -14,52 +14,34 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.surface import SpinorSurface
 
-# points of a side, or of a curve without corners, that its length is measured by
-_LENGTH_POINTS = 1 << 9
+_LENGTH_POINTS = 1 << 9  # points of a side that its length is measured by
 _DENSE = 1 << 14  # steps that the length of a curve is measured by
 _OUTLINE = 512  # vertices of a chart's outline
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KnownDisk:
-    """A minimal disk that a curve is known to bound.
-
-    Attributes:
-        area: its area.
-        stable: whether it is a local minimum of the area; None where that is not known.
-        relative_error: how far off `area` may be, relative to it.
-    """
+    """A minimal disk that a curve is known to bound."""
 
     area: float
-    stable: bool | None = None
-    relative_error: float = 1e-15
+    stable: bool | None = None  # whether it is a local minimum of the area; None where that is not known
+    relative_error: float = 1e-15  # how far off `area` may be, relative to it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KnownCurve(ClosedCurve):
-    """A closed curve in exact formulas, with what is known of it.
+    """A closed curve in exact formulas, with what is known of it."""
 
-    Attributes:
-        name: for tables and messages.
-        disks: the minimal disks it is known to bound, smallest area first.
-        source: where curve and areas come from.
-        chart: the first of those disks in exact formulas, where there are some.
-    """
-
-    name: str
-    disks: tuple[KnownDisk, ...] = ()
-    source: str
-    chart: Chart | None = None
+    name: str  # for tables and messages
+    disks: tuple[KnownDisk, ...] = ()  # the minimal disks it is known to bound, smallest area first
+    source: str  # where curve and areas come from
+    chart: Chart | None = None  # the first of those disks in exact formulas, where there are some
 
     def sample(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
         """A loop of n points of the curve, its corners among them.
 
-        Args:
-            n: number of points.
-            grading: 1 spaces the points of each side equally in t; larger values move them towards its corners.
-
-        Raises:
-            OptionError: n is below 3 or below the number of corners, or the grading is not positive.
+        A grading of 1 spaces the points of each side equally in t; larger values move them towards its corners. An n
+        below 3 or the number of corners, or a grading that is not positive, is an OptionError.
         """
         t, corners = sample_parameters(n, self.corners, grading=grading)
         return BoundaryLoop.from_points(self.point(t), corners=corners.tolist())
@@ -67,21 +49,13 @@ class KnownCurve(ClosedCurve):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KnownSurface:
-    """A minimal surface in exact formulas.
+    """A minimal surface in exact formulas."""
 
-    Attributes:
-        name: for tables and messages.
-        surface: the same as a `SpinorSurface`.
-        position: closed formula of r(z).
-        area: exact area.
-        source: where surface and area come from.
-    """
-
-    name: str
+    name: str  # for tables and messages
     surface: SpinorSurface
-    position: SurfaceFunction
-    area: float
-    source: str
+    position: SurfaceFunction  # closed formula of r(z)
+    area: float  # exact
+    source: str  # where surface and area come from
 
     def rim(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
         """A loop of n points of its boundary r(∂Ω), the corners of Ω among them; see `KnownCurve.sample`."""
@@ -98,30 +72,20 @@ class KnownSurface:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KnownPatch:
-    """A minimal disk in exact formulas that is bounded by sides in its chart's plane.
+    """A minimal disk in exact formulas that is bounded by sides in its chart's plane."""
 
-    Attributes:
-        name: for tables and messages.
-        chart: the disk.
-        sides: from corner to corner, each a function of t in [0, 1].
-        area: exact area.
-        source: where surface and area come from.
-    """
-
-    name: str
+    name: str  # for tables and messages
     chart: Chart
+    # from corner to corner, each a function of t in [0, 1]
     sides: tuple[Callable[[Float[np.ndarray, " n"]], Complex[np.ndarray, " n"]], ...]
-    area: float
-    source: str
+    area: float  # exact
+    source: str  # where surface and area come from
 
     def rim(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
         """A loop of n points of its boundary, almost equally far apart on every side; see `KnownCurve.sample`."""
         # denser at the ends of a side, where it may start like a square root
         t = 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, _LENGTH_POINTS))
-        lengths = []
-        for side in self.sides:
-            steps = np.linalg.norm(np.diff(self.chart.position(side(t)), axis=0), axis=1)
-            lengths.append(np.append(0.0, np.cumsum(steps)))
+        lengths = [_lengths(self.chart.position(side(t))) for side in self.sides]
         ends = np.cumsum([length[-1] for length in lengths])
         starts = np.append(0.0, ends[:-1]) / ends[-1]
         parameters, corners = sample_parameters(n, starts.tolist(), grading=grading)
@@ -151,10 +115,8 @@ def sample_parameters(
     """Parameters of n points on a closed curve with corners at increasing parameters, and the places of those.
 
     Each side between two corners gets points in proportion to its share of [0, 1), and at least its first corner, with
-    which the parameters begin. With a grading g > 0 the fraction u of a side becomes u^g/(u^g + (1 − u)^g).
-
-    Raises:
-        OptionError: n is below 3 or below the number of corners, or the grading is not positive.
+    which the parameters begin. With a grading g > 0 the fraction u of a side becomes u^g/(u^g + (1 − u)^g). Other
+    gradings, and an n below 3 or the number of corners, are an OptionError.
     """
     if n < max(3, len(corners)) or not grading > 0:
         raise OptionError(
@@ -201,9 +163,14 @@ def noisy_loop(loop: BoundaryLoop, share: float, *, seed: int) -> BoundaryLoop:
 
 def _at_shares(curve: ClosedCurve | KnownSurface, shares: np.ndarray) -> BoundaryLoop:
     t = np.arange(_DENSE + 1) / _DENSE
-    length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(_point(curve, t), axis=0), axis=1)))
+    length = _lengths(_point(curve, t))
     parameters = CubicSpline(length / length[-1], t)(shares)
     return BoundaryLoop.from_points(_point(curve, parameters), corners=())
+
+
+def _lengths(points: np.ndarray) -> np.ndarray:
+    """Length of a chain of points up to each."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
 
 
 def _point(curve: ClosedCurve | KnownSurface, t: np.ndarray) -> np.ndarray:

@@ -36,8 +36,7 @@ SURFACES: dict[str, Callable[[], KnownSurface | KnownCurve | KnownPatch]] = {
 def named_surface(name: str) -> SpinorSurface:
     """A surface of the gallery: in its formula where p and q have one, else as the solution over its boundary.
 
-    Raises:
-        OptionError: `SURFACES` has no such name.
+    A name that `SURFACES` has not is an OptionError.
     """
     if name not in SURFACES:
         raise OptionError(f"there is no surface {name!r} in the gallery; it has {', '.join(SURFACES)}")

@@ -16,13 +16,17 @@ from scipy.spatial import geometric_slerp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk, ellipkm1
 
+from spinor_geom.domain.quadrature import rule
 from spinor_geom.errors import OptionError
 from spinor_geom.gallery.chart import Chart, null_tangents
 from spinor_geom.gallery.curves import polygon
 from spinor_geom.gallery.known import KnownCurve, KnownDisk, KnownPatch
 
-# Gauss-Legendre nodes on a way from 0 that the square root at its end is taken out of: to round-off
-_NODES, _WEIGHTS = (0.5 * a for a in np.polynomial.legendre.leggauss(24))
+# Gauss-Legendre nodes on a way from 0 that the square root at its end is taken out of, on its quarters and second half:
+# to round-off
+_ENDS = np.array([0.0, 0.25, 0.5, 1.0])
+_NODES = (_ENDS[:-1, None] + np.diff(_ENDS)[:, None] * rule("gauss", 24).nodes).ravel()
+_WEIGHTS = (np.diff(_ENDS)[:, None] * rule("gauss", 24).weights).ravel()
 _SIDE_POINTS = 48  # of an outline, for every great circle
 # complete elliptic integrals of modulus 1/2 and √3/2 (scipy's argument is the modulus squared)
 _K, _K_PRIME = float(ellipk(0.25)), float(ellipk(0.75))
@@ -33,19 +37,12 @@ _CUBE = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) / math.sqrt(3)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RootSurface:
-    """A minimal surface with φ as above, from its position 0 at s = 0.
+    """A minimal surface with φ as above, from its position 0 at s = 0."""
 
-    Attributes:
-        degree: k, of the Gauss map.
-        roots: s_j.
-        angle: α, of the associate family.
-        cuts: for each root by how much its cut is turned from the ray that leads away from 0; none is by default.
-    """
-
-    degree: int
-    roots: Complex[np.ndarray, " r"]
-    angle: float = 0.0
-    cuts: Float[np.ndarray, " r"] | float = 0.0
+    degree: int  # k, of the Gauss map
+    roots: Complex[np.ndarray, " r"]  # s_j
+    angle: float = 0.0  # α, of the associate family
+    cuts: Float[np.ndarray, " r"] | float = 0.0  # angles of the roots' cuts to the rays that lead away from 0
 
     def null(self, s: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts 3"]:
         """φ(s)."""
@@ -61,7 +58,7 @@ class RootSurface:
         nearest = np.abs(s[..., None] - self.roots).argmin(axis=-1)
         root = self.roots[nearest]
         end = np.take_along_axis(self._roots(s), nearest[..., None], axis=-1)[..., 0]
-        v = 1 + (end - 1)[..., None] * (_NODES + 0.5)
+        v = 1 + (end - 1)[..., None] * _NODES
         here = root[..., None] * (1 - v**2)
         others = self._roots(here)
         # the factor of the root itself is v, to round-off: exactly so
@@ -85,8 +82,8 @@ def _polygon_chart(corners: Float[np.ndarray, "c 3"], up: Float[np.ndarray, "3"]
     """The minimal disk over a skew polygon whose corner normals are known from its edges alone.
 
     Along a straight edge the normals lie on a great circle, so the Gauss image is the spherical polygon of the corners'
-    normals. Size, place and α are those that bring the corners to the vertices. `up` is the unit normal at the centre,
-    where s = 0 and the Gauss map has the degree: 2 where the surface is flat there, like a monkey saddle.
+    normals. Size, α and place, which they leave free, bring the corners to the vertices. `up` is the unit normal at the
+    centre, where s = 0 and the Gauss map has the degree: 2 where the surface is flat there, like a monkey saddle.
     """
     to_axis, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [up])
     normals = np.cross(np.roll(corners, -1, axis=0) - corners, np.roll(corners, 1, axis=0) - corners)
@@ -98,19 +95,14 @@ def _polygon_chart(corners: Float[np.ndarray, "c 3"], up: Float[np.ndarray, "3"]
     # positions go like a square root of the distance from a root: round-off there would cost half the digits
     nearest = roots.ravel()[np.abs(parameters[:, None] - roots.ravel()).argmin(axis=1)]
     parameters = np.where(np.abs(parameters - nearest) < 1e-12, nearest, parameters)
-    first, second = RootSurface(degree=degree, roots=roots.ravel()).complex_position(parameters[:2])
-    # along a straight side the flux Im ∆ is perpendicular to the displacement Re ∆, so e^{2iα}∆·∆ is real
-    real = -0.5 * float(np.angle(((second - first) ** 2).sum()))
-    from trimesh.registration import procrustes  # not scipy's align_vectors, which warns of flat candidates, or not
-
-    fits = []
-    for angle in real + np.pi / 2 * np.arange(4):
-        surface = RootSurface(degree=degree, roots=roots.ravel(), angle=float(angle))
-        found = surface.complex_position(parameters).real
-        similarity, moved, _ = procrustes(found, corners, reflection=False)
-        fits.append((float(np.linalg.norm(moved - corners)), surface, similarity))
-    _, surface, similarity = min(fits, key=lambda fit: fit[0])
-    return _chart(surface, great_circles(parameters, degree), similarity)
+    surface = RootSurface(degree=degree, roots=roots.ravel())
+    found = surface.complex_position(parameters)
+    found, wanted = found - found[0], to_axis.apply(corners - corners[0])
+    real, imaginary = np.linalg.lstsq(np.column_stack([found.real.ravel(), -found.imag.ravel()]), wanted.ravel())[0]
+    surface = replace(surface, angle=math.atan2(imaginary, real))
+    matrix = math.hypot(real, imaginary) * to_axis.inv().as_matrix()
+    shift = corners[0] - matrix @ surface.complex_position(parameters[:1])[0].real
+    return _chart(surface, great_circles(parameters, degree), matrix, shift)
 
 
 def schwarz_d_quadrilateral() -> KnownCurve:
@@ -153,10 +145,7 @@ def schwarz_prism(stretch: float = 1.0) -> KnownCurve:
     (z² − 1, −i(z² + 1), 2z)(1 − 2 cosh 2τ z⁴ + z⁸)^{−1/2} over the unit disk, cut from its rim to the four roots. Half
     the side is L = K(k)/(2√cosh τ) with k² = (cosh τ − 1)/(2 cosh τ), half the height c = e^{−τ}K(κ) with κ = e^{−2τ};
     the area is K(k)K(k′)/cosh τ + 2e^{−2τ}K(κ)K(κ′), since the fluxes through the edges are elliptic integrals too. The
-    curve is scaled to L = 1; its stretch is c/L, height by side.
-
-    Raises:
-        OptionError: the stretch is not in (0.05, 20).
+    curve is scaled to L = 1; its stretch is c/L, height by side. One that is not in (0.05, 20) is an OptionError.
     """
     if not 0.05 < stretch < 20:
         raise OptionError(f"the prism needs a stretch in (0.05, 20), got {stretch}")
@@ -166,17 +155,10 @@ def schwarz_prism(stretch: float = 1.0) -> KnownCurve:
         # ellipkm1 takes the complementary parameter
         k, k_prime = float(ellipkm1((cosh + 1) / (2 * cosh))), float(ellipkm1((cosh - 1) / (2 * cosh)))
         upright, upright_prime = float(ellipkm1(-math.expm1(-4 * tau))), float(ellipkm1(kappa**2))
-        return (
-            k / (2 * math.sqrt(cosh)),
-            math.exp(-tau) * upright,
-            k * k_prime / cosh + 2 * kappa * upright * upright_prime,
-        )
+        area = k * k_prime / cosh + 2 * kappa * upright * upright_prime
+        return k / (2 * math.sqrt(cosh)), math.exp(-tau) * upright, area
 
-    def excess(tau: float) -> float:
-        half_side, half_height, _ = sizes(tau)
-        return half_height / half_side - stretch
-
-    tau = brentq(excess, 1e-14, 100.0, xtol=1e-15)
+    tau = brentq(lambda tau: sizes(tau)[1] / sizes(tau)[0] - stretch, 1e-14, 100.0, xtol=1e-15)
     side, height, area = sizes(tau)
     h = height / side
     corners = [(-1, -1, h), (-1, 1, h), (-1, 1, -h), (1, 1, -h), (1, 1, h), (1, -1, h), (1, -1, -h), (-1, -1, -h)]
@@ -184,13 +166,12 @@ def schwarz_prism(stretch: float = 1.0) -> KnownCurve:
     surface = RootSurface(
         degree=1,
         roots=np.concatenate([quarters * root, quarters / root]),
-        # away from the quarter between the first two
-        cuts=np.array([-0.5, 0.5, 0, 0, 0, 0, 0, 0]) * np.pi,
+        cuts=np.array([-0.5, 0.5, 0, 0, 0, 0, 0, 0]) * np.pi,  # away from the quarter between the first two
     )
     outline = great_circles(np.array([0, root, 1, 1j, 1j * root]), 1)
     # a quarter turn that exchanges above and below
     turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    chart = _chart(surface, outline, np.diag([1 / side, 1 / side, 1 / side, 1]))
+    chart = _chart(surface, outline, np.eye(3) / side)
     source = "Schwarz (1872), tetragonal relatives of D; area by complete elliptic integrals"
     return replace(
         polygon(corners, name=f"Schwarz prism 1:{stretch:g}", source=source),
@@ -207,12 +188,10 @@ def schwarz_h(a: float = 0.3) -> KnownPatch:
     a straight side the flux ∫ Im φ ds is across it, on a side in a mirror's plane it is along the plane's normal, so
     the area is ½ Σ r_j · Im(W_{j+1} − W_j) over the corners, W = ∫φ ds: elliptic integrals, the first two in
     w = g + 1/g, of (w³ − 3w − a³ − a⁻³)^{−1/2}, the third in v² = g³.
-
-    Raises:
-        OptionError: a is not in (0, 1).
+    An a that is not in [0.2, 1) is an OptionError: the ways of integrals lead past the roots of smaller ones.
     """
-    if not 0 < a < 1:
-        raise OptionError(f"Schwarz's H surface needs a in (0, 1), got {a}")
+    if not 0.2 <= a < 1:
+        raise OptionError(f"Schwarz's H surface needs a in [0.2, 1), got {a}")
     sixth = np.exp(1j * np.pi * np.arange(6) / 3)
     roots = np.concatenate([math.sqrt(a) * sixth, sixth / math.sqrt(a)])
     # the first root is on the sector's side: its cut leads away from the sector
@@ -223,7 +202,7 @@ def schwarz_h(a: float = 0.3) -> KnownPatch:
     edge, arc = math.sqrt(a), np.pi / 6
     return KnownPatch(
         name=f"Schwarz H a={a:g}",
-        chart=_chart(surface, great_circles(corners, 2), np.eye(4)),
+        chart=_chart(surface, great_circles(corners, 2), np.eye(3)),
         sides=(
             lambda t: edge * t + 0j,
             lambda t: edge + (1 - edge) * t + 0j,
@@ -237,7 +216,8 @@ def schwarz_h(a: float = 0.3) -> KnownPatch:
 
 def great_circles(corners: Complex[np.ndarray, " c"], degree: int) -> Complex[np.ndarray, " m"]:
     """The closed curve in s whose Gauss image runs along great circles from corner to corner."""
-    normals = _sphere(corners**degree)
+    g, size = corners**degree, np.abs(corners) ** (2 * degree)
+    normals = np.stack([-2 * g.real, -2 * g.imag, size - 1], axis=1) / (size + 1)[:, None]
     fraction = np.arange(_SIDE_POINTS) / _SIDE_POINTS
     sides = []
     for start, end, a, b in zip(normals, np.roll(normals, -1, axis=0), corners, np.roll(corners, -1), strict=True):
@@ -252,13 +232,15 @@ def great_circles(corners: Complex[np.ndarray, " c"], degree: int) -> Complex[np
     return np.concatenate(sides)
 
 
-def _chart(surface: RootSurface, outline: Complex[np.ndarray, " m"], similarity: Float[np.ndarray, "4 4"]) -> Chart:
-    matrix, shift = similarity[:3, :3], similarity[:3, 3]
+def _chart(
+    surface: RootSurface, outline: Complex[np.ndarray, " m"], matrix: ArrayLike, shift: ArrayLike = (0, 0, 0)
+) -> Chart:
+    by = np.transpose(matrix)
     # counter-clockwise
     area = float(np.imag(np.conj(outline) * np.roll(outline, -1)).sum())
     return Chart(
-        position=lambda s: surface.complex_position(s).real @ matrix.T + shift,
-        tangents=lambda s: null_tangents(surface.null(s)) @ matrix.T,
+        position=lambda s: surface.complex_position(s).real @ by + shift,
+        tangents=lambda s: null_tangents(surface.null(s)) @ by,
         outline=outline if area > 0 else outline[::-1],
     )
 
@@ -272,10 +254,5 @@ def _continuous_root(g: Complex[np.ndarray, " c"], degree: int) -> Complex[np.nd
 
 
 def _stereographic(normals: Float[np.ndarray, "k 3"]) -> Complex[np.ndarray, " k"]:
-    """The numbers g of unit normals, 0 at −e₃."""
-    return np.asarray((normals[:, 0] + 1j * normals[:, 1]) / (1 - normals[:, 2]))
-
-
-def _sphere(g: Complex[np.ndarray, " k"]) -> Float[np.ndarray, "k 3"]:
-    size = np.abs(g) ** 2
-    return np.asarray(np.stack([2 * g.real, 2 * g.imag, size - 1], axis=1) / (size + 1)[:, None])
+    """The numbers g of unit normals of φ = (g² − 1, −i(g² + 1), 2g), 0 at −e₃."""
+    return np.asarray((normals[:, 0] + 1j * normals[:, 1]) / (normals[:, 2] - 1))

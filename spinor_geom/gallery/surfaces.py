@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -26,10 +25,7 @@ def enneper(radius: float = 0.8) -> KnownSurface:
     """Enneper's surface p = 1, q = z over |z| < R, its radius, of area πR²(1 + R² + R⁴/3).
 
     Its disk is stable for R < 1; at 1 the second variation vanishes in one direction, so that disks that are near in
-    area are far. Its boundary crosses itself from R = √3 on.
-
-    Raises:
-        OptionError: the radius is not positive.
+    area are far. Its boundary crosses itself from R = √3 on. A radius that is not positive is an OptionError.
     """
     area = math.pi * radius**2 * (1 + radius**2 + radius**4 / 3)
     source = "Enneper (1864); area by integrating (1 + |z|²)²"
@@ -37,11 +33,7 @@ def enneper(radius: float = 0.8) -> KnownSurface:
 
 
 def plane_disk(radius: float = 1.0) -> KnownSurface:
-    """The plane disk |r| < R of a radius R, p = 1 and q = 0.
-
-    Raises:
-        OptionError: the radius is not positive.
-    """
+    """The plane disk |r| < R, p = 1 and q = 0; a radius R that is not positive is an OptionError."""
     disk = polynomial([1], [0], radius=radius)
     return replace(disk, name=f"plane disk R={radius:g}", area=math.pi * radius**2, source="area πR²")
 
@@ -49,10 +41,8 @@ def plane_disk(radius: float = 1.0) -> KnownSurface:
 def polynomial(p: ArrayLike, q: ArrayLike, *, radius: float = 1.0) -> KnownSurface:
     """The surface of polynomial spinors over |z| < R, its radius, with r(0) = 0; coefficients of p and q, lowest first.
 
-    Its area is π Σ_k R^{2k+2}(|[p²]_k|² + |[q²]_k|² + 2|[pq]_k|²)/(k + 1), because powers are orthogonal on the disk.
-
-    Raises:
-        OptionError: the radius is not positive.
+    Its area is π Σ_k R^{2k+2}(|[p²]_k|² + |[q²]_k|² + 2|[pq]_k|²)/(k + 1), because powers are orthogonal on the disk. A
+    radius that is not positive is an OptionError.
     """
     a, b = np.atleast_1d(np.asarray(p, dtype=np.complex128)), np.atleast_1d(np.asarray(q, dtype=np.complex128))
     p2, q2, pq = poly.polymul(a, a), poly.polymul(b, b), poly.polymul(a, b)
@@ -82,10 +72,7 @@ def random_polynomial(seed: int, *, degree: int = 4) -> KnownSurface:
     """The surface of random polynomials p, q on the unit disk, both of one degree; its rim bounds a stable disk.
 
     p = 1 + Σ a_k z^k with Σ |a_k| = 1/2, so it has no zero; q has normal coefficients (numpy's default generator) of
-    deviation 1/(k + 1), scaled so that |q/p| ≤ 0.8: the normals stay in a hemisphere.
-
-    Raises:
-        OptionError: the degree is below 1.
+    deviation 1/(k + 1), scaled so that |q/p| ≤ 0.8: normals stay in a hemisphere. A degree below 1 is an OptionError.
     """
     if degree < 1:
         raise OptionError(f"random polynomials need a degree of at least 1, got {degree}")
@@ -103,11 +90,8 @@ def henneberg(centre: complex = 2.0, radius: float = 0.6) -> KnownSurface:
     """A disk of Henneberg's surface, φ = ½(1 − z⁻⁴)(z² − 1, −i(z² + 1), 2z), away from its branch points z⁴ = 1.
 
     p and q are power series in w = z − centre, |w| < R, the radius; the area is that of a disk, by the coefficients of
-    their products.
-
-    Raises:
-        OptionError: the disk reaches a branch point or the pole 0, or its normals pass the equator |z| = 1, which may
-            cost the disk its stability.
+    their products. A disk that reaches a branch point or the pole 0, or whose normals pass the equator |z| = 1, which
+    may cost it its stability, is an OptionError.
     """
     if not 0 < radius < abs(centre) - 1:
         raise OptionError(f"a disk of Henneberg's surface outside |z| = 1 needs 0 < R < |centre| − 1, got {radius}")
@@ -141,34 +125,20 @@ def associate(angle: float = math.pi / 4, *, reach: float = 1.0, turn: float = m
     """A member of the family between catenoid (angle α = 0) and helicoid (π/2): Re e^{iα}(cosh z, −i sinh z, z).
 
     Over |x| < U, the reach, 0 < y < turn (angles in radians); all members are isometric, of the area turn·(U + sinh U
-    cosh U).
-
-    Raises:
-        OptionError: the reach or the turn is not positive.
+    cosh U). A reach or turn that is not positive is an OptionError.
     """
     if not (reach > 0 and turn > 0):
         raise OptionError(f"a piece of the catenoid's family needs a positive reach and turn, got {reach} and {turn}")
-    return _catenoid_associate(
-        name=f"associate of the catenoid, {math.degrees(angle):.0f}°",
-        angle=angle,
-        scale=1.0,
-        box=(-reach, reach, 0.0, turn),
-        area=turn * (reach + math.sinh(reach) * math.cosh(reach)),
-        source="Bonnet (1853)",
-    )
+    name = f"associate of the catenoid, {math.degrees(angle):.0f}°"
+    return _catenoid_associate(angle, 1.0, (-reach, reach), turn, name=name, source="Bonnet (1853)")
 
 
 def catenoid(height: float = 0.5, *, turn: float = 2 * math.pi) -> KnownSurface:
     """The stable catenoid between the unit circles z = ±h, cut open: a disk-shaped strip of a given turn.
 
-    Its neck c solves c·cosh(h/c) = 1; its area is turn·c²(U + sinh U cosh U) with U = h/c.
-
-    Args:
-        height: h, at most h* = 0.66274…
-        turn: angle about the axis, in radians; 2π closes the strip on itself.
-
-    Raises:
-        OptionError: there is no catenoid (h > h*), or h or the turn is not positive.
+    Its neck c solves c·cosh(h/c) = 1; its area is turn·c²(U + sinh U cosh U) with U = h/c. The height h is at most h* =
+    0.66274…; the turn is an angle about the axis in radians, and 2π closes the strip on itself. An OptionError tells
+    that there is no catenoid (h > h*), or that h or the turn is not positive.
     """
     # at the neck c = h/x* with x* tanh x* = 1 the stable and the unstable catenoid meet
     critical = brentq(lambda x: x * math.tanh(x) - 1, 1.0, 2.0, xtol=1e-15)
@@ -178,51 +148,32 @@ def catenoid(height: float = 0.5, *, turn: float = 2 * math.pi) -> KnownSurface:
             f"got {height} and {turn}"
         )
     reach = brentq(lambda u: height * math.cosh(u) - u, 0.0, critical, xtol=1e-15)
-    neck = height / reach
-    return _catenoid_associate(
-        name=f"catenoid h={height:g}",
-        angle=0.0,
-        scale=neck,
-        box=(-reach, reach, 0.0, turn),
-        area=turn * neck**2 * (reach + math.sinh(reach) * math.cosh(reach)),
-        source="Euler (1744)",
-    )
+    name = f"catenoid h={height:g}"
+    return _catenoid_associate(0.0, height / reach, (-reach, reach), turn, name=name, source="Euler (1744)")
 
 
 def helicoid(
     radius: float = 1.0, pitch: float = 1.0, *, turn: float = 2 * math.pi, both_sides: bool = False
 ) -> KnownSurface:
-    """The helicoid (ρ cos θ, ρ sin θ, −cθ) up to a turn about its axis, from the axis to ρ = R, pitch 2πc.
+    """The helicoid (ρ cos θ, ρ sin θ, −cθ) up to a turn about its axis in radians, from the axis or ρ = −R to ρ = R.
 
-    Its area is turn·½(R√(R² + c²) + c² asinh(R/c)), twice that with both sides.
-
-    Args:
-        radius: R.
-        pitch: c, the rise in a radian.
-        turn: angle about the axis, in radians.
-        both_sides: from −R to R instead of from the axis.
-
-    Raises:
-        OptionError: radius, pitch or turn is not positive.
+    Its area is turn·½(R√(R² + c²) + c² asinh(R/c)), twice that with both sides; R is the radius, and the pitch c the
+    rise in a radian. A radius, pitch or turn that is not positive is an OptionError.
     """
     if not (radius > 0 and pitch > 0 and turn > 0):
         raise OptionError(f"a helicoid needs a positive radius, pitch and turn, got {radius}, {pitch}, {turn}")
     reach = math.asinh(radius / pitch)
-    side = turn * (radius * math.hypot(radius, pitch) + pitch**2 * reach) / 2
-    return _catenoid_associate(
-        name=f"helicoid R={radius:g} c={pitch:g}",
-        angle=math.pi / 2,
-        scale=pitch,
-        box=(-reach if both_sides else 0.0, reach, 0.0, turn),
-        area=side * (2 if both_sides else 1),
-        source="Meusnier (1776)",
-    )
+    ends, name = (-reach if both_sides else 0.0, reach), f"helicoid R={radius:g} c={pitch:g}"
+    return _catenoid_associate(math.pi / 2, pitch, ends, turn, name=name, source="Meusnier (1776)")
 
 
 def _catenoid_associate(
-    *, angle: float, scale: float, box: tuple[float, float, float, float], **known: Any
+    angle: float, scale: float, ends: tuple[float, float], turn: float, *, name: str, source: str
 ) -> KnownSurface:
-    """The associate r = c·Re e^{iα}(cosh z, −i sinh z, z) of the catenoid over a rectangle x₀, x₁, y₀, y₁."""
+    """The associate r = c·Re e^{iα}(cosh z, −i sinh z, z) of the catenoid over a rectangle, x₀ < x < x₁, 0 < y < turn.
+
+    Its area is the turn times c²∫cosh² x dx.
+    """
 
     def position(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         null = np.stack([np.cosh(z), -1j * np.sinh(z), z], axis=-1)
@@ -230,10 +181,12 @@ def _catenoid_associate(
 
     # p² = e^z/2 and q² = e^{−z}/2 give φ = (sinh z, −i cosh z, 1)
     factor = math.sqrt(scale / 2) * np.exp(0.5j * angle)
-    centre, radius = complex(box[0] + box[1], box[2] + box[3]) / 2, abs(complex(box[1] - box[0], box[3] - box[2])) / 2
+    centre, radius = complex(sum(ends), turn) / 2, math.hypot(ends[1] - ends[0], turn) / 2
     terms = factor * np.stack([_exponential(0.5, centre, radius), _exponential(-0.5, centre, radius)], axis=1)
     model = PowerSeries(torch.from_numpy(terms), center=centre, radius=radius)
-    return KnownSurface(surface=_surface(model, _rectangle(box), position), position=position, **known)
+    low, high = ((x + math.sinh(x) * math.cosh(x)) / 2 for x in ends)
+    surface, area = _surface(model, _rectangle(*ends, turn), position), turn * scale**2 * (high - low)
+    return KnownSurface(name=name, surface=surface, position=position, area=area, source=source)
 
 
 def _exponential(rate: float, centre: complex, radius: float) -> Complex[np.ndarray, " k"]:
@@ -244,9 +197,8 @@ def _exponential(rate: float, centre: complex, radius: float) -> Complex[np.ndar
     return np.asarray(np.exp(rate * centre) * np.append(1.0, np.cumprod(rate * radius / k)))
 
 
-def _rectangle(box: tuple[float, float, float, float]) -> PlaneDomain:
-    x0, x1, y0, y1 = box
-    corners = np.array([complex(x0, y0), complex(x1, y0), complex(x1, y1), complex(x0, y1)])
+def _rectangle(x0: float, x1: float, height: float) -> PlaneDomain:
+    corners = np.array([x0, x1, x1 + 1j * height, x0 + 1j * height])
     length = np.abs(np.roll(corners, -1) - corners)
     count = np.maximum(np.ceil(_SIDE_VERTICES * length / length.max()), 2).astype(int)
     sides = zip(corners, np.roll(corners, -1), count, strict=True)
@@ -256,5 +208,5 @@ def _rectangle(box: tuple[float, float, float, float]) -> PlaneDomain:
 
 def _surface(model: PowerSeries, domain: PlaneDomain, position: SurfaceFunction) -> SpinorSurface:
     """The surface that agrees with the closed formula at its root, and so everywhere."""
-    root = domain.triangulation.points[domain.paths.root]
+    root = domain.triangulation.points[domain.root]
     return SpinorSurface(model, domain, position(np.asarray(root)))

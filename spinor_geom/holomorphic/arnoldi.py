@@ -4,22 +4,18 @@ Source: Brubeck, Nakatsukasa & Trefethen, "Vandermonde with Arnoldi", SIAM Revie
 interpolation at Leja points", BIT 30 (1990), for the points.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-# Points among which Leja points are sought.
-_MOST_CANDIDATES = 600
+_MOST_CANDIDATES = 600  # points among which Leja points are sought
 
 
 def arnoldi_hessenberg(z: Complex[Tensor, " n"], weight: Float[Tensor, " n"], degree: int) -> Complex[Tensor, "d1 d"]:
     """Coefficients H of the recurrence z·Q_k = Σ_{j ≤ k+1} H_jk Q_j of the orthonormal polynomials.
 
-    ⟨f, g⟩ = Σ weight·conj(f)·g at the nodes z, more than the degree, with weights of sum 1. H is upper Hessenberg, with
-    a real positive subdiagonal.
+    ⟨f, g⟩ = Σ weight·conj(f)·g at more nodes than the degree, weights of sum 1. H has a real positive subdiagonal.
     """
     # rows times √weight: their products are plain ones, in numpy, where complex ones take a tenth of torch's time
     nodes, root = z.cpu().numpy(), weight.sqrt().cpu().numpy()

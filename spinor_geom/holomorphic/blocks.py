@@ -1,7 +1,5 @@
 """Functions of many complex points, evaluated so many at once that their tables stay small."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import torch

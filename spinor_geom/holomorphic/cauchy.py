@@ -78,33 +78,22 @@ class CauchyNetwork(torch.nn.Module):
     ) -> CauchyNetwork:
         """A network whose features are orthonormal in ⟨f, g⟩ = Σ weight·conj(f)·g, read-outs zero.
 
-        Args:
-            z: nodes, usually on ∂Ω.
-            weight: positive weights; they are normalised to sum 1.
-            poles: ζ_k.
-            scales: d_k, usually the distance of ζ_k from ∂Ω.
-            degree: highest degree of the polynomials.
-            branch: the point c for p and q that change their sign around a hole.
-            cutoff: directions with singular value below cutoff times the largest are dropped: read-outs of units that
-                nearly cancel would take as many digits from p and q.
+        The nodes z are usually on ∂Ω, the scales the distances of the poles from there; the positive weights are
+        normalised to sum 1. The degree is the highest of the polynomials; the branch is the point c for p and q that
+        change their sign around a hole. Directions with singular value below cutoff times the largest are dropped:
+        read-outs of units that nearly cancel would take as many digits from p and q.
         """
         weight = weight / weight.sum()
         hessenberg = arnoldi_hessenberg(z, weight, degree)
         raw = raw_features(z, hessenberg, poles, scales)
         at = z.new_tensor([] if branch is None else [branch])
         root = weight.sqrt()[:, None] * sign_changing(z, at)[:, None]
-        # QR first: the SVD then works on a small square matrix
-        _, r = torch.linalg.qr(raw * root)
+        _, r = torch.linalg.qr(raw * root)  # QR first: the SVD then works on a small square matrix
         _, s, vh = torch.linalg.svd(r, full_matrices=False)
         keep = s > cutoff * s[0]
         mixing = vh.mH[:, keep] / s[keep]
         return cls(
-            hessenberg=hessenberg,
-            poles=poles,
-            scales=scales,
-            mixing=mixing,
-            branch=at,
-            **_interpolation(z, hessenberg),
+            hessenberg=hessenberg, poles=poles, scales=scales, mixing=mixing, branch=at, **_interpolation(z, hessenberg)
         )
 
     @classmethod
@@ -118,15 +107,10 @@ class CauchyNetwork(torch.nn.Module):
         readout: Complex[Tensor, "r 2"],
         branches: Complex[Tensor, " b"] | None = None,
     ) -> CauchyNetwork:
-        """A network whose features are the polynomials and the units themselves.
+        """A network whose features are the polynomials, of given recurrence, and the units themselves.
 
-        Args:
-            z: points all along ∂Ω.
-            hessenberg: of the polynomials.
-            poles: ζ_k.
-            scales: d_k.
-            readout: of the polynomials, then of the units.
-            branches: a point in each hole around which p and q change their sign; none where they are single-valued.
+        The points z lie all along ∂Ω; the read-outs are of the polynomials, then of the units. The branches are points,
+        one in each hole around which p and q change their sign.
         """
         return cls(
             hessenberg=hessenberg,
@@ -167,8 +151,7 @@ class CauchyNetwork(torch.nn.Module):
         polynomial, units = self._coefficients()
 
         def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
-            # a row for each pole: BLAS is slow on narrow columns
-            real, imag = _inverse_differences(self.poles, some)
+            real, imag = _inverse_differences(self.poles, some)  # a row for each pole: BLAS is slow on narrow columns
             a, b, c, d = by_real @ real + by_imag @ imag
             return torch.stack([torch.complex(a, b), torch.complex(c, d)], dim=-1)
 
@@ -225,8 +208,7 @@ def _interpolation(z: Complex[Tensor, " n"], hessenberg: Complex[Tensor, "d1 d"]
 
 def sign_changing(z: Complex[Tensor, "*pts"], branch: Complex[Tensor, " b"]) -> Complex[Tensor, "*pts"]:
     """The product of √(z − c) for all branches."""
-    product: Tensor = torch.sqrt(z[..., None] - branch).prod(-1)
-    return product
+    return torch.sqrt(z[..., None] - branch).prod(-1)
 
 
 def raw_features(

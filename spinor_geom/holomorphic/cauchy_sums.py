@@ -11,8 +11,7 @@ from scipy.special import comb
 
 from spinor_geom.domain.delaunay import plane_coordinates
 
-# two clusters are apart when their radii add up to this share of their distance; series of so many terms then leave
-# 1e-12 or less
+# two clusters are apart when their radii add up to this share of their distance; so many terms then leave 1e-12
 _APART, _TERMS = 0.4, 32
 _SOURCES_PER_LEAF = 8
 # side of a cell of targets, as a share of its centre's distance from the sources, and the fewest that are worth one
@@ -20,8 +19,7 @@ _CELL_SIDE, _FEWEST_IN_CELL = 0.3, 4
 _MOST_HALVINGS = 40
 # as many pairs of a source and a target take less time one by one, so many of them at once that they stay in the cache
 _FEW_PAIRS, _AT_ONCE = 1 << 23, 1 << 15
-# pairs of clusters, or sources, at once: their series stay in the cache
-_PAIRS = 1 << 10
+_PAIRS = 1 << 10  # pairs of clusters, or sources, at once: their series stay in the cache
 _BINOMIALS = comb(np.add.outer(np.arange(_TERMS), np.arange(_TERMS)), np.arange(_TERMS)[:, None])
 _TINY = np.finfo(np.float64).tiny
 
@@ -58,8 +56,7 @@ def fast_sums(
 ) -> Complex[np.ndarray, "m c"]:
     """`cauchy_sums` of many sources at many points, by a fast multipole method for sources along a curve.
 
-    Power series stand for segments of successive sources as seen from afar, and for what all of them do in cells of
-    targets far enough from the curve.
+    Power series stand for segments of successive sources as seen from afar, and for all in far cells of targets.
 
     Source: Greengard & Rokhlin, "A fast algorithm for particle simulations", J. Comput. Phys. 73 (1987).
     """
@@ -71,8 +68,15 @@ def fast_sums(
     has_series[near] = has_series[-1] = False
     series = np.zeros((len(centre), strengths.shape[1], _TERMS), dtype=np.complex128)
     for level, (own, segment) in zip(tree.levels, far, strict=True):
-        kept = has_series[own]
-        _add_local_series(series, centre, radius, level, own[kept], segment[kept])
+        kept = np.flatnonzero(has_series[own])
+        for some in np.split(kept, np.arange(_PAIRS, len(kept), _PAIRS)):
+            here, there = own[some], segment[some]
+            # the segments' series as power series of (z − centre)/radius
+            inverse = 1 / (centre[here] - level.centre[there])
+            scaled = level.moments[there] * _powers(level.radius[there] * inverse)[:, None, :]
+            local = (scaled.reshape(-1, _TERMS) @ _BINOMIALS).reshape(scaled.shape)
+            local *= (-inverse[:, None] * _powers(-radius[here] * inverse))[:, None, :]
+            _add_by_owner(series, here, local)
     result = np.empty((len(targets), strengths.shape[1]), dtype=np.complex128)
     inside = has_series[cell]
     some = cell[inside]
@@ -81,8 +85,7 @@ def fast_sums(
     return result
 
 
-# numbers of target clusters, ascending, and of segments
-_Pairs = tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]
+_Pairs = tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]  # numbers of target clusters, ascending, and of segments
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,8 +102,7 @@ class _Level:
         centre = 0.5 * (low + high)
         offset = z - centre[:, None]
         radius = np.abs(offset).max(axis=1)
-        # pieces of segments that are short enough for a table of their powers
-        piece = min(z.shape[1], _PAIRS)
+        piece = min(z.shape[1], _PAIRS)  # pieces of segments that are short enough for a table of their powers
         unit = (offset / np.maximum(radius, _TINY)[:, None]).reshape(-1, piece)
         by_column = g.reshape(-1, piece, g.shape[2]).swapaxes(1, 2)
         step = _PAIRS // piece
@@ -124,17 +126,13 @@ class _Sources:
     def of(cls, sources: Complex[np.ndarray, " n"], strengths: Complex[np.ndarray, "n c"]) -> _Sources:
         depth = int(np.ceil(np.log2(max(1.0, len(sources) / _SOURCES_PER_LEAF))))
         missing = (_SOURCES_PER_LEAF << depth) - len(sources)
-        # sources without strength fill the last leaves
-        z = np.append(sources, np.full(missing, sources[-1]))
+        z = np.append(sources, np.full(missing, sources[-1]))  # sources without strength fill the last leaves
         g = np.concatenate([strengths, np.zeros((missing, strengths.shape[1]))])
         levels = tuple(_Level.of(z.reshape(1 << k, -1), g.reshape(1 << k, -1, g.shape[1])) for k in range(depth + 1))
         return cls(levels=levels, z=z.reshape(1 << depth, -1), g=g.reshape(1 << depth, -1, g.shape[1]))
 
     def pairs(self, centre: Complex[np.ndarray, " t"], radius: Float[np.ndarray, " t"]) -> tuple[list[_Pairs], _Pairs]:
-        """For each level the pairs of a target cluster and a segment apart from it, and the leaves too near for that.
-
-        To each cluster every source belongs once.
-        """
+        """For each level the pairs of a target cluster and a segment apart from it, and the leaves too near for one."""
         own, segment = np.arange(len(centre)), np.zeros(len(centre), dtype=np.int64)
         far: list[_Pairs] = []
         for level in self.levels:
@@ -173,24 +171,6 @@ def _cells(
             break
         side /= 2
     return cell, np.concatenate(centres), np.concatenate(radii)
-
-
-def _add_local_series(
-    series: Complex[np.ndarray, "t c k"],
-    centre: Complex[np.ndarray, " t"],
-    radius: Float[np.ndarray, " t"],
-    level: _Level,
-    own: Int[np.ndarray, " p"],
-    segment: Int[np.ndarray, " p"],
-) -> None:
-    """Adds what segments do in cells apart from them, as power series of (z − centre)/radius."""
-    for start in range(0, len(own), _PAIRS):
-        cell, s = own[start : start + _PAIRS], segment[start : start + _PAIRS]
-        inverse = 1 / (centre[cell] - level.centre[s])
-        scaled = level.moments[s] * _powers(level.radius[s] * inverse)[:, None, :]
-        local = (scaled.reshape(-1, _TERMS) @ _BINOMIALS).reshape(scaled.shape)
-        local *= (-inverse[:, None] * _powers(-radius[cell] * inverse))[:, None, :]
-        _add_by_owner(series, cell, local)
 
 
 def _one_by_one(tree: _Sources, targets: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, "m c"]:

@@ -67,8 +67,7 @@ class CircularDomain:
     def squared_root(self, z: Complex[Tensor, "*pts"], antiperiodic: Sequence[bool]) -> Complex[Tensor, "*pts"]:
         """The product of z − c_j over the holes around which spinors change their sign."""
         odd = torch.tensor(antiperiodic, dtype=torch.bool, device=z.device)
-        product: Tensor = (z[..., None] - self.centres[odd]).prod(-1)
-        return product
+        return torch.prod(z[..., None] - self.centres[odd], -1)
 
     @cached_property
     def gaps(self) -> Float[Tensor, "m m"]:

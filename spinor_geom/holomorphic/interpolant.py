@@ -19,8 +19,7 @@ Nodes = Complex[Tensor, " n"]
 Values = Complex[Tensor, "n 2"]  # of p and q at them
 Answer = Complex[Tensor, "*pts 2"]
 
-# more nodes and more points than so many take less time by the fast multipole method
-_MANY = 700
+_MANY = 700  # more nodes and more points than so many take less time by the fast multipole method
 
 
 class CauchyInterpolant(torch.nn.Module):

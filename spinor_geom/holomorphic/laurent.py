@@ -12,11 +12,11 @@ from scipy.fft import next_fast_len
 from torch import Tensor
 
 from spinor_geom.errors import DtypeError, OptionError
+from spinor_geom.holomorphic.cauchy import sign_changing
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.series import power_sums, power_table
 
-# Powers that are smaller on a circle are rounding errors.
-ROUND_OFF = 1e-17
+ROUND_OFF = 1e-17  # powers that are smaller on a circle are rounding errors
 
 
 class LaurentSeries(torch.nn.Module):
@@ -110,25 +110,20 @@ class LaurentSeries(torch.nn.Module):
 
     def integrals(self) -> tuple[Complex[Tensor, "k 3"], Complex[Tensor, "holes l 3"], Complex[Tensor, "holes 3"]]:
         """Coefficients of the integrals of p², q² and pq as of p and q themselves, and of log(z − c_j)."""
-        products = self.products()
-        whole = products[0]
-        k = torch.arange(1, max(map(len, products)) + 1, device=whole.device, dtype=whole.real.dtype)[:, None]
+        whole, parts = self.products()
+        count = max(len(whole), parts.shape[1])
+        k = torch.arange(1, count + 1, device=whole.device, dtype=whole.real.dtype)[:, None]
         outward = torch.cat([torch.zeros_like(whole[:1]), whole / k[: len(whole)]])
-        radii = self.circles.radii
-        inward = torch.stack(
-            [-radius * part[1:] / k[: len(part) - 1] for radius, part in zip(radii, products[1:], strict=True)]
-        )
-        residues = torch.stack([radius * part[0] for radius, part in zip(radii, products[1:], strict=True)])
-        return outward, inward, residues
+        scaled = self.circles.radii[:, None, None] * parts
+        return outward, -scaled[:, 1:] / k[: parts.shape[1] - 1], scaled[:, 0]
 
-    def products(self) -> list[Complex[Tensor, "_ 3"]]:
+    def products(self) -> tuple[Complex[Tensor, "k 3"], Complex[Tensor, "holes l 3"]]:
         """Coefficients of p², q² and pq, which have no root: of z^k, k ≥ 0, and of (r_j/(z − c_j))^k, k > 0.
 
         On each circle the powers of its own coordinate are the positive frequencies, and all others the rest.
         """
         k, j = len(self.outward), self.inward.shape[1]
-        # of a product so many frequencies lead, and no more than these lag
-        ahead = 2 * k - 1 + sum(self.antiperiodic)
+        ahead = 2 * k - 1 + sum(self.antiperiodic)  # of a product so many frequencies lead, and no more than these lag
         lead, lag = max(ahead, 2 * j + 2), max(k, j)
         if len(self.inward) > 1:
             # powers of other circles' coordinates that are no rounding errors on a circle
@@ -137,7 +132,7 @@ class LaurentSeries(torch.nn.Module):
         p, q = self.on_circles(n).unbind(-1)
         root = self.circles.squared_root(self.circles.circles(n), self.antiperiodic)
         spectra = torch.fft.fft(torch.stack([p * p, q * q, p * q], dim=-1) * root[..., None], dim=1) / n
-        return [spectra[0, :ahead], *spectra[1:, 1 : 2 * (j + 1)]]
+        return spectra[0, :ahead], spectra[1:, 1 : 2 * (j + 1)]
 
     def on_circles(self, n: int) -> Complex[Tensor, "m n 2"]:
         """P and q without their roots at n equal steps of every circle, as `CircularDomain.circles` runs."""
@@ -177,11 +172,7 @@ class LaurentSeries(torch.nn.Module):
 
     def sign_changing(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
         """The product of √(z − c_j) of all holes around which p and q change their sign; 1 where there is none."""
-        root = torch.ones_like(z)
-        for centre, odd in zip(self.circles.centres, self.antiperiodic, strict=True):
-            if odd:
-                root = root * torch.sqrt(z - centre)
-        return root
+        return sign_changing(z, self.circles.centres[list(self.antiperiodic)])
 
 
 def sums_on_circles(domain: CircularDomain, own: Complex[Tensor, "*rows m k"], n: int) -> Complex[Tensor, "*rows m n"]:

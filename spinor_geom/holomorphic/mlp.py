@@ -65,17 +65,11 @@ class ComplexMLP(torch.nn.Module):
         gain: float | None = None,
         generator: torch.Generator | None = None,
     ) -> None:
-        """A network with random parameters, complex128 on the CPU.
+        """A network with random parameters from the generator, complex128 on the CPU.
 
-        Args:
-            depth: number of hidden layers.
-            width: units in each.
-            activation: σ, an entire function.
-            center: of a disk that holds Ω.
-            radius: of that disk.
-            gain: M, the largest modulus of a unit's argument at the start; 1 + 5/depth where none is given, for
-                second-order methods; first-order ones want calmer networks, of about 0.5.
-            generator: of the random parameters.
+        It has `depth` hidden layers of `width` units, with an entire function as activation, on a disk that holds Ω.
+        The gain is M, the largest modulus of a unit's argument at the start; 1 + 5/depth where none is given, for
+        second-order methods; first-order ones want calmer networks, of about 0.5.
 
         Raises:
             OptionError: no layers or units, a radius or gain that is not positive, or an activation that is not entire.
@@ -131,8 +125,7 @@ class ComplexMLP(torch.nn.Module):
             change = torch.full_like(u, 1 / self.radius).expand(2, -1)[..., None]
             for weight, slope in zip(self.weights, self._slopes(self._layers(u)[1]), strict=False):
                 change = slope * (change @ weight.mT)
-            both: Tensor = change @ self.weights[-1].mT
-            return both[..., 0].mT
+            return torch.matmul(change, self.weights[-1].mT)[..., 0].mT
 
         return self._at(slopes, z)
 
@@ -162,14 +155,8 @@ class ComplexMLP(torch.nn.Module):
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> ComplexMLP:
         """A network of the given sizes, with parameters that mean nothing."""
-        return cls(
-            depth=int(config["depth"]),
-            width=int(config["width"]),
-            activation=config["activation"],
-            center=complex(*config["center"]),
-            radius=float(config["radius"]),
-            generator=torch.Generator().manual_seed(0),
-        )
+        sizes = {name: config[name] for name in ("depth", "width", "activation", "radius")}
+        return cls(**sizes, center=complex(*config["center"]), generator=torch.Generator().manual_seed(0))
 
     def _scaled(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
         return ((z - self.center) / self.radius).to(self.weights[0].dtype)
@@ -194,8 +181,7 @@ class ComplexMLP(torch.nn.Module):
         return [_ACTIVATIONS[self.activation][1](argument) for argument in arguments]
 
     def _read(self, last: Complex[Tensor, "2 n w"]) -> Complex[Tensor, "n 2"]:
-        both: Tensor = last @ self.weights[-1].mT + self.biases[-1][:, None]
-        return both[..., 0].mT
+        return torch.add(last @ self.weights[-1].mT, self.biases[-1][:, None])[..., 0].mT
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

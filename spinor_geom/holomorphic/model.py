@@ -1,9 +1,7 @@
 """What every holomorphic model offers, and the table of models."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
+from typing import Any, ClassVar, Protocol, TypeAlias, get_args, runtime_checkable
 
 import torch
 from jaxtyping import Complex
@@ -19,10 +17,7 @@ from spinor_geom.holomorphic.series import PowerSeries
 
 @runtime_checkable
 class HolomorphicModel(Protocol):
-    """Two holomorphic functions p, q of one complex variable, linear in shared features.
-
-    Every model is a `torch.nn.Module`.
-    """
+    """A `torch.nn.Module` of two holomorphic functions p, q of one complex variable, linear in shared features."""
 
     kind: ClassVar[str]
 
@@ -49,13 +44,7 @@ class IntegrableModel(HolomorphicModel, Protocol):
 
 Model: TypeAlias = CauchyInterpolant | CauchyNetwork | ComplexMLP | LaurentSeries | PowerSeries
 
-MODELS: dict[str, type[Model]] = {
-    CauchyInterpolant.kind: CauchyInterpolant,
-    CauchyNetwork.kind: CauchyNetwork,
-    ComplexMLP.kind: ComplexMLP,
-    LaurentSeries.kind: LaurentSeries,
-    PowerSeries.kind: PowerSeries,
-}
+MODELS: dict[str, type[Model]] = {model.kind: model for model in get_args(Model)}
 
 
 def rebuild(kind: str, config: Mapping[str, Any], state: Mapping[str, Tensor]) -> torch.nn.Module:

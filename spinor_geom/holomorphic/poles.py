@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float
 
+from spinor_geom.domain.delaunay import Lengths, Places
 from spinor_geom.domain.plane_domain import PlaneDomain
 
 # A pole in a narrow gap outside Ω moves back until no part of ∂Ω is nearer than this share of its offset.
@@ -15,10 +16,8 @@ _HALVINGS = 5
 # Distances, in edges, at which a pole beside a rim's polygon is tried, and that which every edge keeps from it, in its
 # own lengths: nearer poles take more quadrature nodes, farther ones miss sharp teeth.
 _RIM_OFFSETS, _RIM_CLEARANCE = (0.5, 0.7, 1.0, 1.4), 0.35
-# Turn of the polygon from which a vertex gets a pole of its own: elsewhere those of its edges are enough.
-_BENT = np.radians(45.0)
-# Rows of a table of distances made at once.
-_ROWS = 512
+_BENT = np.radians(45.0)  # turn from which a vertex gets a pole of its own: elsewhere those of its edges are enough
+_ROWS = 512  # rows of a table of distances made at once
 # Poles at a corner for a distance from Γ, in edges: the fewest are enough for the looser, the most for the tighter one.
 _CORNER_POLES = (9, 16)
 _CORNER_TOLERANCE = (1e-3, 1e-4)
@@ -30,8 +29,8 @@ _CORNER_DECAY = 4.0
 class Poles:
     """Poles ζ_k outside Ω and the scales d_k of their units d_k/(z − ζ_k)."""
 
-    positions: Complex[np.ndarray, " k"]
-    scales: Float[np.ndarray, " k"]
+    positions: Places
+    scales: Lengths
 
     def __add__(self, other: Poles) -> Poles:
         """Both sets."""
@@ -43,15 +42,13 @@ class Poles:
 
 def corner_poles(tolerance: float) -> int:
     """Number of poles in a corner's cluster that a distance from Γ, in mean edges, takes."""
-    decades = np.log10(_CORNER_TOLERANCE)
-    return int(np.interp(-np.log10(tolerance), -decades, _CORNER_POLES))
+    return int(np.interp(-np.log10(tolerance), -np.log10(_CORNER_TOLERANCE), _CORNER_POLES))
 
 
 def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _CORNER_POLES[-1]) -> Poles:
     """One pole beside each boundary vertex that is no corner, and a cluster on the outer bisector of each corner.
 
-    The offset is in local edge lengths of ∂Ω, along the outward normal; for the number in each cluster see
-    `corner_poles`.
+    The offset is in local edge lengths of ∂Ω, along the outward normal; `corner_poles` tells the number in a cluster.
 
     Source: Gopal & Trefethen, "Solving Laplace problems with corner singularities via rational functions", SIAM J.
     Numer. Anal. 57 (2019), for the clusters.
@@ -66,8 +63,7 @@ def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _C
         reach = np.minimum(side, np.roll(side, 1)) / 2
         distance = (reach[:, None] * np.exp(-_CORNER_DECAY * (root[-1] - root))).ravel()
         foot, direction = np.repeat(w[corners], at_corner), np.repeat(_outward(w)[corners], at_corner)
-        position, distance = _cleared(domain, foot, direction, distance)
-        poles += Poles(positions=position, scales=distance)
+        poles += _cleared(domain, foot, direction, distance)
     return poles
 
 
@@ -77,8 +73,7 @@ def edge_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
     polygons = [boundary.vertices for boundary in domain.boundaries]
     local = np.concatenate([(np.abs(np.roll(w, -1) - w) + np.abs(w - np.roll(w, 1))) / 2 for w in polygons])
     outward = np.concatenate([_outward(w) for w in polygons])
-    position, distance = _cleared(domain, domain.vertices[plain], outward[plain], offset * local[plain])
-    return Poles(positions=position, scales=distance)
+    return _cleared(domain, domain.vertices[plain], outward[plain], offset * local[plain])
 
 
 def polygon_poles(vertices: Complex[np.ndarray, " n"]) -> Poles:
@@ -91,8 +86,7 @@ def polygon_poles(vertices: Complex[np.ndarray, " n"]) -> Poles:
     """
     step = np.roll(vertices, -1) - vertices
     edge = np.abs(step)
-    turn = np.abs(np.angle(step / np.roll(step, 1)))
-    bent = np.flatnonzero(turn > _BENT)
+    bent = np.flatnonzero(np.abs(np.angle(step / np.roll(step, 1))) > _BENT)
     foot = np.concatenate([vertices + step / 2, vertices[bent]])
     direction = np.concatenate([-1j * step / edge, _outward(vertices)[bent]])
     local = np.concatenate([edge, ((edge + np.roll(edge, 1)) / 2)[bent]])
@@ -107,9 +101,7 @@ def polygon_poles(vertices: Complex[np.ndarray, " n"]) -> Poles:
     return Poles(positions=np.concatenate(positions), scales=np.concatenate(scales))
 
 
-def _distance_outside(
-    vertices: Complex[np.ndarray, " n"], z: Complex[np.ndarray, " k"]
-) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+def _distance_outside(vertices: Complex[np.ndarray, " n"], z: Places) -> tuple[Lengths, Lengths]:
     """Distance of points from a polygon, and that from the edge that is nearest by its own length; negative in Ω."""
     step = np.roll(vertices, -1) - vertices
     inward = np.sign((np.conj(vertices) * step).imag.sum())
@@ -120,13 +112,11 @@ def _distance_outside(
         from_start = z[rows, None] - vertices
         share = np.clip((from_start * np.conj(step)).real / edge**2, 0, 1)
         distance = np.abs(from_start - share * step)
-        from_end = from_start - step
         # a ray to the right crosses an odd number of edges from inside
-        crosses = (from_start.imag > 0) != (from_end.imag > 0)
-        left = (np.conj(step) * from_start).imag > 0
-        inside = np.count_nonzero(crosses & (left == (step.imag > 0)), axis=1) % 2
-        nearest[rows] = np.where(inside, -inward, inward) * distance.min(axis=1)
-        in_edges[rows] = np.where(inside, -inward, inward) * (distance / edge).min(axis=1)
+        above, left = from_start.imag > 0, (np.conj(step) * from_start).imag > 0
+        crosses = (above != np.roll(above, -1, axis=1)) & (left == (step.imag > 0))
+        sign = np.where(np.count_nonzero(crosses, axis=1) % 2, -inward, inward)
+        nearest[rows], in_edges[rows] = sign * distance.min(axis=1), sign * (distance / edge).min(axis=1)
     return nearest, in_edges
 
 
@@ -141,18 +131,11 @@ def refining_poles(domain: PlaneDomain, panels: Float[np.ndarray, "k 2"]) -> Pol
     np.minimum.at(end_length, owner, np.concatenate([length, length]))
     t = np.concatenate([(start + end) / 2, ends])
     tangent = domain.derivative(t)
-    position, distance = _cleared(
-        domain, domain.point(t), -1j * tangent / np.abs(tangent), np.concatenate([length / 2, end_length / 3])
-    )
-    return Poles(positions=position, scales=distance)
+    distance = np.concatenate([length / 2, end_length / 3])
+    return _cleared(domain, domain.point(t), -1j * tangent / np.abs(tangent), distance)
 
 
-def _cleared(
-    domain: PlaneDomain,
-    foot: Complex[np.ndarray, " k"],
-    direction: Complex[np.ndarray, " k"],
-    distance: Float[np.ndarray, " k"],
-) -> tuple[Complex[np.ndarray, " j"], Float[np.ndarray, " j"]]:
+def _cleared(domain: PlaneDomain, foot: Places, direction: Places, distance: Lengths) -> Poles:
     """Poles at most `distance` out that keep clear of the rest of ∂Ω; those with no room are dropped."""
     distance = distance.copy()
     good = np.zeros(len(foot), dtype=bool)
@@ -163,7 +146,7 @@ def _cleared(
         if good.all():
             break
         distance[~good] /= 2
-    return (foot + direction * distance)[good], distance[good]
+    return Poles(positions=(foot + direction * distance)[good], scales=distance[good])
 
 
 def _outward(w: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"]:

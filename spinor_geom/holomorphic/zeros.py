@@ -7,8 +7,6 @@ Source: Nakatsukasa, Sète & Trefethen, "The AAA algorithm for rational approxim
 Delves & Lyness, "A numerical method for locating the zeros of an analytic function", Math. Comp. 21 (1967).
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,8 +23,7 @@ from spinor_geom.mesh.topology import linked
 
 HolomorphicFunction = Callable[[Complex[Tensor, " n"]], Complex[Tensor, " n"]]
 
-# zeros nearer to each other than this share of the domain's diameter count as one multiple zero
-RESOLUTION = 1e-4
+RESOLUTION = 1e-4  # zeros nearer to each other than this share of the domain's diameter count as one multiple zero
 # a piece of ∂Ω is followed when arg f changes by less than this between samples, and halving the steps changes nothing
 _LARGEST_STEP = np.pi / 3
 _FIRST_INTERVALS = 4
@@ -34,10 +31,8 @@ _MOST_INTERVALS = 1 << 12
 # samples of each piece of ∂Ω that rational functions are tried on, and how far apart, in resolutions, their zeros may
 # lie that stand for one of f: a k-fold zero is only known to round-off^(1/k)
 _ATTEMPTS = ((4, 1), (16, 1), (16, 10), (64, 1))
-# of the rational function: enough to find its zeros by
-_TOLERANCE = 1e-8
-# |f| near its zeros, per that on ∂Ω
-_SMALL = 0.1
+_TOLERANCE = 1e-8  # of the rational function: enough to find its zeros by
+_SMALL = 0.1  # |f| near its zeros, per that on ∂Ω
 _CIRCLE_NODES = 128
 _BLOCK = 1 << 14
 
@@ -70,7 +65,8 @@ def find_zeros(
         zeros = [zero_inside(function, *circle) for circle in zip(centres, 0.5 * apart.min(axis=1), strict=True)]
         if sum(zero.order for zero in zeros) == count:
             found = [zero for zero in zeros if zero.order]
-            return tuple(sorted(found, key=lambda zero: (zero.z.real, zero.z.imag)))
+            step = RESOLUTION * domain.diameter  # equal real parts differ by rounding
+            return tuple(sorted(found, key=lambda zero: (round(zero.z.real / step), zero.z.imag)))
     raise ZeroOnContourError(z=complex(domain.boundary.vertices[0]))
 
 

@@ -1,7 +1,5 @@
 """Checked, read-only copies of the arrays that meshes and loops hold."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Literal
 

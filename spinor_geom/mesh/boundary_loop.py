@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -15,26 +15,19 @@ from spinor_geom.mesh.arrays import freeze_points, frozen
 
 MIN_CORNER_TURN = np.radians(35.0)
 MAX_NEIGHBOUR_TURN_RATIO = 0.25
-CORNER_NEIGHBOURS = 2
 MIN_LOOP_WITH_CORNERS = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plane:
-    """A plane through a set of points.
+    """A plane through a set of points, in mesh units."""
 
-    Attributes:
-        centroid: (3,) float64, a point of the plane, in mesh units.
-        normal: (3,) float64 unit normal.
-        rms_distance: root of the mean squared distance of the points from the plane, in mesh units.
-    """
-
-    centroid: Float[np.ndarray, " 3"]
-    normal: Float[np.ndarray, " 3"]
-    rms_distance: float
+    centroid: Float[np.ndarray, " 3"]  # a point of the plane
+    normal: Float[np.ndarray, " 3"]  # of length 1
+    rms_distance: float  # root of the mean squared distance of the points from the plane
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class BoundaryLoop:
     """A closed polygon of M ≥ 3 points: a hole of a mesh, or a bare curve.
 
@@ -61,34 +54,21 @@ class BoundaryLoop:
     points: Float[np.ndarray, "m 3"]
     vertex_ids: Int[np.ndarray, " m"]
     corners: Bool[np.ndarray, " m"]
-    slit_fraction: float
-    seam_edges: Int[np.ndarray, "k 2"]
-    obstacle: MeshError | None
-    remarks: tuple[str, ...]
+    slit_fraction: float = 0.0
+    seam_edges: Int[np.ndarray, "k 2"] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
+    obstacle: MeshError | None = None
+    remarks: tuple[str, ...] = ()
 
-    def __init__(
-        self,
-        *,
-        points: ArrayLike,
-        vertex_ids: ArrayLike,
-        corners: ArrayLike,
-        slit_fraction: float = 0.0,
-        seam_edges: ArrayLike | None = None,
-        obstacle: MeshError | None = None,
-        remarks: tuple[str, ...] = (),
-    ) -> None:
-        coordinates = freeze_points(points, name="points")
-        count = len(coordinates)
+    def __post_init__(self) -> None:
+        points = freeze_points(self.points, name="points")
+        count = len(points)
         if count < 3:
             raise LoopTooShortError(points=count)
         self.__dict__.update(
-            points=coordinates,
-            vertex_ids=frozen(vertex_ids, "integers", count, name="vertex_ids"),
-            corners=frozen(corners, "truth values", count, name="corners"),
-            slit_fraction=slit_fraction,
-            seam_edges=frozen([] if seam_edges is None else seam_edges, "integers", None, 2, name="seam_edges"),
-            obstacle=obstacle,
-            remarks=remarks,
+            points=points,
+            vertex_ids=frozen(self.vertex_ids, "integers", count, name="vertex_ids"),
+            corners=frozen(self.corners, "truth values", count, name="corners"),
+            seam_edges=frozen(self.seam_edges, "integers", None, 2, name="seam_edges"),
         )
 
     @classmethod
@@ -110,8 +90,7 @@ class BoundaryLoop:
         if len(given) > 1 and (given[0] == given[-1]).all():
             given = given[:-1]
         # an array of indices compares elementwise, so ask for text first
-        automatic = isinstance(corners, str) and corners == "auto"
-        if automatic:
+        if isinstance(corners, str) and corners == "auto":
             flags = detect_corners(given)
         else:
             try:
@@ -133,13 +112,8 @@ class BoundaryLoop:
     def reversed(self) -> BoundaryLoop:
         """The same loop run the other way, from the same first point."""
         back = np.concatenate([[0], np.arange(len(self) - 1, 0, -1)])
-        return replace(
-            self,
-            points=self.points[back],
-            vertex_ids=self.vertex_ids[back],
-            corners=self.corners[back],
-            seam_edges=self.seam_edges[:, ::-1],
-        )
+        points, ids, corners = self.points[back], self.vertex_ids[back], self.corners[back]
+        return replace(self, points=points, vertex_ids=ids, corners=corners, seam_edges=self.seam_edges[:, ::-1])
 
     @cached_property
     def edge_lengths(self) -> Float[np.ndarray, " m"]:
@@ -213,15 +187,12 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
     polygons have no corners. Polygons of fewer than 8 points are too coarse to tell and have none; so has a point
     beside an edge of length 0.
     """
-    if len(points) < MIN_LOOP_WITH_CORNERS:
-        return np.zeros(len(points), dtype=bool)
     turn = turning_angles(points)
-    if np.nanmedian(turn) > MIN_CORNER_TURN * MAX_NEIGHBOUR_TURN_RATIO:
+    if len(points) < MIN_LOOP_WITH_CORNERS or np.nanmedian(turn) > MIN_CORNER_TURN * MAX_NEIGHBOUR_TURN_RATIO:
         return np.zeros(len(points), dtype=bool)
-    limit = turn * MAX_NEIGHBOUR_TURN_RATIO
     corners: Bool[np.ndarray, " m"] = turn >= MIN_CORNER_TURN
-    for step in range(1, CORNER_NEIGHBOURS + 1):
-        corners &= (np.roll(turn, step) <= limit) & (np.roll(turn, -step) <= limit)
+    for step in (-2, -1, 1, 2):
+        corners &= np.roll(turn, step) <= turn * MAX_NEIGHBOUR_TURN_RATIO
     return corners
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -15,33 +17,26 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.errors import CurveError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
-from spinor_geom.mesh.interpolation import (
-    DEGREES,
-    gauss_nodes,
-    piecewise_cubic,
-    places_in_piece,
-    smooth_curves,
-    through,
-)
+from spinor_geom.mesh.interpolation import DEGREES, between_corners, gauss_nodes, piece_places, smooth_curves, through
 
 LENGTH_NODES = 16
 SAMPLES_PER_PIECE = 8
 NEAREST_SAMPLES = 2
 MAX_NEWTON_STEPS = 30
 NEWTON_STEP_TOLERANCE = 1e-15
-# Polynomials of a formula: the error that is allowed, as a share of the curve's extent, where it is
-# looked for on each piece, and the numbers of pieces that are tried. Derivatives of the formula may differ by more.
-FORMULA_ERROR = 1e-14
-FORMULA_CHECKS = np.array([0.11, 0.31, 0.57, 0.83])
+# Errors allowed in the polynomials of a formula: inside pieces and between them per extent, of derivatives per size.
+FORMULA_ERROR, CLOSING_ERROR, DERIVATIVE_ERROR = 1e-14, 1e-12, 1e-5
+FORMULA_CHECKS = np.array([0.11, 0.31, 0.57, 0.83])  # where on each piece they are looked for
 FEWEST_PIECES, MOST_PIECES = 64, 4096
-# Largest gap between the end of a piece and the start of the next, as a share of the extent.
-CLOSING_ERROR = 1e-12
-DERIVATIVE_ERROR = 1e-5
 # Where Γ is slower than this share of its largest speed it may stand still, and below that it does.
 SLOW, STANDSTILL = 0.1, 1e-9
 KINK = "has a jump or a kink that corners= does not name"
 
-CurveFunction: TypeAlias = Callable[[Float[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
+Breaks = Float[np.ndarray, " m_plus_1"]
+Coefficients = Float[np.ndarray, "d_plus_1 m 3"]
+Places = Float[np.ndarray, "n c"]
+Points = Float[np.ndarray, "*pts 3"]
+CurveFunction: TypeAlias = Callable[[Float[np.ndarray, "*pts"]], Points]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,10 +72,10 @@ class BoundaryCurve:
         slopes: coefficients of Γ′ where that comes from a formula: differentiated polynomials lose three digits.
     """
 
-    breaks: Float[np.ndarray, " m_plus_1"]
-    coefficients: Float[np.ndarray, "d_plus_1 m 3"]
+    breaks: Breaks
+    coefficients: Coefficients
     corners: Bool[np.ndarray, " m"]
-    slopes: Float[np.ndarray, "d_plus_1 m 3"] | None = None
+    slopes: Coefficients | None = None
 
     @classmethod
     def from_loop(cls, loop: BoundaryLoop) -> BoundaryCurve:
@@ -90,9 +85,10 @@ class BoundaryCurve:
         any order: the trigonometric polynomial where the vertices are equal steps of an analytic parameter, and of up
         to 256 vertices its like by arc length, wherever they lie. Otherwise it is a periodic spline, of the degree 3, 5
         or 7 that predicts every second vertex best from as many of the others to either side: smooth loops get the high
-        orders, noisy ones the cubic. With corners it is one cubic not-a-knot spline from each corner to the next (from
-        a single corner back to itself); a side of two or one edges is a parabola or a straight line. A
-        RepeatedPointError tells that two neighbouring points of the loop are equal.
+        orders, noisy ones the cubic. With corners it is one not-a-knot spline from each corner to the next (from a
+        single corner back to itself), cubic but for sides of 16 points and more that show a higher degree in the same
+        way; a side of two or one edges is a parabola or a straight line. A RepeatedPointError tells that two
+        neighbouring points of the loop are equal.
 
         Source: Floater & Surazhsky, "Parameterization for curve interpolation" (2006), for the parameters.
         """
@@ -103,11 +99,11 @@ class BoundaryCurve:
     @classmethod
     def from_loops(cls, loops: Sequence[BoundaryLoop]) -> list[BoundaryCurve]:
         """`from_loop` of several, made together where they have as many points; neighbours are known to be apart."""
-        found: dict[int, tuple[Float[np.ndarray, " m_plus_1"], Float[np.ndarray, "d_plus_1 m 3"]]] = {}
+        found: dict[int, tuple[Breaks, Coefficients]] = {}
         alike: dict[int, list[int]] = defaultdict(list)
         for i, loop in enumerate(loops):
             if loop.corners.any():
-                found[i] = piecewise_cubic(loop.points, loop.corners)
+                found[i] = between_corners(loop.points, loop.corners)
             else:
                 alike[len(loop)].append(i)
         for group in alike.values():
@@ -137,24 +133,22 @@ class BoundaryCurve:
                 break
             pieces *= 2
             if pieces > MOST_PIECES:
-                worst = float(between.flat[int(error.argmax())])
-                raise CurveError(reason=KINK, parameter=worst)
+                raise CurveError(reason=KINK, parameter=float(between.flat[int(error.argmax())]))
         ends, slopes, _ = fitted._horner(np.arange(len(corners)), np.diff(breaks))
-        gap = np.linalg.norm(ends - np.roll(fitted.coefficients[-1], -1, axis=0), axis=1)
-        if gap.max() > CLOSING_ERROR * extent:
-            raise CurveError(reason="is not closed or has a jump", parameter=float(breaks[1:][gap.argmax()]))
-        turn = np.linalg.norm(slopes - np.roll(fitted.coefficients[-2], -1, axis=0), axis=1)
+        gap, turn = np.roll(fitted.coefficients[[-1, -2]], -1, axis=1) - [ends, slopes]
         turn[np.roll(corners, -1)] = 0
-        if turn.max() > DERIVATIVE_ERROR * np.abs(slopes).max():
-            raise CurveError(reason=KINK, parameter=float(breaks[1:][turn.argmax()]))
-        for name, own, given in (
-            ("derivative", fitted.derivative(between), curve.derivative(between)),
-            ("second_derivative", fitted.second_derivative(between), curve.second_derivative(between)),
-        ):
-            error = np.linalg.norm(own - given, axis=2)
-            if not error.max() <= DERIVATIVE_ERROR * max(np.abs(own).max(), extent):
-                worst = float(between.flat[int(np.nan_to_num(error, nan=np.inf).argmax())])
-                raise CurveError(reason=f"has another derivative than {name}= says", parameter=worst)
+        checks = [
+            ("is not closed or has a jump", breaks[1:], gap, CLOSING_ERROR * extent),
+            (KINK, breaks[1:], turn, DERIVATIVE_ERROR * np.abs(slopes).max()),
+        ]
+        for name in ("derivative", "second_derivative"):
+            own, given = getattr(fitted, name)(between), getattr(curve, name)(between)
+            allowed = DERIVATIVE_ERROR * max(np.abs(own).max(), extent)
+            checks.append((f"has another derivative than {name}= says", between, own - given, allowed))
+        for reason, at, difference, allowed in checks:
+            error = np.nan_to_num(np.linalg.norm(difference, axis=-1), nan=np.inf)
+            if error.max() > allowed:
+                raise CurveError(reason=reason, parameter=float(at.flat[int(error.argmax())]))
         fitted = replace(fitted, slopes=_formula_coefficients(curve.derivative, breaks))
         _require_speed(fitted, between)
         return fitted
@@ -165,12 +159,9 @@ class BoundaryCurve:
         first = np.concatenate([[0], np.arange(len(widths) - 1, 0, -1)])
         coefficients = _from_the_end(self.coefficients, widths)
         coefficients[-1] = self.coefficients[-1][first]
-        return BoundaryCurve(
-            breaks=1 - self.breaks[::-1],
-            coefficients=coefficients,
-            corners=self.corners[first],
-            slopes=None if self.slopes is None else -_from_the_end(self.slopes, widths),
-        )
+        slopes = None if self.slopes is None else -_from_the_end(self.slopes, widths)
+        breaks, corners = 1 - self.breaks[::-1], self.corners[first]
+        return BoundaryCurve(breaks=breaks, coefficients=coefficients, corners=corners, slopes=slopes)
 
     def smoothed(self, width: float) -> BoundaryCurve:
         """The cubic spline with the same breaks through vertices averaged along Γ, without corners.
@@ -183,11 +174,8 @@ class BoundaryCurve:
         spectrum *= np.exp(-0.5 * (2 * np.pi * width * np.arange(len(spectrum))) ** 2)[:, None]
         samples = np.fft.irfft(spectrum, n=n, axis=0)
         vertices = CubicSpline(np.arange(n + 1) / n, np.vstack([samples, samples[:1]]), bc_type="periodic")(self.breaks)
-        return BoundaryCurve(
-            breaks=self.breaks,
-            coefficients=CubicSpline(self.breaks, vertices, bc_type="periodic").c,
-            corners=np.zeros(count, dtype=bool),
-        )
+        spline = CubicSpline(self.breaks, vertices, bc_type="periodic")
+        return BoundaryCurve(breaks=self.breaks, coefficients=spline.c, corners=np.zeros(count, dtype=bool))
 
     def towards(self, other: BoundaryCurve, share: float) -> BoundaryCurve:
         """The curve (1 − share)·self + share·other of two curves with the same breaks; corners are those of `other`."""
@@ -284,9 +272,7 @@ class BoundaryCurve:
         piece = np.clip(np.searchsorted(self.breaks, wrapped, side="right") - 1, 0, len(self.breaks) - 2)
         return piece, wrapped - self.breaks[piece]
 
-    def _horner(
-        self, piece: Int[np.ndarray, "*pts"], local: Float[np.ndarray, "*pts"]
-    ) -> tuple[Float[np.ndarray, "*pts 3"], Float[np.ndarray, "*pts 3"], Float[np.ndarray, "*pts 3"]]:
+    def _horner(self, piece: Int[np.ndarray, "*pts"], local: Float[np.ndarray, "*pts"]) -> tuple[Points, ...]:
         """Γ, Γ′ and Γ″ at local parameters of given pieces, their right ends included."""
         h = local[..., None]
         value = self.coefficients[0][piece]
@@ -304,14 +290,10 @@ class BoundaryCurve:
         return value, first, second
 
     def _minimise_distance(
-        self,
-        points: Float[np.ndarray, "n 1 3"],
-        piece: Int[np.ndarray, "n c"],
-        low: Float[np.ndarray, "n c"],
-        high: Float[np.ndarray, "n c"],
-    ) -> Float[np.ndarray, "n c"]:
+        self, points: Float[np.ndarray, "n 1 3"], piece: Int[np.ndarray, "n c"], low: Places, high: Places
+    ) -> Places:
         """Local parameter between `low` and `high` where the distance to a point is least, by Newton's method."""
-        local: Float[np.ndarray, "n c"] = (low + high) / 2
+        local: Places = (low + high) / 2
         for _ in range(MAX_NEWTON_STEPS):
             value, first, second = self._horner(piece, local)
             offset = value - points
@@ -329,9 +311,7 @@ class BoundaryCurve:
         return local
 
 
-def _from_the_end(
-    coefficients: Float[np.ndarray, "d_plus_1 m 3"], widths: Float[np.ndarray, " m"]
-) -> Float[np.ndarray, "d_plus_1 m 3"]:
+def _from_the_end(coefficients: Coefficients, widths: Float[np.ndarray, " m"]) -> Coefficients:
     """Polynomials of pieces in the reversed order, by the distance from each one's end."""
     moved = coefficients.copy()
     # repeated synthetic division: about the pieces' ends
@@ -342,24 +322,18 @@ def _from_the_end(
     return np.asarray(moved[:, ::-1] * sign[:, None, None])
 
 
-def _formula_breaks(
-    corners: Sequence[float], pieces: int
-) -> tuple[Float[np.ndarray, " m_plus_1"], Bool[np.ndarray, " m"]]:
+def _formula_breaks(corners: Sequence[float], pieces: int) -> tuple[Breaks, Bool[np.ndarray, " m"]]:
     """Ends of so many pieces or some more, 0 among them, and which of them are corners."""
     ends = np.unique(np.mod([0.0, *corners], 1.0))
-    sides = np.diff(np.append(ends, 1.0))
-    count = np.ceil(sides * pieces).astype(np.int64)
-    first = np.repeat(np.cumsum(count) - count, count)
-    inside = (np.arange(count.sum()) - first) / np.repeat(count, count)
-    breaks = np.append(np.repeat(ends, count) + inside * np.repeat(sides, count), 1.0)
-    flags = np.zeros(len(breaks) - 1, dtype=bool)
-    flags[(np.cumsum(count) - count)[np.isin(ends, np.mod(corners, 1.0))]] = True
-    return breaks, flags
+    sides = pairwise([*ends.tolist(), 1.0])
+    starts = [np.linspace(a, b, math.ceil((b - a) * pieces), endpoint=False) for a, b in sides]
+    breaks = np.concatenate([*starts, [1.0]])
+    return breaks, np.isin(breaks[:-1], np.mod(corners, 1.0))
 
 
-def _formula_coefficients(function: CurveFunction, breaks: Float[np.ndarray, " m1"]) -> Float[np.ndarray, "d1 m 3"]:
+def _formula_coefficients(function: CurveFunction, breaks: Breaks) -> Coefficients:
     """Polynomials through the values of Γ or Γ′ at Chebyshev's points inside each piece and at its start."""
-    x, width = places_in_piece(), np.diff(breaks)
+    x, width = piece_places(), np.diff(breaks)
     values = np.asarray(function(breaks[:-1, None] + width[:, None] * x), dtype=np.float64)
     if values.shape != (len(width), len(x), 3):
         raise CurveError(reason=f"gives arrays of shape {values.shape} for {len(width), len(x)} points", parameter=0.0)

@@ -1,7 +1,5 @@
 """Curves through points: the closed splines and analytic curves, as pieces, and which of them to take."""
 
-from __future__ import annotations
-
 from functools import cache
 from math import factorial
 
@@ -13,34 +11,26 @@ from scipy.linalg.lapack import dpotri
 
 Vertices = Float[np.ndarray, "m 3"]
 Breaks = Float[np.ndarray, " m_plus_1"]  # parameters from 0 to 1
+ManyVertices = Float[np.ndarray, "*b m k"]
 ManyBreaks = Float[np.ndarray, "*b m_plus_1"]  # of several curves
 Pieces = Float[np.ndarray, "d1 m 3"]  # coefficients between the breaks, highest power first
 
-# Degrees tried on loops without corners; higher ones gain nothing that float64 can hold.
-DEGREES = (3, 5, 7)
-# Fewer points do not show how smooth a curve is.
-MIN_POINTS_FOR_HIGH_DEGREE = 16
-# A higher degree must predict left-out points this many times better: on rough curves it only swings.
-GAIN_PER_DEGREE = 2.5
+DEGREES = (3, 5, 7)  # tried on loops without corners; higher ones gain nothing that float64 can hold
+MIN_POINTS_FOR_HIGH_DEGREE = 16  # fewer do not show how smooth a curve is
+GAIN_PER_DEGREE = 2.5  # so many times better a higher one must predict left-out points: on rough curves it only swings
 ARC_NODES = 6
 # The covariance of neighbouring harmonics of an analytic curve falls to this at the highest that the points show.
 # From 1e-6 to 1e-10 points left out are predicted alike; below that the equations lose what they gain.
 SPECTRAL_FALL = 1e-8
-# Added to these equations, as a share of their diagonal: points that are close together leave them regular.
-RIDGE = 1e-13
+RIDGE = 1e-13  # added to these equations, per diagonal entry: points that are close together leave them regular
 # An analytic curve predicts each point from all others, splines every second from the rest: on noise that is twice as
 # bad at least, but for the chance that fewer points than this leave.
 SURE_POINTS = 40
-# Rounding error of coordinates as a share of the extent: what predicts so well cannot be told from what is better.
-ROUNDING = 1e-14
-# A parameter in equal steps may predict so many times worse than arc length: its equations have a closed solution.
-AS_GOOD = 1.1
-# Points beyond which arcs are not tried, since dense equations cost their cube; splines are as near by then.
-MOST_DENSE = 256
-# Edges of an analytic curve that differ by a larger factor leave it to splines.
-MOST_UNEVEN = 40.0
-# Degree of the pieces of an analytic curve.
-ANALYTIC_DEGREE = 11
+ROUNDING = 1e-14  # of coordinates, per extent: what predicts so well cannot be told from what is better
+AS_GOOD = 1.1  # so many times worse than arc length equal steps may predict: their equations have a closed solution
+MOST_DENSE = 256  # points beyond which arcs are not tried: dense equations cost their cube, and splines are as near
+MOST_UNEVEN = 40.0  # edges of an analytic curve that differ by a larger factor leave it to splines
+ANALYTIC_DEGREE = 11  # of the pieces of an analytic curve
 
 
 def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[tuple[Breaks, Pieces]]:
@@ -83,7 +73,30 @@ def piecewise_cubic(
     return breaks, coefficients
 
 
-def periodic_cubics(points: Float[np.ndarray, "*b m k"]) -> tuple[ManyBreaks, Float[np.ndarray, "*b 4 m k"]]:
+def between_corners(points: Vertices, corners: Bool[np.ndarray, " m"]) -> tuple[Breaks, Pieces]:
+    """Breaks and polynomials of a closed curve with corners: cubics, splines of higher degree on sides that show it."""
+    breaks, cubics = piecewise_cubic(points, corners)
+    count, places, highest = len(points), np.flatnonzero(corners), min(DEGREES)
+    coefficients = np.concatenate([np.zeros((max(DEGREES) - highest, *points.shape)), cubics])
+    widths = np.diff(breaks)
+    for first, last in zip(places, np.append(places[1:], places[0] + count), strict=True):
+        side, vertices = np.arange(first, last) % count, points[np.arange(first, last + 1) % count]
+        if len(vertices) < MIN_POINTS_FOR_HIGH_DEGREE:
+            continue
+        arcs = _arc_shares(np.append(0.0, np.cumsum(widths[side])), cubics[:, side])
+        degree = int(predicting_degree(vertices, arcs, is_closed=False)[0])
+        if degree > min(DEGREES):
+            highest, length = max(highest, degree), widths[side].sum()
+            spline = make_interp_spline(arcs, vertices, k=degree)
+            for k in range(1, degree + 1):
+                coefficients[-1 - k, side] = spline(arcs[:-1], nu=k) / (factorial(k) * length**k)
+            breaks[side] = (breaks[first] + length * arcs[:-1]) % 1.0
+    # the first point may be amid a side
+    breaks[:-1] = (breaks[:-1] - breaks[0]) % 1.0
+    return breaks, coefficients[max(DEGREES) - highest :]
+
+
+def periodic_cubics(points: ManyVertices) -> tuple[ManyBreaks, Float[np.ndarray, "*b 4 m k"]]:
     """The same of several closed curves of as many points each, without corners."""
     breaks = _by_chords(points)
     width = np.diff(breaks)[..., None]
@@ -93,7 +106,7 @@ def periodic_cubics(points: Float[np.ndarray, "*b m k"]) -> tuple[ManyBreaks, Fl
     return breaks, np.stack([excess / width, (secant - slope) / width - excess, slope, points], axis=-3)
 
 
-def _by_chords(points: Float[np.ndarray, "*b m k"]) -> ManyBreaks:
+def _by_chords(points: ManyVertices) -> ManyBreaks:
     return _shares(np.linalg.norm(np.roll(points, -1, axis=-2) - points, axis=-1))
 
 
@@ -105,9 +118,7 @@ def _shares(lengths: Float[np.ndarray, "*b m"]) -> ManyBreaks:
     return shares
 
 
-def _periodic_slopes(
-    width: Float[np.ndarray, "*b m"], secant: Float[np.ndarray, "*b m k"]
-) -> Float[np.ndarray, "*b m k"]:
+def _periodic_slopes(width: Float[np.ndarray, "*b m"], secant: ManyVertices) -> ManyVertices:
     """Slopes at the knots of periodic cubic splines, of which widths and slopes of the secants of the pieces are known.
 
     All curves are one tridiagonal system, whose corners a change of rank one of each curve's part stands for.
@@ -130,19 +141,21 @@ def _periodic_slopes(
 
 
 def predicting_degree(
-    points: Float[np.ndarray, "*b m 3"], breaks: ManyBreaks
+    points: Float[np.ndarray, "*b m 3"], breaks: ManyBreaks, *, is_closed: bool = True
 ) -> tuple[Int[np.ndarray, "*b"], Float[np.ndarray, "*b"]]:
     """The degrees of the local polynomials that predict every second point of each curve best from its others.
 
     Also the RMS error that a curve without a degree must stay below to be better: theirs, less a gain for each degree.
+    At the ends of an open curve, of which all breaks have a point, more of the others lie to one side.
     """
     m = points.shape[-2]
-    # an odd number of points leaves two neighbours next to each other; nothing is lost by that
-    kept, left_out = np.arange(0, m - 1, 2), np.arange(1, m, 2)
+    # an odd number of points leaves two neighbours next to each other, or an end by itself; nothing is lost by that
+    kept, left_out = np.arange(0, m - is_closed, 2), np.arange(1, m - 1 + is_closed, 2)
     errors = []
     for degree in DEGREES:
         # as many kept points to either side: the one before point 2i + 1 is the i-th
-        near = np.arange(len(left_out))[:, None] + np.arange(degree + 1) - degree // 2
+        first = np.arange(len(left_out)) - degree // 2
+        near = (first if is_closed else first.clip(0, len(kept) - degree - 1))[:, None] + np.arange(degree + 1)
         places = kept[near % len(kept)]
         nodes = breaks[..., places] + near // len(kept) - breaks[..., left_out, None]
         # the polynomials that are 1 at one node and 0 at the others, here
@@ -183,14 +196,14 @@ def gauss_nodes(count: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, 
     return nodes, weights
 
 
-def places_in_piece() -> Float[np.ndarray, " d1"]:
+def piece_places() -> Float[np.ndarray, " d1"]:
     """Chebyshev's points of a piece of length 1, without its end: at a corner that is the next side's."""
     return np.asarray((1 - np.cos(np.pi * np.arange(ANALYTIC_DEGREE + 1) / (ANALYTIC_DEGREE + 0.5))) / 2)
 
 
 def through(values: Pieces, width: Float[np.ndarray, " m"]) -> Pieces:
     """Polynomials with given values at those places of pieces of given widths."""
-    x = places_in_piece()
+    x = piece_places()
     powers = np.linalg.solve(np.vander(x), values.reshape(len(x), -1)).reshape(values.shape)
     coefficients = powers / width[:, None] ** np.arange(ANALYTIC_DEGREE, -1, -1)[:, None, None]
     coefficients[-1] = values[0]
@@ -202,7 +215,7 @@ def trigonometric_coefficients(points: Vertices) -> Pieces:
     m = len(points)
     spectrum = np.fft.rfft(points, axis=0)
     frequency = np.arange(len(spectrum))
-    turn = np.exp(2j * np.pi / m * frequency * places_in_piece()[:, None])
+    turn = np.exp(2j * np.pi / m * frequency * piece_places()[:, None])
     values = np.fft.irfft(turn[:, :, None] * spectrum, n=m, axis=1)
     values[0] = points
     return through(values, np.full(m, 1 / m))
@@ -268,7 +281,7 @@ def _poisson(points: Vertices, breaks: Breaks) -> tuple[Vertices, float]:
 def _poisson_coefficients(points: Vertices, breaks: Breaks, weights: Vertices) -> Pieces:
     """Polynomials of the sum of weighted kernels, a piece from each point to the next."""
     width = np.diff(breaks)
-    t = breaks[:-1] + width * places_in_piece()[:, None]
+    t = breaks[:-1] + width * piece_places()[:, None]
     values = points.mean(axis=0) + _kernel(t, breaks[:-1], len(points)) @ weights
     values[0] = points
     return through(values, width)

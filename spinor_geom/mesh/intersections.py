@@ -5,8 +5,6 @@ whether these are shared by index or only lie in the same place, and nor do neig
 has no inside and crosses nothing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
@@ -20,6 +18,11 @@ from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 
 Points = Float[np.ndarray, "k 3"]
+Chain = Float[np.ndarray, "m 3"]
+Numbers = Int[np.ndarray, " k"]
+InPlane = Float[np.ndarray, "k 2"]
+OtherPoints = Float[np.ndarray, "l 3"]
+Faces = Int[np.ndarray, "_ 3"]
 Triangles = Float[np.ndarray, "k 3 3"]
 Sides = Int[np.ndarray, "k 3"]  # 1, −1, or 0
 Pairs = Int[np.ndarray, "k 2"]
@@ -33,7 +36,7 @@ BOXES_TO_START_FROM = 64
 LEAST_ANGLE, LEAST_DISTANCE = 1e-4, 1e-6
 
 
-def self_intersections(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Pairs:
+def self_intersections(vertices: Points, faces: Faces) -> Pairs:
     """Pairs of faces that cross, by exact predicates: smaller index first, sorted; none for an embedded mesh.
 
     Source: Shewchuk (1997), Adaptive precision floating-point arithmetic and fast robust geometric predicates; Guigue &
@@ -48,12 +51,7 @@ def self_intersections(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray
     return _sorted(np.sort(pairs[_insides_meet(corners[indices[pairs[:, 0]]], corners[indices[pairs[:, 1]]])], axis=1))
 
 
-def intersections_between(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "f 3"],
-    other_vertices: Float[np.ndarray, "o 3"],
-    other_faces: Int[np.ndarray, "g 3"],
-) -> Pairs:
+def intersections_between(vertices: Points, faces: Faces, other_vertices: OtherPoints, other_faces: Faces) -> Pairs:
     """Pairs of a face of one mesh and a face of another that cross, as in `self_intersections`."""
     if not len(faces) or not len(other_faces):
         return np.zeros((0, 2), dtype=np.int64)
@@ -68,7 +66,7 @@ def intersections_between(
     return _sorted(pairs[left[_insides_meet(f[left], g[left])]])
 
 
-def is_graph(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int) -> bool:
+def is_graph(vertices: Points, faces: Faces, boundary_size: int) -> bool:
     """Whether a mesh with one boundary is the graph of a function over a plane, which then cannot cross itself.
 
     The plane is the one across the mesh's vector area. A projection that keeps all faces' orientation and whose
@@ -88,7 +86,7 @@ def is_graph(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], 
     return not len(loop_crossings(boundary - np.outer(boundary @ area, area / size**2)))
 
 
-def loop_crossings(points: Float[np.ndarray, "m 3"]) -> Pairs:
+def loop_crossings(points: Chain) -> Pairs:
     """Pairs i < j, sorted, of edges of a closed polygon (M, 3) that meet where a simple polygon's would not.
 
     Edge i runs from point i to point i + 1 (mod M). Edges that are no neighbours meet where their distance is zero to
@@ -104,7 +102,7 @@ def loop_crossings(points: Float[np.ndarray, "m 3"]) -> Pairs:
     return _sorted(np.concatenate([pairs, np.sort(neighbours, axis=1)]))
 
 
-def crossings_between(points: Float[np.ndarray, "m 3"], others: Float[np.ndarray, "n 3"]) -> Pairs:
+def crossings_between(points: Chain, others: Float[np.ndarray, "n 3"]) -> Pairs:
     """Pairs, sorted, of an edge of one closed polygon and an edge of another that meet, as in `loop_crossings`."""
     starts = np.concatenate([points, others])
     ends = np.concatenate([np.roll(points, -1, axis=0), np.roll(others, -1, axis=0)])
@@ -112,9 +110,7 @@ def crossings_between(points: Float[np.ndarray, "m 3"], others: Float[np.ndarray
     return _sorted(pairs - [0, len(points)])
 
 
-def _meeting_edges(
-    starts: Float[np.ndarray, "m 3"], ends: Float[np.ndarray, "m 3"], wanted: Callable[..., Bool[np.ndarray, " k"]]
-) -> tuple[Pairs, float]:
+def _meeting_edges(starts: Chain, ends: Chain, wanted: Callable[..., Bool[np.ndarray, " k"]]) -> tuple[Pairs, float]:
     """Those of the wanted pairs i < j of edges whose distance is zero to round-off, and what that is in mesh units."""
     tolerance = MEETING_PER_DIAGONAL * float(np.linalg.norm(np.ptp(starts, axis=0)))
     tolerance += 4 * float(np.finfo(np.float64).eps * np.abs(starts).max())
@@ -183,7 +179,7 @@ def _insides_meet(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:
     return meet
 
 
-def _side(a: Points, b: Points, c: Points, d: Points) -> Int[np.ndarray, " k"]:
+def _side(a: Points, b: Points, c: Points, d: Points) -> Numbers:
     """The exact sign of det(b − a, c − a, d − a): 1 where d lies on the side from which abc is counter-clockwise."""
     return -np.asarray(igl.predicates.orient3d(*(np.ascontiguousarray(points) for points in (a, b, c, d))))
 
@@ -204,7 +200,7 @@ def _overlap_on_line(f: Triangles, g: Triangles, f_sides: Sides, g_sides: Sides)
     return np.asarray(from_below & from_above)
 
 
-def _sides_through_plane(f: Triangles, sides: Sides) -> tuple[Points, Points, Points, Int[np.ndarray, " k"]]:
+def _sides_through_plane(f: Triangles, sides: Sides) -> tuple[Points, Points, Points, Numbers]:
     """The corner of a triangle that is alone on its side of a plane, the two others, and that side.
 
     Corners on the plane count to the side on which there is none else. The others are ordered along the direction
@@ -239,15 +235,13 @@ def _has_separating_side(f: Float[np.ndarray, "k 3 2"], g: Float[np.ndarray, "k 
     return np.asarray(separates)
 
 
-def _turn(
-    a: Float[np.ndarray, "k 2"], b: Float[np.ndarray, "k 2"], c: Float[np.ndarray, "k 2"]
-) -> Int[np.ndarray, " k"]:
+def _turn(a: InPlane, b: InPlane, c: InPlane) -> Numbers:
     """The exact sign of det(b − a, c − a) in the plane: that of a tetrahedron whose fourth corner is over a."""
     a, b, c = (np.column_stack([points, np.zeros(len(points))]) for points in (a, b, c))
     return _side(a, b, c, a + np.array([0.0, 0.0, 1.0]))
 
 
-def is_star(points: Float[np.ndarray, "m 3"]) -> bool:
+def is_star(points: Chain) -> bool:
     """Whether a polygon winds once around its centroid without turning back, seen across its vector area.
 
     Then it is simple. Most rims of holes are stars, and this is many times quicker than the general test.
@@ -270,9 +264,7 @@ def is_star(points: Float[np.ndarray, "m 3"]) -> bool:
     return bool(np.arctan2(sectors, along).sum() < 3 * np.pi)
 
 
-def edges_with_near_boxes(
-    starts: Float[np.ndarray, "m 3"], ends: Float[np.ndarray, "m 3"], distance: float
-) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+def edges_with_near_boxes(starts: Chain, ends: Chain, distance: float) -> tuple[Numbers, Numbers]:
     """Pairs i < j of segments of a chain whose boxes come within a distance of each other along every axis.
 
     Boxes of 2, 4, 8, … successive segments are small if the chain is one, whatever the segments' lengths are; pairs of
@@ -316,7 +308,7 @@ def _segment_distances(a: Points, b: Points, c: Points, d: Points) -> Float[np.n
     return np.asarray(np.fmin(inner, ends.reshape(4, -1).min(axis=0)))
 
 
-def _folds(points: Float[np.ndarray, "m 3"], tolerance: float) -> Int[np.ndarray, " k"]:
+def _folds(points: Chain, tolerance: float) -> Numbers:
     """The points of a polygon at which its two edges lie on each other, to a tolerance in mesh units."""
     u, v = np.roll(points, 1, axis=0) - points, np.roll(points, -1, axis=0) - points
     acute = np.flatnonzero((u * v).sum(axis=1) > 0)

@@ -1,21 +1,18 @@
 """Knots: which closed polygons can be told from a circle by their Alexander polynomial."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float, Int
 
 from spinor_geom.mesh.boundary_loop import turning_angles
 from spinor_geom.mesh.intersections import edges_with_near_boxes, is_star
 
+Passed = Float[np.ndarray, " c"]  # where a polygon passes its crossings: edge number plus share of the edge
+
 # Where |Δ| is taken, on the unit circle: powers of t, by which Δ is not determined, have modulus 1 there.
 PLACES = (-1.0 + 0.0j, np.exp(1.0j), np.exp(2.0j))
-# |log |Δ|| that rounding errors do not reach.
-SHOWS = 1e-5
-# The determinants take the third power of it.
-MOST_CROSSINGS = 1500
-# A direction to look from, off the axes that loops are made along.
-VIEW = (0.2357, -0.4142, 0.8790)
+SHOWS = 1e-5  # |log |Δ|| that rounding errors do not reach
+MOST_CROSSINGS = 1500  # the determinants take the third power of it
+VIEW = (0.2357, -0.4142, 0.8790)  # a direction to look from, off the axes that loops are made along
 
 
 def knot_determinant(points: Float[np.ndarray, "m 3"]) -> float | None:
@@ -43,21 +40,19 @@ def knot_determinant(points: Float[np.ndarray, "m 3"]) -> float | None:
     return float(values[0]) if shown else None
 
 
-def _crossings(
-    points: Float[np.ndarray, "m 3"],
-) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"], Int[np.ndarray, " c"]]:
-    """Where a polygon passes over and under itself, as edge number plus share of the edge, and each crossing's sign."""
+def _crossings(points: Float[np.ndarray, "m 3"]) -> tuple[Passed, Passed, Int[np.ndarray, " c"]]:
+    """Where a polygon passes over and under itself, and each crossing's sign."""
     flat = points * [1, 1, 0]
-    ends = np.roll(flat, -1, axis=0)
-    first, second = edges_with_near_boxes(flat, ends, 0.0)
-    u, v, w = (ends - flat)[first, :2], (ends - flat)[second, :2], (flat[second] - flat[first])[:, :2]
-    turn = _cross(u, v)
+    first, second = edges_with_near_boxes(flat, np.roll(flat, -1, axis=0), 0.0)
+    z = flat @ [1, 1j, 0]
+    along = np.roll(z, -1) - z
+    u, v, w = along[first], along[second], z[second] - z[first]
+    turn = (u.conj() * v).imag
     with np.errstate(divide="ignore", invalid="ignore"):
-        s, t = _cross(w, v) / turn, _cross(w, u) / turn
+        s, t = (w.conj() * v).imag / turn, (w.conj() * u).imag / turn
     meet = (s >= 0) & (s < 1) & (t >= 0) & (t < 1) & (turn != 0)
     # neighbours share a point in every view
-    step = second - first
-    meet &= (step > 1) & (step < len(points) - 1)
+    meet &= (second - first > 1) & (second - first < len(points) - 1)
     first, second, s, t, turn = first[meet], second[meet], s[meet], t[meet], turn[meet]
     rise = np.roll(points[:, 2], -1) - points[:, 2]
     above = points[first, 2] + s * rise[first] > points[second, 2] + t * rise[second]
@@ -66,18 +61,11 @@ def _crossings(
     return over, under, np.where(above, np.sign(turn), -np.sign(turn)).astype(np.int64)
 
 
-def _cross(u: Float[np.ndarray, "k 2"], v: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " k"]:
-    return np.asarray(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-
-
-def _alexander(
-    over: Float[np.ndarray, " c"], under: Float[np.ndarray, " c"], signs: Int[np.ndarray, " c"], t: complex
-) -> float:
+def _alexander(over: Passed, under: Passed, signs: Int[np.ndarray, " c"], t: complex) -> float:
     """|Δ(t)|: a minor of the matrix with a row for each crossing and a column for each arc between undercrossings."""
     count = len(over)
     ends = np.sort(under)
-    arc_over = np.searchsorted(ends, over) % count
-    arc_in = np.searchsorted(ends, under) % count
+    arc_over, arc_in = (np.searchsorted(ends, passed) % count for passed in (over, under))
     arc_out = (arc_in + 1) % count
     matrix = np.zeros((count, count), dtype=complex)
     row = np.arange(count)

@@ -1,20 +1,29 @@
-"""The boundary loops of a mesh: followed inside the fans of faces, split into simple ones, longest first."""
+"""The boundary loops of a mesh: followed inside the sheets in which faces hang together, split into simple ones.
+
+On clean meshes a sheet ends where an edge has one face. Elsewhere copies of faces and faces that use a vertex twice are
+passed over, an edge with more than two faces joins them two by two, and the direction of faces does not matter; what
+does not fit together is told of the loops that it lies beside.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain, pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinor_geom.errors import DuplicateVertexError
+from spinor_geom.errors import DuplicateVertexError, MeshError, NonManifoldEdgeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
-from spinor_geom.mesh.sheets import FaceDefects, Sheets
-from spinor_geom.mesh.topology import coincident_vertices
+from spinor_geom.mesh.topology import HalfEdges, coincident_vertices, referenced_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
+Points = Float[np.ndarray, "n 3"]
+
 SOUP_FRACTION = 0.5
+_MOST_FACES = 16  # faces on one edge beyond which none of them are joined: all pairs of them are compared
+_OPPOSITE_FIRST = 4.0  # more than any two cosines differ by
 
 
 def find_boundary_loops(mesh: TriangleMesh) -> list[BoundaryLoop]:
@@ -41,11 +50,9 @@ def find_boundary_loops(mesh: TriangleMesh) -> list[BoundaryLoop]:
     points = mesh.vertices[rings.vertices]
     on_own, on_other = _find_overlaps(rings, points)
     if on_other.mean() > SOUP_FRACTION and np.logical_or.reduceat(on_other, rings.starts[:-1]).all():
-        first = int(np.argmax(on_other))
-        raise DuplicateVertexError(
-            vertices=(int(rings.vertices[first]), int(rings.vertices[rings.successor[first]])),
-            count=int(on_other.sum()),
-        )
+        first = np.argmax(on_other)
+        edge = rings.vertices[[first, rings.successor[first]]]
+        raise DuplicateVertexError(vertices=tuple(edge.tolist()), count=int(on_other.sum()))
     defects = FaceDefects(mesh.faces, sheets)
     loops = []
     for part in (slice(*ends) for ends in pairwise(rings.starts)):
@@ -108,10 +115,8 @@ def _boundary_rings(sheets: Sheets) -> _Rings:
             if 2 * sum(entry % 2 for entry in ring) < len(ring):
                 ring = [entry ^ 1 for entry in reversed(ring)]
             rings += _simple_rings(vertices, ring)
-    entries = np.array(list(chain.from_iterable(rings)), dtype=np.int64)
-    return _Rings(
-        vertices=vertex[entries], half_edges=half_edge[entries], starts=np.append(0, np.cumsum(list(map(len, rings))))
-    )
+    entries, ends = np.array(list(chain.from_iterable(rings)), dtype=np.int64), np.cumsum([0, *map(len, rings)])
+    return _Rings(vertices=vertex[entries], half_edges=half_edge[entries], starts=ends)
 
 
 def _simple_rings(vertices: list[int], ring: list[int]) -> list[list[int]]:
@@ -140,9 +145,7 @@ def _from_lowest(vertices: list[int], ring: list[int]) -> list[int]:
     return ring[start:] + ring[:start]
 
 
-def _find_overlaps(
-    rings: _Rings, points: Float[np.ndarray, "n 3"]
-) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+def _find_overlaps(rings: _Rings, points: Points) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
     """Whether each ring edge lies on another of the same ring, run the other way, and whether on one of another."""
     place = coincident_vertices(points)
     start, end = place, place[rings.successor]
@@ -155,10 +158,8 @@ def _find_overlaps(
     count = len(rings.starts) - 1
     edge_of_ring = edge * count + np.repeat(np.arange(count), np.diff(rings.starts))[shared]
     on_ring = _group_sizes(edge_of_ring)
-    on_ring_same_way = _group_sizes(edge_of_ring * 2 + forward[shared])
-    reversed_ = np.zeros(len(points), dtype=bool)
-    reversed_[shared] = on_ring > on_ring_same_way
-    other = np.zeros(len(points), dtype=bool)
+    reversed_, other = np.zeros((2, len(points)), dtype=bool)
+    reversed_[shared] = on_ring > _group_sizes(edge_of_ring * 2 + forward[shared])
     other[shared] = on_edge[shared] > on_ring
     return reversed_, other
 
@@ -167,3 +168,154 @@ def _group_sizes(keys: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     """How many entries have each entry's value."""
     _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
     return counts[inverse]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sheets:
+    """The half-edges of the faces that count, with what lies across each."""
+
+    half_edges: HalfEdges  # of those faces
+    face_ids: Int[np.ndarray, " g"]  # the faces' numbers in the mesh
+    twin: Int[np.ndarray, " h"]  # for every half-edge the one across its edge, −1 where its sheet ends
+    copies: Int[np.ndarray, "k 2"]  # faces with the same vertices: one that counts, one that was passed over
+    degenerate: Int[np.ndarray, " d"]  # faces that use a vertex twice, which were passed over
+
+    @classmethod
+    def of(cls, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Sheets:
+        """The sheets of faces over vertices."""
+        flat = repeats_a_vertex(faces)
+        face_ids = np.flatnonzero(~flat)
+        half_edges = HalfEdges.of(faces[face_ids])
+        copies = repeated_faces(half_edges)
+        if len(copies):
+            copies, face_ids = face_ids[copies], np.delete(face_ids, copies[:, 1])
+            half_edges = HalfEdges.of(faces[face_ids])
+        twin, degenerate = _twins(half_edges, vertices), np.flatnonzero(flat)
+        return cls(half_edges=half_edges, face_ids=face_ids, twin=twin, copies=copies, degenerate=degenerate)
+
+    def next_ends(self, half_edge: Int[np.ndarray, " n"], at_target: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+        """Turns around an end of each given half-edge without a twin, to the next such half-edge there.
+
+        Gives 2h for a half-edge h that was reached at its origin, 2h + 1 for one reached at its target.
+        """
+        origin, target = self.half_edges.origin, self.half_edges.target
+        vertex = np.where(at_target, target[half_edge], origin[half_edge])
+        reached, turning = half_edge.copy(), np.arange(len(half_edge))
+        while len(turning):
+            here = reached[turning]
+            # on around the face, or back
+            here = here - here % 3 + (here + np.where(target[here] == vertex[turning], 1, 2)) % 3
+            across = self.twin[here]
+            reached[turning] = np.where(across < 0, here, across)
+            turning = turning[across >= 0]
+        return np.asarray(2 * reached + (target[reached] == vertex))
+
+
+def repeats_a_vertex(faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " f"]:
+    """Which faces use one vertex more than once."""
+    a, b, c = faces.T
+    return np.asarray((a == b) | (b == c) | (c == a))
+
+
+def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
+    """Pairs of faces with the same three vertices, sorted; of several each with the next."""
+    # such faces share an edge, and the vertex opposite to it if nothing else does
+    a, b = half_edges.pairs.T
+    crowded = half_edges.order[np.repeat(half_edges.counts > 2, half_edges.counts)]
+    some = np.unique(np.append(half_edges.pairs[half_edges.opposite[a] == half_edges.opposite[b]], crowded) // 3)
+    corners = np.sort(half_edges.origin.reshape(-1, 3)[some], axis=1)
+    order = np.lexsort(corners.T)
+    pairs = some[np.stack([order[:-1], order[1:]], axis=1)[(np.diff(corners[order], axis=0) == 0).all(axis=1)]]
+    return np.asarray(pairs[np.lexsort(pairs.T[::-1])])
+
+
+def _twins(half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, " h"]:
+    """What lies across each half-edge; of more than two faces on an edge the flattest pair is joined first.
+
+    Faces that run through the edge in opposite directions come before those that do not.
+    """
+    twin: Int[np.ndarray, " h"] = half_edges.twin.copy()
+    crowded = np.flatnonzero((half_edges.counts > 2) & (half_edges.counts <= _MOST_FACES))
+    if not len(crowded):
+        return twin
+    start, size = half_edges.starts[crowded], half_edges.counts[crowded]
+    edge = np.repeat(np.arange(len(crowded)), size**2)
+    number = np.arange(len(edge)) - np.repeat(np.cumsum(size**2) - size**2, size**2)
+    one, other = (half_edges.order[start[edge] + n] for n in (number // size[edge], number % size[edge]))
+    pairs = np.stack([one, other, edge], axis=1)[one < other]
+    corners = np.stack([half_edges.origin, half_edges.target, half_edges.opposite])
+    first, second = (away_from_edges(*vertices[corners[:, side]]) for side in pairs[:, :2].T)
+    same_way = half_edges.origin[pairs[:, 0]] == half_edges.origin[pairs[:, 1]]
+    fold = np.einsum("pi,pi->p", first, second) + _OPPOSITE_FIRST * same_way
+    pairs = pairs[np.lexsort((fold, pairs[:, 2]))]
+    while len(pairs):
+        flattest = pairs[np.append(True, np.diff(pairs[:, 2]) != 0)]
+        twin[flattest[:, 0]], twin[flattest[:, 1]] = flattest[:, 1], flattest[:, 0]
+        pairs = pairs[(twin[pairs[:, :2]] < 0).all(axis=1)]
+    return twin
+
+
+def away_from_edges(start: Points, end: Points, apex: Points) -> Points:
+    """Unit vectors in faces, across one of their edges and towards the corner beyond it; 0 for a face without area."""
+    along, aside = end - start, apex - start
+    length2 = np.einsum("ni,ni->n", along, along)
+    share = np.einsum("ni,ni->n", aside, along) / np.where(length2 > 0, length2, 1.0)
+    away = aside - share[:, None] * along
+    size = np.linalg.norm(away, axis=1)
+    return np.asarray(away / np.where(size > 0, size, 1.0)[:, None])
+
+
+class FaceDefects:
+    """The defects of a mesh, to be asked for loop by loop and its half-edges; clean loops cost nothing."""
+
+    def __init__(self, faces: Int[np.ndarray, "f 3"], sheets: Sheets) -> None:
+        """Looks at the faces of a mesh and the sheets in which they hang together."""
+        self._faces, self._sheets, half_edges = faces, sheets, sheets.half_edges
+        count = int(faces.max()) + 1
+        self._at_degenerate = referenced_vertices(faces[sheets.degenerate], vertices=count)
+        self._is_copied = referenced_vertices(sheets.copies[:, :1], vertices=len(faces))
+        # of half-edges, and at vertices, an edge of more than two faces; −1 where there is none
+        is_crowded = np.repeat(half_edges.counts > 2, half_edges.counts)
+        crowded, edges = half_edges.order[is_crowded], np.repeat(np.arange(len(half_edges.counts)), half_edges.counts)
+        self._crowded_at = np.full(count, -1, dtype=np.int64)
+        self._crowded_of = np.full(len(half_edges.order), -1, dtype=np.int64)
+        self._crowded_of[crowded] = edges[is_crowded]
+        self._crowded_at[half_edges.origin[crowded]] = self._crowded_at[half_edges.target[crowded]] = edges[is_crowded]
+
+    def obstacle(self, half_edges: Int[np.ndarray, " m"]) -> MeshError | None:
+        """Why a loop along half-edges can have no patch: an edge of it has several faces already."""
+        crowded = self._crowded_of[half_edges]
+        return self._crowded_edge(int(crowded[np.argmax(crowded >= 0)])) if (crowded >= 0).any() else None
+
+    def remarks(self, vertices: Int[np.ndarray, " m"], half_edges: Int[np.ndarray, " m"]) -> Iterator[str]:
+        """What is to be said of the faces that touch a loop, a sentence each; it starts along its first half-edge."""
+        degenerate, copies, face_ids = self._sheets.degenerate, self._sheets.copies, self._sheets.face_ids
+        flipped = half_edges[self._sheets.half_edges.origin[half_edges] == vertices]
+        if len(flipped):
+            yield (
+                f"{len(flipped)} of the {len(half_edges)} faces beside the loop run against the others, first face "
+                f"{face_ids[flipped[0] // 3]}; the patch goes with the others: turn the faces over"
+            )
+        if self._at_degenerate[vertices].any():
+            touching = degenerate[np.isin(self._faces[degenerate], vertices).any(axis=1)]
+            yield (
+                f"{len(touching)} faces that use a vertex twice touch the loop, first face {touching[0]} "
+                f"{tuple(self._faces[touching[0]].tolist())}; they were passed over: remove them"
+            )
+        beside = face_ids[half_edges // 3]
+        if self._is_copied[beside].any():
+            pairs = copies[np.isin(copies[:, 0], beside)]
+            yield (
+                f"{len(pairs)} faces beside the loop have copies, first faces {tuple(pairs[0].tolist())} with the same "
+                "vertices; the patch makes one face more on their edges: keep one of them"
+            )
+        crowded = int(self._crowded_at[vertices].max())
+        # an edge of the loop itself is its obstacle, and told as that
+        if crowded >= 0 and self.obstacle(half_edges) is None:
+            yield f"beside the loop {self._crowded_edge(crowded)}"
+
+    def _crowded_edge(self, edge: int) -> NonManifoldEdgeError:
+        half_edges = self._sheets.half_edges
+        members = half_edges.order[half_edges.starts[edge] : half_edges.starts[edge + 1]]
+        ends = (int(half_edges.origin[members[0]]), int(half_edges.target[members[0]]))
+        return NonManifoldEdgeError(edge=ends, faces=self._sheets.face_ids[members // 3].tolist())

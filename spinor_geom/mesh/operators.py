@@ -7,7 +7,7 @@ from typing import Literal
 
 import igl
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
@@ -15,16 +15,18 @@ from spinor_geom.errors import SingularMatrixError
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.topology import HalfEdges
 
+Vertices = Float[np.ndarray, "v d"]
+Faces = Int[np.ndarray, "f 3"]
+
 # Circumcentric areas are negative at some obtuse corners: the least share of the third of the faces' areas that counts.
 _LEAST_SHARE = 0.3
 _TINY = np.finfo(np.float64).tiny ** 0.5
-
 # The least by which two sides of a mollified triangle exceed the third, as a share of its longest side: cotangents
 # stay below its inverse then.
 _SLACK = 1e-6
 
 
-def cotangent_laplacian(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> csc_array:
+def cotangent_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
     """The cotangent Laplacian L, (V, V), symmetric and positive semidefinite.
 
     L_ij = −½ (cot α_ij + cot β_ij) with the angles opposite to edge ij, and rows sum to 0; uᵀLu is the Dirichlet
@@ -35,9 +37,7 @@ def cotangent_laplacian(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarra
     return csc_array(-igl.cotmatrix(*igl_arrays(vertices, faces)))
 
 
-def mollified_edge_lengths(
-    vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]
-) -> Float[np.ndarray, "f 3"]:
+def mollified_edge_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray, "f 3"]:
     """Lengths of the edges opposite to every face's corners, (F, 3), as of triangles with area.
 
     Where two sides of a face exceed the third by less than a millionth of the longest, all three are made longer by
@@ -46,21 +46,19 @@ def mollified_edge_lengths(
 
     Source: Sharp & Crane (2020), "A Laplacian for nonmanifold triangle meshes", for mollified lengths.
     """
-    corner = vertices[faces]
-    edge = np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1)
-    length = np.sqrt(np.einsum("fik,fik->fi", edge, edge))
+    length = igl.edge_lengths(*igl_arrays(vertices, faces))
     # the fifth root: areas are fourth powers under a root
     longest = np.maximum(length.max(axis=1), np.finfo(np.float64).tiny ** 0.2)
     slack = length.sum(axis=1) - 2 * length.max(axis=1)
     return np.asarray(length + np.maximum(_SLACK * longest - slack, 0.0)[:, None])
 
 
-def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Int[np.ndarray, "f 3"]) -> csc_array:
+def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Faces) -> csc_array:
     """The cotangent Laplacian, as `cotangent_laplacian`, of faces whose edges opposite to the corners are so long."""
     return csc_array(-igl.cotmatrix_intrinsic(*igl_arrays(lengths, faces)))
 
 
-def mollified_laplacian(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> csc_array:
+def mollified_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
     """The cotangent Laplacian, as `cotangent_laplacian`, of the mollified edge lengths: finite whatever the faces."""
     return intrinsic_laplacian(mollified_edge_lengths(vertices, faces), faces)
 
@@ -74,7 +72,7 @@ def intrinsic_angles(lengths: Float[np.ndarray, "*f 3"]) -> Float[np.ndarray, "*
     return np.asarray(2 * np.arctan2(np.sqrt(top), np.sqrt(bottom)))
 
 
-def graph_laplacian(faces: Int[np.ndarray, "f 3"]) -> csc_array:
+def graph_laplacian(faces: Faces) -> csc_array:
     """The Laplacian of a mesh's edges, all of weight 1: factorable whatever shape the faces have."""
     adjacent = csc_array(igl.adjacency_matrix(np.ascontiguousarray(faces, dtype=np.int64)), dtype=np.float64)
     return csc_array(diags_array(adjacent.sum(axis=0)) - adjacent)
@@ -90,9 +88,7 @@ def factor_symmetric(matrix: csc_array) -> SuperLU:
         raise SingularMatrixError(size=matrix.shape[0]) from error
 
 
-def mass_matrix(
-    vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"], kind: Literal["voronoi", "barycentric"]
-) -> csc_array:
+def mass_matrix(vertices: Vertices, faces: Faces, kind: Literal["voronoi", "barycentric"]) -> csc_array:
     """The diagonal mass matrix, (V, V): the area that belongs to each vertex, in squared mesh units.
 
     By mixed Voronoi cells, or a third of each face.
@@ -103,30 +99,26 @@ def mass_matrix(
     return csc_array(igl.massmatrix(*igl_arrays(vertices, faces), getattr(igl, f"MASSMATRIX_TYPE_{kind.upper()}")))
 
 
-def face_areas(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " f"]:
+def face_areas(vertices: Vertices, faces: Faces) -> Float[np.ndarray, " f"]:
     """Area of every face, (F,), in squared mesh units."""
     return np.asarray(igl.doublearea(*igl_arrays(vertices, faces)), dtype=np.float64).reshape(-1) / 2
 
 
-def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "v 3"]:
+def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Faces) -> Float[np.ndarray, "v 3"]:
     """Unit normals at the vertices, (V, 3): the mean of the faces' normals by area; 0 where these cancel.
 
     A vertex's is the direction in which it adds most volume to one side of the mesh.
     """
-    corner = vertices[faces]
-    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    total = np.stack(
-        [np.bincount(faces.ravel(), np.repeat(cross[:, k], 3), minlength=len(vertices)) for k in range(3)], axis=1
-    )
-    return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1), np.finfo(np.float64).tiny)[:, None])
+    by_area = igl.PER_VERTEX_NORMALS_WEIGHTING_TYPE_AREA
+    return np.asarray(np.nan_to_num(igl.per_vertex_normals(*igl_arrays(vertices, faces), by_area)))
 
 
-def internal_angles(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "f 3"]:
+def internal_angles(vertices: Vertices, faces: Faces) -> Float[np.ndarray, "f 3"]:
     """Angle of every face at each of its corners, (F, 3), in radians."""
     return np.asarray(igl.internal_angles(*igl_arrays(vertices, faces)), dtype=np.float64)
 
 
-def vertex_angles(vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " v"]:
+def vertex_angles(vertices: Vertices, faces: Faces) -> Float[np.ndarray, " v"]:
     """Sum of the angles of the faces at each vertex, (V,), in radians."""
     return np.bincount(faces.ravel(), internal_angles(vertices, faces).ravel(), minlength=len(vertices))
 
@@ -152,13 +144,12 @@ class Bending:
     curvature: Float[np.ndarray, " n"]  # n·Lx/(2A), positive where a mesh with outer normals is convex
 
     @classmethod
-    def of(cls, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Bending:
+    def of(cls, vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Bending:
         """That of a mesh, unused vertices having none."""
         n, flat = len(vertices), faces.ravel()
         laplacian = mollified_laplacian(vertices, faces)
         laplacian.resize((n, n))  # the last vertices may be unused
-        # about the origin: the areas are differences of squares
-        x = vertices - vertices.mean(axis=0)
+        x = vertices - vertices.mean(axis=0)  # about the origin: the areas are differences of squares
         gradient = laplacian @ x
         along = np.einsum("ik,ik->i", x, gradient)
         circumcentric = (2 * along - laplacian @ np.einsum("ik,ik->i", x, x)) / 4
@@ -169,26 +160,15 @@ class Bending:
         return cls(laplacian=laplacian, areas=areas, normals=normals, curvature=curvature)
 
 
-def face_normals(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "f 3"]:
+def face_normals(vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Float[np.ndarray, "f 3"]:
     """Unit normals of faces; 0 for one without area."""
-    corner = vertices[faces]
-    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    return np.asarray(cross / np.maximum(np.linalg.norm(cross, axis=1), np.finfo(np.float64).tiny)[:, None])
+    return np.asarray(igl.per_face_normals(*igl_arrays(vertices, faces), np.zeros(3)))
 
 
-def crossing_angles(half_edges: HalfEdges, normals: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, " h"]:
+def crossing_angles(half_edges: HalfEdges, vertices: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " h"]:
     """For each half-edge the angle between the normals of its face and its twin's, in radians; 0 where it has none."""
+    normals = face_normals(vertices, half_edges.origin.reshape(-1, 3))
     here, there = np.arange(len(half_edges.origin)) // 3, half_edges.twin // 3
     sine = np.linalg.norm(np.cross(normals[here], normals[there]), axis=1)
     angle = np.arctan2(sine, np.einsum("hk,hk->h", normals[here], normals[there]))
     return np.asarray(np.where(half_edges.twin < 0, 0.0, angle))
-
-
-def unclosed_vertices(half_edges: HalfEdges, count: int) -> Bool[np.ndarray, " n"]:
-    """Which of so many vertices touch an edge without exactly two faces, one in each direction."""
-    twin = half_edges.twin
-    wrong = (twin < 0) | (half_edges.origin == half_edges.origin[twin])
-    unclosed = np.zeros(count, dtype=bool)
-    unclosed[half_edges.origin[wrong]] = True
-    unclosed[half_edges.target[wrong]] = True
-    return unclosed

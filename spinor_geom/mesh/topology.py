@@ -29,14 +29,12 @@ class HalfEdges:
         """The half-edges of faces given by non-negative vertex indices."""
         origin = np.ascontiguousarray(faces, dtype=np.int64).reshape(-1)
         target = np.roll(faces, -1, axis=1).astype(np.int64, copy=False).reshape(-1)
-        low = np.minimum(origin, target)
-        high = np.maximum(origin, target)
+        low, high = np.minimum(origin, target), np.maximum(origin, target)
         # One key an edge; 64 bits hold it for every mesh below 3e9 vertices.
         key = low * (int(high.max(initial=0)) + 1) + high
         order = np.argsort(key, kind="stable")
-        sorted_key = key[order]
-        first = np.ones(len(key), dtype=bool)
-        first[1:] = sorted_key[1:] != sorted_key[:-1]
+        ordered = key[order]
+        first = np.append(True, ordered[1:] != ordered[:-1])[: len(key)]
         starts = np.append(np.flatnonzero(first), len(key))
         return cls(origin=origin, target=target, order=order, starts=starts)
 
@@ -69,6 +67,11 @@ class HalfEdges:
         """The corner of its face that a half-edge does not touch, (3F,) int64."""
         return np.roll(self.origin.reshape(-1, 3), -2, axis=1).reshape(-1)
 
+    def unclosed(self, count: int) -> Bool[np.ndarray, " {count}"]:
+        """Which of so many vertices touch an edge without exactly two faces, one in each direction, (count,) bool."""
+        wrong = (self.twin < 0) | (self.origin == self.origin[self.twin])
+        return referenced_vertices(np.stack([self.origin[wrong], self.target[wrong]]), vertices=count)
+
 
 def boundary_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "b 2"]:
     """The edges that exactly one face uses, each as (from, to) in the direction of that face, (b, 2) int64."""
@@ -79,10 +82,19 @@ def boundary_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "b 2"]:
 def is_watertight(faces: Int[np.ndarray, "f 3"]) -> bool:
     """Whether there are faces and every edge has exactly two, which run through it in opposite directions."""
     half_edges = HalfEdges.of(faces)
-    if len(faces) == 0 or (half_edges.counts != 2).any():
-        return False
     a, b = half_edges.pairs.T
-    return bool((half_edges.origin[a] == half_edges.target[b]).all())
+    return 0 < len(half_edges.origin) == 2 * len(a) and bool((half_edges.origin[a] == half_edges.target[b]).all())
+
+
+def is_disk(faces: Int[np.ndarray, "f 3"]) -> bool:
+    """Whether faces are one disk: a cone over the boundary closes that, and nothing else, to a sphere."""
+    if not len(faces):
+        return False
+    start, end = boundary_edges(faces).T
+    closed = np.concatenate([faces, np.stack([end, start, np.full(len(start), faces.max() + 1)], axis=1)])
+    # Euler's formula for triangles without a boundary
+    is_sphere = 2 * len(np.unique(closed)) - len(closed) == 4 and is_watertight(closed)
+    return len(start) > 0 and is_sphere and not face_components(closed).any()
 
 
 def face_components(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:

@@ -15,8 +15,7 @@ from spinor_geom.mesh.topology import coincident_vertices
 from spinor_geom.shown import Shown
 
 COLOR = "color"
-# Fourth powers of lengths have to be numbers.
-SMALLEST_EXTENT, LARGEST_EXTENT = 1e-70, 1e70
+SMALLEST_EXTENT, LARGEST_EXTENT = 1e-70, 1e70  # fourth powers of lengths have to be numbers
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -74,34 +73,24 @@ class TriangleMesh(Shown):
         representative = coincident_vertices(self.vertices)
         kept = representative == np.arange(len(representative))
         new_index = (np.cumsum(kept) - 1)[representative]
-        mesh = TriangleMesh(
-            self.vertices[kept],
-            new_index[self.faces],
-            vertex_attributes={name: values[kept] for name, values in self.vertex_attributes.items()},
-            labels=self.labels,
-        )
-        return mesh, new_index
+        attributes = {name: values[kept] for name, values in self.vertex_attributes.items()}
+        corners = new_index[self.faces]
+        return TriangleMesh(self.vertices[kept], corners, vertex_attributes=attributes, labels=self.labels), new_index
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshExtension:
     """New vertices and faces to be appended to a mesh of V vertices, which itself stays as it is.
 
-    Attributes:
-        vertices: (K, 3) float64 positions of the new vertices, in mesh units; vertex k gets the index V + k.
-        faces: (T, 3) int64 indices into [the V original vertices | the K new ones].
-        vertex_attributes: (K, k) float64 values at the new vertices, under the names of the mesh's own
-            `TriangleMesh.vertex_attributes`.
-        face_loops: (T,) int64, which boundary loop each new face fills.
-
     Raises:
         MeshShapeError: an array has the wrong shape or dtype.
         NonFiniteVertexError: a new vertex is NaN or infinite.
     """
 
-    vertices: Float[np.ndarray, "k 3"]
-    faces: Int[np.ndarray, "t 3"]
-    face_loops: Int[np.ndarray, " t"]
+    vertices: Float[np.ndarray, "k 3"]  # positions of the new vertices, in mesh units; vertex k gets the index V + k
+    faces: Int[np.ndarray, "t 3"]  # indices into [the V original vertices | the K new ones]
+    face_loops: Int[np.ndarray, " t"]  # which boundary loop each new face fills
+    # at the new vertices, under the names of the mesh's own `TriangleMesh.vertex_attributes`
     vertex_attributes: Mapping[str, Float[np.ndarray, "k _"]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -116,12 +105,7 @@ class MeshExtension:
 
 
 def require_faces(mesh: TriangleMesh) -> None:
-    """Checks that vertices are no bare points, and as far from each other as numbers can tell.
-
-    Raises:
-        NoFacesError: there are vertices and no faces.
-        MeshExtentError: areas would under- or overflow.
-    """
+    """Checks that vertices are no bare points (NoFacesError), and that areas can be told (MeshExtentError)."""
     if not len(mesh.vertices):
         return
     if not len(mesh.faces):

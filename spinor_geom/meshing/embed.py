@@ -1,4 +1,4 @@
-"""From a surface to a triangle mesh: of a solved one with its loops as the boundary, bit for bit; of any other."""
+"""From a surface to a triangle mesh: of a solved one with its loops as the boundary, bit for bit; of any; anew."""
 
 from __future__ import annotations
 
@@ -7,14 +7,20 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
+import igl
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
+from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, relaxed_surface
-from spinor_geom.domain.delaunay import Rims
+from spinor_geom.domain.delaunay import Rims, flat_coordinates, plane_coordinates
+from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.triangulation import PlaneTriangulation, one_by_one_on_error
 from spinor_geom.errors import DomainError, OptionError, SpinorGeomError, SurfaceError
+from spinor_geom.mesh.arrays import igl_arrays
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.meshing.triangulate import Piece, piece_of, triangulate_pieces
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.shown import Shown
@@ -62,8 +68,7 @@ class Patch(Shown):
     @cached_property
     def area(self) -> float:
         """Total area of the faces, in squared mesh units."""
-        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
-        return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+        return float(face_areas(self.vertices, self.faces).sum())
 
     def relaxed(self) -> DiscreteMinimalSurface:
         """The discrete minimal surface nearest to this mesh: the same triangles, without discrete mean curvature.
@@ -116,12 +121,17 @@ def mesh_patches(
     return one_by_one_on_error(made, solutions)
 
 
-def _piece(solution: PlateauSolution, target_edge_length: float | Literal["auto"]) -> Piece:
-    loops = [rim.loop for rim in solution.rims]
-    mean_edge = sum(loop.perimeter for loop in loops) / sum(map(len, loops))
-    target = mean_edge if target_edge_length == "auto" else target_edge_length
+def edge_length_over(loops: Sequence[BoundaryLoop], target: float | Literal["auto"]) -> float:
+    """The edge length of a patch over some loops, in mesh units: the loops' own as a mean, or that asked for."""
+    if target == "auto":
+        return sum(loop.perimeter for loop in loops) / sum(map(len, loops))
     if isinstance(target, str) or not 0 < target < np.inf:
-        raise OptionError(f"target_edge_length must be 'auto' or a positive number, not {target_edge_length!r}")
+        raise OptionError(f"target_edge_length must be 'auto' or a positive number, not {target!r}")
+    return float(target)
+
+
+def _piece(solution: PlateauSolution, target_edge_length: float | Literal["auto"]) -> Piece:
+    target = edge_length_over([rim.loop for rim in solution.rims], target_edge_length)
     return piece_of(solution.surface, [rim.points_in_domain() for rim in solution.rims], target, solution.area)
 
 
@@ -167,14 +177,52 @@ def _rim(surface: SpinorSurface, boundary: Boundary, target: float) -> Complex[n
     middle, width = (t[1:] + t[:-1]) / 2, np.diff(t)
     speed = np.asarray(surface.conformal_factor(boundary.point(middle))) * np.abs(boundary.derivative(middle))
     length = np.append(0.0, np.cumsum(speed * width))
-    starts = np.flatnonzero(boundary.corners) * _FINE
-    if not len(starts):
-        starts = np.array([0])
-    sides = []
-    for start, end in zip(starts, np.append(starts[1:], starts[0] + len(t) - 1), strict=True):
-        # the last side may run over the end of the parameter
-        from_, to = length[start], length[end % (len(t) - 1)] + (length[-1] if end >= len(t) - 1 else 0.0)
-        count = max(_FEWEST, round((to - from_) / target))
-        at = from_ + (to - from_) * np.arange(count) / count
-        sides.append(np.interp(at % length[-1], length, t))
-    return boundary.point(np.concatenate(sides))
+    starts = length[np.flatnonzero(boundary.corners) * _FINE] if boundary.corners.any() else length[:1]
+    # the last side may run over the end of the parameter
+    sides = zip(starts, np.append(starts[1:], starts[0] + length[-1]), strict=True)
+    at = [np.linspace(a, b, max(_FEWEST, round((b - a) / target)), endpoint=False) for a, b in sides]
+    return boundary.point(np.interp(np.concatenate(at) % length[-1], length, t))
+
+
+def remesh(patch: Patch, target: float) -> Patch:
+    """A patch meshed anew for edges of a length in space: its boundary kept, new inner vertices on its faces."""
+    faces, m = np.asarray(patch.faces), patch.boundary_size
+    flat = flat_coordinates(patch.points)
+    areas = np.stack([face_areas(patch.vertices, faces), face_areas(flat, faces)])
+    space, plane = (np.bincount(faces.ravel(), np.repeat(each, 3), minlength=len(flat)) for each in areas)
+    tiny = np.finfo(np.float64).tiny
+    stretch = np.sqrt(np.maximum(space, tiny) / np.maximum(plane, tiny))
+    rims = np.split(patch.points[:m], np.cumsum(patch.rims)[:-1])
+    piece = Piece(rims=rims, samples=patch.points, factor=stretch, target=target, area=patch.area)
+    (plan,) = triangulate_pieces([piece])
+    at = flat_coordinates(plan.points[m:])
+    if not len(at):
+        return Patch.over(plan, patch.vertices[:m])
+    _, face, nearest = igl.point_mesh_squared_distance(at, *igl_arrays(flat, faces))
+    corners = faces[np.asarray(face).reshape(-1)]
+    weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), *(flat[corners[:, k]] for k in range(3)))
+    inner = np.einsum("ki,kid->kd", np.asarray(weights), patch.vertices[corners])
+    return Patch.over(plan, np.concatenate([patch.vertices[:m], inner]))
+
+
+def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target: float) -> Patch:
+    """A patch over the same loop whose domain has given angles, in radians, at the loop's points.
+
+    The domain has the loop's edge lengths too, as nearly as a simple polygon can; what the angles lack to close it, as
+    those of a curved patch do, is spread over its length. Where it must be straightened, it is so by the patch's shape.
+    The new patch is the harmonic map of it. A DomainError tells that no simple domain was found, a SingularMatrixError
+    that the patch's triangles are degenerate, a TooManyPointsError that there would be too many vertices.
+
+    Source: Sawhney & Crane (2018), Boundary First Flattening, ACM TOG 37, for domains of given angles.
+    """
+    m, rim = patch.boundary_size, patch.vertices[: patch.boundary_size]
+    edge = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1)
+    share = (edge + np.roll(edge, 1)) / (2 * edge.sum())
+    turning = np.pi - angles
+    turning += (2 * np.pi - turning.sum()) * share
+    neumann, _ = dirichlet_to_neumann(patch.vertices, np.asarray(patch.faces), m)
+    boundary = flatten_boundary(edge, turning, neumann).boundary
+    piece = Piece(rims=[boundary], samples=boundary, factor=np.ones(m), target=target, area=patch.area)
+    (plan,) = triangulate_pieces([piece])
+    vertices = harmonic_extension(cotangent_laplacian(plane_coordinates(plan.points), plan.faces), rim)
+    return Patch.over(plan, vertices)

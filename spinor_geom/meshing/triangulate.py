@@ -1,40 +1,32 @@
 """Parts of Ω triangulated for the surface over them: how long edges shall be, and where to start from."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.domain.lattice import lattice_inside
-from spinor_geom.domain.nearest import NearestPoints
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
-from spinor_geom.domain.sizes import GROWTH, RegionSizes, size_bounds
+from spinor_geom.domain.polygons import lattice_inside
+from spinor_geom.domain.sizes import GROWTH, NearestPoints, RegionSizes, size_bounds
 from spinor_geom.domain.triangulation import PlaneTriangulation, Seeds, triangulate_regions
 from spinor_geom.errors import TooManyPointsError
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# change of the edge length per unit of distance from the boundary, downwards
-DECAY = 0.5
-# λ below this share of its median counts as this: a branch point must not ask for endless triangles
-SMALLEST_STRETCH = 1e-3
+DECAY = 0.5  # change of the edge length per unit of distance from the boundary, downwards
+SMALLEST_STRETCH = 1e-3  # per median: a smaller λ counts as this, or a branch point asks for endless triangles
 NEIGHBOURS = 4
 TINY = np.finfo(np.float64).tiny
 # points allowed per boundary vertex, and per equilateral triangle of the target size that fits on the patch's area:
 # several times what a sound size field asks for, so that a wild λ cannot ask for millions
 POINTS_PER_VERTEX = 12
 POINTS_PER_TRIANGLE = 2
-# Of one patch: a mesh that takes gigabytes and minutes to make.
-MOST_POINTS = 10**7
+MOST_POINTS = 10**7  # of one patch: a mesh that takes gigabytes and minutes to make
 # A point that the boundary of the flattening goes around once: the sum that tells the number of turns is so near to it,
 # unless the point is nearer to the boundary than its nodes are to each other and sums over them mean nothing.
 _ONCE = 1e-3
-# A flattening so many times as large as the surface tells nothing of distances inside.
-_MOST_STRETCHED = 1.2
-# Points that are taken back to the disk at once: their sums stay in the cache.
-_AT_ONCE = 256
+_MOST_STRETCHED = 1.2  # a flattening so many times as large as the surface tells nothing of distances inside
+_AT_ONCE = 256  # points that are taken back to the disk at once: their sums stay in the cache
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,9 +62,8 @@ def piece_of(surface: SpinorSurface, rims: Sequence[Complex[np.ndarray, " _"]], 
 def triangulate_pieces(pieces: Sequence[Piece]) -> list[PlaneTriangulation]:
     """Triangulates parts of Ω, together; each is the same as by itself, to the last bit.
 
-    Raises:
-        TooManyPointsError: An edge length asks for more vertices than anyone can use.
-        DomainError: A boundary is not a simple polygon, with holes inside.
+    A TooManyPointsError tells that an edge length asks for more vertices than anyone can use, a DomainError that a
+    boundary is not a simple polygon with holes inside.
     """
     found: dict[int, PlaneTriangulation] = {}
     for is_seeded in (True, False):
@@ -100,10 +91,8 @@ def size_field(pieces: Sequence[Piece]) -> RegionSizes:
     owners = [number for number, piece in enumerate(pieces) for _ in piece.rims]
     bounds = size_bounds(rims, owners, growth=GROWTH, decay=DECAY)
     target = np.array([piece.target for piece in pieces])
-    tree = NearestPoints(
-        np.concatenate([piece.samples for piece in pieces]),
-        np.repeat(np.arange(len(pieces)), [len(piece.samples) for piece in pieces]),
-    )
+    sampled = np.repeat(np.arange(len(pieces)), [len(piece.samples) for piece in pieces])
+    tree = NearestPoints(np.concatenate([piece.samples for piece in pieces]), sampled)
     # where a piece has fewer samples than are asked for, the last weighs nothing
     log_factor = np.concatenate([*(_log_factor(piece.factor) for piece in pieces), [0.0]])
 
@@ -126,16 +115,12 @@ def _log_factor(factor: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 def is_unit_disk(domain: PlaneDomain) -> bool:
     """Whether a domain is the unit disk about 0, its boundary by angle."""
     boundary = domain.boundary
-    return (
-        isinstance(boundary, FourierBoundary)
-        and not domain.holes
-        and np.array_equal(boundary.coefficients, boundary.frequencies == 1)
-    )
+    if domain.holes or not isinstance(boundary, FourierBoundary):
+        return False
+    return np.array_equal(boundary.coefficients, boundary.frequencies == 1)
 
 
-def even_seeds(
-    stretch: Float[np.ndarray, " n"], target: float, area: float
-) -> tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"]] | None:
+def even_seeds(stretch: Float[np.ndarray, " n"], target: float, area: float) -> Seeds | None:
     """Points of the unit disk, with spacings, whose images on a flattening of the surface form a triangular lattice.
 
     The flattening G is conformal and keeps the lengths of the boundary: log |G′| is the harmonic function with the

@@ -1,7 +1,8 @@
-"""Dirichlet's form of harmonic functions on Ω, on equal steps of the parameter of ∂Ω."""
+"""Dirichlet's form of harmonic functions on Ω, with one boundary or on a disk with round holes."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -11,6 +12,8 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.domain.plane_domain import FourierBoundary
+from spinor_geom.holomorphic.circular_domain import CircularDomain
+from spinor_geom.holomorphic.laurent import ROUND_OFF
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,21 +26,16 @@ class DirichletForm:
     of samples. The smooth kernel and its counterpart for Cauchy integrals come from the Cauchy integral by the
     trapezoidal rule with the cotangent taken out.
 
-    Attributes:
-        boundary: ∂Ω.
-        kernel: (c, c), the smooth part of Cauchy's integral on c equal steps, 1/n included; none on the unit disk.
-        correction: (c, c), Λ of Ω less that of the disk on c equal steps; none on the unit disk.
-        error: measure of the discretisation's, the larger of two: of Λ on the real and the imaginary part of z, which
-            are each other's conjugates, relative to the largest |dz/dθ|; and the correction's deviation from a
-            symmetric matrix, relative to the largest entry of |k|'s. Neither sees all: the second is blind on domains
-            as symmetric as ellipses, the first where far parts of ∂Ω come near each other.
-
     Source: Kress, "Linear Integral Equations" (2014), sections 7 and 12, for the integral equation.
     """
 
-    boundary: FourierBoundary
+    boundary: FourierBoundary  # ∂Ω
+    # the smooth part of Cauchy's integral on c equal steps, 1/n included, and Λ less that of the disk; none on the disk
     kernel: Complex[Tensor, "c c"] | None
     correction: Float[Tensor, "c c"] | None
+    # the larger of two: of Λ on the real and the imaginary part of z, which are each other's conjugates, relative to
+    # the largest |dz/dθ|; and the correction's deviation from a symmetric matrix, relative to |k|'s largest entry. The
+    # second is blind on domains as symmetric as ellipses, the first where far parts of ∂Ω come near each other
     error: float
 
     @classmethod
@@ -48,15 +46,9 @@ class DirichletForm:
 
     @classmethod
     def of(cls, boundary: FourierBoundary, n: int, device: torch.device) -> DirichletForm:
-        """The form of any Ω.
-
-        Args:
-            boundary: ∂Ω.
-            n: equal steps that resolve the kernel; even. The cost is n³.
-            device: where the matrix lives.
-        """
+        """The form of any Ω, on an even number of equal steps that resolve the kernel; the cost is n³."""
         z, dz, ddz = (torch.tensor(row, device=device) for row in boundary.grid(n))
-        kernel = _smooth_kernel(z, z, dz) / n
+        kernel = _smooth_kernel(z, dz) / n
         kernel.diagonal().copy_(ddz / (4 * np.pi * dz * n))
         k = torch.fft.fftfreq(n, 1 / n, dtype=torch.float64, device=device)
         k[n // 2] = 0
@@ -68,7 +60,8 @@ class DirichletForm:
         slope = torch.fft.ifft((1j * k)[:, None] * torch.fft.fft(conjugate - disk, dim=0), dim=0).real
         asymmetry = float((slope - slope.T).abs().max()) / (n / 4)
         form = cls(boundary=boundary, kernel=kernel, correction=(slope + slope.T) / 2, error=asymmetry)
-        return replace(form, error=max(asymmetry, form._error_on_coordinates(z, dz)))
+        off = 2 * np.pi * form(torch.view_as_real(z)) - torch.view_as_real(-1j * dz)
+        return replace(form, error=max(asymmetry, float(off.abs().max() / dz.abs().max())))
 
     @property
     def is_disk(self) -> bool:
@@ -90,12 +83,6 @@ class DirichletForm:
         values: Tensor = torch.fft.irfft(result, n=n)
         return values.mT
 
-    def _error_on_coordinates(self, z: Complex[Tensor, " n"], dz: Complex[Tensor, " n"]) -> float:
-        """Largest error of Λ on Re z and Im z, whose conjugates are Im z and −Re z."""
-        found = self(torch.view_as_real(z))
-        exact = torch.view_as_real(-1j * dz)
-        return float((2 * np.pi * found - exact).abs().max() / dz.abs().max())
-
 
 @lru_cache(maxsize=64)
 def frequencies(n: int, device: torch.device) -> Float[Tensor, " k"]:
@@ -103,17 +90,143 @@ def frequencies(n: int, device: torch.device) -> Float[Tensor, " k"]:
     return torch.arange(n // 2 + 1, dtype=torch.float64, device=device)
 
 
-def _smooth_kernel(
-    target: Complex[Tensor, " m"], source: Complex[Tensor, " n"], derivative: Complex[Tensor, " n"]
-) -> Complex[Tensor, "m n"]:
+def _smooth_kernel(z: Complex[Tensor, " n"], dz: Complex[Tensor, " n"]) -> Complex[Tensor, "n n"]:
     """Cauchy's kernel z'(τ)/(z(τ) − z(t)) less the circle's ½cot(π(τ − t)), per step of τ, over 2π.
 
-    Both curves are sampled at equal steps, t from 0 on; where t = τ the entry means nothing.
+    The curve is sampled at equal steps; where t = τ the entry means nothing.
     """
-    m, n = len(target), len(source)
-    real = derivative.real
-    turn = torch.arange(n).to(real)[None] / n - torch.arange(m).to(real)[:, None] / m
-    difference = source[None] - target[:, None]
+    step = torch.arange(len(z)).to(dz.real) / len(z)
+    turn = step - step[:, None]
     same = turn == 0
     cotangent = 0.5 / torch.tan(np.pi * turn.masked_fill(same, 0.5))
-    return derivative[None] / (2 * np.pi) / difference.masked_fill(same, 1) - cotangent
+    return dz / (2 * np.pi) / (z - z[:, None]).masked_fill(same, 1) - cotangent
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CirclesForm:
+    """`DirichletForm` of the unit disk less round holes, on equal steps of every circle's angle τ.
+
+    Each circle has a coordinate ζ that maps its own side of the plane to the unit disk: ζ = z for the unit circle,
+    ζ = r/(z − c) for a hole. A harmonic function on Ω is the real part of a sum of powers of them all, and of a
+    logarithm for each hole. On a circle its own powers are the frequencies that lead and all others the frequencies
+    that lag, so the normal derivative is |k| on the first and −|k| on the second. Between two concentric circles Λ is a
+    multiplier of Fourier series; with more it differs from |k| by an operator with a smooth kernel.
+    """
+
+    domain: CircularDomain  # Ω
+    steps: int  # n, of every circle
+    own: Float[Tensor, " f"]  # multipliers of a circle's own values, frequencies 0 … n/2
+    # multipliers of the conjugate spectrum of the other of two circles; none where there are more
+    other: Float[Tensor, " f"] | None
+    # Λ less |k| on so many equal steps of every circle as resolve it, (m c, m c); none for two circles
+    correction: Float[Tensor, "mc mc"] | None
+    error: float  # the correction's deviation from a symmetric matrix, relative to the largest entry of |k|'s
+
+    @classmethod
+    def of(cls, domain: CircularDomain, n: int, *, negligible: float = ROUND_OFF) -> CirclesForm:
+        """Λ on n equal steps of every circle, an even number; without powers that are negligible on other circles."""
+        if domain.rims == 2:
+            own, other = multipliers(domain.log_radii.new_tensor(domain.modulus), n)
+            return cls(domain=domain, steps=n, own=own, other=other, correction=None, error=0.0)
+        own = torch.arange(n // 2 + 1, dtype=domain.radii.dtype, device=domain.radii.device)
+        powers = math.log(negligible) / math.log(domain.nearness)
+        count = n if powers >= n // 2 else 2 * math.ceil(powers)
+        coupling = _coupling(domain, count)
+        error = float((coupling - coupling.T).abs().max()) / (count / 4)
+        return cls(domain=domain, steps=n, own=own, other=None, correction=(coupling + coupling.T) / 2, error=error)
+
+    def __call__(self, x: Float[Tensor, "*batch m n c"]) -> Float[Tensor, "*batch m n c"]:
+        """Λ of each column, on all circles."""
+        n = self.steps
+        spectrum = torch.fft.rfft(x, dim=-2)
+        result = self.own[:, None] * spectrum
+        if self.other is not None:
+            result = result + self.other[:, None] * spectrum.flip(-3).conj()
+        if self.correction is not None:
+            m = x.shape[-3]
+            count = len(self.correction) // m
+            few = count // 2 + (count == n)
+            low = torch.fft.irfft(spectrum[..., :few, :], n=count, dim=-2) * (count / n)
+            change = (self.correction @ low.flatten(-3, -2)).reshape(*x.shape[:-3], m, count, x.shape[-1])
+            result[..., :few, :] += torch.fft.rfft(change, dim=-2)[..., :few, :] * (n / count)
+        values: Tensor = torch.fft.irfft(result, n=n, dim=-2)
+        return values
+
+    def matrix(self) -> Float[Tensor, "mn mn"]:
+        """Λ on the samples of all circles, one circle after the other."""
+        n, m = self.steps, self.domain.rims
+        j = torch.arange(n, device=self.own.device)
+        own = torch.fft.irfft(self.own.to(torch.complex128), n=n)[(j[:, None] - j) % n]
+        if self.other is not None:
+            other = torch.fft.irfft(self.other.to(torch.complex128), n=n)[(j[:, None] + j) % n]
+            return torch.cat([torch.cat([own, other], dim=1), torch.cat([other, own], dim=1)])
+        assert self.correction is not None  # more than two circles have one
+        count = len(self.correction) // m
+        matrix = self.correction.reshape(m, count, m, count)
+        if count < n:
+            # the factor of each side's interpolation, and of the sum over n steps in place of c
+            spectrum = torch.fft.rfft(matrix, dim=1)[:, : count // 2]
+            matrix = torch.fft.irfft(spectrum, n=n, dim=1) * (n / count)
+            spectrum = torch.fft.rfft(matrix, dim=3)[..., : count // 2]
+            matrix = torch.fft.irfft(spectrum, n=n, dim=3)
+        matrix = matrix.reshape(m, n, m, n).clone()
+        matrix.diagonal(dim1=0, dim2=2).add_(own[..., None])
+        return matrix.reshape(m * n, m * n)
+
+
+def multipliers(modulus: Float[Tensor, "*m"], n: int) -> tuple[Float[Tensor, "*m f"], Float[Tensor, "*m f"]]:
+    """The Dirichlet-to-Neumann map Λ(m) of cylinders of any moduli on n equal steps of both rims.
+
+    Both rims run with the cylinder on their left, as the boundary of an annulus does. For the frequencies k = 0 … n/2 a
+    rim's own part is |k| coth |k|m; the other's, of its conjugate spectrum, is −|k| / sinh |k|m (for k = 0: ±1/m).
+    """
+    m = modulus[..., None]
+    k = torch.arange(n // 2 + 1, dtype=m.dtype, device=m.device)
+    k[0] = 1
+    # coth and 1/sinh of km without overflow
+    e, rest = torch.exp(-k * m), -torch.expm1(-2 * k * m)
+    own, other = k * (1 + e * e) / rest, -2 * k * e / rest
+    own[..., 0], other[..., 0] = 1 / modulus, -1 / modulus
+    return own, other
+
+
+def _coupling(domain: CircularDomain, n: int) -> Float[Tensor, "mn mn"]:
+    """Λ less |k| of each circle by itself, by collocation of sums of harmonic functions at n equal steps.
+
+    Of each circle's coordinate for the outer one 1, for holes log(|z − c|/r), and powers; of the highest, of which n
+    equal steps see a cosine only, the real part alone.
+    """
+    m, zeta = domain.rims, domain.coordinates_on_circles(n)
+    powers = torch.cumprod(zeta[:, None].expand(-1, n // 2, *zeta.shape[1:]), dim=1)
+    first = -zeta.abs().log()[:, None]
+    first[0] = 1
+    values = torch.cat([first, powers.real, powers.imag[:, :-1]], dim=1)  # coordinate, function, circle, step
+    circle = torch.arange(m)
+    lagging = values.clone()
+    lagging[circle, :, circle] = 0
+    spectrum = torch.fft.rfft(lagging)
+    frequency = torch.arange(spectrum.shape[-1], dtype=values.dtype, device=values.device)
+    # own powers have |k| of their values, all others −|k|
+    change = torch.fft.irfft(-2 * frequency * spectrum, n=n)
+    # the flux of a logarithm: out of Ω at the outer circle, into it at its hole
+    change[1:, 0, 0] += 1
+    change[circle[1:], 0, circle[1:]] -= 1
+    coupling: Tensor = torch.linalg.solve(values.reshape(m * n, m * n), change.reshape(m * n, m * n)).T
+    return coupling
+
+
+def derivative(x: Float[Tensor, "*m n c"]) -> Float[Tensor, "*m n c"]:
+    """dx/dτ of columns at n equal steps of every circle; of their highest frequency, a cosine, it is 0 at the steps."""
+    n = x.shape[-2]
+    k = 1j * torch.arange(n // 2 + 1, dtype=x.dtype, device=x.device)
+    k[-1] = 0
+    # along rows: of columns side by side some processors round one otherwise when others are beside it
+    values: Tensor = torch.fft.irfft(k * torch.fft.rfft(x.mT.contiguous()), n=n).mT
+    return values
+
+
+def without_highest(x: Float[Tensor, "*m n c"]) -> Float[Tensor, "*m n c"]:
+    """Columns at n equal steps of every circle without their highest frequency, of which steps see no sine."""
+    n = x.shape[-2]
+    values: Tensor = torch.fft.irfft(torch.fft.rfft(x, dim=-2)[..., : n // 2, :], n=n, dim=-2)
+    return values

@@ -29,49 +29,11 @@ _AMPLITUDES = tuple(0.2 * 0.6**k for k in range(8))
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicDisk:
-    """A harmonic surface over Ω whose boundary lies on Γ at equal steps of ∂Ω's parameter.
+    """A harmonic surface over Ω whose boundary lies on Γ at equal steps of ∂Ω's parameter."""
 
-    Attributes:
-        slide: (n,), curve parameter s at each node, increasing.
-        points: (n, 3), Γ(s).
-        energy: Dirichlet energy: the area where the surface is conformal, more elsewhere.
-        gradient: RMS of the energy's derivative by arc length, less what conformal maps of Ω give it, relative to that
-            of ΛX: 0 where conformal.
-        steps: Newton steps taken.
-        crowded: whether it was given up because the nodes crowd.
-    """
-
-    slide: Float[Tensor, " n"]
-    points: Float[Tensor, "n 3"]
-    energy: float
-    gradient: float
-    steps: int
-    crowded: bool
-
-
-def minimise_dirichlet_energy(
-    curve: CurveTensors,
-    form: DirichletForm,
-    slide: Float[Tensor, " n"],
-    *,
-    tolerance: float,
-    max_steps: int,
-    near: bool = False,
-    negligible: float = 0.0,
-    on_step: Callable[[float], None] | None = None,
-) -> HarmonicDisk:
-    """The slide of one curve: see `minimise_dirichlet_energies`."""
-    (disk,) = minimise_dirichlet_energies(
-        CurveTensors.batch([curve]),
-        form,
-        slide[None],
-        tolerances=[tolerance],
-        max_steps=[max_steps],
-        near=near,
-        negligible=[negligible],
-        on_step=[] if on_step is None else [on_step],
-    )
-    return disk
+    slide: Float[Tensor, " n"]  # curve parameter s at each node, increasing
+    points: Float[Tensor, "n 3"]  # Γ(s)
+    crowded: bool  # whether it was given up because the nodes crowd
 
 
 def minimise_dirichlet_energies(
@@ -87,44 +49,26 @@ def minimise_dirichlet_energies(
 ) -> tuple[HarmonicDisk, ...]:
     """The slides of several curves by `minimised`, all of it by fast Fourier transforms.
 
-    The energy is E(s) = π/n Σ Γ(s)·ΛΓ(s). Conformal maps of Ω onto itself leave it as it is: on the disk steps are
-    orthogonal, by arc length, to what those maps move; on other Ω a little stiffness against slow displacements keeps
-    the Hessian regular and takes nothing from the solution. A step is taken along s by factors of the increments, so
-    that s stays increasing.
-
-    Args:
-        curves: a batch of b curves.
-        form: Λ, for all of them.
-        slides: starts at t = j/n, increasing around the circle.
-        tolerances: (b,), gradient, as in `HarmonicDisk`, at which each is to stop.
-        max_steps: (b,), limit on each one's Newton steps.
-        negligible: (b,), fall of the least energy over several steps at which to stop.
-        near: as for `minimised`.
-        on_step: as for `minimised`.
+    The energy is E(s) = π/n Σ Γ(s)·ΛΓ(s). Conformal maps of Ω onto itself, the gauge, leave it as it is: on the disk
+    steps are orthogonal, by arc length, to what those maps move, along which the error of the samples would lead
+    astray; on other Ω a little stiffness against slow displacements keeps the Hessian regular and takes nothing from
+    the solution. A step is taken along s by factors of the increments, so that s stays increasing. The starts are at
+    t = j/n, increasing around the circle, Λ is one for all curves, and the rest is as for `minimised`.
 
     Source: Douglas, "Solution of the problem of Plateau", Trans. AMS 33 (1931).
     """
-    unit = 2 * torch.pi / slides.shape[1]
     found = minimised(
         Slides.of(curves, form, slides),
         tolerances=tolerances,
         max_steps=max_steps,
-        negligible=[fall / unit for fall in negligible],
+        negligible=[fall * slides.shape[1] / (2 * torch.pi) for fall in negligible],
         near=near,
         on_step=on_step,
     )
     disks: dict[int, HarmonicDisk] = {}
-    for numbers, over, steps in found:
-        figures = zip(numbers, over.energy.tolist(), over.size.tolist(), over.is_over.tolist(), strict=True)
-        for place, (number, energy, gradient, crowded) in enumerate(figures):
-            disks[number] = HarmonicDisk(
-                slide=over.slide[place],
-                points=over.points[place],
-                energy=unit * energy,
-                gradient=gradient,
-                steps=steps,
-                crowded=crowded,
-            )
+    for numbers, over in found:
+        for place, (number, crowded) in enumerate(zip(numbers, over.is_over.tolist(), strict=True)):
+            disks[number] = HarmonicDisk(slide=over.slide[place], points=over.points[place], crowded=crowded)
     return tuple(disks[number] for number in range(len(slides)))
 
 
@@ -133,11 +77,6 @@ def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Tensor
 
     It is moved along the eigenvector of the Hessian by arc length that curves downwards most, to the side and by the
     amount that lower the energy most. The cost is n³.
-
-    Args:
-        curve: Γ, at unit size.
-        form: Λ.
-        slide: stationary, at t = j/n.
     """
     here = Slides.of(CurveTensors.batch([curve]), form, slide[None])
     hessian = here.hessian(torch.zeros_like(here.energy))(torch.eye(len(slide), dtype=slide.dtype, device=slide.device))
@@ -152,31 +91,16 @@ def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Tensor
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Slides:
-    """Slides of b curves on one Ω, with the energies of the harmonic surfaces: see `newton.Energies`.
+    """Slides of b curves on one Ω, with the energies of the harmonic surfaces: see `newton.Energies`."""
 
-    Displacements that leave the energy as it is, the gauge, have no part in steps and gradients where they are known
-    exactly: the error of the samples would lead astray along them. Where they are not a little stiffness against them
-    keeps the Hessian regular.
-
-    Attributes:
-        curves: a batch of b.
-        form: Λ.
-        slide: (b, n), curve parameters at t = j/n.
-        points: (b, n, 3), Γ.
-        tangent: (b, n, 3), Γ′.
-        bend: (b, n), Γ″·ΛX.
-        normal: (b, n, 3), ΛX.
-        energy: (b,), sums over the nodes, without the factor 2π/n.
-    """
-
-    curves: CurveTensors
-    form: DirichletForm
-    slide: Float[Tensor, "b n"]
-    points: Float[Tensor, "b n 3"]
-    tangent: Float[Tensor, "b n 3"]
-    bend: Float[Tensor, "b n"]
-    normal: Float[Tensor, "b n 3"]
-    energy: Float[Tensor, " b"]
+    curves: CurveTensors  # a batch of b
+    form: DirichletForm  # Λ
+    slide: Float[Tensor, "b n"]  # curve parameters at t = j/n
+    points: Float[Tensor, "b n 3"]  # Γ
+    tangent: Float[Tensor, "b n 3"]  # Γ′
+    bend: Float[Tensor, "b n"]  # Γ″·ΛX
+    normal: Float[Tensor, "b n 3"]  # ΛX
+    energy: Float[Tensor, " b"]  # sums over the nodes, without the factor 2π/n
 
     @classmethod
     def of(cls, curves: CurveTensors, form: DirichletForm, slide: Float[Tensor, "b n"]) -> Slides:
@@ -221,7 +145,7 @@ class Slides:
 
     @cached_property
     def size(self) -> Float[Tensor, " b"]:
-        """`HarmonicDisk.gradient`."""
+        """RMS of the gradient by that of ΛX: 0 where the surface is conformal."""
         return (self.gradient.square().mean(-1) / self.normal.square().sum(-1).mean(-1)).sqrt()
 
     @property

@@ -1,7 +1,5 @@
 """What a solution is checked by that was not used to find it: computed when it is first asked for."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -11,8 +9,8 @@ from jaxtyping import Complex, Float
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.mesh.intersections import is_graph, self_intersections
-from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.stability import Curvature, Stability, assess_stability
+from spinor_geom.plateau.steps import Clock
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.spinor_surface import SpinorSurface
 

@@ -1,7 +1,5 @@
 """What every route to a minimal surface returns: it at unit size, and how near to Γ it came."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,9 +22,9 @@ class Between:
 
     order: tuple[int, ...]  # the numbers of the loops, that of the outer boundary of Ω first
     back: tuple[bool, ...]  # whether each, in that order, runs against the boundary of the surface
-    modulus: float | None  # see `capacity_path.mean_modulus`; none where Ω is no circular domain
     antiperiodic: tuple[bool, ...]  # whether p and q change their sign around each hole
     period: float  # the largest |Re ∮ φ dz| around a hole
+    modulus: float | None = None  # see `capacity_path.mean_modulus`; none where Ω is no circular domain
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,8 +14,7 @@ from torch import Tensor
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.steps import STALLED, Steps
 
-# Of the first step, as a share of the mean diagonal entry of the normal equations.
-_FIRST_DAMPING = 1e-2
+_FIRST_DAMPING = 1e-2  # of the first step, as a share of the mean diagonal entry of the normal equations
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,7 +118,10 @@ class _Linear:
         parts = _in_parts(*map(problem.integrate, slopes))
         around = _in_parts(*map(problem.around_hole, slopes))
         moved = problem.moved(state.readout)
-        held = _held_nodes(problem, state)
+        # nodes at a bound of their slide that would go on beyond it: their distance along Γ' is a residual too
+        low, high = problem.slide_bounds.T
+        beyond = (state.tangent * state.error).sum(1)
+        held = (((state.slide <= low) & (beyond < 0)) | ((state.slide >= high) & (beyond > 0))).nonzero()[:, 0]
         directions = list(_directions(state.tangent, held))
         counts = [len(direction) for direction, _ in directions]
         n = 4 * parts.shape[2]
@@ -159,15 +161,6 @@ def _by_spinors(e: Float[Tensor, "m 3"]) -> Float[Tensor, "m 4 4"]:
     o = torch.zeros_like(x)
     rows = ((x, y, z, o), (z, o, -x, y), (y, -x, o, -z), (o, -z, y, x))
     return torch.stack([torch.stack(row, dim=1) for row in rows], dim=1)
-
-
-def _held_nodes(problem: PlateauProblem, state: Fit) -> Int[Tensor, " k"]:
-    """Nodes at a bound of their slide that would go on beyond it: their distance along Γ' is a residual too."""
-    low, high = problem.slide_bounds.T
-    beyond = (state.tangent * state.error).sum(1)
-    held = ((state.slide <= low) & (beyond < 0)) | ((state.slide >= high) & (beyond > 0))
-    nodes: Tensor = held.nonzero()[:, 0]
-    return nodes
 
 
 def _directions(

@@ -5,6 +5,9 @@ It takes loops without corners: milliseconds for smooth ones, and its cost grows
 
 from __future__ import annotations
 
+import math
+import time
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,6 +15,7 @@ from functools import cached_property
 import numpy as np
 import torch
 from jaxtyping import Complex, Float, Int
+from scipy.fft import next_fast_len
 from torch import Tensor
 
 from spinor_geom.discrete.area_descent import Disk
@@ -19,23 +23,29 @@ from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.dirichlet import DirichletForm
-from spinor_geom.plateau.douglas import minimise_dirichlet_energy, resampled, slide_downhill
+from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energies, resampled, slide_downhill
 from spinor_geom.plateau.found import Found
-from spinor_geom.plateau.harmonic_fit import COARSE, FEWEST_NODES, Aims, Fit, even, fit_together
-from spinor_geom.plateau.lift import surface_of
+from spinor_geom.plateau.lift import WORTHWHILE, Lift, lifted_together, surface_of
+from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.omega import NodeDensity, reflattened, resolved
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.request import Request
-from spinor_geom.plateau.roughness import is_rough
+from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.stability import curvature_within
 
-# A loop longer than so many times its width crowds on the disk: at 2.4 it is met to 1e-8 edges, at 4 no more.
-_DISK_ELONGATION = 2.5
-# Points that Ω is made from: the cost of Λ on it is their number cubed.
-_FEWEST_POINTS, _POINTS = 32, 128
+_FEWEST_POINTS, _POINTS = 32, 128  # points that Ω is made from: the cost of Λ on it is their number cubed
+# Nodes of the loops that are fitted as one batch, and held in memory: half as many take an eighth longer.
+BATCH_NODES = 16384
+_MOST_PER_EDGE = 64  # most nodes for each edge: beyond rough loops take minutes, and smooth ones gain nothing
+_TELLING_PER_EDGE = 4  # nodes for each edge of rough loops below which chance decides how near a surface comes
+FEWEST_NODES = 256  # nodes of short loops on the disk: many loops have as many nodes, and are fitted together
+# Gradient of the energy, relative to its factors, at which a coarse solve stops, and that is rounding error. Between
+# them a solve goes on to a share of the tolerance, on smooth loops as small a one: each step doubles the digits.
+COARSE, _ROUNDING = 1e-4, 1e-13
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,11 +53,6 @@ class HarmonicSolver:
     """One loop on the harmonic route."""
 
     request: Request
-
-    @cached_property
-    def aims(self) -> Aims:
-        """What its slides go on to."""
-        return Aims(request=self.request)
 
     def on_disk(self, begun: Fit | None = None) -> Found:
         """The minimal disk on the unit disk, by a fit that may have been begun together with others."""
@@ -66,7 +71,7 @@ class HarmonicSolver:
         """The minimal disk of less area that an unstable one on the unit disk leads to; None where there is none."""
         slide = torch.tensor(matching[:, 1], device=self.request.options.device)
         # the cost of its directions is the number of nodes cubed
-        start = slide_downhill(self.aims.exact, self._unit_disk, resampled(slide, min(len(slide), 2 * FEWEST_NODES)))
+        start = slide_downhill(self.exact, self._unit_disk, resampled(slide, min(len(slide), 2 * FEWEST_NODES)))
         if start is None:
             return None
         try:
@@ -87,46 +92,38 @@ class HarmonicSolver:
             polygon = flatten(disk.vertices, disk.faces, len(rim)).boundary
         return self._on_domain(polygon, self._density.parameter(self.request.curve.breaks[rim]), "flattened")
 
-    @property
-    def _count(self) -> int:
-        return points_of_domain(self.request.unit)
-
     @cached_property
     def _density(self) -> NodeDensity:
-        return NodeDensity(self.request.curve, self._count)
-
-    @property
-    def _averaged(self) -> CurveTensors:
-        """Γ as the points of Ω tell it: nodes that are too few for its bends would fall anywhere among them."""
-        return CurveTensors.of(self.request.curve.smoothed(1 / self._density.points), self.request.options.device)
+        return NodeDensity(self.request.curve, points_of_domain(self.request.unit))
 
     @property
     def _unit_disk(self) -> DirichletForm:
-        return DirichletForm.of_disk(self._count)
+        return DirichletForm.of_disk(points_of_domain(self.request.unit))
 
     def _on_domain(self, polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], route: RouteName) -> Found:
         """The minimal disk on the smooth Ω next to a polygon, at parameters t, and on its own flattening."""
+        unit, device = self.request.unit, self.request.options.device
         with self.request.clock.stage("flattening"):
             # points that stand for single vertices are to be followed
-            is_fine = self.aims.is_rough and len(self.request.unit) <= self._density.points
-            shape, form = resolved(
-                polygon, t, self._density, is_fine, count=self._count, device=self.request.options.device
-            )
-        start = torch.tensor(
-            self._density.slide(np.arange(shape.steps) / shape.steps), device=self.request.options.device
-        )
+            is_fine = self.is_rough and len(unit) <= self._density.points
+            shape, form = resolved(polygon, t, self._density, is_fine, count=points_of_domain(unit), device=device)
+        start = torch.tensor(self._density.slide(np.arange(shape.steps) / shape.steps), device=device)
         with self.request.clock.stage("slide"):
-            disk = minimise_dirichlet_energy(
-                self._averaged if self.aims.is_rough and not is_fine else self.aims.exact,
+            curve = self.exact
+            if self.is_rough and not is_fine:
+                # as the points of Ω tell it: nodes that are too few for its bends would fall anywhere among them
+                curve = CurveTensors.of(self.request.curve.smoothed(1 / self._density.points), device)
+            (disk,) = minimise_dirichlet_energies(
+                CurveTensors.batch([curve]),
                 form,
-                start,
-                tolerance=COARSE,
-                max_steps=self.request.steps.left,
-                negligible=self.aims.negligible_energy,
-                on_step=self.aims.take,
+                start[None],
+                tolerances=[COARSE],
+                max_steps=[self.request.steps.left],
+                negligible=[self.negligible_energy],
+                on_step=[self.take],
             )
         if disk.crowded:
-            raise DomainError("the nodes crowd on the domain's boundary", vertices=len(self.request.unit))
+            raise DomainError("the nodes crowd on the domain's boundary", vertices=len(unit))
         with self.request.clock.stage("flattening"):
             form, slide = reflattened(disk, form, shape)
         return self._fitted(self._fit(form, slide), route)
@@ -138,7 +135,7 @@ class HarmonicSolver:
 
     def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"]) -> Fit:
         """The fit on an Ω from a slide."""
-        return Fit(aims=self.aims, form=form, slide=slide, nodes=even(max(len(slide), len(self.request.unit))))
+        return Fit(solver=self, form=form, slide=slide, nodes=even(max(len(slide), len(self.request.unit))))
 
     def _fitted(self, fit: Fit, route: RouteName) -> Found:
         """The minimal disk with as many nodes as the tolerance asks for, or as help."""
@@ -160,6 +157,50 @@ class HarmonicSolver:
             curvature=curvature_within([lift.spinors[:, 0].T.cpu().numpy()]),
         )
 
+    @cached_property
+    def exact(self) -> CurveTensors:
+        """Γ."""
+        return CurveTensors.of(self.request.curve, self.request.options.device)
+
+    @cached_property
+    def is_rough(self) -> bool:
+        """Whether the loop is."""
+        return is_rough(self.request.unit, self.request.curve)
+
+    @property
+    def is_analytic(self) -> bool:
+        """Whether Γ is, so that the distance from it falls geometrically with the nodes."""
+        return self.request.curve.degree > max(DEGREES)
+
+    @property
+    def fine_gradient(self) -> float:
+        """At which a slide along Γ itself stops."""
+        if self.request.options.is_series:
+            return _ROUNDING
+        share = ROUGH_GRADIENT if self.is_rough else COARSE
+        return float(np.clip(share * self.request.options.tolerance, _ROUNDING, COARSE))
+
+    @property
+    def most_nodes(self) -> int:
+        """That are tried."""
+        return even(max(4 * FEWEST_NODES, _MOST_PER_EDGE * len(self.request.unit)))
+
+    def is_enough(self, misfit: Misfit) -> bool:
+        """Whether more nodes are not tried; rounding error is asked for where the curve itself has no other."""
+        allowed = self.request.allowed
+        if self.request.options.is_series and self.is_analytic:
+            allowed = min(allowed, _ROUNDING)
+        return misfit.excess(allowed=allowed, tolerance=allowed / self.request.unit.mean_edge_length) <= 1
+
+    @property
+    def negligible_energy(self) -> float:
+        """At a fall below which a slide stops, too."""
+        return negligible_energy(len(self.request.unit), self.request.allowed) if self.is_rough else 0.0
+
+    def take(self, gradient: float) -> None:
+        """Takes down a step."""
+        self.request.steps.take("Douglas-Newton", gradient)
+
     @staticmethod
     def side_by_side(solvers: Sequence[HarmonicSolver]) -> list[Fit]:
         """The fits on the unit disk, made together."""
@@ -168,11 +209,97 @@ class HarmonicSolver:
         return fits
 
 
-def suits_unit_disk(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
-    """Whether the unit disk is likely to do."""
-    return loop.elongation < _DISK_ELONGATION and not is_rough(loop, curve)
-
-
 def points_of_domain(loop: BoundaryLoop) -> int:
     """Points that Ω is made from, but for those that narrow places want."""
     return int(np.clip(len(loop), _FEWEST_POINTS, _POINTS))
+
+
+@dataclass(kw_only=True, eq=False)
+class Fit:
+    """One loop's fit on an Ω, on its way."""
+
+    solver: HarmonicSolver  # of the loop
+    form: DirichletForm  # of Ω
+    slide: Float[Tensor, " n"]  # to start from, then the last one that was found
+    nodes: int  # to begin with, then those that are tried next
+    best: tuple[Lift, HarmonicDisk] | None = None  # the nearest surface so far, and what it was lifted from
+    limit: str = ""  # why it is over, as the end of a sentence; "" while it is not
+    attempt: int = 0  # number of those before
+
+    def take(self, disk: HarmonicDisk, lift: Lift | None) -> None:
+        """Takes the disk that was found with the nodes that were asked for, and its lift, if it has one."""
+        if disk.crowded:
+            self.limit = "the nodes crowd on the domain's boundary"
+            return
+        self.slide = disk.slide
+        before = math.inf if self.best is None else self.best[0].misfit.rms
+        share = WORTHWHILE
+        if self.solver.is_rough:
+            share = 1.0 if self.nodes >= _TELLING_PER_EDGE * len(self.solver.request.unit) else math.inf
+        # without a lift more nodes may tell the sheets apart
+        may_lift = self.attempt == 0 or self.solver.is_rough
+        is_better = may_lift if lift is None else lift.misfit.rms < share * before
+        if lift is not None and lift.misfit.rms < before:
+            self.best = lift, disk
+        if not is_better or (self.best is not None and self.solver.is_enough(self.best[0].misfit)):
+            self.limit = "more nodes on the domain's boundary do not help"
+        elif self.nodes >= self.solver.most_nodes:
+            self.limit = f"{self.nodes} nodes are the most that are tried"
+        elif self.solver.request.steps.are_spent:
+            self.limit = "the limit on steps or on time was reached"
+        else:
+            self.attempt += 1
+            self.nodes = even(min(self.solver.most_nodes, 2 * self.nodes))
+
+    @property
+    def near_enough(self) -> float:
+        """Distance from Γ that its lift need not lessen: where it is smooth more nodes do so far more, and sooner."""
+        is_smooth = self.solver.is_analytic or (self.attempt == 0 and not self.solver.is_rough)
+        return math.inf if is_smooth else self.solver.request.allowed
+
+
+def fit_together(fits: Sequence[Fit]) -> None:
+    """Goes on with fits until they are over, those on the unit disk with as many nodes as one batch."""
+    left = list(fits)
+    while left := [fit for fit in left if not fit.limit]:
+        alike: dict[tuple[object, ...], list[Fit]] = defaultdict(list)
+        for fit in left:
+            alike["disk" if fit.form.is_disk else id(fit.form), fit.nodes, fit.attempt > 0].append(fit)
+        for group in alike.values():
+            together = max(1, BATCH_NODES // group[0].nodes)
+            for start in range(0, len(group), together):
+                _advance(group[start : start + together])
+
+
+def _advance(fits: Sequence[Fit]) -> None:
+    """One more attempt of fits that ask for as many nodes on one Ω."""
+    begin = time.perf_counter()
+    form, nodes = fits[0].form, fits[0].nodes
+    curves = CurveTensors.batch([fit.solver.exact for fit in fits])
+    disks = minimise_dirichlet_energies(
+        curves,
+        form,
+        torch.stack([resampled(fit.slide, nodes) for fit in fits]),
+        tolerances=[fit.solver.fine_gradient for fit in fits],
+        max_steps=[min(MOST_STEPS, fit.solver.request.steps.left) for fit in fits],
+        near=fits[0].attempt > 0,
+        negligible=[fit.solver.negligible_energy for fit in fits],
+        on_step=[fit.solver.take for fit in fits],
+    )
+    middle = time.perf_counter()
+    whole = [i for i, disk in enumerate(disks) if not disk.crowded]
+    lifts: dict[int, Lift | None] = {}
+    if whole:
+        of_whole = curves if len(whole) == len(fits) else CurveTensors.batch([fits[i].solver.exact for i in whole])
+        found = lifted_together([disks[i] for i in whole], form, of_whole, allowed=[fits[i].near_enough for i in whole])
+        lifts = dict(zip(whole, found, strict=True))
+    end = time.perf_counter()
+    for i, (fit, disk) in enumerate(zip(fits, disks, strict=True)):
+        fit.solver.request.clock.add("slide", (middle - begin) / len(fits))
+        fit.solver.request.clock.add("lift", (end - middle) / len(fits))
+        fit.take(disk, lifts.get(i))
+
+
+def even(nodes: int) -> int:
+    """An even number of nodes, not smaller, that is fast to transform."""
+    return 2 * next_fast_len((nodes + 1) // 2)

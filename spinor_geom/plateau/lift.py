@@ -26,35 +26,23 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.plateau.circles import DirichletForm as CirclesForm
-from spinor_geom.plateau.dirichlet import DirichletForm
+from spinor_geom.plateau.dirichlet import CirclesForm, DirichletForm
 from spinor_geom.plateau.douglas import HarmonicDisk, resampled
 from spinor_geom.plateau.gauss_newton import normals_of
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import HarmonicSurface
-from spinor_geom.plateau.traces import (
-    OnCircles,
-    OnCurve,
-    changes,
-    closed,
-    gap_rows,
-    gaps,
-    grid_of,
-    moves_by,
-    slopes,
-)
+from spinor_geom.plateau.traces import OnCircles, OnCurve, changes, closed, gap_rows, gaps, grid_of, moves_by, slopes
 from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # steps to the constant and the nearest points: one tells 2 % too much of the distance from folded curves, three no less
 _PLACING_STEPS = 2
-# share of the best distance that a new lift, a step of Gauss-Newton, or more nodes must come below
-WORTHWHILE = 0.5
+WORTHWHILE = 0.5  # share of the best distance that a new lift, a step of Gauss-Newton, or more nodes must come below
 # points for each node: with p and q, of up to half as many frequencies as nodes, the square of the distance has twice
-# as many as nodes
-_EACH = 4
+# as many as nodes, which their mean tells exactly
+_EACH = 3
 # largest turn of ∂Ω from one of its vertices to the next
 _TURN_OF_AN_EDGE = np.radians(25.0)
 
@@ -64,14 +52,14 @@ _Points = TypeVar("_Points", bound="_OnCurves")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lift:
-    """A minimal surface over Ω and its boundary at four times as many points as it was made from.
+    """A minimal surface over Ω and its boundary at three times as many points as it was made from.
 
     Attributes:
         model: p and q.
-        null_curve: (m, 4n, 3), ∫ φ dz along each rim at equal steps of its parameter, without what is imaginary of
+        null_curve: (m, 3n, 3), ∫ φ dz along each rim at equal steps of its parameter, without what is imaginary of
             logarithms; its real part is the boundary, where it should be on Γ.
-        spinors: (2, m, 4n), p and q there, but for the root of their sign changes.
-        slides: (m, 4n), the parameter of the point of its curve near each.
+        spinors: (2, m, 3n), p and q there, but for the root of their sign changes.
+        slides: (m, 3n), the parameter of the point of its curve near each.
         misfit: distance between the boundary and Γ.
         area: ½∮ r·Im(φ dz).
         period: the largest |Re ∮ φ dz| around a hole.

@@ -11,13 +11,12 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from spinor_geom.mesh.curve import SAMPLES_PER_PIECE
-from spinor_geom.plateau.problem import TensorCurve
+from spinor_geom.plateau.problem import CurveTensors
 
 # No part of a loop may be missed by more than so many tolerances of its own edges: a tenth of them at 1e-3. Noisy and
 # narrow loops that are met everywhere stay below half of that; a finger that is passed over is missed by several edges.
 LOCAL_TOLERANCES = 100.0
-# A piece of Γ so many times longer than the step of the boundary beside it is passed over.
-_PASSED_OVER = 1.5
+_PASSED_OVER = 1.5  # a piece of Γ so many times longer than the step of the boundary beside it is passed over
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +33,7 @@ class Misfit:
     length: float  # of Γ
 
     @classmethod
-    def of(cls, r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: TensorCurve) -> Misfit:
+    def of(cls, r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: CurveTensors) -> Misfit:
         """The misfit at a closed sequence of points of the boundary, with the parameters of the points of Γ near each.
 
         Where Γ is much longer than the boundary, points of Γ between them count too.
@@ -53,7 +52,7 @@ class Misfit:
         speed: Float[Tensor, "b n"],
         local_edge: Float[Tensor, "b n"],
         *,
-        alone: Callable[[int], TensorCurve],
+        alone: Callable[[int], CurveTensors],
     ) -> tuple[Misfit, ...]:
         """The misfits of several boundaries, from distances, |Γ′| and edges there; `alone` gives a curve of one."""
         step, chord = torch.diff(slide, append=slide[:, :1] + 1), (r.roll(-1, 1) - r).norm(dim=-1)
@@ -79,7 +78,7 @@ class Misfit:
         distance: Float[Tensor, " k"],
         slide: Float[Tensor, " k"],
         weights: Float[Tensor, " k"],
-        curve: TensorCurve,
+        curve: CurveTensors,
         *,
         length: float,
     ) -> Misfit:
@@ -166,7 +165,7 @@ class BoundaryResidual:
 
 
 def _passed_over(
-    r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], over: Int[Tensor, " j"], curve: TensorCurve
+    r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], over: Int[Tensor, " j"], curve: CurveTensors
 ) -> tuple[Float[Tensor, " k"], Float[Tensor, " k"], Float[Tensor, " k"]]:
     """Points of Γ on its parts beside pieces of the boundary that are much shorter: parameters, distances, arc lengths.
 

@@ -1,4 +1,10 @@
-"""The network and the nodes of one round of a fit, its residual between them, and their refinement where that is."""
+"""The network and the nodes of one round of a fit, its residual between them, and their refinement where that is.
+
+A conformal map takes three boundary points where one wants; with n corners n − 3 moduli of Ω must be right before a
+surface over Ω can have all its corners on Γ's. A domain flattened from a mesh has them to a few digits, and is moved
+with the fit along fields v = conj(g), g holomorphic with g' = 0 at the corners: conformal there, so that the angles
+stay, and undone by no holomorphic change of coordinates. Between two rims the hole grows or shrinks.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +12,21 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 import torch
 from jaxtyping import Complex, Float
+from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
 from torch import Tensor
 
-from spinor_geom.domain.panels import Panels
-from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
+from spinor_geom.domain.delaunay import plane_coordinates
+from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks
+from spinor_geom.domain.quadrature import Panels
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import Poles, corner_poles, edge_poles, place_poles, refining_poles
 from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.moduli import CornerPairs, ModulusFields
-from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, TensorCurve
+from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
 
 # Most features of p and q each, of four real unknowns: with 300 a step of the fit takes a quarter of a second, and its
 # time grows with the cube.
@@ -28,23 +37,23 @@ _PROJECTIONS = 5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Discretisation:
-    """Poles, panels and the network made from them."""
+    """Poles and panels, and the network made from them."""
 
     domain: PlaneDomain  # Ω
-    pairs: CornerPairs  # corners of Ω and Γ
+    curves: tuple[CurveTensors, ...]  # Γ, one for each boundary of Ω
+    corners: Float[np.ndarray, " c"]  # parameters of Γ at the corners of Ω, ascending in one turn
     poles: Poles  # poles outside Ω
+    breaks: tuple[Float[np.ndarray, " _"], ...]  # ends of the panels on each boundary
     degree: int  # of the polynomials
     at_corner: int  # number of poles that are clustered at each corner
-    panels: Panels  # nodes on ∂Ω
-    network: CauchyNetwork  # features orthonormal on the nodes
-    problem: PlateauProblem  # the same as tensors, with Γ
+    branch: complex | None  # the point in the hole around which p and q change their sign; none where they do not
 
     @classmethod
     def first(
         cls,
         domain: PlaneDomain,
         curves: tuple[CurveTensors, ...],
-        pairs: CornerPairs,
+        corners: Float[np.ndarray, " c"],
         *,
         degree: int,
         offset: float,
@@ -54,49 +63,51 @@ class Discretisation:
         """One pole a boundary vertex, panels between the vertices and halving towards corners.
 
         The offset of the poles is in local edges; corners take fewer poles for a loose tolerance, the RMS distance from
-        Γ in mean edges. `branch` is a point in the hole around which p and q change their sign.
+        Γ in mean edges.
         """
         at_corner = corner_poles(tolerance)
-        poles = place_poles(domain, offset=offset, at_corner=at_corner)
-        breaks = tuple(map(panel_breaks, domain.boundaries))
-        return cls._of(domain, curves, pairs, poles, breaks, degree, at_corner, branch)
-
-    @classmethod
-    def _of(
-        cls,
-        domain: PlaneDomain,
-        curves: tuple[CurveTensors, ...],
-        pairs: CornerPairs,
-        poles: Poles,
-        breaks: tuple[Float[np.ndarray, " _"], ...],
-        degree: int,
-        at_corner: int,
-        branch: complex | None,
-    ) -> Discretisation:
-        device = curves[0].breaks.device
-        unknowns = 4 * (degree + 1 + len(poles.positions))
-        # four equations per unknown: with 1.5 the residual at the nodes of a rough loop can be a hundredth of that
-        # between them, and the iteration wanders off
-        order = int(np.ceil(4 * unknowns / (2 * sum(len(some) - 1 for some in breaks))))
-        panels = Panels.around(domain, breaks, order)
-        network = CauchyNetwork.orthonormal_on(
-            torch.as_tensor(panels.z, device=device),
-            torch.as_tensor(panels.arc_weights, device=device),
-            poles=torch.as_tensor(poles.positions, device=device),
-            scales=torch.as_tensor(poles.scales, device=device),
-            degree=degree,
-            branch=branch,
-        )
         return cls(
             domain=domain,
-            pairs=pairs,
-            poles=poles,
+            curves=curves,
+            corners=corners,
+            poles=place_poles(domain, offset=offset, at_corner=at_corner),
+            breaks=tuple(map(panel_breaks, domain.boundaries)),
             degree=degree,
             at_corner=at_corner,
-            panels=panels,
-            network=network,
-            problem=PlateauProblem.on_panels(domain, panels, network, curves, pairs),
+            branch=branch,
         )
+
+    @cached_property
+    def panels(self) -> Panels:
+        """Nodes on ∂Ω, four equations per unknown.
+
+        With 1.5 the residual at the nodes of a rough loop can be a hundredth of that between them, and the iteration
+        wanders off.
+        """
+        unknowns = 4 * (self.degree + 1 + len(self.poles.positions))
+        count = sum(len(some) - 1 for some in self.breaks)
+        return Panels.around(self.domain, self.breaks, int(np.ceil(4 * unknowns / (2 * count))))
+
+    @cached_property
+    def network(self) -> CauchyNetwork:
+        """Features orthonormal on the nodes."""
+        return self._network_with(self.poles)
+
+    def _network_with(self, poles: Poles) -> CauchyNetwork:
+        device = self.curves[0].breaks.device
+        return CauchyNetwork.orthonormal_on(
+            torch.as_tensor(self.panels.z, device=device),
+            torch.as_tensor(self.panels.arc_weights, device=device),
+            poles=torch.as_tensor(poles.positions, device=device),
+            scales=torch.as_tensor(poles.scales, device=device),
+            degree=self.degree,
+            branch=self.branch,
+        )
+
+    @cached_property
+    def problem(self) -> PlateauProblem:
+        """The same as tensors."""
+        return PlateauProblem.on_panels(self.domain, self.panels, self.network, self.curves, self.corners)
 
     def refined(self, energy: Float[np.ndarray, " panels"], goal: float) -> Discretisation | None:
         """More poles and shorter panels where the residual is; None where nothing more may be added.
@@ -116,20 +127,9 @@ class Discretisation:
         middle = chosen.mean(axis=1)
         breaks = tuple(
             np.sort(np.concatenate([some, middle[middle // 2 == number] - 2 * number]))
-            for number, some in enumerate(self.panels.rim_breaks)
+            for number, some in enumerate(self.breaks)
         )
-        return self._with(self.domain, self.pairs, poles, breaks)
-
-    def _with(
-        self, domain: PlaneDomain, pairs: CornerPairs, poles: Poles, breaks: tuple[Float[np.ndarray, " _"], ...]
-    ) -> Discretisation:
-        """The same curves on another Ω, or with other poles or panels."""
-        return self._of(domain, self.problem.curves, pairs, poles, breaks, self.degree, self.at_corner, self.branch)
-
-    @property
-    def branch(self) -> complex | None:
-        """The point in the hole around which p and q change their sign; none where they are single-valued."""
-        return complex(self.network.branch[0]) if self.network.antiperiodic else None
+        return replace(self, poles=poles, breaks=breaks)
 
     @property
     def is_full(self) -> bool:
@@ -140,8 +140,7 @@ class Discretisation:
         """Share of a residual on the edges of ∂Ω that end at its corners."""
         middle = self.panels.ends.mean(axis=1)
         edge = np.searchsorted(self.domain.arcs[:, 0], middle, side="right") - 1
-        corners = [boundary.corners for boundary in self.domain.boundaries]
-        at_corner = np.concatenate([some | np.roll(some, -1) for some in corners])[edge]
+        at_corner = np.concatenate([rim.corners | np.roll(rim.corners, -1) for rim in self.domain.boundaries])[edge]
         return float(energy[at_corner].sum() / energy.sum())
 
     @property
@@ -154,22 +153,14 @@ class Discretisation:
         if self.domain.holes:
             return ModulusFields.of_hole(self.domain, self.panels)
         # without the poles clustered at the corners: what they resolve, the moved boundary's spline would not
-        poles = edge_poles(self.domain)
-        smooth = CauchyNetwork.orthonormal_on(
-            torch.as_tensor(self.panels.z),
-            torch.as_tensor(self.panels.arc_weights),
-            poles=torch.as_tensor(poles.positions),
-            scales=torch.as_tensor(poles.scales),
-            degree=self.degree,
-        )
-        return ModulusFields.of_corners(
-            self.domain, self.panels, smooth.features(torch.as_tensor(self.panels.z)).numpy()
-        )
+        z = torch.as_tensor(self.panels.z, device=self.problem.dz.device)
+        smooth = self._network_with(edge_poles(self.domain)).features(z)
+        return ModulusFields.of_corners(self.domain, self.panels, smooth.cpu().numpy())
 
-    def flexible(self) -> Discretisation:
-        """The same, with an unknown for each field along which Ω may move."""
-        fields = torch.as_tensor(self._modulus_fields.nodes, device=self.problem.dz.device)
-        return replace(self, problem=replace(self.problem, fields=fields))
+    @property
+    def flexible_problem(self) -> PlateauProblem:
+        """The problem with an unknown for each field along which Ω may move."""
+        return replace(self.problem, fields=torch.as_tensor(self._modulus_fields.nodes, device=self.problem.dz.device))
 
     def length_of_move(self, fit: Fit) -> float:
         """Longest way of a vertex of ∂Ω when it moves as a fit asks."""
@@ -178,11 +169,13 @@ class Discretisation:
     def moved(self, fit: Fit, *, offset: float) -> Discretisation:
         """The discretisation of Ω moved along its modulus fields as a fit asks, poles placed anew."""
         domain = self._modulus_fields.moved(self.domain, fit.amounts.cpu().numpy())
-        rims = zip(self.panels.rim_breaks, self.domain.boundaries, domain.boundaries, strict=True)
-        pairs = CornerPairs(t=domain.boundary.parameters[:-1][domain.boundary.corners], s=self.pairs.s)
-        poles = place_poles(domain, offset=offset, at_corner=self.at_corner)
-        breaks = tuple(np.interp(some, old.parameters, new.parameters) for some, old, new in rims)
-        return self._with(domain, pairs, poles, breaks)
+        rims = zip(self.breaks, self.domain.boundaries, domain.boundaries, strict=True)
+        return replace(
+            self,
+            domain=domain,
+            poles=place_poles(domain, offset=offset, at_corner=self.at_corner),
+            breaks=tuple(np.interp(some, old.parameters, new.parameters) for some, old, new in rims),
+        )
 
     def readout_of(self, spinors: Complex[Tensor, "nodes 2"]) -> Complex[Tensor, "n 2"]:
         """Least-squares read-outs of values of p and q at the nodes."""
@@ -195,11 +188,6 @@ class Discretisation:
             np.column_stack([t, slide.cpu().numpy()])
             for t, slide in zip(self.panels.own_parameters, slides, strict=True)
         )
-
-    def matched(self, fit: Fit, panels: Panels) -> Float[np.ndarray, " k"]:
-        """The parameters s that a fit gives to the nodes of other panels on ∂Ω."""
-        pairs = zip(self.matchings(fit), panels.own_parameters, strict=True)
-        return np.concatenate([interpolate_matching(matching, t) for matching, t in pairs])
 
     def transferred(self, other: Discretisation, fit: Fit) -> tuple[Complex[Tensor, "n 2"], Float[Tensor, " nodes"]]:
         """Read-outs and slide here of a fit made with another discretisation, of Ω or of a domain moved a little."""
@@ -233,11 +221,12 @@ def independent_residual(
     """
     count = len(stage.panels.ends)
     order = max(stage.panels.order + 3, int(np.ceil(3 * points / count)))
-    dense = Panels.around(stage.domain, stage.panels.rim_breaks, order)
-    problem = PlateauProblem.on_panels(stage.domain, dense, stage.network, stage.problem.curves, stage.pairs)
+    dense = Panels.around(stage.domain, stage.breaks, order)
+    problem = PlateauProblem.on_panels(stage.domain, dense, stage.network, stage.curves, stage.corners)
     velocity = problem.velocities(fit.readout)
     r = problem.integrate(velocity).real + fit.constant
-    slide = torch.as_tensor(stage.matched(fit, dense), device=r.device)
+    pairs = zip(stage.matchings(fit), dense.own_parameters, strict=True)
+    slide = torch.as_tensor(np.concatenate([interpolate_matching(*pair) for pair in pairs]), device=r.device)
     squares, rims = [], []
     for position, parameter, curve in zip(problem.by_rim(r), problem.by_rim(slide), problem.curves, strict=True):
         parameter = projected(position, parameter, curve, limit=0.5 / len(stage.panels.t))
@@ -251,7 +240,7 @@ def independent_residual(
 
 
 def projected(
-    r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: TensorCurve, *, limit: float
+    r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: CurveTensors, *, limit: float
 ) -> Float[Tensor, " n"]:
     """Parameters of the points of Γ nearest to given points, by Gauss-Newton steps of at most `limit` from a start."""
     for _ in range(_PROJECTIONS):
@@ -261,3 +250,79 @@ def projected(
         if float(move.abs().max()) < torch.finfo(move.dtype).eps ** 0.5:  # nothing is left of the next step
             break
     return slide
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModulusFields:
+    """Vector fields on ∂Ω that change the moduli of Ω: conj(g), which keeps its corners' angles, or a hole's growth."""
+
+    # at the nodes of the panels they were made with, one field a column, in units of Ω
+    nodes: Complex[np.ndarray, "nodes k"]
+    # at the vertices of ∂Ω, or of its hole; each field is as large as Ω's diameter at most
+    vertices: Complex[np.ndarray, "m k"]
+
+    @classmethod
+    def of_corners(cls, domain: PlaneDomain, panels: Panels, features: Complex[np.ndarray, "nodes n"]) -> ModulusFields:
+        """As many fields as a domain with four corners or more has moduli: three fewer than these.
+
+        The moves of least strain that change the moduli have g' a quadratic differential of Ω: holomorphic, with g'dz²
+        real along ∂Ω. Of all g' made of the features that vanish at the corners, those nearest to this are taken. On a
+        strip they stretch it along its length, however it winds.
+
+        Source: Ahlfors, "Lectures on quasiconformal mappings" (1966), chapter VI, for the pairing.
+        """
+        boundary = domain.boundary
+        corner = boundary.vertices[boundary.corners]
+        count = len(corner) - 3
+        still = np.prod((panels.z[:, None] - corner) / domain.diameter, axis=1)
+        slopes = (still / np.abs(still).max())[:, None] * features
+        g_slopes = slopes @ _nearest_to_real(slopes, panels, count) * panels.dz[:, None]
+        by_panel = g_slopes.reshape(-1, panels.order, count)
+        totals = (panels.weights.reshape(-1, panels.order, 1) * by_panel).sum(axis=1)
+        start = np.concatenate([np.zeros((1, count)), np.cumsum(totals, axis=0)])
+        width = np.diff(panels.breaks)[:, None, None]
+        g = (start[:-1, None] + width * (panels.cumulative @ by_panel)).reshape(-1, count)
+        at_vertex = np.abs(panels.breaks - boundary.parameters[:-1, None]).argmin(axis=1)
+        middle = start[at_vertex].mean(axis=0)
+        size = np.abs(start[at_vertex] - middle).max(axis=0) / domain.diameter
+        return cls(nodes=np.conj((g - middle) / size), vertices=np.conj((start[at_vertex] - middle) / size))
+
+    @classmethod
+    def of_hole(cls, domain: PlaneDomain, panels: Panels) -> ModulusFields:
+        """The field along the hole's normals: longer where there is room, it keeps it near to a level curve."""
+        (hole,), outer = domain.holes, domain.boundary.vertices
+        w = hole.vertices
+        ahead, back = np.roll(w, -1) - w, w - np.roll(w, 1)
+        gap, _ = cKDTree(plane_coordinates(outer)).query(plane_coordinates(w))
+        radius = np.abs(w - w.mean()).mean()
+        tangent = ahead / np.abs(ahead) + back / np.abs(back)
+        tangent /= np.maximum(np.abs(tangent), np.finfo(np.float64).tiny)
+        field = 1j * tangent / (1 / gap + 1 / radius)
+        spline = CubicSpline(hole.parameters, np.append(field, field[0]), bc_type="periodic")
+        split = panels.order * panels.rims[0]
+        nodes = np.zeros(len(panels.t), dtype=np.complex128)
+        nodes[split:] = spline(panels.t[split:] - 2)
+        return cls(nodes=nodes[:, None], vertices=field[:, None])
+
+    def moved(self, domain: PlaneDomain, amounts: Float[np.ndarray, " k"]) -> PlaneDomain:
+        """Ω with its hole grown, or with its boundary's vertices moved, at most by a tenth of its diameter."""
+        move = self.vertices @ amounts
+        if domain.holes:
+            hole = SplineBoundary.through(domain.holes[0].vertices + move)
+            return PlaneDomain.inside(domain.boundary, domain.log_scale, holes=(hole,))
+        move *= min(1.0, 0.1 * domain.diameter / np.abs(move).max(initial=1e-300))
+        return PlaneDomain.from_boundary(domain.boundary.vertices + move, domain.boundary.corners, domain.log_scale)
+
+
+def _nearest_to_real(f: Complex[np.ndarray, "nodes n"], panels: Panels, count: int) -> Complex[np.ndarray, "n {count}"]:
+    """Coefficients of the combinations of functions f with the least ∮|Im f dz²/|dz|²|² |dz| for their ∮|f|² |dz|."""
+    root = np.sqrt(panels.arc_weights)[:, None]
+    along = root * (panels.dz / np.abs(panels.dz))[:, None] ** 2 * f
+    imaginary = np.concatenate([along.imag, along.real], axis=1)
+    real = np.concatenate([along.real, -along.imag], axis=1)
+    unreal = imaginary.T @ imaginary
+    whole = unreal + real.T @ real
+    whole[np.diag_indices_from(whole)] *= 1 + 1e-10  # the functions are nearly dependent
+    _, best = scipy.linalg.eigh(unreal, whole, subset_by_index=[0, count - 1])
+    n = f.shape[1]
+    return np.asarray(best[:n] + 1j * best[n:])

@@ -19,8 +19,8 @@ from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
 from spinor_geom.discrete.strip import discrete_annulus, nodes_on_cylinder, runs_back
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks, sampled
+from spinor_geom.domain.quadrature import Panels
 from spinor_geom.errors import DomainError, SingularMatrixError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -28,7 +28,6 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.found import Between, Found
 from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.moduli import CornerPairs
 from spinor_geom.plateau.network import Discretisation, independent_residual
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.request import Request
@@ -42,8 +41,7 @@ from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
 
 # Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
 _LONGEST_RIM = 240
-# Nodes on a round annulus beyond which a domain is made for two rims.
-_CROWDED = 1200.0
+_CROWDED = 1200.0  # nodes on a round annulus beyond which a domain is made for two rims
 # Nodes on a length as long as the gap between two rims is wide, ten times as many as they take: to be sure of few.
 _NODES_PER_GAP = 40.0
 # Way of a vertex of Ω, in residuals, that changes nothing: its scale is near to 1. With 1 areas are off by 5e-4.
@@ -137,7 +135,6 @@ class NetworkSolver:
             between = Between(
                 order=tuple(side.number for side in self._sides),
                 back=tuple(side.back for side in self._sides),
-                modulus=None,
                 antiperiodic=(fitted.stage.branch is not None,),
                 period=surface.largest_period(),
             )
@@ -157,7 +154,7 @@ class NetworkSolver:
         try:
             with self.request.clock.stage("first fill"):
                 finer = finer_disk(disk, *self._sizes)
-            return min(fitted, self._fitted_from(finer), key=lambda one: one.rms)
+            return min(fitted, self._fitted_from(finer), key=lambda one: one.misfit.rms)
         except (DomainError, SingularMatrixError):  # what a second try fails at must not cost the first one's result
             return fitted
 
@@ -186,23 +183,21 @@ class NetworkSolver:
             if holes and not any(bool(signs_close_up(*rim.unbind(-1))) for rim in rims):
                 branch = _middle(flat.rims[1])
                 spinors = lifted(branch=branch)
-            corners = sides[0].corners
-            pairs = CornerPairs(t=outer.parameters[:-1][corners], s=sides[0].knots[:-1][corners])
             stage = Discretisation.first(
                 domain,
                 tuple(CurveTensors.of(side.curve, device) for side in sides),
-                pairs,
+                sides[0].knots[:-1][sides[0].corners],
                 degree=self.request.options.cauchy.degree,
                 offset=self.request.options.cauchy.pole_offset,
                 tolerance=self.request.options.tolerance,
                 branch=branch,
             )
-        with self.request.clock.stage("fit"):
             edge = torch.as_tensor(np.searchsorted(domain.arcs[:, 0], stage.panels.t, side="right") - 1, device=device)
             z = torch.as_tensor(stage.panels.z, device=device)
             readout = stage.readout_of(spinors[edge] * stage.network.sign_changing(z)[:, None])
             parts = zip(stage.panels.own_parameters, domain.boundaries, sides, strict=True)
             slides = [np.interp(t, boundary.parameters, side.knots) for t, boundary, side in parts]
+        with self.request.clock.stage("fit"):
             return self._refined(stage, readout, torch.as_tensor(np.concatenate(slides), device=device))
 
     def _refined(
@@ -213,11 +208,11 @@ class NetworkSolver:
         begin = self._with_right_moduli if stage.has_moduli else self._fitted
         best = begin(stage, readout, slide)
         while self._is_missed(best):
-            finer = best.stage.refined(best.energy, best.rms / self._excess(best))
+            finer = best.stage.refined(best.energy, best.misfit.rms / self.request.excess(best.misfit))
             if finer is None:
                 break
             again = self._fitted(finer, *finer.transferred(best.stage, best.fit))
-            if again.rms >= best.rms:
+            if again.misfit.rms >= best.misfit.rms:
                 break
             best = replace(again, rounds=best.rounds + 1, folds=best.folds)
         return best
@@ -229,7 +224,7 @@ class NetworkSolver:
         last, folds = np.inf, False
         allowed, steps = self.request.allowed, self.request.steps
         while True:
-            fit = gauss_newton(stage.flexible().problem, readout, slide, allowed=allowed, steps=steps)
+            fit = gauss_newton(stage.flexible_problem, readout, slide, allowed=allowed, steps=steps)
             readout, slide = fit.readout, fit.slide
             if stage.length_of_move(fit) < _STILL * fit.residual:
                 break
@@ -251,12 +246,9 @@ class NetworkSolver:
         misfit, energy = independent_residual(stage, fit, points=sum(map(len, self.request.units)))
         return Fitted(stage=stage, fit=fit, misfit=misfit, energy=energy)
 
-    def _excess(self, fitted: Fitted) -> float:
-        return fitted.misfit.excess(allowed=self.request.allowed, tolerance=self.request.options.tolerance)
-
     def _is_missed(self, fitted: Fitted) -> bool:
         """Whether a fit is to come nearer to Γ, and there are steps left for it."""
-        return self._excess(fitted) > 1 and not self.request.steps.are_spent
+        return self.request.excess(fitted.misfit) > 1 and not self.request.steps.are_spent
 
     def _limit(self, fitted: Fitted) -> str:
         """What keeps a fit from coming nearer to Γ, as the end of a sentence."""
@@ -294,22 +286,14 @@ def rim_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fitted:
-    """A round: its discretisation, its fit, its residual at unit size, and its number.
-
-    `folds` says that Ω would fold if it moved to the conformal moduli that a fit asked for.
-    """
+    """A round."""
 
     stage: Discretisation
     fit: Fit
-    misfit: Misfit
-    energy: Float[np.ndarray, " panels"]
-    rounds: int = 1
-    folds: bool = False
-
-    @property
-    def rms(self) -> float:
-        """RMS distance from Γ."""
-        return self.misfit.rms
+    misfit: Misfit  # at unit size
+    energy: Float[np.ndarray, " panels"]  # of the distance from Γ
+    rounds: int = 1  # its number
+    folds: bool = False  # whether Ω would fold if it moved to the conformal moduli that a fit asked for
 
 
 def _middle(hole: Complex[np.ndarray, " n"]) -> complex:

@@ -1,7 +1,5 @@
 """Newton's method with conjugate gradients for Douglas's energy: slides, and the moduli of Ω where it has holes."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Sequence
 from typing import Protocol, TypeVar
@@ -12,8 +10,7 @@ from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
 
-# Newton steps of one solve where nothing else is said, and of conjugate gradients in each.
-MOST_STEPS = 60
+MOST_STEPS = 60  # Newton steps of one solve where nothing else is said, and of conjugate gradients in each
 # A step may raise the energy up to the highest of so many last ones: valleys of the energy are bent, and Newton's
 # method follows them far faster if it may climb their sides a little. What does not halve a small gradient is no step.
 _REMEMBERED = 6
@@ -32,42 +29,33 @@ class Energies(Protocol):
     @property
     def energy(self) -> Float[Tensor, " b"]:
         """Up to a factor."""
-        ...
 
     @property
     def gradient(self) -> Float[Tensor, "b k"]:
         """By arc length of the slides, and by the moduli."""
-        ...
 
     @property
     def size(self) -> Float[Tensor, " b"]:
         """Of the gradient, relative to the energy's factors."""
-        ...
 
     @property
     def is_over(self) -> Bool[Tensor, " b"]:
         """Whether more steps lead nowhere."""
-        ...
 
     def at(self: E, which: Int[Tensor, " j"]) -> E:
         """Some of them."""
-        ...
 
     def replaced(self: E, which: Int[Tensor, " j"], other: E) -> E:
         """With some of them from another."""
-        ...
 
     def hessian(self, reflection: Float[Tensor, " b"]) -> Callable[[Float[Tensor, "b k"]], Float[Tensor, "b k"]]:
         """The second derivative; what bends downwards along Γ taken so many times with the opposite sign."""
-        ...
 
     def precondition(self, u: Float[Tensor, "b k"]) -> Float[Tensor, "b k"]:
         """An inverse of the second derivative's smooth part."""
-        ...
 
     def stepped(self: E, direction: Float[Tensor, "b k"], length: float) -> E:
         """After a step."""
-        ...
 
 
 def minimised(
@@ -78,27 +66,23 @@ def minimised(
     negligible: Sequence[float],
     near: bool,
     on_step: Sequence[Callable[[float], None]] = (),
-) -> list[tuple[list[int], E, int]]:
-    """The surfaces to which the energies fall: the numbers of those after as many Newton steps, they, and these steps.
+) -> list[tuple[list[int], E]]:
+    """The surfaces to which the energies fall: the numbers of those after as many Newton steps, and they.
 
     They do not know of each other; together they take little longer than the slowest of them where they are small.
     Where Γ bends towards the inside the Hessian's diagonal part is negative. Far from a solution that is taken with the
     opposite sign, times a share that falls: many rough places that each want another step do not hold each other up.
 
-    Args:
-        here: to start from.
-        tolerances: (b,), gradient at which each is to stop.
-        max_steps: (b,), limit on each one's steps.
-        negligible: (b,), fall of the least energy over several steps at which to stop.
-        near: whether the starts are near to solutions, so that plain Newton steps may be taken at once.
-        on_step: one for each, is called with the size of its gradient at the start of its steps; none for silence.
+    Each of b stops at the gradient that is tolerated, after most steps, or at a fall of the least energy over several
+    steps that is negligible. Starts that are near to solutions take plain Newton steps at once. `on_step`, one for each
+    or none, is called with the size of the gradient at the start of a step.
 
     Source: Grippo, Lampariello & Lucidi, "A nonmonotone line search technique for Newton's method", SIAM J. Numer.
     Anal. 23 (1986).
     """
     energy = here.energy
     count = len(energy)
-    found: list[tuple[list[int], E, int]] = []
+    found: list[tuple[list[int], E]] = []
     limits, falls = energy.new_tensor(tolerances), energy.new_tensor(negligible)
     number = torch.arange(count, device=energy.device)
     most = torch.tensor(max_steps, device=energy.device)
@@ -120,7 +104,7 @@ def minimised(
             finished[:] = True
         if finished.any():
             over = finished.nonzero()[:, 0]
-            found.append((number[over].tolist(), here.at(over), steps))
+            found.append((number[over].tolist(), here.at(over)))
             if finished.all():
                 break
             rest = (~finished).nonzero()[:, 0]
@@ -135,7 +119,8 @@ def minimised(
         # of the many steps that rough loops take the first need not be exact
         forcing = torch.where(falls > 0, size.sqrt(), size).clamp(max=0.1)
         direction, downwards = _direction(here, reflection, forcing)
-        here, moved, full = _line_search(here, direction, energies.amax(-1))
+        here, lengths = _line_search(here, direction, energies.amax(-1))
+        moved = lengths > 0
         energies = torch.cat([energies[:, 1:], here.energy[:, None]], dim=1)
         lowest = torch.cat([lowest[:, 1:], torch.minimum(lowest[:, -1], here.energy)[:, None]], dim=1)
         stuck = ~moved & (reflection >= 1)
@@ -144,7 +129,7 @@ def minimised(
         reflection = torch.where(
             ~moved | downwards,
             torch.maximum(_REFLECT_MORE * reflection, more).clamp(max=1.0),
-            torch.where(full, less, reflection),
+            torch.where(lengths == 1, less, reflection),
         )
     return found
 
@@ -182,30 +167,25 @@ def _direction(
 
 def _line_search(
     here: E, direction: Float[Tensor, "b k"], highest: Float[Tensor, " b"]
-) -> tuple[E, Bool[Tensor, " b"], Bool[Tensor, " b"]]:
-    """The longest of the steps 1, ½, ¼, … after which the energy is not above the highest.
-
-    Returns:
-        The states after it, which of them moved, and which by the first of those steps.
-    """
-    start, trial = here, here.stepped(direction, 1.0)
-    moved = full = trial.energy <= highest + 1e-13 * highest.abs()
-    if moved.all():
-        return trial, moved, full
-    which = torch.arange(len(moved), device=moved.device)
-    lower = moved
-    length = 1.0
+) -> tuple[E, Float[Tensor, " b"]]:
+    """The longest of the steps 1, ½, ¼, … after which the energy is not above the highest, and its length or 0."""
+    start, trial, length = here, here.stepped(direction, 1.0), 1.0
+    highest = highest + 1e-13 * highest.abs()
+    lower = trial.energy <= highest
+    lengths = lower.to(highest)
+    if lower.all():
+        return trial, lengths
+    which = torch.arange(len(lower), device=lower.device)
     while True:
         taken = which[lower]
         here = here.replaced(taken, trial.at(lower.nonzero()[:, 0]))
-        moved = moved.index_fill(0, taken, value=True)
+        lengths = lengths.index_fill(0, taken, length)
         which = which[~lower]
         length /= 2
         if not len(which) or length < SMALL:
-            break
+            return here, lengths
         trial = start.at(which).stepped(direction[which], length)
-        lower = trial.energy <= highest[which] + 1e-13 * highest[which].abs()
-    return here, moved, full
+        lower = trial.energy <= highest[which]
 
 
 def _dot(a: Float[Tensor, "b k"], b: Float[Tensor, "b k"]) -> Float[Tensor, "b 1"]:

@@ -1,7 +1,5 @@
 """Smooth plane domains made for a loop: a disk, an unfolding, or the flattening of a harmonic disk."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,21 +15,16 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import HarmonicDisk
 
-# Samples of a curve for each point or coefficient that is made of it.
-_OVERSAMPLING = 4
-# Largest error of Λ at which Ω counts as resolved.
-_RESOLVED = 1e-4
-# Two parts of a closed curve face each other where the way along it is so many times their distance.
-_FACING = 2.0
-# Most nodes, in multiples of the usual number, that a narrow place gets.
-_MOST_IN_NARROW = 8.0
+_OVERSAMPLING = 4  # samples of a curve for each point or coefficient that is made of it
+_RESOLVED = 1e-4  # largest error of Λ at which Ω counts as resolved
+_FACING = 2.0  # two parts of a closed curve face each other where the way along it is so many times their distance
+_MOST_IN_NARROW = 8.0  # most nodes, in multiples of the usual number, that a narrow place gets
 # Most steps of ∂Ω: Λ takes 16 bytes for each pair of them, and as much again several times while it is made.
 _MOST_STEPS = 4096
 # Steps of ∂Ω for each point that it is made from, and the width, in points, of the Gaussian that rounds it, because it
 # has to be analytic: the coarsest that is resolved. On the first narrow fingers close up.
 _SHAPES = ((4, 0.35), (8, 0.2), (12, 0.2))
-# Rows of a table of distances made at once.
-_ROWS = 512
+_ROWS = 512  # rows of a table of distances made at once
 
 
 class NodeDensity:
@@ -87,10 +80,8 @@ class NodeDensity:
 def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.ndarray, " n"], float]:
     """Nodes up to each of some equal steps of Γ, in multiples of the usual number, that its narrow places want more.
 
-    The width at a point is its distance from the part of Γ that faces it, in shares of the usual points.
-
-    Returns:
-        The nodes, from 0 on; and the largest density of nodes, the usual one included.
+    The width at a point is its distance from the part of Γ that faces it, in shares of the usual points. The second
+    answer is the largest density of nodes, the usual one included.
     """
     n = _OVERSAMPLING * points
     s = np.arange(n + 1) / n
@@ -156,9 +147,7 @@ def resolved_form(boundary: FourierBoundary, n: int, device: torch.device) -> Di
         )
     polygon = boundary.grid(n)[0]
     # the quick tests first: Λ costs n³, and is never resolved where parts that face each other are a step apart
-    is_wide = _steps_across(polygon) > 1
-    if is_wide and not is_simple(polygon):
-        raise DomainError("the rounded domain crosses itself", vertices=len(boundary.vertices))
+    is_wide = _steps_across(polygon) > 1 and is_simple(polygon)
     form = DirichletForm.of(boundary, n, device) if is_wide else None
     if form is None or not form.error <= _RESOLVED:
         raise DomainError(

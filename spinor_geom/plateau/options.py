@@ -72,44 +72,17 @@ class Trainer(Protocol):
     @property
     def takes_start(self) -> bool:
         """Whether the network can take over the p and q of a solution."""
-        ...
 
     def disk(self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps) -> Found:
         """A minimal disk over Γ at unit size whose p and q are networks, from a solution over it or a random start."""
-        ...
 
 
 Optimizer: TypeAlias = Literal["levenberg-marquardt", "rmsprop"] | Trainer
 
 
-def optimizer_options(optimizer: Optimizer) -> Trainer:
-    """The options of an optimiser, which may be given by name."""
-    from spinor_geom.training import LevenbergMarquardt, RMSprop
-
-    if isinstance(optimizer, RMSprop) and optimizer.representation != "spinor":
-        raise OptionError(
-            f"a Plateau solution has p and q, not the representation {optimizer.representation!r}; train that with "
-            "spinor_geom.training.train_by_rmsprop"
-        )
-    if isinstance(optimizer, (LevenbergMarquardt, RMSprop)):
-        return optimizer
-    if optimizer == "levenberg-marquardt":
-        return LevenbergMarquardt()
-    if optimizer == "rmsprop":
-        return RMSprop()
-    raise OptionError(
-        f"unknown optimizer {optimizer!r}; choose 'levenberg-marquardt', 'rmsprop', LevenbergMarquardt(...) or "
-        "RMSprop(...)"
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What every loop of a call is solved with: the options of `solve_plateau`.
-
-    Raises:
-        OptionError: an unknown model or optimizer, a value out of range, or options that exclude each other.
-    """
+    """What every loop of a call is solved with: the options of `solve_plateau`, which are checked."""
 
     model: Model = "auto"
     optimizer: Optimizer | None = None
@@ -157,7 +130,26 @@ class Options:
     @property
     def trainer(self) -> Trainer | None:
         """Of a network that is trained; none for other models."""
-        return optimizer_options(self.optimizer or "levenberg-marquardt") if self.model == "mlp" else None
+        if self.model != "mlp":
+            return None
+        from spinor_geom.training import LevenbergMarquardt, RMSprop
+
+        optimizer = self.optimizer or "levenberg-marquardt"
+        if optimizer == "levenberg-marquardt":
+            return LevenbergMarquardt()
+        if optimizer == "rmsprop":
+            return RMSprop()
+        if not isinstance(optimizer, (LevenbergMarquardt, RMSprop)):
+            raise OptionError(
+                f"unknown optimizer {optimizer!r}; choose 'levenberg-marquardt', 'rmsprop', LevenbergMarquardt(...) or "
+                "RMSprop(...)"
+            )
+        if isinstance(optimizer, RMSprop) and optimizer.representation != "spinor":
+            raise OptionError(
+                f"a Plateau solution has p and q, not the representation {optimizer.representation!r}; train that with "
+                "spinor_geom.training.train_by_rmsprop"
+            )
+        return optimizer
 
     @property
     def is_free(self) -> bool:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import cached_property, partial
-from typing import Protocol
 
 import numpy as np
 
@@ -15,23 +15,22 @@ from spinor_geom.errors import DomainError, FirstFillError, SpinorGeomError, Sur
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES, MIN_POINTS_FOR_HIGH_DEGREE
-from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import FAILURES, Found, NoneBetweenError
-from spinor_geom.plateau.harmonic_fit import Fit
-from spinor_geom.plateau.harmonic_route import HarmonicSolver, points_of_domain, suits_unit_disk
+from spinor_geom.plateau.harmonic_route import Fit, HarmonicSolver, points_of_domain
 from spinor_geom.plateau.network_route import NetworkSolver, rim_indices
 from spinor_geom.plateau.omega import NodeDensity
-from spinor_geom.plateau.options import Trainer
 from spinor_geom.plateau.plane_route import lie_in_plane, plane_region
 from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.rims import RimsSolver, obstacle
 from spinor_geom.plateau.roughness import FEW_POINTS, ROUGH_TURN, corners_are_seen, is_rough, roughness, roundest
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution, RimDisks
 from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable, lower_beside
+from spinor_geom.plateau.steps import Clock
 from spinor_geom.plateau.vertex_route import disk_through_points
 
-# Rough loops of more points have a smooth Γ: the cost of a surface through n points grows like n³.
-_MOST_POINTS = 1500
+# A loop longer than so many times its width crowds on the disk: at 2.4 it is met to 1e-8 edges, at 4 no more.
+_DISK_ELONGATION = 2.5
+_MOST_POINTS = 1500  # rough loops of more points have a smooth Γ: the cost of a surface through n points grows like n³
 # Parts that the sides of a polygon given by its corners alone are divided into: with 8 the tetrahedron's quadrilateral
 # is met to 1e-6 of a side, with none to 1e-2.
 _PARTS_OF_A_SIDE = 8
@@ -42,11 +41,11 @@ class Task(Request):
     """Loops to be spanned."""
 
     on_disk: Fit | None = None  # the fit on the unit disk, where it was made together with those of other loops
-    first_disk: Disk | None = None  # the first discrete disk, likewise
+    start: Disk | None = None  # the discrete surface to start from, at unit size; none for a first fill
 
-    def anew(self) -> Task:
-        """The same loops, with no steps and no time taken."""
-        return replace(self, steps=replace(self.steps, history=[]), clock=Clock(), on_disk=None)
+    def starting_from(self, disk: Disk) -> Task:
+        """With a discrete surface in the loops' coordinates to start from."""
+        return replace(self, start=replace(disk, vertices=(disk.vertices - self.centre) / self.scale))
 
     @property
     def rim(self) -> Rim:
@@ -69,8 +68,17 @@ class Task(Request):
         return RimsSolver(request=self)
 
 
-class Route(Protocol):
+class Route(Enum):
     """A way from loops to a minimal surface of one piece."""
+
+    IN_PLANE = "the region inside a plane loop, or between plane loops, which is the only minimal surface"
+    THROUGH_POINTS = "through the points of rough loops, Γ between them being the surface's own boundary"
+    ON_CIRCLES = "Douglas's slides of several loops, and the moduli of a disk with round holes"
+    ON_UNIT_DISK = "Douglas's slide on the unit disk"
+    ON_UNFOLDING = "Douglas's slide on the unfolded least-area triangulation of the loop"
+    ON_FLATTENING = "Douglas's slide on the flattening of the task's discrete disk, to which the area falls from there"
+    BY_NETWORK = "Gauss-Newton for a Cauchy network, from a discrete surface to the nearest one, saddles included"
+    BY_TRAINING = "a complex-valued network, trained, which takes over a minimal disk first where it is to start warm"
 
     def surface(self, task: Task) -> Found:
         """The surface at unit size.
@@ -79,130 +87,63 @@ class Route(Protocol):
             DomainError, FirstFillError, SingularMatrixError, SurfaceError: this way leads to none.
             NoneBetweenError: there is none.
         """
-        ...
+        match self:
+            case Route.IN_PLANE:
+                return plane_region(task.units, task.curves, task.options.device, task.clock)
+            case Route.THROUGH_POINTS:
+                return disk_through_points(task, task.start) if task.is_disk else task.rims.through_points()
+            case Route.ON_CIRCLES:
+                return task.rims.on_circles()
+            case Route.ON_UNIT_DISK:
+                return task.harmonic.on_disk(task.on_disk)
+            case Route.ON_UNFOLDING:
+                return task.harmonic.unfolded()
+            case Route.ON_FLATTENING:
+                assert task.start is not None  # this route is taken from a disk only
+                return task.harmonic.flattened(task.start, task.rim.indices)
+            case Route.BY_NETWORK:
+                return task.network.found_from(task.start or task.network.first_surface)
+            case Route.BY_TRAINING:
+                return _trained(task)
 
 
-@dataclass(frozen=True)
-class InPlane:
-    """The region inside a plane loop, or between plane loops."""
-
-    def surface(self, task: Task) -> Found:
-        """The region, which is the only minimal surface."""
-        return plane_region(task.units, task.curves, task.options.device, task.clock)
-
-
-@dataclass(frozen=True)
-class NoneBetween:
-    """Nowhere: no surface of one piece spans several loops."""
-
-    reason: str  # how it is known
-
-    def surface(self, task: Task) -> Found:
-        """Says so."""
-        raise NoneBetweenError(self.reason)
-
-
-@dataclass(frozen=True)
-class ThroughPoints:
-    """Through the points of rough loops, with Γ between them left to the surface."""
-
-    def surface(self, task: Task) -> Found:
-        """The disk next to a discrete one, or the surface next to that over averages of several loops."""
-        if not task.is_disk:
-            return task.rims.through_points()
-        return disk_through_points(task, task.first_disk)
-
-
-@dataclass(frozen=True)
-class OnCircles:
-    """Douglas's slides of several loops, and the moduli of a disk with round holes."""
-
-    def surface(self, task: Task) -> Found:
-        """The surface, with p and q as Laurent series."""
-        return task.rims.on_circles()
-
-
-@dataclass(frozen=True)
-class OnUnitDisk:
-    """Douglas's slide on the unit disk."""
-
-    def surface(self, task: Task) -> Found:
-        """The disk, with p and q as power series."""
-        return task.harmonic.on_disk(task.on_disk)
-
-
-@dataclass(frozen=True)
-class OnUnfolding:
-    """Douglas's slide on the unfolded least-area triangulation of the loop."""
-
-    def surface(self, task: Task) -> Found:
-        """The disk, with p and q by Cauchy's formula."""
-        return task.harmonic.unfolded()
-
-
-@dataclass(frozen=True)
-class OnFlattening:
-    """Douglas's slide on the flattening of a discrete disk, which is in the loop's coordinates."""
-
-    start: Disk
-
-    def surface(self, task: Task) -> Found:
-        """The disk to which the area falls from there."""
-        return task.harmonic.flattened(_at_unit_size(self.start, task), task.rim.indices)
-
-
-@dataclass(frozen=True)
-class ByNetwork:
-    """Gauss-Newton for a Cauchy network, from a discrete surface in the loops' coordinates, or from a first fill."""
-
-    start: Disk | None = None
-
-    def surface(self, task: Task) -> Found:
-        """The disk or annulus nearest to the start, saddles of the area included."""
-        network = task.network
-        return network.found_from(network.first_surface if self.start is None else _at_unit_size(self.start, task))
-
-
-@dataclass(frozen=True)
-class ByTraining:
-    """A complex-valued network, trained; it takes over a minimal disk first where it is to start from one."""
-
-    optimizer: Trainer
-    warm_start: bool
-
-    def surface(self, task: Task) -> Found:
-        """The disk as near to Γ as the training brings it."""
-        start: PlateauSolution | None = None
-        if self.warm_start and self.optimizer.takes_start:
-            first = replace(task, options=replace(task.options, model="auto", optimizer=None))
-            start = minimal_disk(first, plan(first))
-        with task.clock.stage("training"):
-            return self.optimizer.disk(task.curve, start=start, device=task.options.device, steps=task.steps)
+def _trained(task: Task) -> Found:
+    start, trainer = None, task.options.trainer
+    assert trainer is not None  # this route is planned with one only
+    if task.options.warm_start and trainer.takes_start:
+        first = replace(task, options=replace(task.options, model="auto", optimizer=None))
+        start = minimal_disk(first, plan(first))
+    with task.clock.stage("training"):
+        return trainer.disk(task.curve, start=start, device=task.options.device, steps=task.steps)
 
 
 def plan(task: Task) -> tuple[Route, ...]:
-    """The routes to a surface, the likeliest first, as the loops' shapes, their corners and the options ask for."""
-    in_plane = (InPlane(),) if lie_in_plane(task.units, allowed=task.allowed) else ()
+    """The routes to a surface, the likeliest first, as the loops' shapes, their corners and the options ask for.
+
+    A NoneBetweenError says that no surface of one piece spans several loops.
+    """
+    in_plane = (Route.IN_PLANE,) if lie_in_plane(task.units, allowed=task.allowed) else ()
     return _plan_for_disk(task, in_plane) if task.is_disk else _plan_between(task, in_plane)
 
 
 def _plan_for_disk(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
     loop, curve, options = task.unit, task.curve, task.options
     if options.trainer is not None:
-        return (ByTraining(options.trainer, options.warm_start),)
+        return (Route.BY_TRAINING,)
     if options.is_series:
-        return (OnUnitDisk(),)
+        return (Route.ON_UNIT_DISK,)
     if not options.is_free:
-        return (ByNetwork(),)
+        return (Route.BY_NETWORK,)
     if loop.corners.any():
         # kinks of Γ are singularities of p and q; those that are only seen may be none
         may_be_none = options.between == "free" and len(loop) <= _MOST_POINTS and corners_are_seen(loop)
-        through = (ThroughPoints(),) if may_be_none and not in_plane else ()
-        return (*in_plane, ByNetwork(), *through)
+        through = (Route.THROUGH_POINTS,) if may_be_none and not in_plane else ()
+        return (*in_plane, Route.BY_NETWORK, *through)
     if options.between == "free" and _shows_no_curve(loop, curve):
-        return (*in_plane, ThroughPoints())
-    on_disk = (OnUnitDisk(),) if suits_unit_disk(loop, curve) else ()
-    return (*in_plane, *on_disk, OnUnfolding(), ByNetwork())
+        return (*in_plane, Route.THROUGH_POINTS)
+    suits_disk = loop.elongation < _DISK_ELONGATION and not is_rough(loop, curve)
+    on_disk = (Route.ON_UNIT_DISK,) if suits_disk else ()
+    return (*in_plane, *on_disk, Route.ON_UNFOLDING, Route.BY_NETWORK)
 
 
 def _plan_between(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
@@ -210,16 +151,16 @@ def _plan_between(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
     with task.clock.stage("moduli"):
         reason = obstacle(task.units, task.curves)
     if reason is not None:
-        return (NoneBetween(reason),)
+        raise NoneBetweenError(reason)
     if options.is_series:
-        return (*in_plane, OnCircles())
+        return (*in_plane, Route.ON_CIRCLES)
     if not options.is_free:
-        return (*in_plane, ByNetwork())
+        return (*in_plane, Route.BY_NETWORK)
     is_free = options.between == "free" or (options.between == "auto" and options.model == "auto")
-    through = (ThroughPoints(),) if is_free and any(map(is_rough, task.units, task.curves)) else ()
+    through = (Route.THROUGH_POINTS,) if is_free and any(map(is_rough, task.units, task.curves)) else ()
     if len(task.loops) > 2:
-        return (*in_plane, *through, OnCircles())
-    on_domain = (ByNetwork(), OnCircles()) if task.network.crowds else (OnCircles(), ByNetwork())
+        return (*in_plane, *through, Route.ON_CIRCLES)
+    on_domain = (Route.BY_NETWORK, Route.ON_CIRCLES) if task.network.crowds else (Route.ON_CIRCLES, Route.BY_NETWORK)
     return (*in_plane, *through, *on_domain)
 
 
@@ -247,7 +188,7 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
     best: Found | None = None
     error: SpinorGeomError | None = None
     for route in routes:
-        if is_out_of_time() and not isinstance(route, InPlane):  # which needs no time
+        if is_out_of_time() and route is not Route.IN_PLANE:  # which needs no time
             break
         try:
             found = route.surface(task)
@@ -257,7 +198,7 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
             continue
         if best is None or found.misfit.rms < best.misfit.rms:
             best = found
-        if task.is_met(best):
+        if task.excess(best.misfit) <= 1:
             break
     if best is None:
         require_time()
@@ -267,7 +208,7 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
 
 def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
     """The disk that the routes lead to, or one of less area where that is unstable and may be left."""
-    if routes == (ByNetwork(),) and task.loop.corners.all():
+    if routes == (Route.BY_NETWORK,) and task.loop.corners.all():
         return _on_sides(task)
     solution = _solution(routes, task)
     if not task.options.leaves_unstable:
@@ -278,11 +219,13 @@ def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
     # a plane disk is stable, one through a rough loop's points is next to a discrete disk of least area, and a trained
     # one is taken as it is; of one that is far from Γ it says nothing of those over Γ whether it is stable
     elif solution.route in ("disk", "unfolded", "network") and solution.converged:
+        is_harmonic = task.options.is_free and not task.loop.corners.any()
+        down = (Route.ON_FLATTENING, Route.BY_NETWORK) if is_harmonic else (Route.BY_NETWORK,)
 
         def lower(unstable: PlateauSolution) -> PlateauSolution | None:
             with task.clock.stage("leaving"):
                 return lower_beside(
-                    unstable, task.rim, lambda disk: _solution(_routes_down(task, disk), task), task.steps
+                    unstable, task.rim, lambda disk: _solution(down, task.starting_from(disk)), task.steps
                 )
 
         solution = leave_unstable(solution, lower, "along its eigenvectors")
@@ -294,13 +237,11 @@ def surface_between(task: Task) -> PlateauSolution | NoConnectedSurface:
     try:
         solution = _solution(plan(task), task)
         if task.options.leaves_unstable and solution.route == "annular network":
-            solution = leave_unstable(solution, lambda _: _solution((OnCircles(),), task), "over a round annulus")
+            solution = leave_unstable(solution, lambda _: _solution((Route.ON_CIRCLES,), task), "over a round annulus")
     except NoneBetweenError as verdict:
-        kind, left = (
-            ("annulus", "two disks")
-            if len(task.loops) == 2
-            else ("surface of one piece", "surfaces of fewer rims each")
-        )
+        are_two = len(task.loops) == 2
+        kind = "annulus" if are_two else "surface of one piece"
+        left = "two disks" if are_two else "surfaces of fewer rims each"
         return NoConnectedSurface(
             loops=task.loops,
             rim_disks=_rim_disks(task),
@@ -313,56 +254,43 @@ def surface_between(task: Task) -> PlateauSolution | NoConnectedSurface:
 
 def all_surfaces(task: Task) -> tuple[PlateauSolution, ...]:
     """All surfaces that are found by area, saddles of the area included; see `find_disks` and `RimsSolver`."""
-    routes = plan(task)
-    if routes[0] == InPlane():
-        try:
-            return (_solution((InPlane(),), task),)
-        except DomainError:  # the loop is plane, but Γ crosses itself
-            pass
-    if task.is_disk:
-        return find_disks(task.rim, lambda disk: _solution((ByNetwork(disk),), task.anew()))
-    if isinstance(routes[0], NoneBetween):
+    try:
+        if plan(task)[0] is Route.IN_PLANE:
+            return (_solution((Route.IN_PLANE,), task),)
+    except NoneBetweenError:
         return ()
-    solutions = [_told(task.rims.fitted(placed), task) for placed in task.rims.all_critical()]
+    except DomainError:  # the loop is plane, but Γ crosses itself
+        pass
+    if task.is_disk:
+
+        def solve(disk: Disk) -> PlateauSolution:
+            # each with its own steps and time
+            anew = replace(task.starting_from(disk), steps=replace(task.steps, history=[]), clock=Clock())
+            return _solution((Route.BY_NETWORK,), anew)
+
+        return find_disks(task.rim, solve)
+    disks = _rim_disks(task)
+    solutions = [task.solution(task.rims.fitted(placed), disks) for placed in task.rims.all_critical()]
     return tuple(sorted(solutions, key=lambda solution: solution.area))
 
 
 def _solution(routes: tuple[Route, ...], task: Task) -> PlateauSolution:
-    return _told(nearest_surface(routes, task), task)
-
-
-def _told(found: Found, task: Task) -> PlateauSolution:
-    return task.solution(found, None if task.is_disk else _rim_disks(task))
+    return task.solution(nearest_surface(routes, task), None if task.is_disk else _rim_disks(task))
 
 
 def _rim_disks(task: Task) -> RimDisks:
     """What a surface between loops is set against: disks over each and surfaces over some, of whatever model suits."""
     options = task.options if task.options.laurent is None else replace(task.options, model="auto")
 
-    def over(numbers: Sequence[int]) -> Task:
-        return Task.over([task.loops[k] for k in numbers], [task.curves[k] for k in numbers], options)
-
-    def disks() -> tuple[PlateauSolution, ...] | None:
+    def surface_over(numbers: Sequence[int]) -> PlateauSolution | None:
         try:
-            parts = [over([number]) for number in range(len(task.loops))]
-            return tuple(minimal_disk(part, plan(part)) for part in parts)
+            part = Task.over([task.loops[k] for k in numbers], [task.curves[k] for k in numbers], options)
+            answer = minimal_disk(part, plan(part)) if part.is_disk else surface_between(part)
         except SpinorGeomError:
             return None
+        return answer if isinstance(answer, PlateauSolution) else None
 
-    def area_over(numbers: tuple[int, ...]) -> float | None:
-        try:
-            answer = surface_between(over(numbers))
-        except SpinorGeomError:
-            return None
-        return answer.area if isinstance(answer, PlateauSolution) else None
-
-    return RimDisks(solve=disks, joined=area_over)
-
-
-def _routes_down(task: Task, disk: Disk) -> tuple[Route, ...]:
-    """The routes to the minimal disk to which the area falls from a discrete one."""
-    is_harmonic = task.options.is_free and not task.loop.corners.any()
-    return (OnFlattening(disk), ByNetwork(disk)) if is_harmonic else (ByNetwork(disk),)
+    return RimDisks(count=len(task.loops), surface_over=surface_over)
 
 
 def _lower_on_disk(task: Task, solution: PlateauSolution) -> PlateauSolution | None:
@@ -375,7 +303,10 @@ def _lower_on_disk(task: Task, solution: PlateauSolution) -> PlateauSolution | N
 def _on_sides(task: Task) -> PlateauSolution:
     """The disk over a polygon given by its corners alone: sides without points are followed by nothing."""
     loop, steps = task.loop, task.steps
-    finer = replace(Task.of([subdivided(loop, _PARTS_OF_A_SIDE)], task.options), steps=steps)
+    share = np.arange(_PARTS_OF_A_SIDE)[:, None] / _PARTS_OF_A_SIDE
+    points = loop.points[:, None] + share * (np.roll(loop.points, -1, axis=0) - loop.points)[:, None]
+    whole = BoundaryLoop.from_points(points.reshape(-1, 3), corners=_PARTS_OF_A_SIDE * np.arange(len(loop)))
+    finer = replace(Task.of([whole], task.options), steps=steps)
     solution = minimal_disk(finer, plan(finer))
     residual = replace(
         solution.boundary_residual,
@@ -384,15 +315,3 @@ def _on_sides(task: Task) -> PlateauSolution:
     )
     rim = replace(solution.rims[0], loop=loop, curve=task.curve.placed(loop.points, loop.diagonal))
     return replace(solution, rims=(rim,), boundary_residual=residual)
-
-
-def subdivided(loop: BoundaryLoop, parts: int) -> BoundaryLoop:
-    """A loop with its edges divided into equal parts, and the same corners."""
-    share = np.arange(parts) / parts
-    edge = np.roll(loop.points, -1, axis=0) - loop.points
-    points = (loop.points[:, None] + share[:, None] * edge[:, None]).reshape(-1, 3)
-    return BoundaryLoop.from_points(points, corners=parts * np.flatnonzero(loop.corners))
-
-
-def _at_unit_size(disk: Disk, task: Task) -> Disk:
-    return replace(disk, vertices=(disk.vertices - task.centre) / task.scale)

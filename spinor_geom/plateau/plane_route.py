@@ -1,9 +1,6 @@
 """Plane loops: the minimal surface is the plane region inside or between them, whatever their shape and corners."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -13,14 +10,14 @@ from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.domain.polygons import bound_domain
 from spinor_geom.errors import DomainError
 from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, Plane
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.intersections import MEETING_PER_DIAGONAL
-from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.found import Between, Found
 from spinor_geom.plateau.gauss_newton import normals_of
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.steps import Clock
 from spinor_geom.surface.frames import spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -47,21 +44,24 @@ def plane_region(
     Source: the convex hull property of minimal surfaces (Osserman, "A Survey of Minimal Surfaces" (1986), section 7).
     """
     with clock.stage("surface"):
-        normal, origin = loops[0].plane.normal, loops[0].plane.centroid
-        fine = [curve.point(_parameters(curve)) for curve in curves]
-        outer = _outermost(fine, _PlaneFrame.across(normal, origin))
+        plane = loops[0].plane
+        outer = _outermost([curve.point(_parameters(curve)) for curve in curves], plane)
         if outer is None:
             raise DomainError(
                 "the curves through plane loops cross between the points, or none has all others inside",
                 vertices=sum(map(len, loops)),
             )
         # the first loop has the surface on its left from one side
-        frame = _PlaneFrame.across(-normal if outer else normal, origin)
+        normal = -plane.normal if outer else plane.normal
+        axis = _axis(normal)
         order = (outer, *(number for number in range(len(curves)) if number != outer))
-        back = tuple(bool(loops[k].area_vector @ frame.normal > 0) != (k == outer) for k in order)
+        back = tuple(bool(loops[k].area_vector @ normal > 0) != (k == outer) for k in order)
         rims = tuple(curves[k].reversed() if way else curves[k] for k, way in zip(order, back, strict=True))
-        boundaries = [frame.boundary(curve) for curve in rims]
-        surface = frame.surface(PlaneDomain.inside(boundaries[0], holes=tuple(boundaries[1:])))
+        boundaries = [_in_plane(curve, plane.centroid, axis) for curve in rims]
+        domain = PlaneDomain.inside(boundaries[0], holes=tuple(boundaries[1:]))
+        spinors = torch.stack(spinors_from_phi(torch.tensor(axis.conj())[None]), dim=-1)
+        constant = plane.centroid + (domain.triangulation.points[domain.root] * axis.conj()).real
+        surface = SpinorSurface(PowerSeries(spinors), domain, constant)
         misfits = []
         for boundary, curve in zip(boundaries, rims, strict=True):
             t = _parameters(curve)
@@ -75,7 +75,6 @@ def plane_region(
             between = Between(
                 order=order,
                 back=back,
-                modulus=None,
                 antiperiodic=(False,) * (len(rims) - 1),
                 period=surface.largest_period(),
             )
@@ -96,50 +95,29 @@ def lie_beside(loops: Sequence[BoundaryLoop]) -> bool:
 
     Then no minimal surface of one piece spans them: it would lie in that plane.
     """
-    plane = loops[0].plane
-    return lie_in_plane(loops, allowed=np.inf) and (
-        _outermost([loop.points for loop in loops], _PlaneFrame.across(plane.normal, plane.centroid)) is None
-    )
+    return lie_in_plane(loops, allowed=np.inf) and _outermost([loop.points for loop in loops], loops[0].plane) is None
 
 
-def _outermost(rims: Sequence[Float[np.ndarray, "_ 3"]], frame: _PlaneFrame) -> int | None:
+def _outermost(rims: Sequence[Float[np.ndarray, "_ 3"]], plane: Plane) -> int | None:
     """The polygon of several in a plane that has all others inside, where these lie beside each other."""
-    flat = [frame.coordinates(points) for points in rims]
+    axis = _axis(plane.normal)
+    flat = [(points - plane.centroid) @ axis for points in rims]
     areas = [np.imag(np.conj(z) * np.roll(z, -1)).sum() for z in flat]
     first = int(np.abs(areas).argmax())
     turned = [z if (area > 0) == (k == first) else z[::-1] for k, (z, area) in enumerate(zip(flat, areas, strict=True))]
     return first if bound_domain((turned.pop(first), *turned)) else None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _PlaneFrame:
-    """Coordinates x + iy in a plane, counter-clockwise about its normal."""
+def _axis(normal: Float[np.ndarray, "3"]) -> Complex[np.ndarray, "3"]:
+    """U + iv for coordinates x·u + i x·v in a plane, counter-clockwise about its normal."""
+    u, v = normals_of(torch.tensor(normal))
+    return torch.complex(u, v).numpy()
 
-    normal: Float[np.ndarray, "3"]
-    origin: Float[np.ndarray, "3"]
-    axes: Float[np.ndarray, "2 3"]
 
-    @classmethod
-    def across(cls, normal: Float[np.ndarray, "3"], origin: Float[np.ndarray, "3"]) -> _PlaneFrame:
-        axes = torch.cat(normals_of(torch.tensor(normal)[None])).numpy()
-        return cls(normal=normal, origin=origin, axes=axes)
-
-    def coordinates(self, points: Float[np.ndarray, "*pts 3"]) -> Complex[np.ndarray, "*pts"]:
-        return np.asarray((points - self.origin) @ (self.axes[0] + 1j * self.axes[1]))
-
-    def boundary(self, curve: BoundaryCurve) -> SplineBoundary:
-        coefficients = curve.coefficients.copy()
-        coefficients[-1] -= self.origin
-        return SplineBoundary(curve.breaks, coefficients @ (self.axes[0] + 1j * self.axes[1]), curve.corners)
-
-    def surface(self, domain: PlaneDomain) -> SpinorSurface:
-        u, v = torch.tensor(self.axes)
-        spinors = torch.stack(spinors_from_phi(torch.complex(u, -v)[None]), dim=-1)
-        surface = SpinorSurface(PowerSeries(spinors), domain, self.origin)
-        with torch.no_grad():
-            root = np.array([surface.root.real, surface.root.imag])
-            surface.constant.add_(torch.tensor(root @ self.axes))
-        return surface
+def _in_plane(curve: BoundaryCurve, origin: Float[np.ndarray, "3"], axis: Complex[np.ndarray, "3"]) -> SplineBoundary:
+    coefficients = curve.coefficients.copy()
+    coefficients[-1] -= origin
+    return SplineBoundary(curve.breaks, coefficients @ axis, curve.corners)
 
 
 def _parameters(curve: BoundaryCurve) -> Float[np.ndarray, " n"]:

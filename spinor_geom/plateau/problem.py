@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 import torch
@@ -13,26 +12,12 @@ from jaxtyping import Complex, Float, Int, Shaped
 from scipy.optimize import isotonic_regression
 from torch import Tensor
 
-from spinor_geom.domain.panels import Panels
-from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.domain.quadrature import rule
+from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
+from spinor_geom.domain.quadrature import Panels, rule
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.moduli import CornerPairs
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import PATH_ORDER
-
-
-class TensorCurve(Protocol):
-    """A closed curve in space with period 1, on tensors."""
-
-    def point_and_derivative(self, s: Float[Tensor, " n"], /) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
-        """Γ(s) and Γ'(s)."""
-        ...
-
-    def local_edge(self, s: Float[Tensor, " n"], /) -> Float[Tensor, " n"]:
-        """Mean length of the loop's edge at Γ(s) and its two neighbours; infinite where Γ is through no loop."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -195,9 +180,9 @@ class PlateauProblem:
         panels: Panels,
         network: CauchyNetwork,
         curves: tuple[CurveTensors, ...],
-        pairs: CornerPairs,
+        corners: Float[np.ndarray, " c"],
     ) -> PlateauProblem:
-        """The problem with the nodes of given panels, on a domain that does not move."""
+        """The problem with the nodes of given panels, on a domain that does not move; see `slide_bounds`."""
         device = network.poles.device
         way, steps = way_across(domain)
         with torch.no_grad():
@@ -210,7 +195,7 @@ class PlateauProblem:
             widths=torch.tensor(panels.widths, device=device),
             rims=panels.rims,
             cumulative=torch.tensor(panels.cumulative, device=device),
-            slide_bounds=torch.tensor(pairs.slide_bounds(panels.t), device=device),
+            slide_bounds=torch.tensor(slide_bounds(domain.boundary, corners, panels.t), device=device),
             fields=torch.zeros(len(panels.z), 0, dtype=torch.complex128, device=device),
         )
 
@@ -295,13 +280,28 @@ def nearest_increasing(
     return np.asarray(np.clip(s, *bounds.T))
 
 
+def slide_bounds(
+    boundary: Boundary, corners: Float[np.ndarray, " c"], t: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n 2"]:
+    """Lowest and highest curve parameter of nodes at parameters t of ∂Ω: each stays on its own side.
+
+    The corners of Γ are those that belong to the corners of Ω, ascending in one turn.
+    """
+    if not len(corners):
+        return np.broadcast_to([-np.inf, np.inf], (len(t), 2))
+    ends = np.concatenate([corners[-1:] - 1, corners, corners[:1] + 1])
+    side = np.searchsorted(boundary.parameters[:-1][boundary.corners], t, side="right")
+    # not quite the corner: Γ′ there is that of the next side
+    return np.stack([ends[side] + 1e-13, ends[side + 1] - 1e-13], axis=1)
+
+
 def way_to(
     domain: PlaneDomain, vertex: int, order: int = PATH_ORDER
 ) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
     """Quadrature nodes on a way through Ω from its root to a vertex of its triangulation, and their weights dz."""
     way = [vertex]
     while way[-1] != domain.root:
-        way.append(int(domain.paths.parent[way[-1]]))
+        way.append(int(domain.parents[way[-1]]))
     corners = domain.triangulation.points[way[::-1]]
     nodes, weights = rule("gauss", order)
     step = np.diff(corners)[:, None]

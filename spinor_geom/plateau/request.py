@@ -1,7 +1,5 @@
 """What a minimal surface is asked for: loops and Γ through them at unit size, and what all routes to it share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -14,13 +12,12 @@ from spinor_geom.errors import LoopsMeetError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.intersections import crossings_between, require_simple
-from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.found import Found
-from spinor_geom.plateau.misfit import BoundaryResidual
+from spinor_geom.plateau.misfit import BoundaryResidual, Misfit
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.solution import Annulus, PlateauSolution, RimDisks, RimMatch
-from spinor_geom.plateau.steps import Iteration, Steps
+from spinor_geom.plateau.steps import Clock, Iteration, Steps
 
 AnyRequest = TypeVar("AnyRequest", bound="Request")
 # Loops at unit size, their centre and their scale: see `Request`.
@@ -137,9 +134,9 @@ class Request:
         """RMS distance from Γ that is allowed, at unit size."""
         return self.options.tolerance * _mean_edge(self.units)
 
-    def is_met(self, found: Found) -> bool:
-        """Whether a surface is as near to Γ as it was asked to be."""
-        return found.misfit.excess(allowed=self.allowed, tolerance=self.options.tolerance) <= 1
+    def excess(self, misfit: Misfit) -> float:
+        """How many times farther from Γ a surface is than it may be: 1 where the tolerance is met."""
+        return misfit.excess(allowed=self.allowed, tolerance=self.options.tolerance)
 
     def solution(self, found: Found, rim_disks: RimDisks | None = None) -> PlateauSolution:
         """A surface in the loops' coordinates; that between several loops with the disks that it is set against."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -17,21 +18,22 @@ from torch import Tensor
 
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
-from spinor_geom.plateau.circles import multipliers
-from spinor_geom.plateau.douglas_rims import MOST_MODULUS
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.dirichlet import multipliers
 from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.rims_energy import HarmonicSurface
+from spinor_geom.plateau.rims_energy import MOST_MODULUS, HarmonicSurface
 
-# Step of the logarithm of a modulus.
-_STEP = 0.05
-# Points of each rim that are looked at.
-_NODES = 16
-# Starts that are kept.
-_KEPT = 2
+_STEP = 0.05  # step of the logarithm of a modulus
+_NODES = 16  # points of each rim that are looked at
+_KEPT = 2  # starts that are kept
 # Eyes' distances from the rims' middle, in the rims' largest distance from it.
 _EYES = (0.5, 2.0)
 # Narrowest circles on a sphere, as the cosine of their angle, and how often those that cross are made smaller.
 _NARROWEST, _SHRINKINGS = 0.9999, 20
+
+
+_Run = TypeVar("_Run", BoundaryLoop, BoundaryCurve)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,6 +66,11 @@ class Placement:
         curves = CurveTensors.batch([rim.ways[way] for rim, way in zip(rims, back, strict=True)])
         surface = HarmonicSurface.of(curves, slides, domain, ROUND_OFF)
         return cls(rims=tuple(rims), back=tuple(back), surface=surface)
+
+    def as_run(self, given: Sequence[_Run]) -> list[_Run]:
+        """What was given of each rim, in the order and in the direction of the boundary of Ω."""
+        rims = zip(self.rims, self.back, strict=True)
+        return [given[rim.number].reversed() if back else given[rim.number] for rim, back in rims]
 
     def with_first_as_given(self) -> Placement:
         """This, or its mirror image in Ω, such that the first rim that was given runs as it was given."""

@@ -1,7 +1,5 @@
 """Several loops on their way to a minimal surface between them: directions, start, moduli, and when there is none."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +8,6 @@ from functools import cached_property, partial
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.fft import next_fast_len
 from scipy.interpolate import BPoly, PPoly
 from scipy.optimize import brentq
 from torch import Tensor
@@ -24,16 +21,15 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
-from spinor_geom.plateau.douglas_rims import HELD, ROUNDING, RimsProblem
 from spinor_geom.plateau.found import Between, Found, NoneBetweenError
-from spinor_geom.plateau.harmonic_route import points_of_domain
+from spinor_geom.plateau.harmonic_route import even, points_of_domain
 from spinor_geom.plateau.lift import WORTHWHILE, Lift, circles_of, lifted_between, surface_of
 from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.plane_route import lie_beside
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between
-from spinor_geom.plateau.rims_energy import HarmonicSurface
+from spinor_geom.plateau.rims_energy import HELD, ROUNDING, HarmonicSurface, RimsProblem
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 from spinor_geom.plateau.solution import RimMatch
 from spinor_geom.plateau.vertex_route import surface_through
@@ -41,14 +37,12 @@ from spinor_geom.plateau.vertex_route import surface_through
 # Fewest nodes on each rim where a surface is sought, nodes on all together for which matrices are factored, and most on
 # each.
 _FEWEST_NODES, _DENSE_IN_ALL, _MOST_NODES = 32, 512, 1 << 13
-# Nodes for each edge of rough rims to begin with.
-_PER_EDGE = 6
+_PER_EDGE = 6  # nodes for each edge of rough rims to begin with
 # Powers of one circle's coordinate on another that are left away over rough rims: far below what their nodes resolve.
 _NEGLIGIBLE_POWER = 1e-8
 # While nodes are so few that matrices are factored, the distance is brought to this share of what is asked for.
 _WELL_BELOW = 1e-3
-# The other direction of the second loop is tried too if its start has at most so many times the energy.
-_RIVAL = 1.3
+_RIVAL = 1.3  # the other direction of the second loop is tried too if its start has at most so many times the energy
 # Gradient above which a search has found nothing, and above which the energy is brought down anew.
 _SETTLED, _POOR = 1e-3, 1e-6
 # The smooth curve that leads to a rough one: its width as a share of the loop, and how many curves there are between.
@@ -104,10 +98,9 @@ class RimsSolver:
         if laurent is not None and laurent.modulus is not None:
             log = math.log(laurent.modulus)
             found = self._stable() if self.request.options.leaves_unstable else self.all_critical()
-            moduli = [abs(math.log(mean_modulus(placed.surface.domain)) - log) for placed in found]
-            best = min(zip(moduli, found, strict=True), key=lambda pair: pair[0], default=(0.0, None))[1]
+            best = min(found, key=lambda one: abs(math.log(mean_modulus(one.surface.domain)) - log), default=None)
         else:
-            best = self._descended()
+            best = self._descended
             if best is None and len(self.request.units) == 2:
                 best = min(self._stable(), key=lambda placed: placed.surface.dirichlet_energy, default=None)
         if best is None:
@@ -119,7 +112,7 @@ class RimsSolver:
 
     def through_points(self) -> Found:
         """The surface through the points of rough rims."""
-        placed = self._descended()
+        placed = self._descended
         if placed is None:
             raise SurfaceError("no minimal surface was found between averages of the rims")
         problem = self._problem(placed)
@@ -127,10 +120,8 @@ class RimsSolver:
             smooth = lifted_between(placed.surface, problem.curves, allowed=self.request.allowed)
             circles = self._circles(placed, placed.surface.domain)
         points, starts = [], []
-        for rim, back, slide, circle in zip(placed.rims, placed.back, smooth.slides, circles, strict=True):
-            loop, average = self.request.units[rim.number], self._way[0][rim.number]
-            if back:
-                loop, average = loop.reversed(), average.reversed()
+        loops, averages = placed.as_run(self.request.units), placed.as_run(self._way[0])
+        for loop, average, slide, circle in zip(loops, averages, smooth.slides, circles, strict=True):
             match = RimMatch(loop=loop, curve=average, boundary=circle, matching=_matching(slide))
             points.append(loop.points)
             starts.append(torch.as_tensor(match.points_in_domain(), device=self.request.options.device))
@@ -138,22 +129,23 @@ class RimsSolver:
             found = surface_through(smooth, starts, points, allowed=self.request.allowed, steps=self.request.steps)
         return replace(found, between=_between(placed, smooth.series.antiperiodic, found.surface.largest_period()))
 
+    @cached_property
     def _descended(self) -> Placement | None:
-        """The surface that the energy falls to from the better start; None where it falls apart, or is not critical."""
-        best: Placement | None = None
+        """The surface that the energy falls to from the better start; None where it falls apart, or is no minimum."""
         with self.request.clock.stage("slides"):
             least = min((start.surface.dirichlet_energy for start in self._starts), default=0.0)
-            for start in self._starts:
-                if start.surface.dirichlet_energy <= _RIVAL * least:
-                    lower = self._lower(start)
-                    if lower is not None and (
-                        best is None or lower.surface.dirichlet_energy < best.surface.dirichlet_energy
-                    ):
-                        best = lower
-            if best is None:
-                return None
-            nodes = max(best.surface.slides.shape[1], 2 * _FEWEST_NODES)
-            return replace(best, surface=self._problem(best).refined(best.surface, nodes))
+            rivals = [start for start in self._starts if start.surface.dirichlet_energy <= _RIVAL * least]
+            found = [lower for start in rivals if (lower := self._lower(start)) is not None]
+            best = min(found, key=lambda lower: lower.surface.dirichlet_energy, default=None)
+            while best is not None:
+                problem, nodes = self._problem(best), 2 * best.surface.slides.shape[1]
+                fine = problem.refined(best.surface, nodes)
+                is_last = nodes * len(self.request.units) > 2 * _DENSE_IN_ALL
+                if is_last or (fine.size <= _SETTLED and fine.is_minimum):
+                    return replace(best, surface=fine)
+                # so few nodes do not tell of all bends
+                best = self._lower(replace(best, surface=problem.resampled(best.surface, nodes)))
+            return None
 
     def _lower(self, start: Placement) -> Placement | None:
         """What the energy falls to from a start, with as many nodes as resolve the gaps between the circles.
@@ -222,20 +214,17 @@ class RimsSolver:
 
         Over more the one of least energy and those on its path.
         """
-        if len(self.request.units) > 2:
-            best = self._descended()
-            if best is None:
-                return []
-            problem, n = self._problem(best), best.surface.slides.shape[1]
-            with self.request.clock.stage("moduli"):
-                # on half of the nodes, whose steps cost an eighth
-                found = all_on_path(problem, problem.refined(best.surface, n // 2))
-                return [replace(best, surface=problem.refined(surface, n)) for surface in found]
-        start = min(self._starts, key=lambda start: start.surface.dirichlet_energy)
+        best, is_two = self._descended, len(self.request.units) == 2
+        start = min(self._starts, key=lambda start: start.surface.dirichlet_energy) if is_two else best
+        if start is None:
+            return []
+        n = (best or start).surface.slides.shape[1]
         with self.request.clock.stage("moduli"):
             problem = self._problem(start)
-            held = problem.descended(start.surface, tolerance=_POOR, stiffness=HELD)
-            return [replace(start, surface=surface) for surface in all_on_path(problem, held)]
+            # half of the nodes do, and its steps on them cost an eighth
+            coarse = problem.resampled(start.surface, max(_FEWEST_NODES, n // 2))
+            held = problem.descended(coarse, tolerance=_POOR, stiffness=HELD) if is_two else problem.critical(coarse)
+            return [replace(start, surface=problem.refined(surface, n)) for surface in all_on_path(problem, held)]
 
     def _stable(self) -> list[Placement]:
         return [placed for placed in self.all_critical() if placed.surface.index == 0]
@@ -243,31 +232,27 @@ class RimsSolver:
     def fitted(self, placed: Placement) -> Found:
         """The surface with as many nodes as the tolerance asks for, or as help."""
         problem = self._problem(placed, -1)
-        best: tuple[Lift, HarmonicSurface] | None = None
-        limit = "more nodes on the rims do not help"
+        tried: list[tuple[Lift, HarmonicSurface]] = []
+        limit, before = "more nodes on the rims do not help", math.inf
         for finer in self._finer(placed):
-            goal = self._goal(finer)
+            goal = self.request.allowed * (_WELL_BELOW if finer.slides.numel() <= _DENSE_IN_ALL else 1.0)
+            if self.request.options.is_series:
+                goal = float(np.finfo(np.float64).tiny)
             with self.request.clock.stage("lift"):
-                lift = lifted_between(finer, problem.curves, allowed=goal)
-            before = math.inf if best is None else best[0].misfit.rms
-            if best is None or lift.misfit.rms < before:
-                best = lift, finer
-            if best[0].misfit.excess(allowed=goal, tolerance=self.request.options.tolerance) <= 1:
+                tried.append((lifted_between(finer, problem.curves, allowed=goal), finer))
+            lift, harmonic = min(tried, key=lambda pair: pair[0].misfit.rms)
+            if lift.misfit.excess(allowed=goal, tolerance=self.request.options.tolerance) <= 1:
                 break
-            if lift.misfit.rms >= WORTHWHILE * before:
+            if tried[-1][0].misfit.rms >= WORTHWHILE * before:
                 break
+            before = lift.misfit.rms
         else:
             limit = f"{_MOST_NODES} nodes on each rim are the most that are tried"
-        assert best is not None  # the first one is there with as many nodes as it was found with
         with self.request.clock.stage("surface"):
-            lift, harmonic = best
             surface = surface_of(lift, *self._circles(placed, harmonic.domain))
         return Found(
             surface=surface,
-            curves=tuple(
-                self.request.curves[rim.number].reversed() if back else self.request.curves[rim.number]
-                for rim, back in zip(placed.rims, placed.back, strict=True)
-            ),
+            curves=tuple(placed.as_run(self.request.curves)),
             matchings=tuple(_matching(slide) for slide in lift.slides),
             misfit=lift.misfit,
             area=lift.area,
@@ -276,25 +261,19 @@ class RimsSolver:
             between=_between(replace(placed, surface=harmonic), lift.series.antiperiodic, lift.period),
         )
 
-    def _goal(self, surface: HarmonicSurface) -> float:
-        """Distance at which no more nodes are taken."""
-        if self.request.options.is_series:
-            return float(np.finfo(np.float64).tiny)
-        return self.request.allowed * (_WELL_BELOW if surface.slides.numel() <= _DENSE_IN_ALL else 1.0)
-
     def _finer(self, placed: Placement) -> Iterator[HarmonicSurface]:
         """The surface over the loops' own curves, and with more and more nodes."""
         problem, surface = self._problem(placed, -1), placed.surface
         stable = surface.index == 0
         if self._is_noisy:
-            n = _even(_PER_EDGE * max(map(len, self.request.units)))
+            n = even(_PER_EDGE * max(map(len, self.request.units)))
             with self.request.clock.stage("slides"):
                 for step in range(1, len(self._way)):
                     surface = self._settled(self._problem(placed, step), surface, n, near=False)
         while True:
             yield surface
             require_time()
-            n = _even(2 * surface.slides.shape[1])
+            n = even(2 * surface.slides.shape[1])
             if n > _MOST_NODES or not self.request.steps.left:
                 return
             with self.request.clock.stage("slides"):
@@ -342,8 +321,3 @@ def _grown(curve: BoundaryCurve) -> list[BoundaryCurve]:
 def _matching(slide: Float[Tensor, " n"]) -> Float[np.ndarray, "n 2"]:
     """The pairs of `RimMatch` for curve parameters at equal steps, the first one in [0, 1)."""
     return np.column_stack([np.arange(len(slide)) / len(slide), (slide - slide[0].floor()).cpu().numpy()])
-
-
-def _even(nodes: float) -> int:
-    """An even number of nodes, not smaller, that is fast to transform."""
-    return 2 * next_fast_len(math.ceil(nodes / 2))

@@ -1,4 +1,4 @@
-"""Douglas's energy of harmonic surfaces over circular domains, with its derivatives by slides and moduli.
+"""Douglas's variational problem for two rims and more: their slides and the moduli of Ω, by Newton's method.
 
 Ω is the unit disk less round holes. The energy E of the harmonic surface over Ω is stationary in the slides and in the
 moduli where the surface is conformal, hence minimal. Circles that move with velocity v, values carried along, change it
@@ -8,35 +8,45 @@ by dE = −½ Im ∮ φ·φ v dz; polarised, that is the change of Λ itself, so
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
+from spinor_geom.deadline import require_time
 from spinor_geom.holomorphic.circular_domain import CircularDomain
-from spinor_geom.plateau.circles import DirichletForm, derivative, without_highest
-from spinor_geom.plateau.douglas import CROWDED, slid
+from spinor_geom.holomorphic.laurent import ROUND_OFF
+from spinor_geom.plateau.dirichlet import CirclesForm, derivative, without_highest
+from spinor_geom.plateau.douglas import CROWDED, resampled, slid, smoothed
+from spinor_geom.plateau.newton import MOST_STEPS, SMALL, minimised
 from spinor_geom.plateau.problem import CurveTensors
 
-# Halvings of a step until the circles stay apart.
-_MOST_HALVINGS = 4
-# Largest step of a modulus: of its logarithm, or of a place by the distance to the next circle.
-_LARGEST_STEP = 0.5
-# Share of a curve that no step may be: few nodes do not crowd before they are all in one place.
-_LARGE_PART = 0.5
-# Curvatures of the energy below this share of the largest count as none.
-_FLAT = 1e-12
-# Error of Λ, relative, above which so many nodes do not resolve the gaps between the circles.
-_UNRESOLVED = 1e-2
+# Modulus beyond which all but the distance of the rims' means has decayed to 1e-9 of itself: there is no surface.
+MOST_MODULUS = 20.0
+# Damping of the first step, in units of the metric, and the factor by which it grows and falls.
+_DAMPING, _FACTOR = 1e-2, 4.0
+# Share of the energy that is added to the metric of each modulus: the search stays in shallow valleys.
+_STIFF_MODULUS = 0.1
+HELD = 1e26
+ROUNDING = 1e-13  # gradients, dampings and falls of the energy at which nothing but rounding errors is left
+_GAIN = 0.5  # a step of Newton's method at a critical point lowers the gradient at least to this share
+
+_MOST_HALVINGS = 4  # halvings of a step until the circles stay apart
+_LARGEST_STEP = 0.5  # largest step of a modulus: of its logarithm, or of a place by the distance to the next circle
+_LARGE_PART = 0.5  # share of a curve that no step may be: few nodes do not crowd before they are all in one place
+_FLAT = 1e-12  # curvatures of the energy below this share of the largest count as none
+_UNRESOLVED = 1e-2  # error of Λ, relative, above which so many nodes do not resolve the gaps between the circles
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicSurface:
     """A harmonic surface over a circular domain, its rims on curves at equal steps of every circle's angle.
 
-    The energy and its derivatives by slides and moduli are sums over the nodes, without the factor 2π/n.
+    The energy and its derivatives by slides and moduli are sums over the nodes, without the factor 2π/n: a batch of
+    one of `newton.Energies`.
     """
 
     curves: CurveTensors  # of the rims, as the boundary of Ω runs, as a batch
@@ -45,11 +55,12 @@ class HarmonicSurface:
     speed: Float[Tensor, "m n"]  # of the curves by their parameters
     unit: Float[Tensor, "m n 3"]  # their tangents
     bends: Float[Tensor, "m n"]  # Γ″·ΛX by arc length
-    form: DirichletForm  # Λ
-    negligible: float  # as for `DirichletForm.of`
-    energy: float  # E
+    form: CirclesForm  # Λ
+    negligible: float  # as for `CirclesForm.of`
+    energy: Float[Tensor, "1"]  # E
     by_slides: Float[Tensor, " mn"]  # derivative of E by arc length
     normal: Float[Tensor, "m n 3"]  # ΛX
+    is_over: Bool[Tensor, "1"]  # whether a step was to lead from here and so many nodes resolved none
 
     @classmethod
     def of(
@@ -57,7 +68,7 @@ class HarmonicSurface:
     ) -> HarmonicSurface:
         """The energy with given slides over a given domain."""
         points, tangent, second = curves.point_and_derivatives(slides)
-        form = DirichletForm.of(domain, slides.shape[1], negligible=negligible)
+        form = CirclesForm.of(domain, slides.shape[1], negligible=negligible)
         normal = form(points)
         speed = tangent.square().sum(-1).sqrt()
         unit = tangent / speed[..., None]
@@ -70,9 +81,10 @@ class HarmonicSurface:
             bends=(second * normal).sum(-1) / speed.square(),
             form=form,
             negligible=negligible,
-            energy=0.5 * float((points * normal).sum()),
+            energy=0.5 * (points * normal).sum()[None],
             by_slides=(normal * unit).sum(-1).flatten(),
             normal=normal,
+            is_over=torch.zeros(1, dtype=torch.bool, device=slides.device),
         )
 
     @property
@@ -88,7 +100,7 @@ class HarmonicSurface:
     @property
     def dirichlet_energy(self) -> float:
         """E with its factor: the area where the surface is conformal, more elsewhere."""
-        return self.energy * 2 * math.pi / self.slides.shape[1]
+        return float(self.energy) * 2 * math.pi / self.slides.shape[1]
 
     @property
     def crowded(self) -> bool:
@@ -97,40 +109,83 @@ class HarmonicSurface:
         return float(steps.max()) > min(CROWDED / self.slides.shape[1], _LARGE_PART)
 
     @cached_property
-    def size(self) -> float:
+    def size(self) -> Float[Tensor, "1"]:
         """Of the gradient: RMS by arc length relative to ΛX, or the steepest by a modulus over the energy.
 
         A rotation of Ω, which only nodes feel, is left out.
         """
-        by_slides, normal = self.gradient()[: len(self.by_slides)], self.normal.square().sum(-1).mean()
-        return max(
-            float((by_slides.square().mean() / normal).sqrt()), float(self.moduli.slopes.abs().max()) / self.energy
-        )
+        by_slides, normal = self.gradient[:, : len(self.by_slides)], self.normal.square().sum(-1).mean()
+        along: Tensor = (by_slides.square().mean(-1) / normal).sqrt()
+        return along.maximum(self.moduli.slopes.abs().max() / self.energy)
 
     @property
     def stiffness(self) -> float:
         """Mean of |k|: the size of the energy's second derivatives by one node, and of what holds a rotation."""
         return float(self.form.own.mean())
 
-    def gradient(self) -> Float[Tensor, " k"]:
+    @cached_property
+    def gradient(self) -> Float[Tensor, "1 k"]:
         """The first derivative by arc length and the moduli, less that by a rotation of Ω."""
         gradient = torch.cat([self.by_slides, self.moduli.slopes])
-        return gradient - (gradient @ self.rotation) / (self.rotation @ self.rotation) * self.rotation
+        along = (gradient @ self.rotation) / (self.rotation @ self.rotation)
+        return (gradient - along * self.rotation)[None]
 
-    def hessian(self) -> Float[Tensor, "k k"]:
+    def matrix(self) -> Float[Tensor, "k k"]:
         """The second derivative by arc length and the moduli, stiffened against a rotation of Ω."""
         unit, count = self.unit.reshape(-1, 3), self.slides.numel()
-        hessian = unit.new_empty(len(self.rotation), len(self.rotation))
-        torch.mul(unit @ unit.T, self.form.matrix(), out=hessian[:count, :count])
-        hessian.diagonal()[:count] += self.bends.flatten()
-        hessian[count:, :count], hessian[:count, count:] = self.mixed, self.mixed.T
-        hessian[count:, count:] = self.moduli.hessian
-        return hessian.addr_(self.rotation, self.rotation, alpha=self.stiffness)
+        matrix = unit.new_empty(len(self.rotation), len(self.rotation))
+        torch.mul(unit @ unit.T, self.form.matrix(), out=matrix[:count, :count])
+        matrix.diagonal()[:count] += self.bends.flatten()
+        matrix[count:, :count], matrix[:count, count:] = self.mixed, self.mixed.T
+        matrix[count:, count:] = self.moduli.hessian
+        return matrix.addr_(self.rotation, self.rotation, alpha=self.stiffness)
+
+    @cached_property
+    def _by_moduli(self) -> Float[Tensor, "p p"]:
+        """The second derivative by the moduli, without what bends downwards."""
+        values, vectors = torch.linalg.eigh(self.moduli.hessian)
+        raised: Tensor = (vectors * values.clamp(min=SMALL * float(self.energy))) @ vectors.T
+        return raised
+
+    def hessian(self, reflection: Float[Tensor, "1"]) -> Callable[[Float[Tensor, "1 k"]], Float[Tensor, "1 k"]]:
+        """The product with that, what bends downwards reflected, by the moduli left out."""
+        bends = self.bends + 2 * reflection * (-self.bends).clamp(min=0)
+
+        def applied(rows: Float[Tensor, "1 k"]) -> Float[Tensor, "1 k"]:
+            (x,) = rows
+            along, by_moduli = x[: bends.numel()], x[bends.numel() :]
+            u = along.reshape(bends.shape)
+            image = (self.unit * self.form(self.unit * u[..., None])).sum(-1) + bends * u
+            slides = image.flatten() + self.mixed.T @ by_moduli
+            whole = torch.cat([slides, self.mixed @ along + self._by_moduli @ by_moduli])
+            held: Tensor = whole + self.stiffness * (self.rotation @ x) * self.rotation
+            return held[None]
+
+        return applied
+
+    def precondition(self, u: Float[Tensor, "1 k"]) -> Float[Tensor, "1 k"]:
+        """An inverse of the second derivative's smooth part."""
+        count = self.slides.numel()
+        smooth = smoothed(u[0, :count].reshape(self.slides.shape))
+        return torch.cat([smooth.flatten(), torch.linalg.solve(self._by_moduli, u[0, count:])])[None]
+
+    def at(self, which: Int[Tensor, " _"]) -> HarmonicSurface:
+        """This."""
+        return self
+
+    def replaced(self, which: Int[Tensor, " _"], other: HarmonicSurface) -> HarmonicSurface:
+        """The other one."""
+        return other if len(which) else self
+
+    @property
+    def is_minimum(self) -> bool:
+        """Whether the index is 0, which is told sooner."""
+        return int(torch.linalg.cholesky_ex(self.matrix())[1]) == 0
 
     @property
     def index(self) -> int:
         """Number of directions of all slides and moduli along which the energy falls: the Morse index."""
-        values = torch.linalg.eigvalsh(self.hessian())
+        values = torch.linalg.eigvalsh(self.matrix())
         return int((values < -_FLAT * values.abs().max()).sum())
 
     @cached_property
@@ -151,20 +206,19 @@ class HarmonicSurface:
         rotation: Tensor = torch.cat([turned.flatten(), _without_first_place(places)]) / turned.norm()
         return rotation
 
-    def stepped(self, step: Float[Tensor, " k"]) -> HarmonicSurface:
+    def stepped(self, direction: Float[Tensor, "1 k"], length: float = 1.0) -> HarmonicSurface:
         """The surface after a step, or as much of it as keeps the circles apart and is resolved; else this one."""
         count = self.slides.numel()
-        direction = step[:count].reshape(self.slides.shape) / self.speed
-        along = step[count:]
-        share = min(1.0, _LARGEST_STEP / max(float(along.abs().max()), _LARGEST_STEP))
+        slides, along = direction[0, :count].reshape(self.slides.shape) / self.speed, direction[0, count:]
+        length = min(length, _LARGEST_STEP / max(float(along.abs().max()), 1e-300))
         for _ in range(_MOST_HALVINGS):
-            domain = self.domain.moved(share * along)
+            domain = self.domain.moved(length * along)
             if float(domain.room[1].min()) > 0:
-                there = HarmonicSurface.of(self.curves, slid(self.slides, direction, share), domain, self.negligible)
+                there = HarmonicSurface.of(self.curves, slid(self.slides, slides, length), domain, self.negligible)
                 if there.form.error <= max(_UNRESOLVED, self.form.error):
                     return there
-            share /= 2
-        return self
+            length /= 2
+        return replace(self, is_over=torch.ones_like(self.is_over))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -174,12 +228,12 @@ class Moduli:
     The first hole stays about 0.
     """
 
-    form: DirichletForm  # Λ
+    form: CirclesForm  # Λ
     null: Complex[Tensor, "h n c"]  # ∂X/∂τ + iΛX on the holes
     moves: Complex[Tensor, "h 3 n"]  # v/z′ of the three moduli of each hole
 
     @classmethod
-    def of(cls, form: DirichletForm, points: Float[Tensor, "m n c"], normal: Float[Tensor, "m n c"]) -> Moduli:
+    def of(cls, form: CirclesForm, points: Float[Tensor, "m n c"], normal: Float[Tensor, "m n c"]) -> Moduli:
         """The derivatives for values X and ΛX."""
         room, modulus = form.domain.room
         turn = form.domain.circles(form.steps)[0]
@@ -234,3 +288,88 @@ class Moduli:
 def _without_first_place(rows: Tensor) -> Tensor:
     """Rows of all moduli of holes without those of the first one's place."""
     return rows[2:]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RimsProblem:
+    """Douglas's problem for curves that run as the boundary of Ω does, the outer one first."""
+
+    curves: CurveTensors  # two or more, as a batch
+    negligible: float = ROUND_OFF  # as for `CirclesForm.of`
+    on_step: Callable[[float], None] = lambda size: None  # is called with the gradient at each Newton step
+
+    def descended(
+        self, start: HarmonicSurface, *, tolerance: float, stiffness: float = _STIFF_MODULUS
+    ) -> HarmonicSurface | None:
+        """The surface that the energy falls to, by damped Newton steps; None where it falls apart.
+
+        A modulus runs away then, or a rim shrinks to a point of it; `HELD` stiffness keeps them. `minimised`, which
+        factors nothing, is no way to here: its steps are not held back in the moduli, so that it leaves shallow valleys
+        (the 5-noid's falls apart), and along splines it takes three times as long.
+        """
+        here, damping = start, _DAMPING
+        for _ in range(MOST_STEPS):
+            require_time()
+            self.on_step(float(here.size))
+            if here.size <= tolerance:
+                break
+            hessian, count = here.matrix(), len(here.by_slides)
+            metric = torch.full_like(hessian[0], here.stiffness)
+            metric[count:] = hessian.diagonal()[count:].abs() + stiffness * here.energy
+            while damping < 1 / ROUNDING:
+                damped = hessian.clone()
+                damped.diagonal().add_(metric, alpha=damping)
+                factor, info = torch.linalg.cholesky_ex(damped)
+                if int(info) == 0:
+                    there = here.stepped(torch.cholesky_solve(-here.gradient.T, factor).T)
+                    if there.energy <= here.energy * (1 + ROUNDING):
+                        break
+                damping = _FACTOR * damping
+            else:
+                break
+            stays = here.energy - there.energy < ROUNDING * here.energy
+            if stays and not there.size < _GAIN * here.size:
+                break
+            here, damping = there, max(damping / _FACTOR, ROUNDING)
+            if here.crowded or is_apart(here.domain):
+                return None
+        return here
+
+    def critical(self, here: HarmonicSurface) -> HarmonicSurface:
+        """The critical point next to a surface, a minimum or not, by plain Newton steps while the gradient falls."""
+        for _ in range(MOST_STEPS):
+            self.on_step(float(here.size))
+            if here.size <= ROUNDING:
+                break
+            there = here.stepped(torch.linalg.solve(here.matrix(), -here.gradient[0])[None])
+            if not there.size < _GAIN * here.size:
+                break
+            here = there
+        return here
+
+    def refined(self, surface: HarmonicSurface, n: int) -> HarmonicSurface:
+        """The critical point with n nodes on each rim."""
+        return self.critical(self.resampled(surface, n))
+
+    def resampled(self, surface: HarmonicSurface, n: int) -> HarmonicSurface:
+        """The harmonic surface of the same slides at n nodes on each rim."""
+        return HarmonicSurface.of(self.curves, resampled(surface.slides, n), surface.domain, self.negligible)
+
+    def settled(
+        self, surface: HarmonicSurface, n: int, *, tolerance: float, max_steps: int, near: bool, negligible: float = 0.0
+    ) -> HarmonicSurface:
+        """The surface of less energy with n nodes on each rim, by `minimised`: for rims that take many."""
+        ((_, found),) = minimised(
+            self.resampled(surface, n),
+            tolerances=[tolerance],
+            max_steps=[max_steps],
+            negligible=[negligible * n / (2 * math.pi)],
+            near=near,
+            on_step=[self.on_step],
+        )
+        return found
+
+
+def is_apart(domain: CircularDomain) -> bool:
+    """Whether a modulus has run away."""
+    return float(domain.room[1].max()) > MOST_MODULUS

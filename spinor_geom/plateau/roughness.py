@@ -1,7 +1,5 @@
 """How rough a loop is, in one definition for every route."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners, turning_angles
@@ -10,8 +8,7 @@ from spinor_geom.mesh.interpolation import DEGREES
 
 # Angle by which one point in ten turns where a loop bends at many of its points: noise of a twentieth of an edge.
 ROUGH_TURN = np.radians(12.0)
-# So few points are a polygon: no curve is seen in them.
-FEW_POINTS = 8
+FEW_POINTS = 8  # so few points are a polygon: no curve is seen in them
 # Gradient of the energy at which slides along rough loops stop, as a share of the distance allowed in edges.
 ROUGH_GRADIENT = 3e-2
 

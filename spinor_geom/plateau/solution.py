@@ -15,26 +15,16 @@ from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
 from spinor_geom.errors import SeveralRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.clock import Clock
 from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.misfit import BoundaryResidual
 from spinor_geom.plateau.stability import Stability
-from spinor_geom.plateau.steps import Iteration
+from spinor_geom.plateau.steps import Clock, Iteration
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.shown import Shown
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 RouteName = Literal[
-    "plane",
-    "disk",
-    "vertices",
-    "annulus",
-    "annular network",
-    "circles",
-    "unfolded",
-    "flattened",
-    "network",
-    "trained",
+    "plane", "disk", "vertices", "annulus", "annular network", "circles", "unfolded", "flattened", "network", "trained"
 ]
 
 
@@ -82,20 +72,21 @@ class RimDisks:
     """The minimal disks over several rims, which a surface between them is set against.
 
     Attributes:
-        solve: finds them, in the order in which the rims were given; None where one was not found.
-        joined: the least area found of a surface over some of the rims, by their numbers; None where there is none.
+        count: number of the rims.
+        surface_over: finds the surface of least area over one or some of them, by their numbers; None for none.
         clock: of the stage "disks".
     """
 
-    solve: Callable[[], tuple[PlateauSolution, ...] | None]
-    joined: Callable[[tuple[int, ...]], float | None]
+    count: int
+    surface_over: Callable[[tuple[int, ...]], PlateauSolution | None]
     clock: Clock = field(default_factory=Clock)
 
     @cached_property
     def all(self) -> tuple[PlateauSolution, ...] | None:
-        """A disk over each rim."""
+        """A disk over each rim, in the order in which they were given; None where one was not found."""
         with one_thread(), self.clock.stage("disks"):
-            return self.solve()
+            disks = [disk for k in range(self.count) if (disk := self.surface_over((k,))) is not None]
+        return tuple(disks) if len(disks) == self.count else None
 
     @cached_property
     def partitions(self) -> dict[Partition, float]:
@@ -110,8 +101,8 @@ class RimDisks:
         partitions = _partitions(len(areas))
         groups = {group for partition in partitions for group in partition if len(group) > 1}
         with one_thread(), self.clock.stage("disks"):
-            joined = {group: self.joined(group) for group in sorted(groups)}
-        areas.update({group: area for group, area in joined.items() if area is not None})
+            joined = {group: self.surface_over(group) for group in sorted(groups)}
+        areas.update({group: surface.area for group, surface in joined.items() if surface is not None})
         return {
             partition: sum(areas[group] for group in partition)
             for partition in partitions
@@ -270,29 +261,17 @@ class PlateauSolution(Shown):
 
     @property
     def loop(self) -> BoundaryLoop:
-        """The loop of a disk.
-
-        Raises:
-            SeveralRimsError: the surface has several rims.
-        """
+        """The loop of a disk; a SeveralRimsError where the surface has several rims."""
         return self._rim.loop
 
     @property
     def curve(self) -> BoundaryCurve:
-        """Γ of a disk.
-
-        Raises:
-            SeveralRimsError: the surface has several rims.
-        """
+        """Γ of a disk; a SeveralRimsError where the surface has several rims."""
         return self._rim.curve
 
     @property
     def matching(self) -> Float[np.ndarray, "n 2"]:
-        """`RimMatch.matching` of a disk.
-
-        Raises:
-            SeveralRimsError: the surface has several rims.
-        """
+        """`RimMatch.matching` of a disk; a SeveralRimsError where the surface has several rims."""
         return self._rim.matching
 
     @property

@@ -4,8 +4,6 @@ It knows no solver: one is handed in as a function that makes a solution from a 
 minimal disk, saddles of the area included, as Gauss-Newton on the boundary does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -79,10 +77,6 @@ class Rim:
         counted = smooth if smooth.any() else ~smooth
         weight = self._edges + np.roll(self._edges, 1)
         return float(np.average(values[counted], weights=weight[counted]))
-
-    def normals(self, solution: PlateauSolution) -> Float[np.ndarray, "m 3"]:
-        """A solution's unit normals at the points."""
-        return solution.surface.normal(solution.loop_points_in_domain()[self.indices])
 
     def domain_mesh(self, solution: PlateauSolution) -> PlaneTriangulation:
         """A mesh of a solution's Ω whose boundary vertices are the rim's points."""
@@ -189,10 +183,6 @@ class _Entry:
         return self.solution.boundary_residual.rms_per_edge
 
     @property
-    def is_stable(self) -> bool:
-        return self.solution.stability.index == 0
-
-    @property
     def sign(self) -> int:
         """(−1)^index; 0 where the index is not known."""
         index = self.solution.stability.index
@@ -223,7 +213,8 @@ class _Search:
         if not solution.converged:
             self.poor.append(solution)
             return solution
-        new = _Entry(solution=solution, normals=self.rim.normals(solution))
+        points = solution.loop_points_in_domain()[self.rim.indices]
+        new = _Entry(solution=solution, normals=solution.surface.normal(points))
         known = next((entry for entry in self.entries if self._are_one(entry, new)), None)
         if known is None:
             self.entries.append(new)
@@ -238,10 +229,7 @@ class _Search:
 
     def leave_all(self) -> None:
         """Starts to both sides of every unstable disk along its eigenvectors, and of those that this finds."""
-        while True:
-            waiting = [e for e in self.entries if not e.left and e.solution.stability.verdict == "unstable"]
-            if not waiting:
-                return
+        while waiting := [e for e in self.entries if not e.left and e.solution.stability.verdict == "unstable"]:
             waiting[0].left = True
             unstable = waiting[0].solution
             for direction in _departures(unstable, self.rim):
@@ -263,7 +251,8 @@ class _Search:
         """Pairs of stable disks, nearest in area to the least first, while the list is not complete."""
         used: set[tuple[int, int]] = set()
         while sum(entry.sign for entry in self.entries) > 1:
-            stable = sorted((e for e in self.entries if e.is_stable), key=lambda entry: entry.solution.area)
+            minima = [entry for entry in self.entries if entry.solution.stability.index == 0]
+            stable = sorted(minima, key=lambda entry: entry.solution.area)
             pairs = [pair for pair in combinations(stable, 2) if (id(pair[0]), id(pair[1])) not in used]
             if not pairs or self.starts >= _MOST_STARTS:
                 return

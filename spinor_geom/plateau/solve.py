@@ -17,19 +17,9 @@ from spinor_geom.discrete.minimal_surface import first_disks
 from spinor_geom.errors import OptionError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
-from spinor_geom.plateau.harmonic_fit import BATCH_NODES, FEWEST_NODES
-from spinor_geom.plateau.harmonic_route import HarmonicSolver
+from spinor_geom.plateau.harmonic_route import BATCH_NODES, FEWEST_NODES, HarmonicSolver
 from spinor_geom.plateau.options import Cauchy, Model, Optimizer, Options
-from spinor_geom.plateau.plan import (
-    OnUnitDisk,
-    Route,
-    Task,
-    ThroughPoints,
-    all_surfaces,
-    minimal_disk,
-    plan,
-    surface_between,
-)
+from spinor_geom.plateau.plan import Route, Task, all_surfaces, minimal_disk, plan, surface_between
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.steps import Iteration
 from spinor_geom.plateau.threads import one_thread
@@ -37,6 +27,7 @@ from spinor_geom.plateau.threads import one_thread
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+OneRim: TypeAlias = BoundaryLoop | ClosedCurve
 Planned: TypeAlias = tuple[Task, tuple[Route, ...]]
 
 # Points of rough loops whose first disks are made side by side: those of longer ones would take as long, and memory.
@@ -47,6 +38,8 @@ class _Rest(TypedDict, total=False):
     """The options of `solve_plateau` on which its type does not depend."""
 
     model: Model
+    optimizer: Optimizer | None
+    warm_start: bool
     tolerance: float
     max_iterations: int
     unstable: Literal["leave", "keep"]
@@ -57,28 +50,18 @@ class _Rest(TypedDict, total=False):
 
 @overload
 def solve_plateau(
-    loop: BoundaryLoop | ClosedCurve,
-    *,
-    optimizer: Optimizer | None = None,
-    warm_start: bool = True,
-    all_solutions: Literal[False] = False,
-    **options: Unpack[_Rest],
+    loop: OneRim, *, all_solutions: Literal[False] = False, **options: Unpack[_Rest]
 ) -> PlateauSolution: ...
 @overload
 def solve_plateau(
-    loop: BoundaryLoop | ClosedCurve | Sequence[BoundaryLoop | ClosedCurve],
-    *,
-    optimizer: Optimizer | None = None,
-    warm_start: bool = True,
-    all_solutions: Literal[True],
-    **options: Unpack[_Rest],
+    loop: OneRim | Sequence[OneRim], *, all_solutions: Literal[True], **options: Unpack[_Rest]
 ) -> tuple[PlateauSolution, ...]: ...
 @overload
 def solve_plateau(
-    loop: Sequence[BoundaryLoop | ClosedCurve], *, all_solutions: Literal[False] = False, **options: Unpack[_Rest]
+    loop: Sequence[OneRim], *, all_solutions: Literal[False] = False, **options: Unpack[_Rest]
 ) -> PlateauSolution | NoConnectedSurface: ...
 def solve_plateau(
-    loop: BoundaryLoop | ClosedCurve | Sequence[BoundaryLoop | ClosedCurve],
+    loop: OneRim | Sequence[OneRim],
     *,
     model: Model = "auto",
     optimizer: Optimizer | None = None,
@@ -164,32 +147,28 @@ def solve_plateau(
         between=between,
         device=torch.device(device),
     )
+    rims = [loop] if isinstance(loop, (BoundaryLoop, ClosedCurve)) else _several_of(loop)
     if all_solutions:
-        _require_model_for_all(model, rims=1 if isinstance(loop, (BoundaryLoop, ClosedCurve)) else 2)
+        _require_model_for_all(model, is_disk=len(rims) == 1)
     with one_thread():
-        if not isinstance(loop, (BoundaryLoop, ClosedCurve)):
-            task = Task.of(_several_of(loop), options, on_iteration)
-            return all_surfaces(task) if all_solutions else surface_between(task)
-        task = Task.of([loop], options, on_iteration)
-        return all_surfaces(task) if all_solutions else minimal_disk(task, plan(task))
+        task = Task.of(rims, options, on_iteration)
+        if all_solutions:
+            return all_surfaces(task)
+        return minimal_disk(task, plan(task)) if task.is_disk else surface_between(task)
 
 
-def _require_model_for_all(model: Model, *, rims: int) -> None:
-    """Checks that the search for all disks, or all annuli, knows a model.
-
-    Raises:
-        OptionError: it does not.
-    """
+def _require_model_for_all(model: Model, *, is_disk: bool) -> None:
+    """Checks that the search for all disks, or all annuli, knows a model."""
     if model == "mlp":
         raise OptionError("a network is trained for one disk only; use all_solutions with model='auto'")
-    if rims == 1 and model == "series":
+    if is_disk and model == "series":
         raise OptionError("all_solutions looks for disks as Cauchy networks; use it with model='auto' or 'cauchy'")
-    if rims == 2 and (model == "cauchy" or isinstance(model, Cauchy)):
+    if not is_disk and (model == "cauchy" or isinstance(model, Cauchy)):
         raise OptionError("all_solutions looks for annuli as Laurent series; use it with model='auto' or 'series'")
 
 
-def _several_of(loops: Sequence[BoundaryLoop | ClosedCurve]) -> tuple[BoundaryLoop | ClosedCurve, ...]:
-    entries = tuple(loops) if isinstance(loops, Sequence) else (loops,)
+def _several_of(loops: Sequence[OneRim]) -> list[OneRim]:
+    entries = list(loops) if isinstance(loops, Sequence) else [loops]
     strange = {type(entry).__name__ for entry in entries if not isinstance(entry, (BoundaryLoop, ClosedCurve))}
     if strange:
         raise OptionError(
@@ -266,11 +245,11 @@ def _planned(task: Task | SpinorGeomError) -> Planned | SpinorGeomError:
 def _fit_together(answers: list[Planned | SpinorGeomError], seconds: float) -> None:
     """Hands the tasks what their plans begin with, made side by side: fits on the unit disk, first discrete disks."""
     planned = [(place, *answer) for place, answer in enumerate(answers) if not isinstance(answer, SpinorGeomError)]
-    smooth = [(place, task, routes) for place, task, routes in planned if routes[0] == OnUnitDisk()]
+    smooth = [(place, task, routes) for place, task, routes in planned if routes[0] == Route.ON_UNIT_DISK]
     rough = [
         (place, task, routes)
         for place, task, routes in planned
-        if routes[0] == ThroughPoints() and len(task.loop) <= _SHORT
+        if routes[0] == Route.THROUGH_POINTS and len(task.loop) <= _SHORT
     ]
     with deadline.time_limit(seconds * len(planned)):
         fits = HarmonicSolver.side_by_side([task.harmonic for _, task, _ in smooth])
@@ -282,7 +261,7 @@ def _fit_together(answers: list[Planned | SpinorGeomError], seconds: float) -> N
     for (place, task, routes), disk in zip(rough, disks, strict=True):
         task.clock.add("first fill", share)
         # one that there is none of says so where it is asked for
-        answers[place] = replace(task, first_disk=disk if isinstance(disk, Disk) else None), routes
+        answers[place] = replace(task, start=disk if isinstance(disk, Disk) else None), routes
 
 
 def _solved(task: Task, routes: tuple[Route, ...], seconds: float) -> PlateauSolution | SpinorGeomError:

@@ -21,8 +21,7 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # ∫|K| dA, and a bound of its error.
 Curvature: TypeAlias = tuple[float, float]
-# Vertices of a mesh beyond which none is refined: finer ones take seconds.
-_MOST_VERTICES = 5000
+_MOST_VERTICES = 5000  # vertices of a mesh beyond which none is refined: finer ones take seconds
 # Inner vertices up to which dense eigenvalues are found sooner; of more, relative error of the sparse ones.
 _MOST_DENSE, _EIGENVALUE_ERROR = 200, 1e-8
 
@@ -53,18 +52,15 @@ def assess_stability(surface: SpinorSurface, curvature: Curvature | None = None)
     The total curvature ∫|K| dA, an integral along ∂Ω, decides first: below 2π the surface is stable. Otherwise the
     eigenvalues μ of −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated;
     the surface is stable if the smallest is above 1. Where the difference of the meshes leaves it open finer ones are
-    tried. Wrinkles far below the meshes' size, as fits have them in corners, do not count.
-
-    Args:
-        surface: any.
-        curvature: its total curvature by `curvature_within`, where p and q along ∂Ω are known already.
+    tried. Wrinkles far below the meshes' size, as fits have them in corners, do not count. The curvature is given by
+    `curvature_within` where p and q along ∂Ω are known already.
 
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976).
     """
     total, error = _boundary_curvature(surface) if curvature is None else curvature
     if total + error < 2 * np.pi:
         return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=total)
-    mesh = _Mesh.of(surface)
+    mesh = _Mesh.of(surface, surface.domain.triangulation, surface.domain.arcs[:, 0])
     while True:
         mesh, coarse = mesh.refined(), mesh
         if len(coarse.inner):
@@ -80,8 +76,8 @@ def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
         return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=curvatures[1])
     count = 2
     while True:
-        few = coarse.smallest_eigenvalues(count)
-        many = fine.smallest_eigenvalues(count)[: len(few)]
+        few = coarse.smallest_eigenpairs(count)[0]
+        many = fine.smallest_eigenpairs(count)[0][: len(few)]
         # linear elements converge at order 2, which the value is extrapolated by; at order 1, if they do not yet, they
         # would go on by as much again as from the coarser mesh to the finer one
         low, high = np.sort([many, 2 * many - few], axis=0)
@@ -107,11 +103,10 @@ def lowest_modes(
     Along u·n the second variation of area is (1 − 1/μ)∫|∇u|²: negative where μ < 1. Fewer than `count` come back where
     the mesh has fewer inner vertices.
     """
-    curvature = gauss_image_areas(surface.spinors(mesh.points), mesh.faces)
-    inner = np.arange(mesh.boundary_size, len(mesh.points))
-    values, functions = _smallest_eigenpairs(mesh.points, mesh.faces, curvature, inner, count)
+    own = _Mesh.of(surface, mesh, np.zeros(mesh.boundary_size))
+    values, functions = own.smallest_eigenpairs(count)
     u = np.zeros((len(mesh.points), len(values)))
-    u[inner] = functions / np.abs(functions).max(axis=0)
+    u[own.inner] = functions / np.abs(functions).max(axis=0)
     return values, u
 
 
@@ -179,10 +174,9 @@ class _Mesh:
     parameter: Float[np.ndarray, " n"]  # of boundary vertices on ∂Ω; NaN inside
 
     @classmethod
-    def of(cls, surface: SpinorSurface) -> _Mesh:
-        mesh = surface.domain.triangulation
-        parameter = np.full(len(mesh.points), np.nan)
-        parameter[: mesh.boundary_size] = surface.domain.arcs[:, 0]
+    def of(cls, surface: SpinorSurface, mesh: PlaneTriangulation, rim: Float[np.ndarray, " m"]) -> _Mesh:
+        """With the parameters of the boundary vertices."""
+        parameter = np.append(rim, np.full(len(mesh.points) - len(rim), np.nan))
         return cls(surface, mesh.points, mesh.faces, surface.spinors(mesh.points), parameter)
 
     @cached_property
@@ -219,9 +213,23 @@ class _Mesh:
         spinors = np.concatenate([self.spinors, self.surface.spinors(curved[n:])])
         return _Mesh(self.surface, curved, faces, spinors, np.concatenate([self.parameter, parameter]))
 
-    def smallest_eigenvalues(self, count: int) -> Float[np.ndarray, " k"]:
-        """The smallest μ."""
-        return _smallest_eigenpairs(self.points, self.faces, self.curvature, self.inner, count)[0]
+    def smallest_eigenpairs(self, count: int) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "i k"]]:
+        """The smallest μ of −Δu = μ|dn|²u for u = 0 outside the inner vertices, ascending, and u at these."""
+        stiffness = cotangent_laplacian(plane_coordinates(self.points), self.faces)
+        mass = _mass(self.curvature, self.faces, len(self.points))
+        inner = self.inner
+        s, m = (csc_array(whole[inner][:, inner]) for whole in (stiffness, mass))
+        count = min(count, len(inner))
+        # as M u = (1/μ) S u: S is always definite, M need not be
+        if len(inner) <= max(_MOST_DENSE, 2 * count):
+            inverse, functions = eigh(m.toarray(), s.toarray(), subset_by_index=[len(inner) - count, len(inner) - 1])
+        else:
+            solve = spl.LinearOperator(s.shape, matvec=factor_symmetric(s).solve, dtype=np.float64)
+            inverse, functions = spl.eigsh(
+                m, k=count, M=s, Minv=solve, which="LA", v0=np.ones(len(inner)), tol=_EIGENVALUE_ERROR
+            )
+        order = np.argsort(inverse)[::-1]
+        return 1 / np.maximum(inverse[order], np.finfo(np.float64).tiny), functions[:, order]
 
 
 def _mass(areas: Float[np.ndarray, " f"], faces: Int[np.ndarray, "f 3"], n: int) -> csc_array:
@@ -229,27 +237,3 @@ def _mass(areas: Float[np.ndarray, " f"], faces: Int[np.ndarray, "f 3"], n: int)
     local = areas[:, None, None] / 6 * (np.ones((3, 3)) + np.eye(3))
     rows, columns = np.repeat(faces, 3, axis=1).ravel(), np.tile(faces, (1, 3)).ravel()
     return csc_array(coo_array((local.ravel(), (rows, columns)), shape=(n, n)))
-
-
-def _smallest_eigenpairs(
-    points: Complex[np.ndarray, " n"],
-    faces: Int[np.ndarray, "f 3"],
-    curvature: Float[np.ndarray, " f"],
-    inner: Int[np.ndarray, " i"],
-    count: int,
-) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "i k"]]:
-    """The smallest μ of −Δu = μ|dn|²u for u = 0 outside the inner vertices, ascending, and the values of u there."""
-    stiffness = cotangent_laplacian(plane_coordinates(points), faces)
-    mass = _mass(curvature, faces, len(points))
-    s, m = (csc_array(whole[inner][:, inner]) for whole in (stiffness, mass))
-    count = min(count, len(inner))
-    # as M u = (1/μ) S u: S is always definite, M need not be
-    if len(inner) <= max(_MOST_DENSE, 2 * count):
-        inverse, functions = eigh(m.toarray(), s.toarray(), subset_by_index=[len(inner) - count, len(inner) - 1])
-    else:
-        solve = spl.LinearOperator(s.shape, matvec=factor_symmetric(s).solve, dtype=np.float64)
-        inverse, functions = spl.eigsh(
-            m, k=count, M=s, Minv=solve, which="LA", v0=np.ones(len(inner)), tol=_EIGENVALUE_ERROR
-        )
-    order = np.argsort(inverse)[::-1]
-    return 1 / np.maximum(inverse[order], np.finfo(np.float64).tiny), functions[:, order]

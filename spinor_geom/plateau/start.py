@@ -1,7 +1,5 @@
 """The start of a fit: spinors lifted from the frames of a discrete disk along its boundary."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from jaxtyping import Complex, Float, Int
@@ -10,7 +8,7 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from torch import Tensor
 
 from spinor_geom.discrete.area_descent import harmonic_extension
-from spinor_geom.domain.delaunay import Rims, rim_successors
+from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.mesh.operators import mollified_laplacian
 from spinor_geom.surface.frames import phi_from_frames, spinors_from_phi
 
@@ -19,8 +17,7 @@ def images_in_plane(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary: Complex[np.ndarray, " m"]
 ) -> Complex[np.ndarray, " n"]:
     """Where the vertices of a discrete surface lie in Ω: its harmonic map with given images of the boundary."""
-    around = np.column_stack([boundary.real, boundary.imag])
-    points = harmonic_extension(mollified_laplacian(vertices, faces), around) @ np.array([1.0, 1.0j])
+    points = harmonic_extension(mollified_laplacian(vertices, faces), plane_coordinates(boundary)) @ np.array([1.0, 1j])
     points[: len(boundary)] = boundary
     return np.asarray(points)
 

@@ -1,8 +1,8 @@
-"""The steps of all tries over a loop."""
+"""The steps of all tries over a loop, and the time that their stages take."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -58,3 +58,24 @@ class Steps:
     def are_spent(self) -> bool:
         """Whether steps or time are used up."""
         return not self.left or is_out_of_time()
+
+
+class Clock:
+    """Wall time of named stages; a stage that comes again adds up."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Counts the time of a `with` block for a stage, without that of other stages inside it."""
+        start, others = time.perf_counter(), sum(self.seconds.values())
+        try:
+            yield
+        finally:
+            inside = sum(self.seconds.values()) - others
+            self.add(name, time.perf_counter() - start - inside)
+
+    def add(self, name: str, seconds: float) -> None:
+        """Counts time that was measured elsewhere."""
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds

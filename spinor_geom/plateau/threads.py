@@ -1,7 +1,5 @@
 """Thread limits around small solves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cache

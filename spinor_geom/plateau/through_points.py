@@ -15,16 +15,11 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from spinor_geom.domain.plane_domain import SplineBoundary
-from spinor_geom.domain.quadrature import cumulative_matrix, rule
-from spinor_geom.errors import DomainError
+from spinor_geom.domain.quadrature import rule
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features, sign_changing
 from spinor_geom.holomorphic.poles import Poles
-from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.interpolation import places_in_piece, through
 from spinor_geom.plateau.gauss_newton import gram
-from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.steps import STALLED, Steps
 from spinor_geom.surface.formulas import null_vector, phi
 
@@ -36,41 +31,7 @@ _DAMPING = 1e-8
 NODES = 14
 # Shares of a step with a new linearisation that are tried; one with an old one is taken as it is or not at all.
 _LENGTHS = 0.5 ** np.arange(6)
-# Degree of the polynomials.
-DEGREE = 24
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class EdgeIntegrals:
-    """p and q at Gauss-Legendre nodes on the edges of ∂Ω, and the surface's boundary that they make."""
-
-    polygon: Complex[Tensor, " n"]
-    spinors: Complex[Tensor, "n g 2"]
-
-    @cached_property
-    def _weighted(self) -> Complex[Tensor, "n 2 g"]:
-        """P dz and q dz by the quadrature's weights."""
-        weights = torch.tensor(rule("gauss", self.spinors.shape[1]).weights, device=self.polygon.device)
-        return self.spinors.mT * ((self.polygon.roll(-1) - self.polygon)[:, None] * weights)[:, None]
-
-    def changes(self, features: Complex[Tensor, "n g k"]) -> Complex[Tensor, "n 2 k"]:
-        """∫ 2pf dz and ∫ 2qf dz over each edge for features f at the nodes."""
-        return 2 * self._weighted @ features
-
-    @cached_property
-    def _steps(self) -> Float[Tensor, "n 3"]:
-        squares = self._weighted @ self.spinors
-        return null_vector(squares[:, 0, 0], squares[:, 1, 1], squares[:, 0, 1]).real
-
-    @property
-    def starts(self) -> Float[Tensor, "n 3"]:
-        """R at the vertices of ∂Ω, 0 at the first."""
-        return self._steps.cumsum(0) - self._steps
-
-    @property
-    def gap(self) -> Float[Tensor, "3"]:
-        """Re ∮ φ dz: what r is off the first vertex after one turn."""
-        return self._steps.sum(0)
+DEGREE = 24  # degree of the polynomials
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,6 +78,7 @@ class OnRim:
     """The features on one rim of Ω, times what changes sign."""
 
     polygon: Complex[Tensor, " n"]
+    dz: Complex[Tensor, "n g"]  # weights of integrals, at Gauss-Legendre nodes on the edges
     sign: Complex[Tensor, "n g"]
     features: Complex[Tensor, "n g k"]
     own: slice  # those of the rim's own poles
@@ -130,6 +92,24 @@ class OnRim:
             self.norm, self.features[..., self.own].flatten(0, 1).mH @ weighted.flatten(0, 1), upper=False
         )
         return nearest
+
+    def nearest_between(self, spinors: Complex[Tensor, "n 2"]) -> Complex[Tensor, "k 2"]:
+        """Orthonormal read-outs of the sums nearest in H¹ to values in the middle of each edge and linear between."""
+        place = torch.tensor(rule("gauss", self.features.shape[1]).nodes, device=spinors.device)[:, None]
+        edge = shares(self.polygon)[:, None, None]
+        before, after = spinors.roll(1, 0)[:, None], spinors.roll(-1, 0)[:, None]
+        back = (0.5 - place).clamp(min=0) * edge * 2 / (edge + edge.roll(1, 0))
+        ahead = (place - 0.5).clamp(min=0) * edge * 2 / (edge + edge.roll(-1, 0))
+        return self.nearest((1 - back - ahead) * spinors[:, None] + back * before + ahead * after)
+
+    def steps(self, spinors: Complex[Tensor, "n g 2"]) -> Float[Tensor, "n 3"]:
+        """Re ∫ φ dz over each edge."""
+        squares = (spinors * self.dz[..., None]).mT @ spinors
+        return null_vector(squares[:, 0, 0], squares[:, 1, 1], squares[:, 0, 1]).real
+
+    def changes(self, spinors: Complex[Tensor, "n g 2"]) -> Complex[Tensor, "2 n k"]:
+        """∫ 2pf dz and ∫ 2qf dz over each edge for all features f."""
+        return (2 * (spinors * self.dz[..., None]).mT @ self.features).transpose(0, 1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -148,16 +128,18 @@ class Basis:
         cls,
         polygons: Sequence[Complex[Tensor, "_"]],
         poles: Sequence[Poles],
-        ways: Sequence[tuple[Complex[np.ndarray, "_"], Complex[np.ndarray, "_"]]],
-        branches: Complex[Tensor, " b"],
         *,
         nodes: int,
+        ways: Sequence[tuple[Complex[np.ndarray, "_"], Complex[np.ndarray, "_"]]] = (),
+        branches: Complex[Tensor, " b"] | None = None,
     ) -> Basis:
         """The features on the rims of Ω."""
         outer = polygons[0]
+        branches = outer[:0] if branches is None else branches
         positions = torch.as_tensor(np.concatenate([each.positions for each in poles]), device=outer.device)
         scales = torch.as_tensor(np.concatenate([each.scales for each in poles]), device=outer.device)
-        weight = shares(outer)[:, None] * torch.tensor(rule("gauss", nodes).weights, device=outer.device)
+        gauss = torch.tensor(rule("gauss", nodes).weights, device=outer.device)
+        weight = shares(outer)[:, None] * gauss
         hessenberg = arnoldi_hessenberg(
             nodes_on_edges(outer, nodes).flatten(), weight.flatten(), min(DEGREE, max(2, len(outer) // 2))
         )
@@ -176,6 +158,7 @@ class Basis:
             rims.append(
                 OnRim(
                     polygon=polygon,
+                    dz=(polygon.roll(-1) - polygon)[:, None] * gauss,
                     sign=sign,
                     features=features.mul_(sign[..., None]) if len(branches) else features,
                     own=own,
@@ -228,9 +211,21 @@ class Passing:
     raw: Complex[Tensor, "k 2"]
 
     @cached_property
-    def integrals(self) -> tuple[EdgeIntegrals, ...]:
-        """Of each rim."""
-        return tuple(EdgeIntegrals(polygon=rim.polygon, spinors=rim.features @ self.raw) for rim in self.basis.rims)
+    def _spinors(self) -> tuple[Complex[Tensor, "_ g 2"], ...]:
+        return tuple(rim.features @ self.raw for rim in self.basis.rims)
+
+    @cached_property
+    def _steps(self) -> tuple[Float[Tensor, "_ 3"], ...]:
+        return tuple(rim.steps(spinors) for rim, spinors in zip(self.basis.rims, self._spinors, strict=True))
+
+    @property
+    def _gaps(self) -> list[Float[Tensor, "3"]]:
+        """Re ∮ φ dz around each hole."""
+        return [steps.sum(0) for steps in self._steps[1:]]
+
+    @property
+    def _changes(self) -> list[Complex[Tensor, "2 _ k"]]:
+        return [rim.changes(spinors) for rim, spinors in zip(self.basis.rims, self._spinors, strict=True)]
 
     @cached_property
     def _on_ways(self) -> tuple[Complex[Tensor, "_ 2"], ...]:
@@ -239,11 +234,16 @@ class Passing:
     @cached_property
     def error(self) -> Float[Tensor, "n 3"]:
         """What the points are off, their mean at 0, and below it by how much r does not close around each hole."""
-        rows = [along.starts - points for along, points in zip(self.integrals, self.points, strict=True)]
+        rows = [step.cumsum(0) - step - points for step, points in zip(self._steps, self.points, strict=True)]
         for row, values, (_, steps) in zip(rows, self._on_ways, self.basis.ways, strict=False):
             row += (phi(*values.unbind(-1)) * steps[:, None]).sum(0).real
         error = torch.cat(rows)
-        return torch.cat([error - error.mean(0), *(along.gap[None] for along in self.integrals[1:])])
+        return torch.cat([error - error.mean(0), *(gap[None] for gap in self._gaps)])
+
+    @cached_property
+    def distance(self) -> float:
+        """Root mean square of the error."""
+        return float(self.error.square().sum(1).mean().sqrt())
 
     def at(self, readout: Complex[Tensor, "k 2"]) -> Passing:
         """The surface of other read-outs."""
@@ -252,8 +252,7 @@ class Passing:
     def linearised(self) -> PointEquations:
         """How the error changes with the read-outs."""
         by_points, by_gaps = [], []
-        for rim, along in zip(self.basis.rims, self.integrals, strict=True):
-            over_edge = along.changes(rim.features).transpose(0, 1)
+        for over_edge in self._changes:
             by_points.append(over_edge.cumsum(1).sub_(over_edge))
             by_gaps.append(over_edge.sum(1, keepdim=True))
         for changes, values, (way, steps) in zip(by_points, self._on_ways, self.basis.ways, strict=False):
@@ -265,9 +264,8 @@ class Passing:
 
     def closed(self, readout: Complex[Tensor, "k 2"]) -> Complex[Tensor, "k 2"]:
         """The read-outs of the nearest surface that closes around all holes, to first order."""
-        rows = [along.changes(rim.features).sum(0) for rim, along in zip(self.basis.rims, self.integrals, strict=True)]
-        equations = PointEquations.of(*map(self.basis.orthonormal, torch.stack(rows[1:], dim=1)))
-        return readout + equations.step(torch.stack([along.gap for along in self.integrals[1:]]), None)
+        rows = torch.stack([over_edge.sum(1) for over_edge in self._changes[1:]], dim=1)
+        return readout + PointEquations.of(*map(self.basis.orthonormal, rows)).step(torch.stack(self._gaps), None)
 
 
 @lru_cache
@@ -290,8 +288,7 @@ def nearest_through(
 ) -> Complex[Tensor, "k 2"]:
     """Newton's method for the read-outs nearest to a start that meet all points, to half of the distance allowed."""
     linear: PointEquations | None = None
-    distance = rms(here.error)
-    while distance > allowed / 2 and not steps.are_spent:
+    while here.distance > allowed / 2 and not steps.are_spent:
         fresh = linear is None
         if linear is None:
             linear = here.linearised()
@@ -299,54 +296,20 @@ def nearest_through(
         step = linear.step(here.error, readout - start if fresh else None)
         for length in _LENGTHS if fresh else _LENGTHS[:1]:
             there = here.at(readout + length * step)
-            if rms(there.error) < distance:
+            if there.distance < here.distance:
                 break
         else:
             if fresh:
                 break
             linear = None
             continue
-        readout, here, before, distance = readout + length * step, there, distance, rms(there.error)
-        steps.take("Newton", distance)
-        if distance > before / 2:
-            if fresh and distance > STALLED * before:
+        readout, here, before = readout + length * step, there, here.distance
+        steps.take("Newton", here.distance)
+        if here.distance > before / 2:
+            if fresh and here.distance > STALLED * before:
                 break
             linear = None
     return readout
-
-
-def curve_through(
-    points: Float[np.ndarray, "n 3"], velocity: Float[np.ndarray, "n g 3"], error: Float[np.ndarray, "n 3"]
-) -> BoundaryCurve:
-    """Γ: a surface's boundary less its distances from points, which change linearly from one to the next.
-
-    The velocity is dr by the share of the way, at Gauss-Legendre nodes.
-    """
-    place = places_in_piece()
-    within = np.einsum("hg,ngk->hnk", cumulative_matrix(velocity.shape[1], tuple(place)), velocity)
-    values = points + within - place[:, None, None] * (np.roll(error, -1, axis=0) - error)
-    chord = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-    breaks = np.append(0.0, np.cumsum(chord) / chord.sum())
-    breaks[-1] = 1.0
-    values[0] = points
-    return BoundaryCurve(
-        breaks=breaks, coefficients=through(values, np.diff(breaks)), corners=np.ones(len(points), dtype=bool)
-    )
-
-
-def misfit_at_points(curve: BoundaryCurve, error: Float[np.ndarray, "n 3"]) -> Misfit:
-    """The misfit of a surface's boundary off Γ by what its points are, and linearly between them."""
-    points = curve.coefficients[-1]
-    length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-    after, beside = np.roll(error, -1, axis=0), (length + np.roll(length, 1)) / 2
-    distance = np.linalg.norm(error, axis=1)
-    squares = (error * error + error * after + after * after).sum(axis=1) / 3
-    return Misfit(
-        rms=float(np.sqrt(length @ squares / length.sum())),
-        max=float(distance.max()),
-        max_per_local_edge=float((distance / beside).max()),
-        length=curve.length(),
-    )
 
 
 def nodes_on_edges(polygon: Complex[Tensor, " n"], count: int) -> Complex[Tensor, "n g"]:
@@ -354,21 +317,6 @@ def nodes_on_edges(polygon: Complex[Tensor, " n"], count: int) -> Complex[Tensor
     place = torch.tensor(rule("gauss", count).nodes, device=polygon.device)
     nodes: Tensor = polygon[:, None] + place * (polygon.roll(-1) - polygon)[:, None]
     return nodes
-
-
-def polygon_through(vertices: Complex[np.ndarray, " n"]) -> SplineBoundary:
-    """The closed polygon through vertices; p and q have no singularity at them, so they are no corners."""
-    step = np.roll(vertices, -1) - vertices
-    if not step.all():
-        raise DomainError("two neighbouring points of the flattened disk's boundary are one", vertices=len(vertices))
-    along = np.append(0.0, np.cumsum(np.abs(step)) / np.abs(step).sum())
-    along[-1] = 1.0
-    return SplineBoundary(along, np.stack([step / np.diff(along), vertices]), np.zeros(len(vertices), dtype=bool))
-
-
-def rms(error: Float[Tensor, "n 3"]) -> float:
-    """Root mean square length."""
-    return float(error.square().sum(1).mean().sqrt())
 
 
 def shares(polygon: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:

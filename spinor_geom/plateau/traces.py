@@ -22,29 +22,20 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.laurent import ROUND_OFF, LaurentSeries, parts_on_circles, sums_on_circles
 from spinor_geom.holomorphic.series import PowerSeries, power_table
-from spinor_geom.plateau.circles import DirichletForm as CirclesForm
-from spinor_geom.plateau.circles import derivative
-from spinor_geom.plateau.dirichlet import DirichletForm
+from spinor_geom.plateau.dirichlet import CirclesForm, DirichletForm, derivative
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 
-# degree of the powers that are added to p and q: 4 and 16 bring surfaces as near, 16 and 32 take longer
-_DEGREE = 8
+_DEGREE = 8  # degree of the powers that are added to p and q: 4 and 16 bring surfaces as near, 16 and 32 take longer
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OnCircles:
-    """On the unit disk less round holes, or without any: of each circle the powers of its own coordinate.
+    """On the unit disk less round holes, or without any: of each circle the powers of its own coordinate."""
 
-    Attributes:
-        domain: Ω.
-        nodes: n, of every rim.
-        antiperiodic: around which holes p and q change their sign.
-    """
-
-    domain: CircularDomain
-    nodes: int
-    antiperiodic: tuple[bool, ...] = ()
+    domain: CircularDomain  # Ω
+    nodes: int  # n, of every rim
+    antiperiodic: tuple[bool, ...] = ()  # around which holes p and q change their sign
 
     @classmethod
     def of(cls, domain: CircularDomain, slope: Complex[Tensor, "m n 3"]) -> OnCircles:
@@ -115,17 +106,11 @@ class OnCircles:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OnCurve:
-    """On an Ω with one analytic boundary curve: values at nodes, continued by Cauchy's formula.
+    """On an Ω with one analytic boundary curve: values at nodes, continued by Cauchy's formula."""
 
-    Attributes:
-        boundary: ∂Ω.
-        kernel: of its `DirichletForm`.
-        nodes: n.
-    """
-
-    boundary: FourierBoundary
-    kernel: Complex[Tensor, "c c"]
-    nodes: int
+    boundary: FourierBoundary  # ∂Ω
+    kernel: Complex[Tensor, "c c"]  # of its `DirichletForm`
+    nodes: int  # n
 
     def weights(self, n: int) -> Complex[Tensor, "1 n"]:
         """As `OnCircles.weights`."""
@@ -182,10 +167,7 @@ def closed(
 ) -> tuple[Complex[Tensor, "b 2 m t"], Complex[Tensor, "b 2 m k"], Complex[Tensor, "b 3 m k"]]:
     """P and q with the least change of powers that makes Re ∮ φ dz = 0 around all holes; their values, and φ dz/dτ.
 
-    Args:
-        traces: of their Ω.
-        spinors: p and q as these tell them.
-        weights: `traces.weights`, at so many points that products of p and q are resolved.
+    The weights are those of the traces, at so many points that products of p and q are resolved.
     """
     last = math.inf
     while True:

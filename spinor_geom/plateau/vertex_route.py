@@ -13,8 +13,6 @@ smooth: powers of the circles' coordinates would be too coarse where places crow
 = 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -26,13 +24,15 @@ from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import Flattening, flatten
-from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.domain.quadrature import rule
+from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
+from spinor_geom.domain.quadrature import cumulative_matrix
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError, SurfaceError
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.poles import Poles, polygon_poles
 from spinor_geom.holomorphic.series import power_sums
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.interpolation import piece_places, through
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.lift import Lift
 from spinor_geom.plateau.misfit import Misfit
@@ -40,20 +40,7 @@ from spinor_geom.plateau.problem import way_to
 from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
 from spinor_geom.plateau.steps import Steps
-from spinor_geom.plateau.through_points import (
-    DEGREE,
-    NODES,
-    Basis,
-    OnRim,
-    Passing,
-    curve_through,
-    misfit_at_points,
-    nearest_through,
-    nodes_on_edges,
-    polygon_through,
-    rms,
-    shares,
-)
+from spinor_geom.plateau.through_points import DEGREE, NODES, Basis, Passing, nearest_through, nodes_on_edges
 from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.interior import RimPrimitive
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -77,7 +64,8 @@ def disk_through_points(request: Request, first: Disk | None = None) -> Found:
     raw: Complex[Tensor, "k 2"] | None = None
     for nodes in (NODES, 2 * NODES):
         with clock.stage("features"):
-            basis = _basis(flat.boundary, nodes, device)
+            polygon = torch.as_tensor(flat.boundary, device=device)
+            basis = Basis.on([polygon], [polygon_poles(flat.boundary)], nodes=nodes)
         with clock.stage("fit"):
             raw = _fitted(basis, spinors, raw, request)
         with clock.stage("surface"):
@@ -106,11 +94,11 @@ def _fitted(
 ) -> Complex[Tensor, "k 2"]:
     """Read-outs that meet all points, nearest to p and q of a start in the middle of each edge; from `raw` on."""
     (rim,) = basis.rims
-    start = _nearest(rim, spinors)
+    start = rim.nearest_between(spinors)
     readout = start if raw is None else rim.norm.mH @ raw
     wanted = torch.tensor(request.unit.points, device=start.device)
     here = Passing(basis=basis, points=(wanted,), raw=basis.raw(readout))
-    in_edges = rms(here.error) / request.unit.mean_edge_length
+    in_edges = here.distance / request.unit.mean_edge_length
     if not in_edges <= _FAR:
         raise SurfaceError(
             "the flattened discrete disk over the loop is too far from conformal: p and q of its frames lead "
@@ -121,28 +109,12 @@ def _fitted(
 
 def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], flat: Flattening) -> PlaneDomain:
     """Inside the flattened boundary, with the disk's own triangles where they have a place there."""
-    boundary = polygon_through(flat.boundary)
+    boundary = _polygon_through(flat.boundary)
     a, b, c = images[faces].T
     if not ((np.conj(b - a) * (c - a)).imag > 0).all():
         return PlaneDomain.inside(boundary, flat.log_scale)
     mesh = PlaneTriangulation(points=images, faces=faces, boundary_size=len(flat.boundary))
     return PlaneDomain(boundary=boundary, triangulation=mesh, log_scale=flat.log_scale)
-
-
-def _basis(vertices: Complex[np.ndarray, " n"], nodes: int, device: torch.device) -> Basis:
-    none = torch.zeros(0, dtype=torch.complex128, device=device)
-    poles = polygon_poles(vertices)
-    return Basis.on([torch.as_tensor(vertices, device=device)], [poles], (), none, nodes=nodes)
-
-
-def _nearest(rim: OnRim, spinors: Complex[Tensor, "n 2"]) -> Complex[Tensor, "k 2"]:
-    """Orthonormal read-outs of the sums nearest in H¹ to values in the middle of each edge and linear between."""
-    place = torch.tensor(rule("gauss", rim.features.shape[1]).nodes, device=spinors.device)[:, None]
-    edge = shares(rim.polygon)[:, None, None]
-    before, after = spinors.roll(1, 0)[:, None], spinors.roll(-1, 0)[:, None]
-    back = (0.5 - place).clamp(min=0) * edge * 2 / (edge + edge.roll(1, 0))
-    ahead = (place - 0.5).clamp(min=0) * edge * 2 / (edge + edge.roll(-1, 0))
-    return rim.nearest((1 - back - ahead) * spinors[:, None] + back * before + ahead * after)
 
 
 def surface_through(
@@ -159,13 +131,23 @@ def surface_through(
     """
     wanted = [torch.tensor(each, device=smooth.shift.device) for each in points]
     outer, *holes = (
-        polygon_through(_feet(smooth, z, each).cpu().numpy()) for z, each in zip(starts, wanted, strict=True)
+        _polygon_through(_feet(smooth, z, each).cpu().numpy()) for z, each in zip(starts, wanted, strict=True)
     )
     domain = PlaneDomain.inside(outer, holes=tuple(holes))
     basis, start = _basis_around(domain, smooth.series)
     here = Passing(basis=basis, points=tuple(wanted), raw=basis.raw(start))
     readout = nearest_through(here, start, start=start, allowed=allowed, steps=steps)
-    return _placed(here.at(here.at(readout).closed(readout)), domain)
+    here = here.at(here.at(readout).closed(readout))
+    surface = SpinorSurface(basis.network(here.raw), domain).to(here.raw.device)
+    # distances from the points by integrals along ∂Ω with twice as many nodes
+    rims = surface.rim_primitives(2 * NODES)
+    places = surface.position(np.array([boundary.vertices[0] for boundary in domain.boundaries]))
+    off = [place + rim.at_breaks[:-1].real - each for place, rim, each in zip(places, rims, points, strict=True)]
+    mean = np.concatenate(off).mean(axis=0)
+    with torch.no_grad():
+        surface.constant.sub_(surface.constant.new_tensor(mean))
+    area = sum(rim.area + 0.5 * float(place @ rim.at_breaks[-1].imag) for place, rim in zip(places, rims, strict=True))
+    return _passed(surface, rims, points, [each - mean for each in off], area=area, near="that over averages")
 
 
 def _feet(smooth: Lift, start: Complex[Tensor, " n"], points: Float[Tensor, "n 3"]) -> Complex[Tensor, " n"]:
@@ -190,9 +172,9 @@ def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Co
     basis = Basis.on(
         [torch.as_tensor(boundary.vertices, device=device) for boundary in domain.boundaries],
         poles,
-        [way_to(domain, first, NODES) for first in firsts],
-        circles.centres[torch.tensor(smooth.antiperiodic, device=device)],
         nodes=NODES,
+        ways=[way_to(domain, first, NODES) for first in firsts],
+        branches=circles.centres[torch.tensor(smooth.antiperiodic, device=device)],
     )
     parts = [_part(smooth, nodes_on_edges(rim.polygon, NODES), number) for number, rim in enumerate(basis.rims)]
     return basis, torch.cat([rim.nearest(part) for rim, part in zip(basis.rims, parts, strict=True)])
@@ -213,20 +195,6 @@ def _part(smooth: LaurentSeries, z: Complex[Tensor, "*pts"], number: int) -> Com
     return zeta[..., None] * power_sums(zeta, smooth.inward[number - 1].detach())
 
 
-def _placed(here: Passing, domain: PlaneDomain) -> Found:
-    """The surface, its distances from the points told by integrals along ∂Ω with twice as many nodes."""
-    surface = SpinorSurface(here.basis.network(here.raw), domain).to(here.raw.device)
-    rims = surface.rim_primitives(2 * NODES)
-    starts = surface.position(np.array([boundary.vertices[0] for boundary in domain.boundaries]))
-    points = [each.cpu().numpy() for each in here.points]
-    off = [start + rim.at_breaks[:-1].real - each for start, rim, each in zip(starts, rims, points, strict=True)]
-    mean = np.concatenate(off).mean(axis=0)
-    with torch.no_grad():
-        surface.constant.sub_(surface.constant.new_tensor(mean))
-    area = sum(rim.area + 0.5 * float(start @ rim.at_breaks[-1].imag) for start, rim in zip(starts, rims, strict=True))
-    return _passed(surface, rims, points, [each - mean for each in off], area=area, near="that over averages")
-
-
 def _passed(
     surface: SpinorSurface,
     rims: Sequence[RimPrimitive],
@@ -240,8 +208,8 @@ def _passed(
     curves, misfits = [], []
     for rim, own, error in zip(rims, points, errors, strict=True):
         velocity = rim.velocity.real.reshape(len(own), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
-        curves.append(curve_through(own, velocity, error))
-        misfits.append(misfit_at_points(curves[-1], error))
+        curves.append(_curve_through(own, velocity, error))
+        misfits.append(_misfit_at_points(curves[-1], error))
     return Found(
         surface=surface,
         curves=tuple(curves),
@@ -254,3 +222,47 @@ def _passed(
         route="vertices",
         limit=f"no minimal surface near {near} passes through the points more nearly",
     )
+
+
+def _curve_through(
+    points: Float[np.ndarray, "n 3"], velocity: Float[np.ndarray, "n g 3"], error: Float[np.ndarray, "n 3"]
+) -> BoundaryCurve:
+    """Γ: a surface's boundary less its distances from points, which change linearly from one to the next.
+
+    The velocity is dr by the share of the way, at Gauss-Legendre nodes.
+    """
+    place = piece_places()
+    within = np.einsum("hg,ngk->hnk", cumulative_matrix(velocity.shape[1], tuple(place)), velocity)
+    values = points + within - place[:, None, None] * (np.roll(error, -1, axis=0) - error)
+    chord = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    breaks = np.append(0.0, np.cumsum(chord) / chord.sum())
+    breaks[-1] = 1.0
+    values[0] = points
+    return BoundaryCurve(
+        breaks=breaks, coefficients=through(values, np.diff(breaks)), corners=np.ones(len(points), dtype=bool)
+    )
+
+
+def _misfit_at_points(curve: BoundaryCurve, error: Float[np.ndarray, "n 3"]) -> Misfit:
+    """The misfit of a surface's boundary off Γ by what its points are, and linearly between them."""
+    points = curve.coefficients[-1]
+    length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    after, beside = np.roll(error, -1, axis=0), (length + np.roll(length, 1)) / 2
+    distance = np.linalg.norm(error, axis=1)
+    squares = (error * error + error * after + after * after).sum(axis=1) / 3
+    return Misfit(
+        rms=float(np.sqrt(length @ squares / length.sum())),
+        max=float(distance.max()),
+        max_per_local_edge=float((distance / beside).max()),
+        length=curve.length(),
+    )
+
+
+def _polygon_through(vertices: Complex[np.ndarray, " n"]) -> SplineBoundary:
+    """The closed polygon through vertices; p and q have no singularity at them, so they are no corners."""
+    step = np.roll(vertices, -1) - vertices
+    if not step.all():
+        raise DomainError("two neighbouring points of the flattened disk's boundary are one", vertices=len(vertices))
+    along = np.append(0.0, np.cumsum(np.abs(step)) / np.abs(step).sum())
+    along[-1] = 1.0
+    return SplineBoundary(along, np.stack([step / np.diff(along), vertices]), np.zeros(len(vertices), dtype=bool))

@@ -12,16 +12,13 @@ from jaxtyping import Float, Int
 # The colours that meshes, patches, rims and values have in every picture.
 MESH: dict[str, Any] = {"colour": "#c9ced6", "inside": "#8d7f73"}
 PATCH: dict[str, Any] = {"colour": "#f28e2b"}
-# of a surface by itself: its two sides, and the image of Ω's grid
-SIDES: dict[str, Any] = {"colour": "#f6bd68", "inside": "#86b3dd"}
+SIDES: dict[str, Any] = {"colour": "#f6bd68", "inside": "#86b3dd"}  # of a surface by itself
 RIM_COLOUR, GRID_COLOUR, PLAIN_COLOUR, UNKNOWN_COLOUR = "#1f3b73", "#5a4a3c", "#8fb3d9", "#bebebe"
-# from low to high, perceptually uniform
-VIRIDIS = (
+VIRIDIS = (  # from low to high, perceptually uniform
     *("#440154", "#482475", "#414487", "#355f8d", "#2a788e", "#21918c"),
     *("#22a884", "#44bf70", "#7ad151", "#bddf26", "#fde725"),
 )
-# share of the values that the ends of a colour scale leave out, so that one vertex does not make the rest one colour
-_TAIL = 0.03
+_TAIL = 0.03  # of the values are beyond each end of a colour scale: one vertex does not make the rest one colour
 ALWAYS = ""  # name of the loop choice for what is shown for every loop
 
 
@@ -64,7 +61,7 @@ class Lines(Layer):
 class Dots(Layer):
     """Points in a view, of a diameter in pixels."""
 
-    size: float = 7.0
+    width: float = 7.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,6 +98,11 @@ class Camera:
     direction: Float[np.ndarray, "3"]
     up: Float[np.ndarray, "3"]
     radius: float
+
+    @property
+    def frame(self) -> Float[np.ndarray, "3 3"]:
+        """Unit vectors to the right, upwards and to the eye, as rows."""
+        return np.stack([np.cross(self.up, self.direction), self.up, self.direction])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

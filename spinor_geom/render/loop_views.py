@@ -12,17 +12,16 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.comparison import MOST_CURVATURE_POINTS
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
-from spinor_geom.domain.delaunay import plane_coordinates, rim_successors
+from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates, rim_successors
 from spinor_geom.errors import SpinorGeomError, ZeroOnContourError
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
-from spinor_geom.measures.hausdorff import distances_to_mesh
-from spinor_geom.measures.mean_curvature import discrete_mean_curvature
+from spinor_geom.measures import discrete_mean_curvature, distances_to_mesh
+from spinor_geom.mesh.operators import vertex_normals
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.render.layers import ALWAYS, MESH, PATCH, Camera, Dots, Faces, Layer, Lines
-from spinor_geom.render.portrait import grid_lines
-from spinor_geom.render.scene import facing, whole_mesh
+from spinor_geom.render.portrait import facing, grid_lines, whole_mesh
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 MEAN, DISTANCE, GAUSS = "mean curvature", "distance to the discrete minimal surface", "Gauss curvature"
@@ -35,8 +34,7 @@ COLOURS = {
 }
 """Labels and units of the fields."""
 SWITCHES = WIREFRAME, GRID, NORMALS = "wireframe", "conformal grid", "normals"
-# triangles of a mesh that are shown; of a larger one those nearest to its loops
-MOST_FACES = 120_000
+MOST_FACES = 120_000  # triangles of a mesh that are shown; of a larger one those nearest to its loops
 _NORMAL_LENGTH = 0.8  # in edges of the loop
 _BALL = 0.97  # its radius: below the triangles between unit normals
 _GRID_COLOUR, _NORMAL_COLOUR, _P_COLOUR, _Q_COLOUR = "#303c4f", "#2f7d4f", "#000000", "#ffffff"
@@ -57,8 +55,7 @@ class LoopViews:
     @cached_property
     def _plane(self) -> Float[np.ndarray, "n 3"]:
         """The patch's vertices in Ω, as points of space."""
-        z = self.patch.points
-        return np.stack([z.real, z.imag, np.zeros(len(z))], axis=1)
+        return flat_coordinates(self.patch.points)
 
     def _grid(self, vertices: Float[np.ndarray, "n 3"], *, switch: str | None = None, loop: str = ALWAYS) -> Lines:
         """The image of a square grid in Ω on the patch with its vertices at some place."""
@@ -96,11 +93,7 @@ class LoopViews:
             replace(self._patch(self._plane), loop=loop),
             self._grid(self._plane, loop=loop),
             Lines(vertices=self._plane, edges=self._rim, width=2.5, loop=loop),
-            *(
-                Dots(vertices=np.stack([z.real, z.imag, np.zeros(len(z))], axis=1), colour=colour, size=size, loop=loop)
-                for z, colour, size in dots
-                if len(z)
-            ),
+            *(Dots(vertices=flat_coordinates(z), colour=c, width=size, loop=loop) for z, c, size in dots if len(z)),
         ]
 
     @property
@@ -153,12 +146,9 @@ def loop_views(outcome: LoopOutcome, *, exact: bool = False) -> LoopViews:
     patch, solution = outcome.patch, outcome.solution
     assert patch is not None
     assert solution is not None
-    surface, none = solution.surface, np.full(len(patch.vertices), np.nan)
-    mean = none.copy()
+    surface, distance = solution.surface, np.full(len(patch.vertices), np.nan)
     curvature = discrete_mean_curvature(patch.vertices, patch.faces)
-    mean[curvature.vertices] = curvature.values
     figures: dict[str, Any] = {"|H| of the patch": {"max": curvature.max, "rms": curvature.rms}}
-    distance = none
     try:
         baseline = discrete_minimal_surface([rim.loop for rim in solution.rims])
         distance = distances_to_mesh(patch.vertices, baseline.vertices, baseline.faces)
@@ -174,16 +164,14 @@ def loop_views(outcome: LoopOutcome, *, exact: bool = False) -> LoopViews:
     except SpinorGeomError as error:
         figures["discrete minimal surface"] = {"none": str(error)}
     normals = np.asarray(surface.normal(patch.points))
-    corners = patch.vertices[patch.faces]
-    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     # the patch may lie the other way round than Ω: its normals are to point out of the mesh
-    side = np.nansum(facing * normals[patch.faces[:, 0]])
+    side = np.nansum(vertex_normals(patch.vertices, patch.faces) * normals)
     return LoopViews(
         outcome=outcome,
         patch=patch,
         surface=surface,
         fields={
-            MEAN: _nearest_known(mean, patch),
+            MEAN: _nearest_known(curvature.values, patch, curvature.vertices),
             DISTANCE: distance,
             GAUSS: np.asarray(surface.gauss_curvature(patch.points)),
             **({EXACT: _measured(surface, patch)} if exact else {}),
@@ -214,18 +202,18 @@ def surroundings(result: FillResult) -> tuple[list[Layer], int]:
 def _measured(surface: SpinorSurface, patch: Patch) -> Float[np.ndarray, " n"]:
     """|H| of the surface at inner vertices of the patch, all or some evenly spread; elsewhere that of the nearest."""
     inner = np.arange(patch.boundary_size, len(patch.points))
-    if not len(inner):
-        return np.full(len(patch.points), np.nan)
-    some = inner[np.unique(np.linspace(0, len(inner) - 1, MOST_CURVATURE_POINTS).astype(int))]
-    values = np.full(len(patch.points), np.nan)
-    values[some] = np.abs(np.asarray(surface.mean_curvature(patch.points[some])))
-    return _nearest_known(values, patch)
+    some = inner[np.unique(np.linspace(0, len(inner) - 1, MOST_CURVATURE_POINTS).astype(int))] if len(inner) else inner
+    return _nearest_known(np.abs(np.asarray(surface.mean_curvature(patch.points[some]))), patch, some)
 
 
-def _nearest_known(values: Float[np.ndarray, " n"], patch: Patch) -> Float[np.ndarray, " n"]:
-    """For each vertex of a patch the value of the nearest one in Ω that has one."""
-    known, points = np.isfinite(values), plane_coordinates(patch.points)
-    return np.asarray(values[known][cKDTree(points[known]).query(points)[1]]) if known.any() else values
+def _nearest_known(
+    values: Float[np.ndarray, " k"], patch: Patch, vertices: Int[np.ndarray, " k"]
+) -> Float[np.ndarray, " n"]:
+    """For each vertex of a patch the value at the nearest one in Ω of those that have one; NaN where none has."""
+    known, points = vertices[np.isfinite(values)], plane_coordinates(patch.points)
+    if not len(known):
+        return np.full(len(points), np.nan)
+    return np.asarray(values[np.isfinite(values)][cKDTree(points[known]).query(points)[1]])
 
 
 def _poles(surface: SpinorSurface) -> Complex[np.ndarray, " k"]:

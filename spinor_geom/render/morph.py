@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import OptionError, require
 from spinor_geom.files import atomic_path
-from spinor_geom.optional import require
 from spinor_geom.render.layers import Scale
 from spinor_geom.render.page import Scene, Views, document
 from spinor_geom.render.portrait import GAUSS, Portrait, associate_family
@@ -18,8 +17,7 @@ from spinor_geom.surface import SpinorSurface
 SUFFIXES = (".gif", ".html", ".mp4")
 FRAMES = 72
 _PER_SECOND = 25
-# MPEG-4 wants multiples of 16
-_SIZE = (640, 640)
+_SIZE = (640, 640)  # MPEG-4 wants multiples of 16
 _COLOURS, _PAPER = 256, 240
 
 

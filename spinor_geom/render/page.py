@@ -13,39 +13,14 @@ from typing import Any
 import numpy as np
 
 from spinor_geom.errors import RenderError
-from spinor_geom.render.layers import UNKNOWN_COLOUR, VIRIDIS, Camera, Dots, Faces, Layer, Lines, Scale
+from spinor_geom.render.layers import UNKNOWN_COLOUR, VIRIDIS, Camera, Faces, Layer, Lines, Scale
 
 _LONG = 60  # letters, from which on the text of a cell is broken into lines
-
-STYLE = """:root { color-scheme: light dark; --paper: #fff; --ink: #222; --faint: #ddd; --alert: #fdecea;
---link: #1f5fa8 }
-@media (prefers-color-scheme: dark) { :root { --paper: #16181c; --ink: #e4e4e2; --faint: #3a3d43; --alert: #48201d;
---link: #8fbdf0 } }
-body { font: 15px/1.45 system-ui, sans-serif; max-width: 76rem; margin: 2rem auto; padding: 0 1rem; color: var(--ink);
-background: var(--paper) }
-a { color: var(--link) } h2 { margin-top: 2.5rem }
-table { border-collapse: collapse; margin: 1rem 0; font-size: 13px; display: block; overflow-x: auto }
-th, td { padding: .2rem .6rem; border-bottom: 1px solid var(--faint); text-align: left; white-space: nowrap;
-vertical-align: top }
-td.long { white-space: normal; min-width: 22rem } tr.missed td { background: var(--alert) }
-figure { display: inline-block; margin: .5rem; vertical-align: top } img { max-width: 100% }
-figcaption { font-size: 13px; max-width: 560px }
-figure.view { width: 282px }
-figure.view canvas { width: 280px; height: 280px; border: 1px solid var(--faint); display: block; touch-action: none }
-figure.view select, figure.view span { font-size: 12px } figure.view input[type=range] { width: 100% }
-figure.wide, figure.square { width: auto; display: block }
-figure.wide canvas { width: 100%; height: 36rem } figure.square canvas { width: 100%; height: 16.4rem }
-.stage { position: relative } .ruler { position: absolute; left: .7rem; bottom: .7rem; font-size: 12px;
-pointer-events: none; color: var(--ink) }
-.ruler i { display: block; height: 4px; border: solid currentColor; border-width: 0 1px 1px }
-.bar i { display: block; height: 12px; border: 1px solid var(--faint) }
-.bar { font-size: 12px; display: block } .bar b { font-weight: normal; float: right }
-form.panel { font-size: 13px; display: flex; flex-wrap: wrap; gap: .5rem 1rem; align-items: flex-start }
-form.panel fieldset { border: 1px solid var(--faint); border-radius: 4px } form.panel label { display: block }
-form.panel output { width: 16rem; min-height: 2.2rem } canvas:focus-visible,
-form.panel :focus-visible { outline: 2px solid var(--link) }"""
-
 _LESS = "\\u003c"  # "<" in JSON
+
+
+def _file(name: str) -> str:
+    return files("spinor_geom.render").joinpath(name).read_text(encoding="utf-8")
 
 
 def document(title: str, body: Sequence[str], *, style: str = "") -> str:
@@ -54,7 +29,8 @@ def document(title: str, body: Sequence[str], *, style: str = "") -> str:
         [
             "<!doctype html>",
             f'<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>',
-            f'<meta name="viewport" content="width=device-width"><style>{STYLE}\n{style}</style></head><body>',
+            '<meta name="viewport" content="width=device-width">',
+            f"<style>{_file('page.css')}{style}</style></head><body>",
             *body,
             "</body></html>",
             "",
@@ -117,8 +93,7 @@ class Views:
 
     def __init__(self) -> None:
         self._views: list[dict[str, object]] = []
-        # each array once, however many layers have it
-        self._places: dict[str, int] = {}
+        self._places: dict[str, int] = {}  # each array once, however many layers have it
 
     def figure(self, scene: Scene) -> str:
         """The element in which the view will stand."""
@@ -132,7 +107,10 @@ class Views:
             "middle": middle.tolist(),
             "reach": max(farthest(layer, middle) for layer in scene.layers) or 1.0,
             "scales": {name: vars(scale) for name, scale in scene.scales.items()},
-            "cameras": {loop: _camera(camera) for loop, camera in scene.cameras.items()},
+            "cameras": {
+                loop: {"focus": camera.focus.tolist(), "frame": camera.frame.tolist(), "radius": camera.radius}
+                for loop, camera in scene.cameras.items()
+            },
         }
         self._views.append(data)
         return f'<figure class="view {scene.shape}" id="{place}"></figure>'
@@ -144,7 +122,6 @@ class Views:
             "arrays": list(self._places),
             "views": self._views,
         }
-        program = files("spinor_geom.render").joinpath("viewer.js").read_text(encoding="utf-8")
         return "\n".join(
             [
                 # "</script" would end the script element, "<!--" with a "<script" after it hide its end
@@ -153,33 +130,23 @@ class Views:
                     for name, value in data.items()
                 ),
                 f"<script>{three_js()}</script>",
-                f"<script>{program}</script>",
+                f"<script>{_file('viewer.js')}</script>",
             ]
         )
 
     def _layer(self, layer: Layer) -> dict[str, object]:
         """A layer in JSON's types; arrays as their places among all."""
-        data: dict[str, object] = {
-            "kind": type(layer).__name__.lower(),
-            "vertices": self._array(layer.vertices, "<f4"),
-            "colour": layer.colour,
-            "loop": layer.loop,
-            "switch": layer.switch,
-        }
-        if layer.conjugate is not None:
-            data["conjugate"] = self._array(layer.conjugate, "<f4")
-        if isinstance(layer, Dots):
-            data |= {"width": layer.size}
+        data: dict[str, object] = {"kind": type(layer).__name__.lower(), **vars(layer)}
+        if isinstance(layer, Faces):
+            fields = {name: self._array(values) for name, values in layer.fields.items()}
+            data |= {"elements": data.pop("faces"), "fields": fields}
         elif isinstance(layer, Lines):
-            data |= {"elements": self._array(layer.edges, "<u4"), "width": layer.width, "halo": layer.halo}
-        elif isinstance(layer, Faces):
-            fields = {name: self._array(values, "<f4") for name, values in layer.fields.items()}
-            elements = self._array(layer.faces, "<u4")
-            data |= {"elements": elements, "inside": layer.inside, "edges": layer.edges, "fields": fields}
-        return data
+            data["elements"] = data.pop("edges")
+        return {k: self._array(v) if isinstance(v, np.ndarray) else v for k, v in data.items() if v is not None}
 
-    def _array(self, values: np.ndarray, kind: str) -> int:
+    def _array(self, values: np.ndarray) -> int:
         """The place of an array: its little-endian bytes in base 64."""
+        kind = "<u4" if values.dtype.kind == "i" else "<f4"
         text = base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
         return self._places.setdefault(text, len(self._places))
 
@@ -229,9 +196,3 @@ def farthest(layer: Layer, middle: np.ndarray) -> float:
     b = np.zeros_like(a) if layer.conjugate is None else layer.conjugate - middle
     aa, bb, ab = ((u * v).sum(axis=1) for u, v in ((a, a), (b, b), (a, b)))
     return float(np.sqrt(((aa + bb) / 2 + np.hypot((aa - bb) / 2, ab)).max(initial=0.0)))
-
-
-def _camera(camera: Camera) -> dict[str, object]:
-    right = np.cross(camera.up, camera.direction)
-    frame = [axis.tolist() for axis in (right, camera.up, camera.direction)]
-    return {"focus": camera.focus.tolist(), "frame": frame, "radius": camera.radius}

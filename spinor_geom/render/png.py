@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.errors import RenderError
+from spinor_geom.errors import RenderError, require
 from spinor_geom.files import atomic_path
 from spinor_geom.isolate import FaultError, Process, serve
-from spinor_geom.optional import require
 from spinor_geom.render.layers import Camera, Faces, Lines, View, turned
 
 WIDTH, HEIGHT = 1600, 800
@@ -31,9 +30,9 @@ _KEYS = "w wireframe, s surface, r reset, q quit"
 _WITHOUT_WINDOW = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
 
 
-def write_png(views: Sequence[View], path: str | os.PathLike[str]) -> None:
+def write_png(views: Sequence[View], path: str | os.PathLike[str], *, size: tuple[int, int] | None = None) -> None:
     """Draws views off-screen, side by side, as `drawn`; the file is replaced as a whole."""
-    with drawn(views, size=(WIDTH, HEIGHT)) as (picture,), atomic_path(path) as target:
+    with drawn(views, size=size or (WIDTH, HEIGHT)) as (picture,), atomic_path(path) as target:
         shutil.copyfile(picture, target)
 
 
@@ -178,9 +177,9 @@ def _add_lines(plotter: Any, layer: Lines, radius: float) -> Callable[[Any], Non
 def _look(plotter: Any, camera: Camera, points: Any) -> None:
     import pyvista
 
-    right, reach = np.cross(camera.up, camera.direction), np.linalg.norm(points - camera.focus, axis=1).max()
-    for (x, y, z), strength in LIGHTS:
-        place = camera.focus + x * right + y * camera.up + z * camera.direction
+    reach = np.linalg.norm(points - camera.focus, axis=1).max()
+    for towards, strength in LIGHTS:
+        place = camera.focus + np.array(towards) @ camera.frame
         light = pyvista.Light(position=place, focal_point=camera.focus, intensity=strength, light_type="scene light")
         plotter.add_light(light, only_active=True)
     plotter.enable_parallel_projection()

@@ -18,14 +18,12 @@ from spinor_geom.render.layers import Scale
 from spinor_geom.render.loop_views import COLOURS, SWITCHES, LoopViews, loop_views, patch_faces, surroundings
 from spinor_geom.render.page import Scene, Views, cell, document, panel, picture, table
 from spinor_geom.render.plots import domain_colours, inline_svg, log_log
-from spinor_geom.render.scene import camera_on, shown_loop, used_vertices
+from spinor_geom.render.portrait import camera_on, shown_loop, used_vertices
 
-# of how many filled loops, the longest first, Ω and its functions are shown
-MOST_LOOPS = 8
+MOST_LOOPS = 8  # of how many filled loops, the longest first, Ω and its functions are shown
 _KEYS = "Drag to turn, with Shift to move, wheel or + and − to zoom, double click or 0 to start again."
 _MOST_SAID = 3  # remarks that are not folded
-# the solution's own figures say them too
-_TOLD_ALREADY = ("residual_rms_per_edge", "residual_max_per_edge")
+_TOLD_ALREADY = ("residual_rms_per_edge", "residual_max_per_edge")  # the solution's own figures say them too
 _PIXELS = 144  # of the longer side of a function's picture
 _PAGE_STYLE = """body { max-width: 90rem; margin: 1rem auto } h1 { font-size: 1.5rem; margin: 1rem 0 .5rem }
 .beside { display: grid; grid-template-columns: minmax(0, 9fr) minmax(0, 4fr) }
@@ -161,7 +159,7 @@ def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) ->
     parts = [controls, f"<p><small>{_KEYS}</small></p>"]
     if left_out:
         parts.append(f"<p>{left_out} triangles of the mesh that are far from its loops are not shown.</p>")
-    if len(patches) > len(details):
+    if details and len(patches) > len(details):
         parts.append(
             f"<p>Ω, functions, colours and switches are of the {len(details)} longest loops with exact surfaces.</p>"
         )

@@ -15,7 +15,7 @@ from spinor_geom.adapters.contents import FileContents
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface
 from spinor_geom.errors import MeshFileError
 from spinor_geom.fill.result import FillResult
-from spinor_geom.measures.mean_curvature import discrete_mean_curvature
+from spinor_geom.measures import discrete_mean_curvature
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_surface
 from spinor_geom.plateau.solution import PlateauSolution
@@ -24,8 +24,7 @@ from spinor_geom.render.page import Scene, Views, document
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 GAUSS, MEAN, NORMAL = "gauss_curvature", "mean_curvature", "normal"
-# of larger meshes a notebook would become as large itself
-MOST_FACES = 200_000
+MOST_FACES = 200_000  # of larger meshes a notebook would become as large itself
 _HEIGHT = 430  # of a frame, in pixels
 _FRAME_STYLE = "body { margin: .3rem auto } figure.view { margin: 0 } figure.wide canvas { height: 20rem }"
 

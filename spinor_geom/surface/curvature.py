@@ -3,8 +3,6 @@
 Nothing here knows about p and q: it measures what `position` says, and so can confirm or refute that it is minimal.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,9 +12,9 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 from torch.func import jvp
 
+Points = Complex[Tensor, " n"]
 Position = Callable[[Float[Tensor, "*pts"], Float[Tensor, "*pts"]], Float[Tensor, "*pts 3"]]
-# nodes of rules at once: they carry derivatives of two orders
-_NODES = 1 << 15
+_NODES = 1 << 15  # nodes of rules at once: they carry derivatives of two orders
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,9 +28,7 @@ class FundamentalForms:
     @property
     def mean(self) -> Float[Tensor, "*pts"]:
         """Mean curvature H = ½ tr(I⁻¹ II), in 1/length; positive where the surface bends towards n."""
-        (g_xx, g_xy, _, g_yy), (b_xx, b_xy, _, b_yy) = (
-            form.flatten(-2).unbind(-1) for form in (self.first, self.second)
-        )
+        (g_xx, g_xy, _, g_yy), (b_xx, b_xy, _, b_yy) = (f.flatten(-2).unbind(-1) for f in (self.first, self.second))
         return (g_xx * b_yy - 2 * g_xy * b_xy + g_yy * b_xx) / (2 * (g_xx * g_yy - g_xy * g_xy))
 
 
@@ -58,15 +54,11 @@ def fundamental_forms(position: Position, x: Float[Tensor, "*pts"], y: Float[Ten
 
 
 def mean_curvature_of_integrals(
-    integrate: Callable[[Complex[Tensor, " n"], Complex[Tensor, " n"]], Float[Tensor, "n 3"]],
-    start: Complex[Tensor, " n"],
-    end: Complex[Tensor, " n"],
-    *,
-    order: int,
+    integrate: Callable[[Points, Points], Float[Tensor, "n 3"]], start: Points, end: Points, *, order: int
 ) -> Float[Tensor, " n"]:
     """H, in 1/length, at the ends of segments that a rule draws, by automatic differentiation; starts are constants."""
 
-    def mean(a: Complex[Tensor, " n"], b: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
+    def mean(a: Points, b: Points) -> Float[Tensor, " n"]:
         return fundamental_forms(lambda x, y: integrate(a, torch.complex(x, y)), b.real, b.imag).mean
 
     blocks = (torch.split(z, max(1, _NODES // order)) for z in (start, end))

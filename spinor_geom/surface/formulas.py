@@ -11,8 +11,6 @@ quotients are NaN. dp and dq are the derivatives p′ and q′ by z. A tensor th
 Source: Sun & Chern (2026), minimal surfaces from a pair of holomorphic functions.
 """
 
-from __future__ import annotations
-
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
@@ -96,5 +94,4 @@ def second_fundamental_form(p: Values, q: Values, dp: Values, dq: Values) -> Flo
 
 
 def _square(u: Values) -> Float[Tensor, "*pts"]:
-    # not abs()²: the root's derivative is undefined at 0
-    return u.real.square() + u.imag.square()
+    return u.real.square() + u.imag.square()  # not abs()²: the root's derivative is undefined at 0

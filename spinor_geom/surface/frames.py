@@ -13,8 +13,6 @@ Source: Sun & Chern (2026); the SU(2) lift is classical (see Kusner & Schmitt, "
 in space", 1996).
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import torch
@@ -24,10 +22,8 @@ from torch import Tensor
 from spinor_geom.errors import OptionError
 from spinor_geom.holomorphic.blocks import require_complex
 
-# how far R·Rᵀ may be from the identity: matrices typed with 9 digits pass
-_ORTHOGONAL = 1e-8
-# of the spinors of neighbours on a closed curve: their frames differ by less than 90°
-_LEAST_OVERLAP = 0.5**0.5
+_ORTHOGONAL = 1e-8  # how far R·Rᵀ may be from the identity: matrices typed with 9 digits pass
+_LEAST_OVERLAP = 0.5**0.5  # of the spinors of neighbours on a closed curve: their frames differ by less than 90°
 
 
 def phi_from_frames(
@@ -65,32 +61,27 @@ def spinors_from_phi(
     root = torch.where(use_p, p_squared, q_squared).sqrt()
     other = phi[..., 2] / (2 * root)
     p, q = torch.where(use_p, root, other), torch.where(use_p, other, root)
-    first = torch.ones_like(p.real[..., :1])
-    sign = torch.cat([first, _signs(p, q)[..., 1:].cumprod(dim=-1)], dim=-1)
+    sign = torch.cat([torch.ones_like(p.real[..., :1]), _signs(p, q)[..., 1:].cumprod(dim=-1)], dim=-1)
     return p * sign, q * sign
 
 
 def signs_close_up(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Bool[Tensor, "*batch"]:
     """Whether the spinors of closed sequences come back to themselves, not to their negatives, whatever their signs."""
-    closed: Tensor = _signs(p, q).prod(-1) > 0
-    return closed
+    return torch.gt(_signs(p, q).prod(-1), 0)
 
 
 def loop_invariant(phi: Complex[Tensor, "n 3"], direction_in_omega: Complex[Tensor, " n"]) -> Literal[0, 1]:
     """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
 
     The frame is the curve's unit tangent, the surface's normal, and their cross product. Around a circle in an immersed
-    disk it turns once in all, and does not lift; around a zero of φ of order m it turns m + 1 times.
-
-    Raises:
-        OptionError: frames of neighbours differ by 90° or more, so that a turn between them might go unseen.
+    disk it turns once in all, and does not lift; around a zero of φ of order m it turns m + 1 times. Neighbours
+    whose frames differ by 90° or more, so that a turn between them might go unseen, are an OptionError.
 
     Source: Sun & Chern (2026), on branch points; Pinkall, "Regular homotopy classes of immersed surfaces" (1985).
     """
     tangent = (phi * direction_in_omega[:, None]).real
     normal = torch.linalg.cross(phi.real, -phi.imag)
-    # without a direction in Ω and a stretch φ is the frame itself
-    one = torch.ones_like(direction_in_omega)
+    one = torch.ones_like(direction_in_omega)  # without a direction in Ω and a stretch φ is the frame itself
     p, q = spinors_from_phi(phi_from_frames(tangent, normal, one, one.real))
     # as unit quaternions: the cosine of half the angle between the frames
     overlap = (p * p.roll(1).conj() + q * q.roll(1).conj()).real.abs()
@@ -110,8 +101,7 @@ def _signs(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Fl
 
 def su2_from_rotation(rotation: Float[Tensor, "3 3"]) -> Complex[Tensor, "2 2"]:
     """One of the two U in SU(2) for which φ(U(p, q)) is φ(p, q) turned by the rotation."""
-    identity = torch.eye(3, dtype=rotation.dtype, device=rotation.device)
-    error = float((rotation @ rotation.mT - identity).abs().max())
+    error = float((rotation @ rotation.mT - torch.eye(3, dtype=rotation.dtype).to(rotation.device)).abs().max())
     if not error <= _ORTHOGONAL:
         raise OptionError(f"a rotation matrix must be orthogonal, R·Rᵀ differs from the identity by {error:.3g}")
     if not float(torch.linalg.det(rotation)) > 0:
@@ -119,7 +109,6 @@ def su2_from_rotation(rotation: Float[Tensor, "3 3"]) -> Complex[Tensor, "2 2"]:
             "the matrix has determinant −1: it reflects; a reflected minimal surface is minimal, but not by a rotation "
             "of its spinors, so reverse one axis of the domain instead"
         )
-    p, q = spinors_from_phi(torch.complex(rotation[:, 0], -rotation[:, 1])[None])
-    column = torch.cat([p, q])
+    column = torch.cat(spinors_from_phi(torch.complex(rotation[:, 0], -rotation[:, 1])[None]))
     column = column / torch.linalg.vector_norm(column)
     return torch.stack([column, torch.stack([-column[1].conj(), column[0].conj()])], dim=-1)

@@ -1,28 +1,32 @@
-"""Integrals of φ from ∂Ω to many points inside Ω, by Cauchy's formula."""
+"""How points inside Ω are reached: from ∂Ω by Cauchy's formula, or straight from a vertex of its triangulation."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
+import igl
 import numpy as np
-from jaxtyping import Complex, Float
+import torch
+from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
+from torch import Tensor
 
-from spinor_geom.domain.delaunay import plane_coordinates
-from spinor_geom.domain.panels import Panels
-from spinor_geom.domain.plane_domain import Boundary, panel_breaks
+from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates
+from spinor_geom.domain.plane_domain import Boundary, PlaneDomain, panel_breaks
+from spinor_geom.domain.quadrature import Panels
+from spinor_geom.errors import DomainError
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
+from spinor_geom.mesh.arrays import igl_arrays
 
 Places = Complex[np.ndarray, " k"]
 Breaks = Float[np.ndarray, " b"]
 NullCurve = Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, "n 3"]]  # φ
 
-# Gauss-Legendre nodes on a panel, and its longest length by the distance from the nearest point: the formula's kernel
-# then leaves 1e-10 of the values.
+# Gauss-Legendre nodes on a panel, and its longest length by the distance from the nearest point, for errors of 1e-10
 ORDER, _LONGEST = 16, 2.5
-# Halvings of a panel: a point as near to ∂Ω as rounding allows must not ask for endless panels.
-_HALVINGS = 40
+_HALVINGS = 40  # halvings of a panel: a point as near to ∂Ω as rounding allows must not ask for endless panels
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,3 +79,45 @@ def breaks_for(boundary: Boundary, z: Places) -> Breaks:
             break
         breaks = np.sort(np.append(breaks, middle[long]))
     return breaks
+
+
+def find_anchors(z: Complex[Tensor, "*pts"], domain: PlaneDomain) -> Int[Tensor, "*pts"]:
+    """For points of Ω the vertices of its triangulation that they see along straight segments inside Ω.
+
+    That is the nearest corner of the triangle that holds the point, or of the nearest triangle: the nearest vertex of
+    all may lie across a gap of Ω. Inner corners come before those on ∂Ω: near ∂Ω the poles are near too. It works
+    inside the transforms of torch.func too, and has no derivative. A point that is not finite is a DomainError.
+    """
+    index: Tensor = _Lookup.apply(z, domain)  # type: ignore[no-untyped-call] # torch leaves `apply` untyped
+    return index
+
+
+class _Lookup(torch.autograd.Function):
+    """A function of the values only: the transforms of torch.func reach plain tensors through it."""
+
+    @staticmethod
+    def forward(z: Tensor, domain: PlaneDomain) -> Tensor:
+        points = z.detach().cpu().resolve_conj().reshape(-1).numpy()
+        if not np.isfinite(points).all():
+            raise DomainError(f"points of Ω must be finite, point {int(np.argmin(np.isfinite(points)))} is not")
+        mesh = domain.triangulation
+        triangles = igl_arrays(flat_coordinates(mesh.points), mesh.faces)
+        _, face, _ = igl.point_mesh_squared_distance(flat_coordinates(points), *triangles)
+        corners = mesh.faces[np.asarray(face).reshape(-1)]
+        distance = np.abs(mesh.points[corners] - points[:, None])
+        on_boundary = corners < mesh.boundary_size
+        closest = np.where(on_boundary, distance + 2 * distance.max(initial=0.0), distance).argmin(axis=1)
+        index = np.take_along_axis(corners, closest[:, None], axis=1)
+        return torch.from_numpy(index).reshape(z.shape).to(z.device)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
+        ctx.mark_non_differentiable(output)
+
+    @staticmethod
+    def jvp(ctx: Any, *grad_inputs: Any) -> None:
+        return None
+
+    @staticmethod
+    def vmap(info: Any, in_dims: tuple[int | None, None], z: Tensor, domain: PlaneDomain) -> tuple[Tensor, int | None]:
+        return find_anchors(z, domain), in_dims[0]

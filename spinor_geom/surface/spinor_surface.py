@@ -23,28 +23,21 @@ from spinor_geom.holomorphic.model import HolomorphicModel, IntegrableModel
 from spinor_geom.holomorphic.zeros import Zero, find_zeros
 from spinor_geom.shown import Shown
 from spinor_geom.surface import branch, curvature, formulas, frames, storage
-from spinor_geom.surface.anchors import find_anchors
-from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for
+from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for, find_anchors
 
-# quadrature nodes on each piece of a path in Ω
-PATH_ORDER = 16
+PATH_ORDER = 16  # quadrature nodes on each piece of a path in Ω
 # points given as a tensor are answered with tensors, points given as an array with arrays
 Points = TypeVar("Points", NDArray[Any], Tensor)
-# gap that counts as closed, as a share of the root of the area
-_CLOSED = 1e-9
-# three numbers
-Vector = Sequence[float] | NDArray[Any] | Tensor
-
-# evaluations of p and q at once, to bound the memory
-_BLOCK = 1 << 16
+_CLOSED = 1e-9  # gap that counts as closed, as a share of the root of the area
+Vector = Sequence[float] | NDArray[Any] | Tensor  # three numbers
+_BLOCK = 1 << 16  # evaluations of p and q at once, to bound the memory
 
 
 class SpinorSurface(Shown, torch.nn.Module):
     """The minimal surface r(z) = c + Re ∫ φ dz, φ = (p² − q², −i(p² + q²), 2pq), of two holomorphic functions p, q.
 
     The integral starts at `root`, where r = c. p and q are a model's outputs, mixed by a constant matrix: rotations,
-    scales and associates act there and leave the model as it is. The parameters (the model's, and c) can be trained by
-    any torch optimiser.
+    scales and associates act there and leave the model as it is. Its parameters, and c, train with any torch optimiser.
 
     Every method that takes points takes complex numbers of any shape (*pts) inside Ω, as an array or as a tensor, and
     answers in kind: a tensor's answer is differentiable by the parameters and by z, an array's carries no gradients.
@@ -119,10 +112,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         """Positions r(z), shape (*pts, 3).
 
         φ is integrated in closed form where the model has one and the rule is "gauss"; else along edges of the domain's
-        triangulation to a vertex near z, and from there straight to z.
-
-        Raises:
-            DomainError: a point of an array is NaN or infinite.
+        triangulation to a vertex near z, and from there straight to z. A NaN or infinity in an array is a DomainError.
         """
         if isinstance(z, Tensor):
             return self._answer(self._position, z)
@@ -176,8 +166,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         """H in 1/length, shape (*pts), measured: by automatic differentiation of the position, twice by x and y.
 
         Nothing is assumed of p and q. For a holomorphic model it shows the error of the quadrature and of rounding; a
-        model that is not holomorphic shows the curvature it really has. Positive where the surface bends towards n; NaN
-        at branch points.
+        model that is not holomorphic shows the curvature it has. Positive towards n; NaN at branch points.
         """
         return self._answer(self._mean_curvature, z)
 
@@ -199,8 +188,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         """∮ φ dz along the boundary of each hole of Ω, as it runs: clockwise.
 
         The real part is the gap by which the surface does not close around the hole: 0 to rounding for a surface that
-        is one. The imaginary part is the flux, the force of surface tension through a curve around the hole, up to its
-        sign.
+        is one. The imaginary part is the flux, up to its sign the force of surface tension through a curve around it.
         """
         rims = [RimPrimitive.along(boundary, self._null_curve, self.order) for boundary in self.domain.holes]
         return np.array([rim.at_breaks[-1] for rim in rims], dtype=np.complex128).reshape(-1, 3)
@@ -212,16 +200,14 @@ class SpinorSurface(Shown, torch.nn.Module):
     def branch_points(self) -> tuple[branch.BranchPoint, ...]:
         """Common zeros of p and q in Ω, where the surface is not an immersion; empty for a regular surface.
 
-        Raises:
-            ZeroOnContourError: a zero of a combination of p and q lies on ∂Ω or too near to it.
+        A zero of a combination of p and q on ∂Ω, or too near to it, is a ZeroOnContourError.
         """
         return branch.branch_points(self._on_cpu(self._single_valued), self._on_cpu(self._phi), self.domain)
 
     def spinor_zeros(self) -> tuple[tuple[Zero, ...], tuple[Zero, ...]]:
         """The zeros of p and those of q in Ω, with their orders: where n = −e₃, and where n = e₃ and g has its poles.
 
-        Raises:
-            ZeroOnContourError: p or q is 0 on ∂Ω or too near to it, for example everywhere.
+        A zero on ∂Ω or too near to it, for example everywhere, is a ZeroOnContourError.
         """
         p, q = (lambda z: self._single_valued(z)[:, 0]), (lambda z: self._single_valued(z)[:, 1])
         return find_zeros(self._on_cpu(p), self.domain), find_zeros(self._on_cpu(q), self.domain)
@@ -237,10 +223,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
 
         It is 0 for a simple curve whatever branch points it encloses: p and q make removable ones only. The samples are
-        in order, the last is followed by the first.
-
-        Raises:
-            OptionError: frames of neighbours differ by 90° or more; more samples are needed.
+        in order, the last is followed by the first; so few that frames of neighbours differ by 90° are an OptionError.
         """
         closed = torch.from_numpy(np.array(z, dtype=np.complex128))
         return frames.loop_invariant(self._on_cpu(self._phi)(closed), closed.roll(-1) - closed.roll(1))
@@ -249,11 +232,8 @@ class SpinorSurface(Shown, torch.nn.Module):
         """The associate surface with φ turned into e^{i·angle}φ, the angle in radians, on a copy of the model.
 
         It is isometric to this one and keeps `root` and the normals; the angle π/2 gives the conjugate surface (the
-        catenoid's is a helicoid). Around a hole of Ω the associate closes only where the surface has no flux there: see
-        `periods`.
-
-        Raises:
-            PeriodError: the associate does not close around a hole.
+        catenoid's is a helicoid). Around a hole of Ω the associate closes only where the surface has no flux there, see
+        `periods`; else it is a PeriodError.
         """
         if self.domain.holes:
             moved = (np.exp(1j * angle) * self.periods()).real
@@ -297,26 +277,20 @@ class SpinorSurface(Shown, torch.nn.Module):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the surface with its domain to one file (safetensors with a JSON description), replacing the file.
 
-        Raises:
-            StorageError: the model or the boundary is of a kind that cannot be loaded again.
+        A model or a boundary of a kind that cannot be loaded again is a StorageError.
         """
         storage.write(self, path)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> SpinorSurface:
-        """The surface that `save` wrote, equal bit for bit.
-
-        Raises:
-            StorageError: the file is missing, damaged, not a saved surface, or of an unknown version.
-        """
+        """What `save` wrote, bit for bit; StorageError if the file is missing, damaged, of another kind or version."""
         return cls(**storage.read(path))
 
     def _answer(self, function: Callable[..., Tensor], *points: Points) -> Points:
         first = points[0]
         if isinstance(first, Tensor):
-            for z in points:
-                if not z.is_complex():
-                    raise DtypeError(f"points of Ω must be complex, got {z.dtype}; use torch.complex(x, y)")
+            if not all(z.is_complex() for z in points):
+                raise DtypeError(f"points of Ω must be complex, got {first.dtype}; use torch.complex(x, y)")
             return function(*(z.to(torch.complex128) for z in points))
         device = self.spinor_map.device
         with torch.no_grad():
@@ -328,12 +302,10 @@ class SpinorSurface(Shown, torch.nn.Module):
         return lambda z: function(z.to(self.spinor_map.device)).detach().cpu()
 
     def _spinors(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
-        value = cast(HolomorphicModel, self.model).value(z)
-        return value @ self.spinor_map.mT
+        return cast(HolomorphicModel, self.model).value(z) @ self.spinor_map.mT
 
     def _spinor_derivatives(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
-        derivative = cast(HolomorphicModel, self.model).derivative(z)
-        return derivative @ self.spinor_map.mT
+        return cast(HolomorphicModel, self.model).derivative(z) @ self.spinor_map.mT
 
     def _pair(self, z: Complex[Tensor, "*pts"]) -> tuple[Complex[Tensor, "*pts"], Complex[Tensor, "*pts"]]:
         p, q = self._spinors(z).unbind(-1)
@@ -344,7 +316,7 @@ class SpinorSurface(Shown, torch.nn.Module):
 
     def _null_curve(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
         """φ for arrays."""
-        return self._answer(partial(self._in_blocks, self._phi), z)
+        return self._answer(self._phi, z)
 
     def _position(self, z: Complex[Tensor, "*pts"], *, outside_transforms: bool = False) -> Float[Tensor, "*pts 3"]:
         if self.has_closed_positions:
@@ -352,14 +324,13 @@ class SpinorSurface(Shown, torch.nn.Module):
             return self.constant + (integral[:-1] - integral[-1:]).reshape(*z.shape, 3)
         index = find_anchors(z, self.domain).reshape(-1)
         # in a transform of torch.func the values of the index are not known
-        wanted = index.cpu().numpy() if outside_transforms else np.arange(len(self.domain.paths.parent))
+        wanted = index.cpu().numpy() if outside_transforms else np.arange(len(self.domain.parents))
         vertices = torch.tensor(self.domain.triangulation.points).to(z.device)
         # index_select and not indexing, which vmap cannot batch for a single point
         start, anchored = vertices.index_select(0, index), self._anchor_positions(wanted).index_select(0, index)
         end = z.reshape(-1)
         if outside_transforms:
-            # a vertex of the triangulation is its own anchor
-            beside = (start != end).nonzero()[:, 0]
+            beside = (start != end).nonzero()[:, 0]  # a vertex of the triangulation is its own anchor
             return anchored.index_add(0, beside, self._integrate(start[beside], end[beside])).reshape(*z.shape, 3)
         return (anchored + self._integrate(start, end)).reshape(*z.shape, 3)
 
@@ -375,15 +346,14 @@ class SpinorSurface(Shown, torch.nn.Module):
 
     def _anchor_positions(self, wanted: Int[np.ndarray, " k"]) -> Float[Tensor, "n 3"]:
         """Positions of some vertices of the triangulation, summed along the tree of paths; the others mean nothing."""
-        tree = self.domain.paths
         device = self.spinor_map.device
-        visited = torch.from_numpy(tree.visited(wanted)).to(device)
+        visited = torch.from_numpy(self.domain.visited(wanted)).to(device)
         vertices = torch.tensor(self.domain.triangulation.points).to(device)
-        before = torch.from_numpy(tree.parent).to(device)
+        before = torch.from_numpy(self.domain.parents).to(device)
         steps = self._integrate(vertices[before[visited]], vertices[visited])
         total = steps.new_zeros(len(vertices), 3).index_copy(0, visited, steps)
         # each pass doubles the number of edges summed; the root is its own parent and adds nothing
-        while (before != tree.root).any():
+        while (before != self.domain.root).any():
             total, before = total + total[before], before[before]
         return self.constant + total
 
@@ -397,18 +367,11 @@ class SpinorSurface(Shown, torch.nn.Module):
             phi = self._phi(a[:, None] + nodes * step[:, None])
             return ((phi * weights[:, None]).sum(dim=-2) * step[:, None]).real
 
-        return self._in_blocks(segments, start.reshape(-1), end.reshape(-1), block=_BLOCK // len(nodes)).reshape(
-            *start.shape, 3
-        )
-
-    @staticmethod
-    def _in_blocks(function: Callable[..., Tensor], *points: Tensor, block: int = _BLOCK) -> Tensor:
-        block = max(block, 1)
-        return torch.cat([function(*some) for some in zip(*(torch.split(z, block) for z in points), strict=True)])
+        blocks = (torch.split(z.reshape(-1), max(_BLOCK // len(nodes), 1)) for z in (start, end))
+        return torch.cat([segments(*some) for some in zip(*blocks, strict=True)]).reshape(*start.shape, 3)
 
     def _mean_curvature(self, z: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:
-        vertices = torch.tensor(self.domain.triangulation.points).to(z.device)
-        start = vertices[find_anchors(z, self.domain)].reshape(-1)
+        start = torch.tensor(self.domain.triangulation.points).to(z.device)[find_anchors(z, self.domain)].reshape(-1)
         mean = curvature.mean_curvature_of_integrals(self._integrate, start, z.reshape(-1), order=self.order)
         return mean.reshape(z.shape)
 
@@ -416,10 +379,5 @@ class SpinorSurface(Shown, torch.nn.Module):
         self, model: torch.nn.Module, spinor_map: Complex[Tensor, "2 2"], constant: Float[Tensor, "3"]
     ) -> SpinorSurface:
         return SpinorSurface(
-            model,
-            self.domain,
-            constant,
-            spinor_map=spinor_map,
-            quadrature=self.quadrature,
-            order=self.order,
+            model, self.domain, constant, spinor_map=spinor_map, quadrature=self.quadrature, order=self.order
         )

@@ -28,7 +28,9 @@ if TYPE_CHECKING:
     from spinor_geom.surface.spinor_surface import SpinorSurface
 
 FORMAT = "spinor_geom.surface"
-VERSION = 7
+VERSION = 8
+_BOUNDARIES = {"fourier": FourierBoundary, "spline": SplineBoundary}
+_BOUNDARY_PARTS = ("parameters", "coefficients", "corners")
 
 
 def write(surface: SpinorSurface, path: str | os.PathLike[str]) -> None:
@@ -36,14 +38,13 @@ def write(surface: SpinorSurface, path: str | os.PathLike[str]) -> None:
     kind = getattr(surface.model, "kind", type(surface.model).__name__)
     if kind not in MODELS or not isinstance(surface.model, MODELS[kind]):
         raise StorageError(f"a model of kind {kind!r} cannot be saved; known: {', '.join(sorted(MODELS))}", kind=kind)
-    described = [_describe_boundary(boundary) for boundary in surface.domain.boundaries]
-    mesh = surface.domain.triangulation
+    boundaries, mesh = surface.domain.boundaries, surface.domain.triangulation
     tensors = {
         **{f"model/{name}": tensor for name, tensor in surface.model.state_dict().items()},
         **{
-            f"boundary{number}/{name}": tensor
-            for number, (_, some) in enumerate(described)
-            for name, tensor in some.items()
+            f"boundary{number}/{name}": torch.tensor(getattr(boundary, name))
+            for number, boundary in enumerate(boundaries)
+            for name in _BOUNDARY_PARTS
         },
         "constant": surface.constant,
         "spinor_map": surface.spinor_map,
@@ -52,16 +53,18 @@ def write(surface: SpinorSurface, path: str | os.PathLike[str]) -> None:
         "domain/log_scale": torch.tensor(surface.domain.log_scale),
     }
     description = {
+        "format": FORMAT,
+        "version": VERSION,
         "model": {"kind": kind, "config": cast(HolomorphicModel, surface.model).config()},
-        "boundaries": [boundary for boundary, _ in described],
+        "boundaries": [_kind_of(boundary) for boundary in boundaries],
         "quadrature": surface.quadrature,
         "order": surface.order,
         "complex": sorted(name for name, tensor in tensors.items() if tensor.is_complex()),
     }
-    metadata = {"format": FORMAT, "version": str(VERSION), "description": json.dumps(description)}
-    data = _in_fixed_order(to_bytes({name: _plain(tensor) for name, tensor in tensors.items()}, metadata))
+    plain = {name: _plain(tensor) for name, tensor in tensors.items()}
     with atomic_path(Path(path)) as temporary:
-        temporary.write_bytes(data)
+        # one entry of metadata: several come in an order left to chance, and equal surfaces are equal files
+        temporary.write_bytes(to_bytes(plain, {"description": json.dumps(description)}))
 
 
 def read(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -71,20 +74,20 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
         with safetensors.safe_open(name, framework="pt") as file:
             # clones: the file's own memory goes with it, and is not aligned for complex numbers (torch crashes on it)
             tensors = {key: file.get_tensor(key).clone() for key in file.keys()}  # noqa: SIM118 - not a mapping
-            metadata = file.metadata() or {}
-    except (OSError, safetensors.SafetensorError) as error:
+            description = json.loads((file.metadata() or {}).get("description", "{}"))
+    except (OSError, ValueError, safetensors.SafetensorError) as error:
         raise StorageError(f"{name} cannot be read as a saved surface: {error}", path=name) from error
-    if metadata.get("format") != FORMAT:
+    if not isinstance(description, dict) or description.get("format") != FORMAT:
         raise StorageError(f"{name} is not a saved surface: its header does not say {FORMAT!r}", path=name)
-    if metadata.get("version") != str(VERSION):
+    if (version := description.get("version")) != VERSION:
         raise StorageError(
-            f"{name} has format version {metadata.get('version')}, this program reads version {VERSION}; "
+            f"{name} has format version {version}, this program reads version {VERSION}; "
             "read it with the version of spinor-geom that wrote it",
             path=name,
-            version=metadata.get("version"),
+            version=version,
         )
     try:
-        return _parts(json.loads(metadata["description"]), tensors)
+        return _parts(description, tensors)
     except (KeyError, TypeError, ValueError, IndexError, RuntimeError, StorageError) as error:
         raise StorageError(f"{name} is no whole saved surface: {error}", path=name) from error
 
@@ -128,37 +131,18 @@ def _read_domain(description: Mapping[str, Any], data: Mapping[str, Tensor]) -> 
     )
 
 
-def _describe_boundary(boundary: Boundary) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    if isinstance(boundary, FourierBoundary):
-        coefficients = {"coefficients": torch.tensor(boundary.coefficients)}
-        return {"kind": "fourier", "count": len(boundary.vertices)}, coefficients
-    if isinstance(boundary, SplineBoundary):
-        return {"kind": "spline"}, {
-            "parameters": torch.tensor(boundary.parameters),
-            "coefficients": torch.tensor(boundary.coefficients),
-            "corners": torch.tensor(boundary.corners),
-        }
+def _kind_of(boundary: Boundary) -> str:
+    for kind, known in _BOUNDARIES.items():
+        if isinstance(boundary, known):
+            return kind
     raise StorageError(f"a boundary of type {type(boundary).__name__} cannot be saved; known: fourier, spline")
 
 
-def _read_boundary(description: Mapping[str, Any], data: Mapping[str, Tensor]) -> Boundary:
-    if description["kind"] == "fourier":
-        return FourierBoundary(data["coefficients"].numpy(), int(description["count"]))
-    if description["kind"] == "spline":
-        parts = ("parameters", "coefficients", "corners")
-        return SplineBoundary(*(data[part].numpy() for part in parts))
-    raise ValueError(f"unknown boundary kind {description['kind']!r}")
-
-
-def _in_fixed_order(data: bytes) -> bytes:
-    """The file with sorted metadata, whose order safetensors leaves to chance: equal surfaces are equal files."""
-    start = 8  # of the header, after its size
-    size = int.from_bytes(data[:start], "little")
-    header = json.loads(data[start : start + size])
-    header["__metadata__"] = dict(sorted(header["__metadata__"].items()))
-    text = json.dumps(header, ensure_ascii=False, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 8)  # tensors are aligned
-    return len(text).to_bytes(start, "little") + text + data[start + size :]
+def _read_boundary(kind: str, parts: Mapping[str, Tensor]) -> Boundary:
+    parameters, coefficients, corners = (parts[name].numpy() for name in _BOUNDARY_PARTS)
+    if _BOUNDARIES[kind] is FourierBoundary:
+        return FourierBoundary(coefficients, len(corners))
+    return SplineBoundary(parameters, coefficients, corners)
 
 
 def _plain(tensor: Tensor) -> Tensor:

@@ -4,8 +4,6 @@ For any holomorphic f and g, r is minimal. But g is the normal projected from eâ
 is eâ‚ƒ; and where f has a zero of odd order r has a branch point that no small change of f and g removes.
 """
 
-from __future__ import annotations
-
 from typing import cast
 
 import numpy as np
@@ -19,8 +17,7 @@ from spinor_geom.holomorphic.model import HolomorphicModel
 from spinor_geom.holomorphic.zeros import find_zeros
 from spinor_geom.surface.branch import BranchPoint, with_invariants
 
-# quadrature nodes on each ray, and evaluations of f and g at once
-_ORDER, _BLOCK = 32, 1 << 16
+_ORDER, _BLOCK = 32, 1 << 16  # quadrature nodes on each ray, and evaluations of f and g at once
 
 
 def weierstrass_phi(f: Complex[Tensor, "*pts"], g: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:

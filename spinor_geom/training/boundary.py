@@ -11,9 +11,8 @@ from jaxtyping import Complex, Float
 from scipy.linalg import circulant
 from torch import Tensor
 
-from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
-from spinor_geom.domain.quadrature import Rule
+from spinor_geom.domain.quadrature import Panels, Rule
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.plateau.network import projected
@@ -22,10 +21,8 @@ from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import weierstrass_phi
 
-# fewest Gauss-Legendre nodes on a panel of a boundary that is not analytic: its panels are many, and short at corners
-_PANEL_ORDER = 4
-# rounds in which the constant of r and the nearest points of Γ are found from each other
-_CONSTANT_STEPS = 5
+_PANEL_ORDER = 4  # fewest Gauss-Legendre nodes on a panel of an ∂Ω with corners: they are many, and short at these
+_CONSTANT_STEPS = 5  # rounds in which the constant of r and the nearest points of Γ are found from each other
 _POINTS = 1024  # points that the bounding box of a curve is taken from
 
 
@@ -76,6 +73,17 @@ class BoundaryNodes:
         # the real part of the integral of a real kernel is that of the real part
         return self.integral @ velocity
 
+    def placed(
+        self, spinors: Complex[Tensor, "n 2"], slide: Float[Tensor, " n"], curve: CurveTensors, *, held: bool = False
+    ) -> Placed:
+        """The boundary of the surface of p and q, as near to Γ as a constant brings it, from the slide on or held."""
+        position = self.positions(spinors)
+        position = position - self.weights @ (position - curve.point_and_derivative(slide)[0])
+        for _ in range(0 if held else _CONSTANT_STEPS):
+            slide = projected(position, slide, curve, limit=1 / len(self.t))
+            position = position - self.weights @ (position - curve.point_and_derivative(slide)[0])
+        return Placed(position=position, slide=slide, error=position - curve.point_and_derivative(slide)[0])
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Placed:
@@ -86,23 +94,6 @@ class Placed:
     error: Float[Tensor, "n 3"]
 
 
-def placed(
-    nodes: BoundaryNodes,
-    spinors: Complex[Tensor, "n 2"],
-    slide: Float[Tensor, " n"],
-    curve: CurveTensors,
-    *,
-    held: bool = False,
-) -> Placed:
-    """The boundary of the surface of p and q, as near to Γ as a constant brings it, from the slide on or held."""
-    position = nodes.positions(spinors)
-    position = position - nodes.weights @ (position - curve.point_and_derivative(slide)[0])
-    for _ in range(0 if held else _CONSTANT_STEPS):
-        slide = projected(position, slide, curve, limit=1 / len(nodes.t))
-        position = position - nodes.weights @ (position - curve.point_and_derivative(slide)[0])
-    return Placed(position=position, slide=slide, error=position - curve.point_and_derivative(slide)[0])
-
-
 def move_to(surface: SpinorSurface, z: Complex[Tensor, " n"], position: Float[Tensor, "n 3"]) -> None:
     """Sets a surface's constant so that it has given positions at some points, in the mean."""
     found = surface.position(z.cpu().numpy())
@@ -110,8 +101,7 @@ def move_to(surface: SpinorSurface, z: Complex[Tensor, " n"], position: Float[Te
         surface.constant.add_((position - torch.as_tensor(found).to(position)).mean(0))
 
 
-# φ of two networks' values, by what they are: p and q, or f and g
-FORMS = {"spinor": phi, "weierstrass-enneper": weierstrass_phi}
+FORMS = {"spinor": phi, "weierstrass-enneper": weierstrass_phi}  # φ of two networks: of p and q, or of f and g
 
 
 class RayBoundary(torch.nn.Module):

@@ -15,7 +15,7 @@ from typing import ClassVar, Literal, TypeVar
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex, Float, Inexact
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
@@ -32,7 +32,7 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.spinor_surface import SpinorSurface
-from spinor_geom.training.boundary import BoundaryNodes, Placed, as_boundary_curve, diagonal_of, move_to, placed
+from spinor_geom.training.boundary import BoundaryNodes, Placed, as_boundary_curve, diagonal_of, move_to
 from spinor_geom.training.result import Trained, TrainingStep
 
 # damping at the start, as a share of the mean diagonal entry of J Jᴴ: near to what is sought, and from random numbers
@@ -45,10 +45,8 @@ _DEEP, _GAIN_ALONE = 3, 8.0
 # shares of the tolerance at which distillation (r is quadratic in p and q, so errors double) and polishing stop
 _DISTILLED, _POLISHED = 0.1, 0.2
 _LESS, _MORE = 0.2, 4.0  # change of the damping after a good and a bad step
-# least damping as a share of the mean diagonal entry of J Jᴴ: below it rounding decides
-_LEAST_DAMPING = 1e-16
-# so many steps have to lessen the distance by a tenth together, else it stands still
-_PATIENCE, _GAIN = 12, 0.1
+_LEAST_DAMPING = 1e-16  # as a share like those at the start: below it rounding decides
+_PATIENCE, _GAIN = 12, 0.1  # so many steps have to lessen the distance by a tenth together, else it stands still
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,15 +108,11 @@ def train_by_levenberg_marquardt(
     device: str | torch.device = "cpu",
     on_step: Callable[[TrainingStep], None] | None = None,
 ) -> Trained:
-    """A network whose surface has its boundary on Γ, from p and q of another surface or from random parameters.
+    """A network whose surface has its boundary on a curve Γ, from p and q of another one or from random parameters.
 
-    Args:
-        curve: Γ.
-        start: a surface near to the one that is sought; none starts from random parameters on the unit disk.
-        matching: (n, 2), increasing pairs (t, s) of parameters of ∂Ω and of Γ for the start; none takes s = t.
-        options: of the network and its training.
-        device: where the linear algebra runs; the surface is returned there.
-        on_step: called after each step.
+    The start is a surface near to the one that is sought, with a matching, (n, 2), increasing pairs (t, s) of
+    parameters of its ∂Ω and of Γ, or s = t; without a start parameters are random, on the unit disk. The surface is
+    returned on the device that the linear algebra runs on; `on_step` is called after each step.
 
     Returns:
         The surface, with its largest distance from Γ at four points a node; pieces of Γ that it passes over count.
@@ -227,17 +221,13 @@ class _Training:
         """The distance between the nodes, both ways: what of Γ the boundary passes over counts too."""
         dense = BoundaryNodes.on(self.domain, _POINTS_PER_NODE * count, self.device)
         with torch.no_grad():
-            near = placed(dense, self.network.value(dense.z), self._slide(matching, dense), self.curve)
+            near = dense.placed(self.network.value(dense.z), self._slide(matching, dense), self.curve)
         return Misfit.of(near.position, near.slide, self.curve)
 
     def _hear(self, method: Literal["distillation", "polishing"], loss: float) -> None:
-        step = TrainingStep(
-            index=len(self.history) + 1,
-            method=method,
-            loss=loss if method == "distillation" else loss / self.scale,
-            boundary_error=None,
-            seconds=time.perf_counter() - self.begin,
-        )
+        index, seconds = len(self.history) + 1, time.perf_counter() - self.begin
+        loss = loss if method == "distillation" else loss / self.scale
+        step = TrainingStep(index=index, method=method, loss=loss, boundary_error=None, seconds=seconds)
         self.history.append(step)
         if self.on_step is not None:
             self.on_step(step)
@@ -295,7 +285,7 @@ class Polish:
     @cached_property
     def near(self) -> Placed:
         """The boundary next to Γ."""
-        return placed(self.nodes, self.linear.value, self.slide, self.curve, held=self.held)
+        return self.nodes.placed(self.linear.value, self.slide, self.curve, held=self.held)
 
     @property
     def losses(self) -> Float[Tensor, "1"]:
@@ -384,9 +374,7 @@ def _move(
 
 
 def _damped_solution(
-    kernel: Float[Tensor, "*batch n n"] | Complex[Tensor, "*batch n n"],
-    damping: Float[Tensor, "*#batch"],
-    right: Float[Tensor, "*batch n"] | Complex[Tensor, "*batch n"],
+    kernel: Inexact[Tensor, "*batch n n"], damping: Float[Tensor, "*#batch"], right: Inexact[Tensor, "*batch n"]
 ) -> Tensor:
     """The solution of (kernel + μ) u = right, μ the damping as a share of the kernel's mean diagonal entry."""
     share = damping * kernel.diagonal(dim1=-2, dim2=-1).real.mean(-1)

@@ -36,19 +36,17 @@ from spinor_geom.training.boundary import FORMS, RayBoundary, as_boundary_curve,
 from spinor_geom.training.result import Status, Trained, TrainingStep
 
 _FORMAT = "spinor_geom.training 2"  # of files with the state of a training
+_ANEW = "remove it to train from the start"
 _GROWTH = 1e3  # a loss so many times that of the first epoch is no training any more
-# points of ∂Ω and of Γ between which the boundary error is measured
-_BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192
+_BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192  # points of ∂Ω and of Γ between which the boundary error is measured
 # its rates suit curves of the paper's size: a solver's Γ gets the diagonal of the unit circle's bounding box
 _DIAGONAL = 2 * math.sqrt(2)
 # points by which a checkpoint knows its curve, and the largest distance, in diagonals, between those of the same one
 _COMPARED_POINTS, _SAME_CURVE = 32, 1e-9
-# points of a closed curve, and velocities there
-Moving: TypeAlias = tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]
+Moving: TypeAlias = tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]  # points of a closed curve, velocities there
 # real layers of the paper's ρ, and pieces of [0, 1] on which it is linear between its values: its integral is exact
 _SIZES, _PIECES = (1, 64, 64, 32, 1), 512
-# options that a checkpoint goes on from whatever they were
-_FREE = ("epochs", "checkpoint", "checkpoint_every")
+_FREE = ("epochs", "checkpoint", "checkpoint_every")  # options that a checkpoint goes on from whatever they were
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,8 +109,7 @@ class RMSprop:
         """A minimal disk over a curve at unit size, from random parameters; see `plateau.options.Trainer`."""
         assert start is None
         larger = curve.placed(_DIAGONAL * curve.coefficients[-1], _DIAGONAL)
-        take = steps.take
-        trained = train_by_rmsprop(larger, options=self, device=device, on_epoch=lambda s: take(s.method, s.loss))
+        trained = train_by_rmsprop(larger, options=self, device=device, on_epoch=lambda s: steps.take(s.method, s.loss))
         return trained.as_disk(curve, scale=1 / _DIAGONAL)
 
 
@@ -129,12 +126,7 @@ def train_by_rmsprop(
     constant c take one step of RMSprop on the loss between r(e^{2πit}) and Γ(Φ(t)), then the homeomorphism on that
     between r(e^{2πiΦ⁻¹(t)}) and Γ(t). c starts at the centre of Γ. The paper's learning rate moves each parameter by a
     few hundredths in 800 epochs: with a curve far from size 1 or off the origin the other settings have to follow.
-
-    Args:
-        curve: Γ.
-        options: of the training.
-        device: where it runs.
-        on_epoch: called after each epoch.
+    `on_epoch` is called after each.
 
     Returns:
         The surface (a `WeierstrassSurface` for the baseline) and what every epoch did; losses that are infinite, NaN or
@@ -166,9 +158,8 @@ class _Training:
         )
         self.homeomorphism = CircleHomeomorphism(generator=self.random).to(device)
         self.gamma = curve.point(np.arange(_CURVE_POINTS) / _CURVE_POINTS)
-        self.boundary = RayBoundary(
-            network, self.gamma.mean(axis=0), options.representation, rule(options.quadrature, options.order)
-        ).to(device)
+        ray = rule(options.quadrature, options.order)
+        self.boundary = RayBoundary(network, self.gamma.mean(axis=0), options.representation, ray).to(device)
         self.diagonal = diagonal_of(curve)
         self.curve = CurveTensors.of(curve, device)
         self.modules = torch.nn.ModuleDict({"surface": self.boundary, "homeomorphism": self.homeomorphism})
@@ -177,6 +168,7 @@ class _Training:
             for name, module in self.modules.items()
         }
         self.history: list[TrainingStep] = []
+        self.told = torch.arange(_BOUNDARY_POINTS, dtype=torch.float64, device=device) / _BOUNDARY_POINTS
 
     def run(self, on_epoch: Callable[[TrainingStep], None] | None) -> Trained:
         """Epochs until the last one, no more time, or a divergence."""
@@ -194,9 +186,8 @@ class _Training:
                 self.modules.load_state_dict(before)
                 told = "the loss became infinite, NaN or far larger than at first; the surface is that of the epoch "
                 return self._trained("diverged", f"{told}before, take a smaller learning rate", seconds)
-            step = TrainingStep(
-                index=index, method="RMSprop", loss=loss, boundary_error=self._misfit().max, seconds=seconds
-            )
+            far = self._misfit().max
+            step = TrainingStep(index=index, method="RMSprop", loss=loss, boundary_error=far, seconds=seconds)
             self.history.append(step)
             if self.path is not None and (index % options.checkpoint_every == 0 or index == options.epochs):
                 self.save(self.path)
@@ -232,13 +223,12 @@ class _Training:
 
     def _misfit(self) -> Misfit:
         """Distance between the boundary and Γ, the larger of both ways: neither passes over a part of the other."""
-        t = torch.arange(_BOUNDARY_POINTS, dtype=torch.float64, device=self.device) / _BOUNDARY_POINTS
         with torch.no_grad():
-            r = self.boundary.point_and_velocity(t)[0].cpu().numpy()
+            r = self.boundary.point_and_velocity(self.told)[0].cpu().numpy()
         if not np.isfinite(r).all():
             return Misfit(rms=math.inf, max=math.inf, max_per_local_edge=math.inf, length=math.nan)
         dense = np.arange(_CURVE_POINTS) / _CURVE_POINTS
-        polygon = np.column_stack([np.interp(dense, t.cpu().numpy(), x, period=1.0) for x in r.T])
+        polygon = np.column_stack([np.interp(dense, self.told.cpu().numpy(), x, period=1.0) for x in r.T])
         to_curve, nearest = cKDTree(self.gamma).query(r)
         to_boundary, arcs = cKDTree(polygon).query(self.gamma)[0], _arcs(self.gamma)
         length = float(arcs.sum())
@@ -272,9 +262,7 @@ class _Training:
         if not different and float((state["curve"] - self._some_of_curve()).abs().max()) > _SAME_CURVE * self.diagonal:
             other = "another curve"
         if other:
-            raise StorageError(
-                f"{path} is of a training with {other}; remove it to train from the start", path=str(path)
-            )
+            raise StorageError(f"{path} is of a training with {other}; {_ANEW}", path=str(path))
         self.modules.load_state_dict(state["modules"])
         for name, optimizer in self.optimizers.items():
             optimizer.load_state_dict(state["optimizers"][name])
@@ -297,12 +285,11 @@ class _Training:
         else:
             surface = WeierstrassSurface(boundary.network, domain, boundary.constant)
         misfit = self._misfit()
-        t = torch.arange(_BOUNDARY_POINTS, dtype=torch.float64, device=self.device) / _BOUNDARY_POINTS
         with torch.no_grad():
-            slide = self.homeomorphism.inverse(t)
+            slide = self.homeomorphism.inverse(self.told)
         return Trained(
             surface=surface,
-            matching=torch.stack([t, slide], dim=-1).cpu().numpy(),
+            matching=torch.stack([self.told, slide], dim=-1).cpu().numpy(),
             misfit=misfit,
             diagonal=self.diagonal,
             history=tuple(self.history),
@@ -332,9 +319,7 @@ def _read_state(path: Path) -> dict[str, Any]:
     except (OSError, RuntimeError, pickle.UnpicklingError) as error:
         raise StorageError(f"{path} cannot be read as a checkpoint: {error}", path=str(path)) from error
     if not isinstance(state, dict) or state.get("format") != _FORMAT:
-        raise StorageError(
-            f"{path} is not a checkpoint of this version; remove it to train from the start", path=str(path)
-        )
+        raise StorageError(f"{path} is not a checkpoint of this version; {_ANEW}", path=str(path))
     return state
 
 
@@ -363,9 +348,8 @@ class CircleHomeomorphism(torch.nn.Module):
             for layer in linear:
                 bound = layer.in_features**-0.5
                 torch.nn.init.uniform_(getattr(layer, name), -bound, bound, generator=generator)
-        self.layers = torch.nn.Sequential(
-            linear[0], *(part for layer in linear[1:] for part in (torch.nn.ReLU(), layer))
-        )
+        following = (part for layer in linear[1:] for part in (torch.nn.ReLU(), layer))
+        self.layers = torch.nn.Sequential(linear[0], *following)
         self.shift = torch.nn.Parameter(torch.zeros((), dtype=torch.float64))
 
     def density(self, t: Float[Tensor, " n"]) -> Float[Tensor, " n"]:

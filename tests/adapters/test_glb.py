@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from spinor_geom.adapters import MeshFile, glb, read_mesh
 from spinor_geom.adapters.glb import read_glb
 from spinor_geom.adapters.glb_container import GlbContainer
+from spinor_geom.adapters.mesh_files import naming
 from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
@@ -24,11 +25,12 @@ CUBE = {"POSITION": VERTICES, "indices": INDICES}
 
 
 def parsed(data: bytes) -> MeshFile:
-    return MeshFile.of_contents(read_glb(data, Path("a.glb")), path=None)
+    with naming(Path("a.glb")):
+        return MeshFile.of_contents(read_glb(data), path=None)
 
 
 def pieces(data: bytes) -> list[glb.Piece]:
-    return glb.scene_pieces(GlbContainer.read(data, None))
+    return glb.scene_pieces(GlbContainer.read(data))
 
 
 def again(file: MeshFile, folder: Path) -> MeshFile:
@@ -461,7 +463,7 @@ def test_meshes_that_are_shown_again_and_again_are_bounded(monkeypatch: pytest.M
 def test_every_truncation_is_refused_with_a_typed_error() -> None:
     for stop in range(0, len(GOOD), 7):
         with pytest.raises(MeshFileError):
-            read_glb(GOOD[:stop], None)
+            read_glb(GOOD[:stop])
 
 
 @given(st.integers(0, len(GOOD) - 1), st.integers(0, 255))

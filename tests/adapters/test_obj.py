@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
+from spinor_geom.adapters.mesh_files import naming
 from spinor_geom.adapters.obj import read_obj
 from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.mesh.topology import boundary_edges
@@ -20,7 +21,8 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 
 def parsed(text: str | bytes) -> MeshFile:
     data = text.encode() if isinstance(text, str) else text
-    return MeshFile.of_contents(read_obj(data, Path("a.obj")), path=None)
+    with naming(Path("a.obj")):
+        return MeshFile.of_contents(read_obj(data), path=None)
 
 
 def again(file: MeshFile, folder: Path) -> MeshFile:
@@ -293,7 +295,7 @@ def is_read_or_refused(data: bytes) -> bool:
 @given(st.binary(max_size=200))
 def test_garbage_is_a_typed_error(data: bytes) -> None:
     with pytest.raises(MeshFileError):
-        read_obj(data, None)
+        read_obj(data)
 
 
 def test_infinite_coordinate_names_the_vertex() -> None:

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import obj
+from spinor_geom.adapters.mesh_files import naming
 from spinor_geom.adapters.obj import ObjText, read_obj_stream
 from spinor_geom.errors import MeshFileError
 
@@ -39,7 +40,8 @@ LINES = (
 
 def read(text: str) -> ObjText | str:
     try:
-        return read_obj_stream(io.BytesIO(text.encode()), Path("a.obj"))
+        with naming(Path("a.obj")):
+            return read_obj_stream(io.BytesIO(text.encode()))
     except MeshFileError as error:
         return str(error)
 
@@ -132,7 +134,7 @@ def test_the_words_of_a_large_file_are_never_in_memory_together(monkeypatch: pyt
             return b"v 0.1234567 0.7654321 0.55555\n" * count
 
     tracemalloc.start()
-    text = read_obj_stream(Endless(), None)  # type: ignore[arg-type]
+    text = read_obj_stream(Endless())  # type: ignore[arg-type]
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert len(text.contents.vertices) == 20_000

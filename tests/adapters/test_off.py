@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import MeshFile, read_mesh
+from spinor_geom.adapters.mesh_files import naming
 from spinor_geom.adapters.off import read_off
 from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.mesh.topology import boundary_edges
@@ -22,7 +23,8 @@ CUBE = f"OFF\n8 5 0\n{POINTS}{QUADS}"
 
 def parsed(text: str | bytes) -> MeshFile:
     data = text.encode() if isinstance(text, str) else text
-    return MeshFile.of_contents(read_off(data, Path("a.off")), path=None)
+    with naming(Path("a.off")):
+        return MeshFile.of_contents(read_off(data), path=None)
 
 
 def again(file: MeshFile, folder: Path) -> MeshFile:
@@ -154,4 +156,4 @@ def test_malformed_files_name_the_place(text: str | bytes, said: str) -> None:
 def test_garbage_is_a_typed_error(data: bytes) -> None:
     for garbage in (data, b"OFF\n" + data):
         with pytest.raises((MeshFileError, NonFiniteVertexError)):
-            read_off(garbage, None)
+            read_off(garbage)

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import MeshFile, read_mesh
+from spinor_geom.adapters.mesh_files import naming
 from spinor_geom.adapters.ply import read_ply, read_records
 from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.mesh.topology import boundary_edges
@@ -57,7 +58,8 @@ def ply(
 
 
 def parsed(data: bytes) -> MeshFile:
-    return MeshFile.of_contents(read_ply(data, Path("a.ply")), path=None)
+    with naming(Path("a.ply")):
+        return MeshFile.of_contents(read_ply(data), path=None)
 
 
 def again(file: MeshFile, folder: Path) -> MeshFile:
@@ -158,7 +160,7 @@ def test_negative_list_length_in_binary_is_refused() -> None:
     data = ply("binary_little_endian", CUBE_POINTS, QUADS).replace(b"list uchar", b"list char")
     for place in (-85, -17):
         with pytest.raises(MeshFileError, match="announces 5"):
-            read_ply(data[:place] + b"\xfc" + data[place + 1 :], None)
+            read_ply(data[:place] + b"\xfc" + data[place + 1 :])
 
 
 def test_lists_beside_the_corners_are_kept(tmp_path: Path) -> None:
@@ -286,24 +288,24 @@ def test_every_truncation_is_refused_with_a_typed_error(encoding: str, faces: li
     )  # text may lack the last line end, or digits of the last number
     for stop in range(last):
         with pytest.raises(MeshFileError):
-            read_ply(data[:stop], None)
+            read_ply(data[:stop])
 
 
 def test_absurd_counts_are_refused_without_allocating() -> None:
     data = ply("binary_little_endian", CUBE_POINTS, QUADS)
     for old, new in ((b"vertex 8", b"vertex 999999999999"), (b"face 5", b"face 999999999999")):
         with pytest.raises(MeshFileError, match="999999999999"):
-            read_ply(data.replace(old, new), None)
+            read_ply(data.replace(old, new))
     with pytest.raises(MeshFileError, match="999999999999"):
-        read_ply(ply("ascii", CUBE_POINTS, QUADS).replace(b"vertex 8", b"vertex 999999999999"), None)
+        read_ply(ply("ascii", CUBE_POINTS, QUADS).replace(b"vertex 8", b"vertex 999999999999"))
 
 
 @given(st.binary(max_size=100))
 def test_garbage_is_a_typed_error(garbage: bytes) -> None:
     with pytest.raises(MeshFileError):
-        read_ply(garbage, None)
+        read_ply(garbage)
     with pytest.raises(MeshFileError):
-        read_ply(b"ply\n" + garbage, None)
+        read_ply(b"ply\n" + garbage)
 
 
 def test_nan_names_the_vertex() -> None:
@@ -335,9 +337,9 @@ def test_faces_of_other_sizes_after_a_run_of_equal_ones_are_read_as_they_stand()
         "element face 5\nproperty list uchar int vertex_indices\nproperty uchar flag\nend_header\n"
     )
     points = struct.pack("<12f", 0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0)
-    contents = read_ply(header.encode() + points + body, None)
+    contents = read_ply(header.encode() + points + body)
     assert contents.polygons.rows() == faces
-    assert read_records(header.encode() + points + body, None).elements["face"].values["flag"].tolist() == [
+    assert read_records(header.encode() + points + body).elements["face"].values["flag"].tolist() == [
         10,
         10,
         11,

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import MeshFile, read_mesh
+from spinor_geom.adapters.mesh_files import naming
 from spinor_geom.adapters.stl import encode_stl, read_stl
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.topology import boundary_edges
@@ -17,7 +18,8 @@ from tests.adapters.shapes import is_closed, lid, open_cube
 
 
 def parsed(data: bytes) -> MeshFile:
-    return MeshFile.of_contents(read_stl(data, Path("a.stl")), path=None)
+    with naming(Path("a.stl")):
+        return MeshFile.of_contents(read_stl(data), path=None)
 
 
 def cube_stl(encoding: str) -> bytes:
@@ -63,15 +65,13 @@ def test_round_trip_is_bit_exact(seed: int, text: bool) -> None:
         if text
         else b"solid".ljust(80) + b"\5\0\0\0" + binary.tobytes()
     )
-    contents = read_stl(data, None)
+    contents = read_stl(data)
     assert contents.vertices.tobytes() == corners.astype(float).tobytes()
-    assert read_stl(encode_stl(contents), None).vertices.tobytes() == contents.vertices.tobytes()
+    assert read_stl(encode_stl(contents)).vertices.tobytes() == contents.vertices.tobytes()
 
 
 def test_triangle_without_area_gets_a_zero_normal() -> None:
-    contents = read_stl(
-        b"solid\nfacet normal 0 0 0\nouter loop\n" + b"vertex 1 1 1\n" * 3 + b"endloop\nendfacet\n", None
-    )
+    contents = read_stl(b"solid\nfacet normal 0 0 0\nouter loop\n" + b"vertex 1 1 1\n" * 3 + b"endloop\nendfacet\n")
     assert b"facet normal 0.0 0.0 0.0" in encode_stl(contents)
 
 
@@ -129,4 +129,4 @@ def test_needles_are_left_out_and_counted(tmp_path: Path) -> None:
 def test_garbage_is_a_typed_error(data: bytes) -> None:
     for garbage in (data, b"solid " + data):
         with pytest.raises(MeshFileError):
-            read_stl(garbage, None)
+            read_stl(garbage)

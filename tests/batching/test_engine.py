@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -20,7 +21,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from spinor_geom import BatchProgress, BatchResult, batch
-from spinor_geom.batching.engine import AHEAD, TOGETHER, _blocks
+from spinor_geom.batching.engine import TOGETHER, _blocks
 from spinor_geom.batching.inputs import SMALL, Source
 from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.store import RUN, STAGING, opened_store
@@ -339,17 +340,25 @@ def test_a_scheduler_that_is_not_there_is_said(corpus: Path, tmp_path: Path, mon
         batch(corpus, tmp_path / "out", scheduler="nonsense://here")
 
 
+class Cluster:
+    def __init__(self, threads: int) -> None:
+        self.threads = threads
+
+    def nthreads(self) -> dict[str, int]:
+        return {"worker": self.threads}
+
+
 def test_a_million_inputs_are_taken_as_they_are_needed() -> None:
     taken = itertools.count()
     endless = (Source(key=str(number), path="", size=100) for number in taken)
-    blocks = list(itertools.islice(_blocks(endless, lambda: 2), 50))
+    blocks = list(itertools.islice(_blocks(endless, Counter(files_total=10**6), Cluster(2)), 50))
     assert [len(block) for block in blocks] == [TOGETHER] * 50
-    assert next(taken) <= (50 + 2 * AHEAD) * TOGETHER + 1
+    assert next(taken) <= 50 * TOGETHER + 1
 
 
 def test_the_last_files_are_shared_out_evenly() -> None:
     sources = [Source(key=str(number), path="", size=100) for number in range(40)]
-    blocks = list(_blocks(iter(sources), lambda: 4))
+    blocks = list(_blocks(iter(sources), Counter(files_total=40), Cluster(4)))
     assert [source for block in blocks for source in block] == sources
     assert max(map(len, blocks)) == 5
     assert [len(block) for block in blocks[-4:]] == [1] * 4
@@ -358,6 +367,6 @@ def test_the_last_files_are_shared_out_evenly() -> None:
 def test_large_files_stand_alone() -> None:
     sizes = [100, SMALL + 1, SMALL + 1, 200, SMALL - 150, 30]
     sources = (Source(key=str(number), path="", size=size) for number, size in enumerate(sizes))
-    found = [[source.size for source in block] for block in _blocks(sources, lambda: 1)]
+    found = [[source.size for source in block] for block in _blocks(sources, Counter(files_total=6), Cluster(1))]
     assert all(sum(block) <= SMALL or len(block) == 1 for block in found)
     assert [size for block in found for size in block] == sizes

@@ -23,7 +23,7 @@ from tests.mesh.test_knots import torus_knot
 
 
 def loops(text: str, *, closing: float = 1e-3) -> list[NamedLoop]:
-    return curve_loops(read_obj_stream(io.BytesIO(text.encode()), None), closing=closing)
+    return curve_loops(read_obj_stream(io.BytesIO(text.encode())), closing=closing)
 
 
 def opened_loops(text: str) -> tuple[NamedLoop, ...]:

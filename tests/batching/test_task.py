@@ -21,8 +21,7 @@ from spinor_geom.batching import options as batch_options
 from spinor_geom.batching.archives import ArchiveReader
 from spinor_geom.batching.inputs import Inputs, Source
 from spinor_geom.batching.options import BatchOptions, Limits
-from spinor_geom.batching.records import failure
-from spinor_geom.batching.store import STAGING, opened_store
+from spinor_geom.batching.store import STAGING, failure, opened_store
 from spinor_geom.batching.summary import write_summary
 from spinor_geom.errors import BatchError, OptionError
 from spinor_geom.gallery import noisy_loop

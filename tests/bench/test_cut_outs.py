@@ -7,17 +7,16 @@ import pytest
 
 from spinor_geom.adapters import read_mesh
 from spinor_geom.bench import page, runner
+from spinor_geom.bench.cases import odd_holes
 from spinor_geom.bench.claims import CAP_DISTANCES, claims
-from spinor_geom.bench.cut_outs import CAPS, PER_SCAN, WINDOWS, is_disk, named_cut_out, scan_names
+from spinor_geom.bench.cut_outs import CAPS, PER_SCAN, WINDOWS, named_cut_out, scan_names
 from spinor_geom.bench.fillers import Filled
-from spinor_geom.bench.holes import odd_holes
-from spinor_geom.bench.measure import DISTANCE, cut_out_figures, hole_figures, rim_bend
-from spinor_geom.bench.page import pieces_of, scale_of
+from spinor_geom.bench.page import pieces_of, scale_of, tables
 from spinor_geom.bench.runner import Settings, chosen_tasks, measure
-from spinor_geom.bench.tables import tables
+from spinor_geom.bench.worker import DISTANCE, cut_out_figures, hole_figures, rim_bend
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.loops import find_boundary_loops
-from spinor_geom.mesh.topology import is_watertight
+from spinor_geom.mesh.topology import is_disk, is_watertight
 from tests.bench.test_run import in_this_process
 
 DATA = Path(__file__).parents[2] / "data"

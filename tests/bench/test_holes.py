@@ -6,11 +6,10 @@ import os
 import numpy as np
 import pytest
 
-from spinor_geom.bench.cases import KNOWN, known_case, points_limit
+from spinor_geom.bench.cases import KNOWN, hole_over, known_case, odd_holes, points_limit
 from spinor_geom.bench.cut_outs import CUT, NOISY, ragged_hole
 from spinor_geom.bench.fillers import FILLERS, OURS, Filled
-from spinor_geom.bench.holes import hole_over, odd_holes
-from spinor_geom.bench.measure import disk_figures, hole_figures
+from spinor_geom.bench.worker import disk_figures, hole_figures
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.meshing.embed import mesh_patch

@@ -27,7 +27,7 @@ def test_a_crash_is_one_task_s_and_the_next_has_a_new_process():
 
 def test_a_hang_ends_at_the_time_limit():
     hung, after = answers({"sleep": 60}, {}, time_limit=8.0)
-    assert (hung["status"], hung["reason"]) == ("timed out", "its process took longer than 8 s")
+    assert (hung["status"], hung["reason"]) == ("timed out", "its process took longer than 8 s; raise the limit")
     assert after["status"] == "done"
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinor_geom.bench import page, runner, tables, worker
+from spinor_geom.bench import page, runner, worker
 from spinor_geom.bench.claims import REFERENCE, REFERENCE_SHARE, claims, judged
 from spinor_geom.bench.machine import machine
 from spinor_geom.bench.runner import DESCRIPTION, RECORDS, SUITES, Run, Settings, case_name, chosen_tasks, measure
@@ -210,10 +210,10 @@ def test_seconds_under_unlike_loads_are_not_compared():
 
 
 def test_rows_of_ours_tell_when_the_code_has_changed_since():
-    assert tables.method_name(loop_record()) == "spinor"
-    assert tables.method_name(loop_record(commit="0.1.0.dev0+g000000000")) == "spinor †"
+    assert page.method_name(loop_record()) == "spinor"
+    assert page.method_name(loop_record(commit="0.1.0.dev0+g000000000")) == "spinor †"
     # peers are as they were
-    assert tables.method_name(libigl_record(commit="0.1.0.dev0+g000000000")) == "libigl"
+    assert page.method_name(libigl_record(commit="0.1.0.dev0+g000000000")) == "libigl"
 
 
 def test_limits_are_kept_or_missed():
@@ -239,16 +239,16 @@ def test_rows_that_leave_edges_open_without_a_word_are_marked():
     odd |= {"nonmanifold_edges": 0, "told": "", "open_rim_edges": 12, "succeeded": None, "patches": 0}
     honest = {**odd, "method": "h", "succeeded": False, "told": "refused"}
     crashed = {"suite": "odd", "status": "crashed", "case": "slit", "method": "c", "reason": "signal 11"}
-    table = tables.odd_table([odd, honest, crashed])
+    table = page.odd_table([odd, honest, crashed])
     assert table.marked == {0}
     assert [row[1] for row in table.rows] == ["12 open !", "refused", "crashed"]
-    assert tables.left_open(odd) == "12 open !"
-    assert tables.left_open(honest) == "12 open"
+    assert page.left_open(odd) == "12 open !"
+    assert page.left_open(honest) == "12 open"
 
 
 def test_a_run_with_a_missing_tool_says_so():
     missing = {"suite": "fills", "status": "missing", "case": "c", "method": "open3d", "n": 64}
-    table = tables.trouble_table([{**missing, "reason": "open3d is not installed"}])
+    table = page.trouble_table([{**missing, "reason": "open3d is not installed"}])
     assert table.rows == [("open3d", "missing", "all", "open3d is not installed")]
 
 

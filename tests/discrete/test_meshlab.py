@@ -5,9 +5,10 @@ import pymeshlab
 import pytest
 
 from spinor_geom import gallery
-from spinor_geom.discrete import discrete_minimal_surface, minimal_surface
+from spinor_geom.discrete import minimal_surface
+from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
 from spinor_geom.errors import FirstFillError
-from spinor_geom.measures.mean_curvature import smallest_angles
+from spinor_geom.measures import smallest_angles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.loops import L_SHAPE, is_disk_on, noisy_ellipse, planar
 
@@ -37,7 +38,7 @@ def test_edge_length_never_takes_more_vertices_than_either_library_is_given(monk
 
 
 def test_torn_disk_is_an_error(monkeypatch):
-    monkeypatch.setattr(minimal_surface, "_is_disk", lambda *arguments, **sizes: False)
+    monkeypatch.setattr(minimal_surface, "is_disk", lambda faces: False)
     with pytest.raises(FirstFillError, match="tore"):
         meshlab_minimal_surface(SEAM.sample(24))
 

@@ -6,10 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom import gallery
-from spinor_geom.discrete import discrete_minimal_surface, minimal_surface
+from spinor_geom.discrete import minimal_surface
 from spinor_geom.discrete.first_fill import disk_without_inner_points
+from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
 from spinor_geom.errors import DomainError, FirstFillError, OptionError
-from spinor_geom.measures.mean_curvature import discrete_mean_curvature
+from spinor_geom.measures import discrete_mean_curvature
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
 from tests.loops import CONVEX, L_SHAPE, is_disk_on, noisy_ellipse, planar, polygon_area, ramp, ramp_area, slit

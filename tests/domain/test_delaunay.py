@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.domain.delaunay import ConstrainedDelaunay, reachable
+from spinor_geom.domain.delaunay import ConstrainedDelaunay
 from spinor_geom.errors import DomainError
 from tests.strategies import SEEDS
 
@@ -32,7 +32,7 @@ def test_points_added_later_give_the_same_triangles(n, first, later, seed):
     polygon, early, late = star(n, rng), inner_points(first, rng), inner_points(later, rng)
     mesh = ConstrainedDelaunay(np.append(polygon, early), [(n,)])
     for some in np.array_split(late, 3):
-        mesh.insert(some)
+        mesh.insert(some, np.zeros(len(some), dtype=np.int64))
     expected = ConstrainedDelaunay(np.concatenate([polygon, early, late]), [(n,)]).triangles
     assert as_set(mesh.triangles) == as_set(expected)
     assert len(expected) == 2 * (n + first + later) - 2 - n
@@ -43,7 +43,7 @@ def test_points_added_later_give_the_same_triangles(n, first, later, seed):
 def test_neighbours_share_the_edge_and_are_each_other_s(n, count, seed):
     rng = np.random.default_rng(seed)
     mesh = ConstrainedDelaunay(star(n, rng), [(n,)])
-    mesh.insert(inner_points(count, rng))
+    mesh.insert(inner_points(count, rng), np.zeros(count, dtype=np.int64))
     faces, neighbours = mesh.faces, mesh.neighbours
     on_polygon = 0
     for face in mesh.inside:
@@ -65,9 +65,7 @@ def test_walk_stays_inside_the_polygon():
     left = np.flatnonzero((rim[mesh.triangles].real < 2).all(axis=1))
     start = mesh.inside[left[:1]]
     targets = np.array([1 + 0.5j, 4 + 3j, 2.5 + 3j])
-    seen = [
-        reachable(rim, mesh.faces, mesh.neighbours, start, targets[k : k + 1] + 1e-3 * rng.uniform()) for k in range(3)
-    ]
+    seen = [mesh.reaches(start, targets[k : k + 1] + 1e-3 * rng.uniform()) for k in range(3)]
     # the other arm lies across the gap, and a point in the gap outside
     assert [bool(s[0]) for s in seen] == [True, False, False]
 
@@ -83,4 +81,4 @@ def test_what_is_no_simple_polygon_is_refused(points):
 def test_point_that_is_there_already_is_refused():
     mesh = ConstrainedDelaunay(np.array([0, 1, 1 + 1j, 1j, 0.5 + 0.5j]), [(4,)])
     with pytest.raises(DomainError):
-        mesh.insert(np.array([0.5 + 0.5j]))
+        mesh.insert(np.array([0.5 + 0.5j]), np.zeros(1, dtype=np.int64))

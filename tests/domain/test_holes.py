@@ -60,7 +60,7 @@ def test_annulus_knows_its_inside_and_its_boundary():
     np.testing.assert_allclose(domain.point(domain.arcs[:, 0]), domain.vertices)
     # each piece ends where the next one of its boundary starts
     np.testing.assert_allclose(domain.point(domain.arcs[64:, 1]), np.roll(domain.vertices[64:], -1), atol=1e-15)
-    assert len(domain.paths.parent) == len(domain.triangulation.points)
+    assert len(domain.parents) == len(domain.triangulation.points)
 
 
 def test_radii_that_are_none_are_refused():

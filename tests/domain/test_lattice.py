@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.domain.lattice import lattice_inside
+from spinor_geom.domain.polygons import lattice_inside
 from tests.strategies import SEEDS
 
 ROW = np.sqrt(0.75)

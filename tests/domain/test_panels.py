@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.domain import FourierBoundary, SplineBoundary
-from spinor_geom.domain.panels import Panels
+from spinor_geom.domain.quadrature import Panels
 
 ANGLES = 2 * np.pi * np.arange(40) / 40
 ELLIPSE = SplineBoundary.through(3 * np.cos(ANGLES) + 1j * np.sin(ANGLES))

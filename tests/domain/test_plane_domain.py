@@ -161,27 +161,27 @@ def test_inside_test_takes_any_shape_and_many_points():
     np.testing.assert_array_equal(inside[clear], (np.abs(z) < 1)[clear])
 
 
-def edges_from_root(tree):
-    """How many edges each vertex of a tree is from its root; fails where a way does not end there."""
-    level, at = np.zeros(len(tree.parent), dtype=int), np.arange(len(tree.parent))
+def edges_from_root(domain):
+    """How many edges each vertex of a triangulation is from its root; fails where a way does not end there."""
+    level, at = np.zeros(len(domain.parents), dtype=int), np.arange(len(domain.parents))
     for _ in at:
-        level += at != tree.root
-        at = tree.parent[at]
-    assert (at == tree.root).all()
+        level += at != domain.root
+        at = domain.parents[at]
+    assert (at == domain.root).all()
     return level
 
 
 @every_domain
 def test_paths_span_all_vertices_inside_the_domain(domain):
-    tree, mesh = domain.paths, domain.triangulation
+    mesh = domain.triangulation
     n = len(mesh.points)
-    level = edges_from_root(tree)
+    level = edges_from_root(domain)
     assert sorted(np.argsort(level).tolist()) == list(range(n))
     assert (level > 0).sum() == n - 1
-    assert tree.parent[tree.root] == tree.root
-    others = np.delete(np.arange(n), tree.root)
-    np.testing.assert_array_equal(level[tree.parent[others]], level[others] - 1)
-    edges = np.sort(np.column_stack([others, tree.parent[others]]), axis=1)
+    assert domain.parents[domain.root] == domain.root
+    others = np.delete(np.arange(n), domain.root)
+    np.testing.assert_array_equal(level[domain.parents[others]], level[others] - 1)
+    edges = np.sort(np.column_stack([others, domain.parents[others]]), axis=1)
     assert (edges[:, None] == mesh.edges).all(axis=2).any(axis=1).all()
     # edges between two boundary vertices may run along ∂Ω; all others lie inside
     inner = (edges >= mesh.boundary_size).any(axis=1)
@@ -191,9 +191,9 @@ def test_paths_span_all_vertices_inside_the_domain(domain):
 
 @every_domain
 def test_paths_start_inside_and_reach_the_boundary_last(domain):
-    tree, m = domain.paths, domain.triangulation.boundary_size
-    assert tree.root >= m
-    boundary_parents = np.delete(tree.parent, tree.root)
+    m = domain.triangulation.boundary_size
+    assert domain.root >= m
+    boundary_parents = np.delete(domain.parents, domain.root)
     # near ∂Ω the poles are near: only a vertex without an inner neighbour hangs on the boundary
     assert (boundary_parents < m).mean() < 0.02
 
@@ -201,7 +201,7 @@ def test_paths_start_inside_and_reach_the_boundary_last(domain):
 def test_domain_without_inner_vertices_has_paths_too():
     strip = PlaneDomain.from_boundary(slit().points @ FLAT, slit().corners)
     assert len(strip.triangulation.points) == len(slit())
-    assert (edges_from_root(strip.paths) > 0).sum() == len(slit()) - 1
+    assert (edges_from_root(strip) > 0).sum() == len(slit()) - 1
 
 
 @pytest.mark.parametrize(("radius", "n"), [(0.0, 64), (-1.0, 64), (float("nan"), 64), (1.0, 2)])

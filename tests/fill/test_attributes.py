@@ -11,6 +11,7 @@ from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.fill.attributes import patch_attributes
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from tests.fill.shapes import fan
 from tests.strategies import SEEDS
@@ -37,8 +38,16 @@ class FlatSurface:
         return np.tile([0.0, 0.0, 1.0], (len(points), 1))
 
 
+def inner_values(
+    attributes: dict[str, np.ndarray], rim: np.ndarray, patch: Patch, *, labels: tuple[str, ...] = (), flat: bool = True
+) -> dict[str, np.ndarray]:
+    count = len(next(iter(attributes.values())))
+    mesh = TriangleMesh(np.zeros((count, 3)), [], vertex_attributes=attributes, labels=labels)
+    return patch_attributes(mesh, rim, patch, FlatSurface() if flat else None, is_planned=flat)  # type: ignore[arg-type]
+
+
 def harmonic_values(disk: Patch, rim_values: np.ndarray) -> np.ndarray:
-    return patch_attributes({"value": rim_values}, np.arange(disk.boundary_size), disk, FlatSurface())["value"]  # type: ignore[arg-type]
+    return inner_values({"value": rim_values}, np.arange(disk.boundary_size), disk)["value"]
 
 
 def test_linear_functions_are_reproduced_exactly(disk: Patch) -> None:
@@ -73,7 +82,7 @@ def test_every_attribute_is_carried_and_normals_are_the_surface_s(disk: Patch) -
     color = np.zeros((rim + 5, 4))
     color[loop.vertex_ids] = np.column_stack([disk.points[:rim].real] * 4)
     attributes = {"color": color, "normal": np.ones((rim + 5, 3)), "weight": np.full((rim + 5, 1), 7.0)}
-    inner = patch_attributes(attributes, loop.vertex_ids, disk, FlatSurface())  # type: ignore[arg-type]
+    inner = inner_values(attributes, loop.vertex_ids, disk)
     assert set(inner) == set(attributes)
     np.testing.assert_allclose(inner["color"][:, 0], disk.points[rim:].real, atol=1e-12)
     np.testing.assert_allclose(inner["weight"], 7.0, rtol=1e-12)
@@ -85,7 +94,7 @@ def test_a_patch_without_inner_vertices_has_no_new_values(sides: int) -> None:
     angle = 2 * np.pi * np.arange(sides) / sides
     loop = BoundaryLoop.from_points(np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]))
     attributes = {"color": np.ones((sides, 3)), "normal": np.ones((sides, 3))}
-    inner = patch_attributes(attributes, loop.vertex_ids, fan(loop), FlatSurface())  # type: ignore[arg-type]
+    inner = inner_values(attributes, loop.vertex_ids, fan(loop))
     assert {name: values.shape for name, values in inner.items()} == {"color": (0, 3), "normal": (0, 3)}
 
 
@@ -93,7 +102,7 @@ def test_labels_are_those_of_the_nearest_rim_vertex_and_never_averaged(disk: Pat
     rim = disk.boundary_size
     label = np.where(disk.points[:rim].real > 0, 10.0, 7.0)[:, None]
     attributes = {"label": label, "weight": label}
-    inner = patch_attributes(attributes, np.arange(rim), disk, FlatSurface(), labels={"label"})  # type: ignore[arg-type]
+    inner = inner_values(attributes, np.arange(rim), disk, labels=("label",))
     assert set(np.unique(inner["label"])) == {7.0, 10.0}
     distance = np.abs(disk.points[rim:, None] - disk.points[:rim])
     nearest = distance < distance.min(axis=1, keepdims=True) + 1e-9  # several in the middle
@@ -116,7 +125,7 @@ def test_a_value_that_is_not_finite_spoils_no_other(disk: Patch, bad: float) -> 
 def test_a_discrete_patch_has_the_normals_of_its_faces_and_harmonic_values(disk: Patch) -> None:
     rim = disk.boundary_size
     attributes = {"normal": np.ones((rim, 3)), "value": disk.points[:rim].real[:, None]}
-    inner = patch_attributes(attributes, np.arange(rim), disk, None, is_planned=False)
+    inner = inner_values(attributes, np.arange(rim), disk, flat=False)
     np.testing.assert_allclose(inner["normal"], np.tile([0.0, 0.0, 1.0], (len(disk.points) - rim, 1)), atol=1e-12)
     assert (np.abs(inner["value"]) < attributes["value"].max()).all()
     assert np.corrcoef(inner["value"][:, 0], disk.points[rim:].real)[0, 1] > 0.99

@@ -13,8 +13,7 @@ from scipy.spatial import ConvexHull
 
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, SingularMatrixError
-from spinor_geom.fill.collar import bend_across, collar_of
-from spinor_geom.fill.continuation import Moved, continue_patch
+from spinor_geom.fill.continuation import Moved, bend_across, collar_of, continue_patch
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.fill.result import LoopOutcome
@@ -256,7 +255,7 @@ def test_a_continuation_that_is_not_found_leaves_the_film(monkeypatch: pytest.Mo
         raise SingularMatrixError(size=5)
 
     for instead, told in ((stuck, "7 steps left a bend of"), (broken, "singular")):
-        monkeypatch.setattr("spinor_geom.fill.continuation.continue_patch", instead)
+        monkeypatch.setattr("spinor_geom.fill.one_loop.continue_patch", instead)
         _, outcome = continued(mesh)
         assert (outcome.kind, outcome.continuation, outcome.converged) == ("minimal", None, True)
         assert "the patch was not continued smoothly" in outcome.remarks[0]

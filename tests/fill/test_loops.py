@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError, UnknownMeshTypeError
-from spinor_geom.fill.loops import boundary_loops, chosen_places, free_rim, place_of_loop, reasons_to_leave_open
+from spinor_geom.fill.loops import boundary_loops, chosen_places, free_rim, reasons_to_leave_open
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.fill.shapes import tube
 
@@ -57,7 +57,6 @@ def test_a_loop_is_found_from_any_start(loops: list[BoundaryLoop]) -> None:
         vertex_ids=np.roll(second.vertex_ids, 5),
         corners=np.roll(second.corners, 5),
     )
-    assert place_of_loop(turned, loops) == 1
     assert chosen_places(turned, loops) == [1]
 
 
@@ -65,7 +64,7 @@ def test_a_loop_of_another_mesh_or_direction_is_refused(loops: list[BoundaryLoop
     moved = BoundaryLoop.from_points(loops[0].points + 1.0)
     for foreign in (moved, loops[0].reversed()):
         with pytest.raises(ForeignLoopError, match="not a boundary loop of this mesh"):
-            place_of_loop(foreign, loops)
+            chosen_places(foreign, loops)
 
 
 def test_loops_left_open_have_their_reason(loops: list[BoundaryLoop]) -> None:

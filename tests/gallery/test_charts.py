@@ -76,6 +76,15 @@ def test_charts_are_minimal(known):
     assert np.median(np.abs(twice)) < 1e-5 * (np.median(bend) + 1)
 
 
+@pytest.mark.parametrize("a", [0.2, 0.3, 0.9])
+def test_the_straight_side_of_schwarz_h_is_straight(a):
+    known = gallery.schwarz_h(a)
+    # by too few nodes 1e-6 beside it, and the area as much off
+    side = known.chart.position(known.sides[3](np.linspace(0, 1, 20)))
+    along = (side[-1] - side[0]) / np.linalg.norm(side[-1] - side[0])
+    assert np.linalg.norm(np.cross(side - side[0], along), axis=1).max() < 1e-12
+
+
 def test_a_low_prism_s_disk_tends_to_its_square():
     assert 4 < gallery.schwarz_prism(0.06).disks[0].area < 4.2
 
@@ -115,6 +124,8 @@ def test_henneberg_s_formula_is_that_of_its_spinors():
     "make",
     [
         lambda: gallery.schwarz_h(1.0),
+        # its area was that of another sheet
+        lambda: gallery.schwarz_h(0.05),
         lambda: gallery.schwarz_prism(0.0),
         lambda: gallery.henneberg(1.5, 0.6),
         lambda: gallery.associate(reach=0.0),

@@ -22,7 +22,7 @@ BOUNDARIES = {
     "schwarz-p-quadrilateral": 1e-7,
     "scherk": 1e-6,
     "schwarz-prism": 1e-6,
-    "schwarz-h": 1e-5,
+    "schwarz-h": 1e-8,
 }
 WITHOUT_AREA = ("ellipse", "horseshoe", "l-shape")
 SECONDS_LONG = ("horseshoe", "scherk", "schwarz-d-hexagon", "schwarz-h", "schwarz-p-hexagon", "schwarz-prism")

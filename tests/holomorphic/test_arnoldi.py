@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from spinor_geom.domain import PlaneDomain
-from spinor_geom.domain.panels import Panels
+from spinor_geom.domain.quadrature import Panels
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials, barycentric_weights, leja_points
 from spinor_geom.holomorphic.interpolant import interpolated, interpolated_slope
 

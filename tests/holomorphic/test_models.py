@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from spinor_geom.domain import FourierBoundary, PlaneDomain
-from spinor_geom.domain.panels import Panels
+from spinor_geom.domain.quadrature import Panels
 from spinor_geom.errors import DtypeError, StorageError
 from spinor_geom.holomorphic import MODELS, CauchyNetwork, HolomorphicModel, PowerSeries, rebuild
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg

@@ -4,7 +4,7 @@ import pymeshlab
 import pytest
 
 from spinor_geom.errors import OptionError
-from spinor_geom.measures.hausdorff import hausdorff_distance
+from spinor_geom.measures import hausdorff_distance
 
 
 def square(n=2, height=0.0):

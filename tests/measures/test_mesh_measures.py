@@ -2,8 +2,8 @@ import igl
 import numpy as np
 import pytest
 
-from spinor_geom.measures.mean_curvature import discrete_mean_curvature, smallest_angles
-from spinor_geom.meshing import mesh_patch
+from spinor_geom.measures import discrete_mean_curvature, smallest_angles
+from spinor_geom.meshing.embed import mesh_patch
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
 
 

@@ -185,8 +185,26 @@ class TestDegree:
         moved = points + noise * edge * np.random.default_rng(0).normal(size=points.shape)
         assert curve_of(moved, []).degree == 3
 
-    def test_corners_keep_the_cubic(self) -> None:
-        assert curve_of(circle(200), [0, 50]).degree == 3
+    @pytest.mark.parametrize("shift", [0, 7])
+    def test_smooth_sides_between_corners_get_high_degrees(self, shift: int) -> None:
+        # two arcs of 24 edges, and straight edges between them
+        t = np.pi * np.arange(25) / 24
+        arc = np.stack([np.cos(t), 1 + np.sin(t), 0.2 * np.sin(t)], axis=1)
+        points, corners = np.concatenate([arc, -arc]), np.array([0, 24, 25, 49])
+        curve = curve_of(np.roll(points, -shift, axis=0), sorted((corners - shift) % 50))
+        assert curve.degree == 7
+        assert curve.breaks[0] == 0
+        assert (np.diff(curve.breaks) > 0).all()
+        x, y, _ = curve.point(np.linspace(0, 1, 1000)).T
+        on_arc = np.abs(y) > 1
+        # by cubics 7e-6
+        assert np.abs(np.hypot(x, np.abs(y) - 1) - 1)[on_arc].max() < 1e-7
+        assert jump(curve, 1, np.delete(np.arange(50), (corners - shift) % 50)).max() < 1e-9
+
+    def test_rough_or_short_sides_keep_the_cubic(self) -> None:
+        assert curve_of(circle(28), [0, 14]).degree == 3
+        noisy = circle(200) + 0.01 * np.random.default_rng(0).normal(size=(200, 3))
+        assert curve_of(noisy, [0, 50]).degree == 3
 
     @pytest.mark.parametrize("degree", [5, 7])
     def test_breaks_are_arc_lengths_for_high_degrees(self, degree: int, monkeypatch: pytest.MonkeyPatch) -> None:

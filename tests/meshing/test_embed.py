@@ -7,10 +7,9 @@ from spinor_geom import BoundaryLoop, solve_plateau
 from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import DomainError, OptionError
-from spinor_geom.measures.mean_curvature import discrete_mean_curvature, smallest_angles
+from spinor_geom.measures import discrete_mean_curvature, smallest_angles
 from spinor_geom.mesh.intersections import self_intersections
-from spinor_geom.meshing import mesh_patch
-from spinor_geom.meshing.embed import mesh_patches
+from spinor_geom.meshing.embed import mesh_patch, mesh_patches
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
 
 

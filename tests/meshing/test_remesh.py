@@ -10,8 +10,7 @@ import pytest
 from spinor_geom.discrete.strip import ruled_annulus
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import TooManyPointsError
-from spinor_geom.meshing.embed import Patch
-from spinor_geom.meshing.remesh import over_domain_of_angles, remesh
+from spinor_geom.meshing.embed import Patch, over_domain_of_angles, remesh
 
 
 def disk(count: int = 60) -> Patch:

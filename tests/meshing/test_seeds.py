@@ -3,7 +3,7 @@ import pytest
 
 from spinor_geom import BoundaryLoop
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
-from spinor_geom.meshing import mesh_patch
+from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.meshing.triangulate import even_seeds, is_unit_disk
 from spinor_geom.plateau import solve_plateau
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from jaxtyping import Float
@@ -11,6 +13,7 @@ from spinor_geom.domain import FourierBoundary
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.dirichlet import DirichletForm
+from spinor_geom.plateau.douglas import HarmonicDisk, Slides, minimise_dirichlet_energies
 from spinor_geom.plateau.problem import CurveTensors
 
 CPU = torch.device("cpu")
@@ -42,3 +45,36 @@ def tensors(loop: BoundaryLoop) -> CurveTensors:
 def increments(slide: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
     """Steps of a slide around the circle."""
     return torch.diff(slide, append=slide[:1] + 1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solved(HarmonicDisk):
+    """A disk, its energy, the size of the gradient, and the steps to it."""
+
+    energy: float
+    gradient: float
+    steps: int
+
+    @classmethod
+    def of(cls, disk: HarmonicDisk, curve: CurveTensors, form: DirichletForm, steps: int) -> Solved:
+        here = Slides.of(CurveTensors.batch([curve]), form, disk.slide[None])
+        energy = 2 * np.pi / len(disk.slide) * float(here.energy)
+        return cls(**vars(disk), energy=energy, gradient=float(here.size), steps=steps)
+
+
+def solved(
+    curve, form, slide, *, tolerance=1e-12, max_steps=60, near=False, negligible=0.0, on_step=lambda size: None
+) -> Solved:
+    """The slide of one curve."""
+    sizes = []
+    (disk,) = minimise_dirichlet_energies(
+        CurveTensors.batch([curve]),
+        form,
+        slide[None],
+        tolerances=[tolerance],
+        max_steps=[max_steps],
+        near=near,
+        negligible=[negligible],
+        on_step=[lambda size: (sizes.append(size), on_step(size))],
+    )
+    return Solved.of(disk, curve, form, len(sizes))

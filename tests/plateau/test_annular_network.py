@@ -7,11 +7,11 @@ import pytest
 import torch
 
 from spinor_geom import SpinorSurface, mesh_patch, solve_plateau
-from spinor_geom.domain.panels import Panels
 from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
+from spinor_geom.domain.quadrature import Panels
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.moduli import CornerPairs, ModulusFields
+from spinor_geom.plateau.network import ModulusFields
 from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, way_across
 from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
 
@@ -120,7 +120,7 @@ def problem_on_annulus(branch=None):
     curves = tuple(
         CurveTensors.of(BoundaryCurve.from_loop(sampled(ring(r, 0.0), 24)), torch.device("cpu")) for r in (1.0, 0.4)
     )
-    pairs = CornerPairs(t=np.zeros(0), s=np.zeros(0))
+    pairs = np.empty(0)
     return panels, PlateauProblem.on_panels(DOMAIN, panels, network, curves, pairs), network
 
 

@@ -9,7 +9,7 @@ import torch
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.capacity_path import mean_modulus
-from spinor_geom.plateau.circles import DirichletForm
+from spinor_geom.plateau.dirichlet import CirclesForm
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import HarmonicSurface
 from tests.plateau.rims import facing
@@ -38,7 +38,7 @@ def test_normal_derivatives_of_a_harmonic_function(where, n):
     z, centres = where.circles(n), where.centres.tolist()
     value, slope = harmonic(z, centres)
     exact = (slope * where.velocities(n)).imag
-    form = DirichletForm.of(where, n)
+    form = CirclesForm.of(where, n)
     torch.testing.assert_close(form(value[..., None])[..., 0], exact, rtol=1e-11, atol=1e-11)
     torch.testing.assert_close(form.matrix() @ value.flatten(), exact.flatten(), rtol=1e-11, atol=1e-11)
 
@@ -54,14 +54,14 @@ def test_derivatives_of_the_energy():
     even = torch.arange(n, dtype=torch.float64) / n
     slides = even + 0.02 * torch.sin(2 * np.pi * even + torch.arange(4)[:, None])
     here = HarmonicSurface.of(curves, slides, THREE, 1e-17)
-    gradient, count, step = here.gradient(), slides.numel(), 1e-4
-    hessian = here.hessian() - here.stiffness * torch.outer(here.rotation, here.rotation)
+    gradient, count, step = here.gradient[0], slides.numel(), 1e-4
+    hessian = here.matrix() - here.stiffness * torch.outer(here.rotation, here.rotation)
     for k in range(len(gradient) - count):
         move = torch.zeros(len(gradient) - count, dtype=torch.float64)
         move[k] = step
         after, before = (HarmonicSurface.of(curves, slides, THREE.moved(way * move), 1e-17) for way in (1, -1))
-        assert (after.energy - before.energy) / (2 * step) == pytest.approx(float(gradient[count + k]), rel=1e-5)
-        second = (after.energy - 2 * here.energy + before.energy) / step**2
+        assert float(after.energy - before.energy) / (2 * step) == pytest.approx(float(gradient[count + k]), rel=1e-5)
+        second = float(after.energy - 2 * here.energy + before.energy) / step**2
         assert second == pytest.approx(float(hessian[count + k, count + k]), rel=1e-4)
         torch.testing.assert_close(
             (after.by_slides - before.by_slides) / (2 * step), hessian[:count, count + k], rtol=1e-4, atol=1e-5
@@ -73,4 +73,4 @@ def test_a_rotation_of_the_domain_changes_nothing():
     curves = CurveTensors.batch([CurveTensors.of(BoundaryCurve.from_loop(loop), torch.device("cpu")) for loop in loops])
     slides = (torch.arange(160, dtype=torch.float64) / 160).expand(4, -1)
     here = HarmonicSurface.of(curves, slides, THREE, 1e-17)
-    assert abs(float(here.gradient() @ here.rotation)) < 1e-10 * float(here.gradient().norm())
+    assert abs(float(here.gradient[0] @ here.rotation)) < 1e-10 * float(here.gradient.norm())

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from spinor_geom.plateau import clock
-from spinor_geom.plateau.clock import Clock
+from spinor_geom.plateau import steps
+from spinor_geom.plateau.steps import Clock
 
 
 def test_a_stage_counts_without_the_stages_inside_it(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
-    monkeypatch.setattr(clock.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(steps.time, "perf_counter", lambda: now[0])
     timed = Clock()
 
     def work(stage: str, seconds: float) -> None:

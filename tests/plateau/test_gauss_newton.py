@@ -8,7 +8,6 @@ from spinor_geom import gallery
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.gauss_newton import gauss_newton
-from spinor_geom.plateau.moduli import CornerPairs
 from spinor_geom.plateau.network import Discretisation
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.steps import Steps
@@ -16,7 +15,7 @@ from spinor_geom.plateau.steps import Steps
 KNOWN = gallery.enneper(0.8)
 LOOP = KNOWN.rim(96)
 DOMAIN = PlaneDomain.disk(0.8, 48)
-NO_CORNERS = CornerPairs(t=np.empty(0), s=np.empty(0))
+NO_CORNERS = np.empty(0)
 
 
 @pytest.fixture(scope="module")

@@ -16,10 +16,10 @@ from spinor_geom.errors import DomainError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.dirichlet import DirichletForm
-from spinor_geom.plateau.douglas import minimise_dirichlet_energy
 from spinor_geom.plateau.omega import NodeDensity, Shape, _steps_across, reflattened, resolved_form, rounded_boundary
 from spinor_geom.plateau.problem import CurveTensors
 from tests.loops import noisy_ellipse, planar
+from tests.plateau import slides
 from tests.plateau.slides import CPU, PEANUT, ellipse
 from tests.strategies import rough_loops, smooth_loops
 
@@ -52,7 +52,7 @@ def unfolded(loop):
 
 def solved(loop, form, slide):
     curve = CurveTensors.of(BoundaryCurve.from_loop(loop), CPU)
-    return minimise_dirichlet_energy(curve, form, torch.tensor(slide), tolerance=1e-7, max_steps=200)
+    return slides.solved(curve, form, torch.tensor(slide), tolerance=1e-7, max_steps=200)
 
 
 def log_scale(disk, form):
@@ -202,7 +202,5 @@ def test_slide_that_stands_still_cannot_be_flattened():
     t = np.arange(STEPS) / STEPS
     # turns back for a tenth of the way
     slide = torch.tensor(t + 0.06 * np.sin(2 * np.pi * 4 * t))
-    disk = minimise_dirichlet_energy(
-        CurveTensors.of(BoundaryCurve.from_loop(loop), CPU), form, slide, tolerance=1.0, max_steps=0
-    )
+    disk = slides.solved(CurveTensors.of(BoundaryCurve.from_loop(loop), CPU), form, slide, tolerance=1.0, max_steps=0)
     assert reflattened(disk, form, shape_of(loop)) == (form, disk.slide)

@@ -12,23 +12,14 @@ from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError, Sing
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau import Cauchy, Laurent, solve_plateau
-from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.found import Found, NoneBetweenError
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plan import (
-    ByNetwork,
-    ByTraining,
-    InPlane,
-    NoneBetween,
-    OnCircles,
-    OnUnfolding,
-    OnUnitDisk,
     Route,
     Task,
-    ThroughPoints,
     nearest_surface,
     plan,
 )
-from spinor_geom.training import LevenbergMarquardt
 from tests.loops import CONVEX, noisy_ellipse, planar
 from tests.plateau.rims import TETRAHEDRON, coaxial, facing, ring, sampled
 
@@ -65,46 +56,37 @@ def task_of(loop, *, model="auto", between="auto", tolerance=1e-3, on_iteration=
 
 # --- the plan ---------------------------------------------------------------------------------------------------------
 
-HARMONIC = (OnUnfolding(), ByNetwork())
+HARMONIC = (Route.ON_UNFOLDING, Route.BY_NETWORK)
 PLANS = {
-    "smooth": (SMOOTH, {}, (OnUnitDisk(), *HARMONIC)),
-    "smooth, free": (SMOOTH, {"between": "free"}, (OnUnitDisk(), *HARMONIC)),
-    "a curve in formulas": (gallery.tennis_seam(0.8), {}, (OnUnitDisk(), *HARMONIC)),
+    "smooth": (SMOOTH, {}, (Route.ON_UNIT_DISK, *HARMONIC)),
+    "smooth, free": (SMOOTH, {"between": "free"}, (Route.ON_UNIT_DISK, *HARMONIC)),
+    "a curve in formulas": (gallery.tennis_seam(0.8), {}, (Route.ON_UNIT_DISK, *HARMONIC)),
     "long": (gallery.ellipse(4.0, 0.3).sample(64), {}, HARMONIC),
     "rough": (noisy_ellipse(100), {}, HARMONIC),
-    "rough, free": (noisy_ellipse(100), {"between": "free"}, (ThroughPoints(),)),
+    "rough, free": (noisy_ellipse(100), {"between": "free"}, (Route.THROUGH_POINTS,)),
     "rough, free, many": (noisy_ellipse(1600, amount=0.2), {"between": "free"}, HARMONIC),
-    "few, free": (FEW, {"between": "free"}, (ThroughPoints(),)),
-    "few": (FEW, {}, (OnUnitDisk(), *HARMONIC)),
-    "narrow finger, free": (finger(), {"between": "free"}, (ThroughPoints(),)),
-    "plane": (gallery.ellipse(8.0).sample(64), {}, (InPlane(), *HARMONIC)),
-    "plane, with corners": (planar(CONVEX, 20), {"between": "free"}, (InPlane(), ByNetwork())),
-    "plane, by a network": (planar(CONVEX, 20), {"model": "cauchy"}, (ByNetwork(),)),
-    "corners": (SKEW, {"between": "free"}, (ByNetwork(),)),
-    "corners that are seen": (SEEN, {}, (ByNetwork(),)),
-    "corners that are seen, free": (SEEN, {"between": "free"}, (ByNetwork(), ThroughPoints())),
-    "by a network": (SMOOTH, {"model": Cauchy(degree=20)}, (ByNetwork(),)),
-    "power series": (SMOOTH, {"model": "series"}, (OnUnitDisk(),)),
-    "power series, with corners": (SKEW, {"model": "series"}, (OnUnitDisk(),)),
-    "several": (coaxial(0.5), {}, (OnCircles(), ByNetwork())),
-    "several, by a network": (coaxial(0.5), {"model": "cauchy"}, (ByNetwork(),)),
-    "several, in series": (coaxial(0.5), {"model": "series"}, (OnCircles(),)),
-    "several, crowded": ((gallery.ellipse(8.0), ring(0.5, 0.3)), {}, (ByNetwork(), OnCircles())),
-    "several, rough": (rough_pair(), {}, (ThroughPoints(), OnCircles(), ByNetwork())),
-    "several, rough, smooth": (rough_pair(), {"between": "smooth"}, (OnCircles(), ByNetwork())),
-    "several, rough, by modulus": (rough_pair(), {"model": Laurent()}, (OnCircles(), ByNetwork())),
-    "three": (facing(TETRAHEDRON[:3]), {"between": "free"}, (OnCircles(),)),
-    "several, plane": ((ring(1.0, 0.0), ring(0.5, 0.0)), {}, (InPlane(), OnCircles(), ByNetwork())),
-    "several, apart": (
-        coaxial(1.0),
-        {},
-        (
-            NoneBetween(
-                "the rims are so far apart that a cone parts them through which no connected minimal surface passes"
-            ),
-        ),
-    ),
-    "trained": (SMOOTH, {"model": "mlp"}, (ByTraining(LevenbergMarquardt(), warm_start=True),)),
+    "few, free": (FEW, {"between": "free"}, (Route.THROUGH_POINTS,)),
+    "few": (FEW, {}, (Route.ON_UNIT_DISK, *HARMONIC)),
+    "narrow finger, free": (finger(), {"between": "free"}, (Route.THROUGH_POINTS,)),
+    "plane": (gallery.ellipse(8.0).sample(64), {}, (Route.IN_PLANE, *HARMONIC)),
+    "plane, with corners": (planar(CONVEX, 20), {"between": "free"}, (Route.IN_PLANE, Route.BY_NETWORK)),
+    "plane, by a network": (planar(CONVEX, 20), {"model": "cauchy"}, (Route.BY_NETWORK,)),
+    "corners": (SKEW, {"between": "free"}, (Route.BY_NETWORK,)),
+    "corners that are seen": (SEEN, {}, (Route.BY_NETWORK,)),
+    "corners that are seen, free": (SEEN, {"between": "free"}, (Route.BY_NETWORK, Route.THROUGH_POINTS)),
+    "by a network": (SMOOTH, {"model": Cauchy(degree=20)}, (Route.BY_NETWORK,)),
+    "power series": (SMOOTH, {"model": "series"}, (Route.ON_UNIT_DISK,)),
+    "power series, with corners": (SKEW, {"model": "series"}, (Route.ON_UNIT_DISK,)),
+    "several": (coaxial(0.5), {}, (Route.ON_CIRCLES, Route.BY_NETWORK)),
+    "several, by a network": (coaxial(0.5), {"model": "cauchy"}, (Route.BY_NETWORK,)),
+    "several, in series": (coaxial(0.5), {"model": "series"}, (Route.ON_CIRCLES,)),
+    "several, crowded": ((gallery.ellipse(8.0), ring(0.5, 0.3)), {}, (Route.BY_NETWORK, Route.ON_CIRCLES)),
+    "several, rough": (rough_pair(), {}, (Route.THROUGH_POINTS, Route.ON_CIRCLES, Route.BY_NETWORK)),
+    "several, rough, smooth": (rough_pair(), {"between": "smooth"}, (Route.ON_CIRCLES, Route.BY_NETWORK)),
+    "several, rough, by modulus": (rough_pair(), {"model": Laurent()}, (Route.ON_CIRCLES, Route.BY_NETWORK)),
+    "three": (facing(TETRAHEDRON[:3]), {"between": "free"}, (Route.ON_CIRCLES,)),
+    "several, plane": ((ring(1.0, 0.0), ring(0.5, 0.0)), {}, (Route.IN_PLANE, Route.ON_CIRCLES, Route.BY_NETWORK)),
+    "trained": (SMOOTH, {"model": "mlp"}, (Route.BY_TRAINING,)),
 }
 
 
@@ -113,8 +95,13 @@ def test_plans(loop, options, routes):
     assert plan(task_of(loop, **options)) == routes
 
 
+def test_rims_that_a_cone_parts_have_no_plan():
+    with pytest.raises(NoneBetweenError, match="a cone parts them"):
+        plan(task_of(coaxial(1.0)))
+
+
 def test_a_plan_can_be_read():
-    assert str(plan(task_of(SMOOTH))) == "(OnUnitDisk(), OnUnfolding(), ByNetwork(start=None))"
+    assert '<Route.ON_UNIT_DISK: "Douglas\'s slide on the unit disk">' in str(plan(task_of(SMOOTH)))
 
 
 # --- how it is run ----------------------------------------------------------------------------------------------------
@@ -140,7 +127,7 @@ def found(route: Route) -> Found:
     return route.surface(task_of(SMOOTH))
 
 
-MET = found(OnUnitDisk())
+MET = found(Route.ON_UNIT_DISK)
 FAILURES = [DomainError("folded"), FirstFillError("no fill"), SingularMatrixError(size=3), SurfaceError("branched")]
 
 

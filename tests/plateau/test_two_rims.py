@@ -14,12 +14,12 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.plateau import Laurent, NoConnectedSurface
 from spinor_geom.plateau.capacity_path import all_on_path
-from spinor_geom.plateau.douglas_rims import HELD, RimsProblem
 from spinor_geom.plateau.network_route import NetworkSolver
 from spinor_geom.plateau.options import Options
-from spinor_geom.plateau.plan import ByNetwork, Task
+from spinor_geom.plateau.plan import Task
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rim_starts import Rim, start_between
+from spinor_geom.plateau.rims_energy import HELD, RimsProblem
 from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
 
 
@@ -75,6 +75,22 @@ def test_rims_with_waves():
     exact = solve_plateau(skew())
     assert abs(exact.area / SKEW_AREA - 1) < 1e-12
     assert exact.is_area_minimum
+
+
+@pytest.mark.parametrize(("waves", "amount"), [(5, 0.1), (5, 0.2)])
+def test_rims_with_many_waves_get_the_nodes_that_these_want(waves, amount):
+    # with few nodes the energy has minima that are none of the surface's
+    rims = (
+        ring(1.0, -0.3, stretch=1.5, waves=waves, amount=amount),
+        ring(0.8, 0.3, centre=(0.3, 0.1), waves=waves - 1, amount=amount),
+    )
+    loops = [sampled(rim, 64) for rim in rims]
+    solution = solve_plateau(loops)
+    assert solution.route == "annulus"
+    assert solution.boundary_residual.rms_per_edge < 1e-4
+    stable = solve_plateau(loops, all_solutions=True)[0]
+    assert stable.converged
+    assert abs(stable.area / solution.area - 1) < 1e-6
 
 
 def test_what_nodes_feel_of_a_rotation_takes_no_steps():
@@ -139,7 +155,7 @@ def test_an_unstable_annulus_of_a_network_is_left_for_a_stable_one(monkeypatch):
     task = Task.of(coaxial(0.5), Options(model=Laurent(modulus=4.0), unstable="keep"))
     poor = replace(task.rims.on_circles(), route="annular network")
     monkeypatch.setattr(NetworkSolver, "crowds", True)
-    monkeypatch.setattr(ByNetwork, "surface", lambda *_: poor)
+    monkeypatch.setattr(NetworkSolver, "found_from", lambda *_: poor)
     left = solve_plateau(coaxial(0.5))
     assert abs(left.area / stable.area - 1) < 1e-12
     assert "left an unstable" in left.reason

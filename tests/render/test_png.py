@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 from spinor_geom.cli.main import main
-from spinor_geom.errors import MissingPackageError, RenderError
+from spinor_geom.errors import MissingPackageError, RenderError, require
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.optional import require
 from spinor_geom.render import png
 from spinor_geom.render.layers import View
-from spinor_geom.render.scene import fill_scene, loops_scene
+from spinor_geom.render.portrait import fill_scene, loops_scene
 from tests.fill.shapes import tube
 
 

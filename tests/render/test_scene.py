@@ -13,7 +13,7 @@ from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.fill.result import FillResult
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.layers import View
-from spinor_geom.render.scene import facing, fill_scene, loops_scene, whole_mesh
+from spinor_geom.render.portrait import facing, fill_scene, loops_scene, whole_mesh
 from tests.fill.shapes import tube
 from tests.fill.test_bridge import ring
 

@@ -128,14 +128,14 @@ def test_positions_of_a_few_points_are_those_of_many():
 
 
 def test_ways_from_the_root_hold_what_was_asked_for_and_all_before_it():
-    tree = PlaneDomain.disk(n=40).paths
+    domain = PlaneDomain.disk(n=40)
     wanted = np.array([0, 7, 30])
-    visited = tree.visited(wanted)
+    visited = domain.visited(wanted)
     assert set(wanted.tolist()) <= set(visited.tolist())
-    assert tree.root in visited
-    assert np.isin(tree.parent[visited], visited).all()
-    deepest, at = 0, np.arange(len(tree.parent))
-    while (at != tree.root).any():
-        deepest, at = deepest + 1, tree.parent[at]
+    assert domain.root in visited
+    assert np.isin(domain.parents[visited], visited).all()
+    deepest, at = 0, np.arange(len(domain.parents))
+    while (at != domain.root).any():
+        deepest, at = deepest + 1, domain.parents[at]
     assert len(visited) <= 1 + 3 * deepest
-    assert len(tree.visited(np.zeros(0, dtype=np.int64))) == 0
+    assert len(domain.visited(np.zeros(0, dtype=np.int64))) == 0

@@ -1,0 +1,217 @@
+"""`open3d.geometry.TriangleMesh`, `meshio.Mesh` (so every format that meshio reads and writes), `pymeshlab.MeshSet`."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from spinor_geom.adapters.contents import (
+    grown,
+    grown_attributes,
+    most_frequent_row,
+    padded,
+    real_attributes,
+    repeated,
+    triangles_of,
+    unit_vectors,
+)
+from spinor_geom.adapters.polygons import Polygons, without_seams
+from spinor_geom.errors import MeshShapeError
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
+
+if TYPE_CHECKING:
+    import meshio
+    import pymeshlab
+
+FACES = ("triangle", "quad", "polygon")  # meshio's names of cells
+NO_FACES = ("vertex", "line")  # kept as they are
+
+
+class Open3DAdapter:
+    """`open3d.geometry.TriangleMesh`, with its vertex normals ("normal") and colours ("color", 0 to 1).
+
+    Edges along which normals or colours differ are seams, and closed.
+    """
+
+    name = "open3d.geometry.TriangleMesh"
+    types = ("open3d.TriangleMesh",)
+
+    def to_mesh(self, obj: Any) -> TriangleMesh:
+        """The triangles; a MeshShapeError if the mesh is one of tensors."""
+        carried = _of_open3d(obj)
+        return without_seams(
+            TriangleMesh(np.asarray(obj.vertices), np.asarray(obj.triangles), vertex_attributes=carried)
+        )
+
+    def extend(self, obj: Any, extension: MeshExtension) -> Any:
+        """A new mesh with the extension appended; textures are copied.
+
+        New triangles get normals if the old ones have some, texture coordinates (0, 0), and the most frequent material.
+        """
+        from open3d.geometry import TriangleMesh as Open3DMesh
+        from open3d.utility import IntVector, Vector2dVector, Vector3dVector, Vector3iVector
+
+        attributes = grown_attributes(_of_open3d(obj), extension, vertices=len(obj.vertices))
+        count = len(extension.faces)
+        made = Open3DMesh(obj)
+        made.vertices = Vector3dVector(np.concatenate([np.asarray(obj.vertices), extension.vertices]))
+        made.triangles = Vector3iVector(np.concatenate([np.asarray(obj.triangles), extension.faces.astype(np.int32)]))
+        if "normal" in attributes:
+            made.vertex_normals = Vector3dVector(attributes["normal"])
+        if "color" in attributes:
+            made.vertex_colors = Vector3dVector(np.clip(attributes["color"], 0.0, 1.0))
+        if obj.has_triangle_normals():
+            a, b, c = np.moveaxis(np.asarray(made.vertices)[extension.faces], 1, 0)
+            normals = unit_vectors(np.cross(b - a, c - a))
+            made.triangle_normals = Vector3dVector(np.concatenate([np.asarray(obj.triangle_normals), normals]))
+        if obj.has_triangle_uvs():
+            zeros = np.zeros((3 * count, 2))
+            made.triangle_uvs = Vector2dVector(np.concatenate([np.asarray(obj.triangle_uvs), zeros]))
+        if obj.has_triangle_material_ids():
+            made.triangle_material_ids = IntVector(repeated(np.asarray(obj.triangle_material_ids), count))
+        if obj.has_adjacency_list():
+            made.compute_adjacency_list()
+        return made
+
+
+def _of_open3d(mesh: Any) -> dict[str, np.ndarray]:
+    if hasattr(mesh, "to_legacy"):
+        raise MeshShapeError("the mesh is an open3d.t.geometry.TriangleMesh; give mesh.to_legacy()")
+    carried = {}
+    if mesh.has_vertex_normals():
+        carried["normal"] = np.asarray(mesh.vertex_normals)
+    if mesh.has_vertex_colors():
+        carried["color"] = np.asarray(mesh.vertex_colors)
+    return carried
+
+
+class MeshioAdapter:
+    """`meshio.Mesh` of triangles, quads and polygons, with its point data under their own names."""
+
+    name = "meshio.Mesh"
+    types = ("meshio.Mesh",)
+
+    def to_mesh(self, obj: meshio.Mesh) -> TriangleMesh:
+        """The triangles, quads and polygons split, block after block.
+
+        A plane mesh (two coordinates a point), or cells that are no faces, points or lines, are a MeshShapeError.
+        """
+        points, polygons = _points_and_polygons(obj)
+        vertices = points.astype(np.float64)
+        return triangles_of(vertices, polygons.triangulated(vertices)[0], real_attributes(obj.point_data))
+
+    def extend(self, obj: meshio.Mesh, extension: MeshExtension) -> meshio.Mesh:
+        """A new mesh with the extension appended: its faces are a block of triangles of their own.
+
+        Point sets, cell sets and field data are copied. New cells get the cell data that occur most often among faces;
+        point data that are no real numbers get zeros or empty entries at new points.
+        """
+        import meshio
+
+        points, _ = _points_and_polygons(obj)
+        attributes = grown_attributes(real_attributes(obj.point_data), extension, vertices=len(points))
+        count = len(extension.faces)
+        blocks = [(block.type, block.data) for block in obj.cells]
+        of_faces = [number for number, block in enumerate(obj.cells) if block.type in FACES]
+
+        def likeliest(values: list[Any]) -> np.ndarray:
+            among_faces = np.concatenate([np.asarray(values[number]) for number in of_faces])
+            return np.repeat(most_frequent_row(among_faces), count, axis=0)
+
+        return meshio.Mesh(
+            points=grown(points, extension.vertices),
+            cells=[*blocks, ("triangle", extension.faces)],
+            point_data={
+                name: attributes[name] if name in attributes else padded(values, len(extension.vertices))
+                for name, values in obj.point_data.items()
+            },
+            cell_data={name: [*values, likeliest(values)] for name, values in obj.cell_data.items()},
+            cell_sets={name: [*own, np.zeros(0, dtype=np.int64)] for name, own in obj.cell_sets.items()},
+            **{name: deepcopy(getattr(obj, name)) for name in ("field_data", "point_sets", "gmsh_periodic", "info")},
+        )
+
+
+def _points_and_polygons(mesh: meshio.Mesh) -> tuple[np.ndarray, Polygons]:
+    points = np.asarray(mesh.points)
+    if points.shape[1:] != (3,):
+        raise MeshShapeError("the points of the mesh have no third coordinate; append one, of zeros for a plane mesh")
+    others = sorted({block.type for block in mesh.cells} - {*FACES, *NO_FACES})
+    if others:
+        raise MeshShapeError(f"the mesh has cells that are no faces ({', '.join(others)}); give its surface alone")
+    blocks = [np.asarray(block.data) for block in mesh.cells if block.type in FACES]
+    sizes = [np.full(len(data), data.shape[1]) for data in blocks]
+    none = np.zeros(0, dtype=np.int64)
+    corners = np.concatenate([none, *(data.reshape(-1) for data in blocks)])
+    return points, Polygons.of_sizes(corners, np.concatenate([none, *sizes]))
+
+
+class MeshSetAdapter:
+    """The current mesh of a `pymeshlab.MeshSet`, with its vertex colours, scalars and texture coordinates.
+
+    The attributes are called "color" (RGBA, 0 to 1), "scalar" and "uv". Positions are those before the mesh's
+    transform. MeshLab holds triangles only, and computes normals anew for every mesh: they are not carried.
+    """
+
+    name = "pymeshlab.MeshSet"
+    types = ("pymeshlab.MeshSet",)
+
+    def to_mesh(self, obj: pymeshlab.MeshSet) -> TriangleMesh:
+        """The triangles of the current mesh; a MeshShapeError if the set holds none."""
+        mesh = _current_mesh(obj)
+        return TriangleMesh(mesh.vertex_matrix(), mesh.face_matrix(), vertex_attributes=_of_meshlab(mesh))
+
+    def extend(self, obj: pymeshlab.MeshSet, extension: MeshExtension) -> pymeshlab.MeshSet:
+        """A new `MeshSet` whose current mesh is the old one with the extension appended; copies of the others follow.
+
+        Label, transform, vertex colours, scalars and texture coordinates, face colours and scalars, and wedge texture
+        coordinates are kept; new faces get the face colour and scalar that occur most often, and wedge texture
+        coordinates (0, 0). What pymeshlab gives no way to copy is not: texture images, custom attributes, and which
+        edges are diagonals of polygons.
+        """
+        import pymeshlab
+
+        mesh = _current_mesh(obj)
+        vertices = mesh.vertex_matrix()
+        grown = grown_attributes(_of_meshlab(mesh), extension, vertices=len(vertices))
+        arrays: dict[str, Any] = {}
+        if "color" in grown:
+            arrays["v_color_matrix"] = np.clip(grown["color"], 0.0, 1.0)
+        if "scalar" in grown:
+            arrays["v_scalar_array"] = grown["scalar"][:, 0]
+        if "uv" in grown:
+            arrays["v_tex_coords_matrix"] = grown["uv"]
+        new = len(extension.faces)
+        if mesh.has_face_color():
+            arrays["f_color_matrix"] = repeated(mesh.face_color_matrix(), new)
+        if mesh.has_face_scalar():
+            arrays["f_scalar_array"] = repeated(mesh.face_scalar_array(), new)
+        if mesh.has_wedge_tex_coord():
+            arrays["w_tex_coords_matrix"] = np.concatenate([mesh.wedge_tex_coord_matrix(), np.zeros((3 * new, 2))])
+        result = pymeshlab.MeshSet(verbose=False)
+        faces = np.concatenate([mesh.face_matrix(), extension.faces.astype(np.int32)])
+        result.add_mesh(pymeshlab.Mesh(np.concatenate([vertices, extension.vertices]), faces, **arrays), mesh.label())
+        if not np.array_equal(mesh.transform_matrix(), np.eye(4)):
+            result.set_matrix(transformmatrix=mesh.transform_matrix(), freeze=False)
+        for other in obj:
+            if other.id() != mesh.id():
+                result.add_mesh(other, other.label(), set_as_current=False)
+        return result
+
+
+def _current_mesh(meshes: pymeshlab.MeshSet) -> pymeshlab.Mesh:
+    if meshes.mesh_number() == 0:
+        raise MeshShapeError("the MeshSet holds no mesh; load or add one first")
+    return meshes.current_mesh()
+
+
+def _of_meshlab(mesh: pymeshlab.Mesh) -> dict[str, np.ndarray]:
+    carried = {}
+    if mesh.has_vertex_color():
+        carried["color"] = mesh.vertex_color_matrix()
+    if mesh.has_vertex_scalar():
+        carried["scalar"] = mesh.vertex_scalar_array()[:, None]
+    if mesh.has_vertex_tex_coord():
+        carried["uv"] = mesh.vertex_tex_coord_matrix()
+    return carried
