@@ -6,8 +6,8 @@ from math import factorial
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline, make_interp_spline
-from scipy.linalg import cho_factor, cho_solve, solve_banded
-from scipy.linalg.lapack import dpotri
+from scipy.linalg import solve_banded
+from scipy.linalg.lapack import dposv, dpotri
 
 Vertices = Float[np.ndarray, "m 3"]
 Breaks = Float[np.ndarray, " m_plus_1"]  # parameters from 0 to 1
@@ -41,11 +41,10 @@ def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[tuple[Breaks, Piec
         return found
     arcs = _arc_shares(breaks, cubics)
     degrees, errors = predicting_degree(points, arcs)
-    even = _left_out_at_equal_steps(points)
-    for i, (degree, error) in enumerate(zip(degrees.tolist(), errors.tolist(), strict=True)):
-        curve = analytic(points[i], arcs[i], error, float(even[i]))
-        if curve is not None:
-            found[i] = curve
+    curves = _analytic(points, arcs, errors)
+    for i, degree in enumerate(degrees.tolist()):
+        if i in curves:
+            found[i] = curves[i]
         elif degree > DEGREES[0]:
             spline = make_interp_spline(arcs[i], np.vstack([points[i], points[i, :1]]), k=degree, bc_type="periodic")
             powers = [spline(arcs[i, :-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
@@ -201,48 +200,53 @@ def piece_places() -> Float[np.ndarray, " d1"]:
     return np.asarray((1 - np.cos(np.pi * np.arange(ANALYTIC_DEGREE + 1) / (ANALYTIC_DEGREE + 0.5))) / 2)
 
 
-def through(values: Pieces, width: Float[np.ndarray, " m"]) -> Pieces:
+def through(values: Float[np.ndarray, "*b d1 m 3"], width: Float[np.ndarray, " m"]) -> Float[np.ndarray, "*b d1 m 3"]:
     """Polynomials with given values at those places of pieces of given widths."""
     x = piece_places()
-    powers = np.linalg.solve(np.vander(x), values.reshape(len(x), -1)).reshape(values.shape)
+    powers = np.linalg.solve(np.vander(x), values.reshape(*values.shape[:-2], 3 * len(width))).reshape(values.shape)
     coefficients = powers / width[:, None] ** np.arange(ANALYTIC_DEGREE, -1, -1)[:, None, None]
-    coefficients[-1] = values[0]
+    coefficients[..., -1, :, :] = values[..., 0, :, :]
     return np.asarray(coefficients)
 
 
-def trigonometric_coefficients(points: Vertices) -> Pieces:
-    """Polynomials of the trigonometric polynomial through points at equal steps, a piece from each to the next."""
-    m = len(points)
-    spectrum = np.fft.rfft(points, axis=0)
-    frequency = np.arange(len(spectrum))
-    turn = np.exp(2j * np.pi / m * frequency * piece_places()[:, None])
-    values = np.fft.irfft(turn[:, :, None] * spectrum, n=m, axis=1)
-    values[0] = points
+def trigonometric_coefficients(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b d1 m 3"]:
+    """Polynomials of the trigonometric polynomials through points at equal steps, a piece from each to the next."""
+    m = points.shape[-2]
+    spectrum = np.fft.rfft(points, axis=-2)
+    turn = np.exp(2j * np.pi / m * np.arange(spectrum.shape[-2]) * piece_places()[:, None])
+    values = np.fft.irfft(turn[..., None] * spectrum[..., None, :, :], n=m, axis=-2)
+    values[..., 0, :, :] = points
     return through(values, np.full(m, 1 / m))
 
 
-def analytic(points: Vertices, arcs: Breaks, error: float, even: float) -> tuple[Breaks, Pieces] | None:
-    """The analytic curve through points, as breaks and polynomials; None where splines predict points left out better.
+def _analytic(
+    points: Float[np.ndarray, "b m 3"], arcs: ManyBreaks, errors: Float[np.ndarray, " b"]
+) -> dict[int, tuple[Breaks, Pieces]]:
+    """Of some curves by number the analytic one through the points, where no spline predicts points left out better.
 
     By equal steps of its parameter that is the trigonometric polynomial. By arc length (about `arcs`) it is the curve
     of least norm in the Hilbert space of the Poisson kernel, whose harmonics fall geometrically: it stays near the
     trigonometric polynomial where points are almost evenly spaced, and does not swing where they are not. Points left
-    out must be nearer than the RMS `error` of `predicting_degree`; `even` is theirs by equal steps.
+    out must be nearer than the RMS `errors` of `predicting_degree`.
 
     Source: Dubrule, "Cross validation of kriging in a unique neighborhood" (1983), for the points left out.
     """
-    m = len(points)
-    edges = np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1)
-    if edges.max() > MOST_UNEVEN * edges.min():
-        return None
-    allowed = max(min(1, m / SURE_POINTS) * error, ROUNDING * np.ptp(points, axis=0).max())
-    if m <= MOST_DENSE:
-        weights, left_out = _poisson(points, arcs)
-        if left_out < min(allowed, even / AS_GOOD):
+    m = points.shape[1]
+    edges = np.linalg.norm(np.diff(points, axis=1, append=points[:, :1]), axis=2)
+    allowed = np.maximum(min(1, m / SURE_POINTS) * errors, ROUNDING * np.ptp(points, axis=1).max(axis=1))
+    allowed[edges.max(axis=1) > MOST_UNEVEN * edges.min(axis=1)] = 0
+    even = _left_out_at_equal_steps(points)
+    found = {}
+    for i in np.flatnonzero(allowed).tolist() if m <= MOST_DENSE else ():
+        weights, left_out = _poisson(points[i], arcs[i])
+        if left_out < min(allowed[i], even[i] / AS_GOOD):
             # the arcs of this curve are nearer to its own than those of the cubic spline
-            arcs = _arc_shares(arcs, _poisson_coefficients(points, arcs, weights))
-            return arcs, _poisson_coefficients(points, arcs, _poisson(points, arcs)[0])
-    return (np.arange(m + 1) / m, trigonometric_coefficients(points)) if even < allowed else None
+            own = _arc_shares(arcs[i], _poisson_coefficients(points[i], arcs[i], weights))
+            found[i] = own, _poisson_coefficients(points[i], own, _poisson(points[i], own)[0])
+    equal = [i for i in np.flatnonzero(even < allowed).tolist() if i not in found]
+    for i, pieces in zip(equal, trigonometric_coefficients(points[equal]), strict=True):
+        found[i] = np.arange(m + 1) / m, pieces
+    return found
 
 
 def _left_out_at_equal_steps(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b"]:
@@ -271,11 +275,12 @@ def _poisson(points: Vertices, breaks: Breaks) -> tuple[Vertices, float]:
     """Weights of the kernels at given parameters that sum up to points, and the RMS error of each point left out."""
     m, t = len(points), breaks[:-1]
     matrix = _kernel(t, t, m)
-    matrix[np.diag_indices(m)] *= 1 + RIDGE
-    factor = cho_factor(matrix)
-    weights = cho_solve(factor, points - points.mean(axis=0))
-    inverse, _ = dpotri(*factor)
-    return weights, float(np.sqrt(np.mean((weights / np.diag(inverse)[:, None]) ** 2)))
+    matrix.flat[:: m + 1] *= 1 + RIDGE
+    # not by scipy.linalg, whose checks take as long as the work
+    factor, weights, is_singular = dposv(matrix, points - points.mean(axis=0))
+    inverse, _ = dpotri(factor)
+    left_out = np.inf if is_singular else np.sqrt(np.mean((weights / inverse.diagonal()[:, None]) ** 2))
+    return weights, float(left_out)
 
 
 def _poisson_coefficients(points: Vertices, breaks: Breaks, weights: Vertices) -> Pieces:
