@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from torch import Tensor
 
 from spinor_geom.discrete.area_descent import harmonic_extension
-from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
+from spinor_geom.domain.delaunay import Rims, edge_codes, plane_coordinates, rim_successors
 from spinor_geom.mesh.operators import mollified_laplacian
 from spinor_geom.surface.frames import phi_from_frames, spinors_from_phi
 
@@ -38,8 +38,6 @@ def lifted_spinors(
     vertices are the boundary, in order; `points` are their images in Ω. Where p and q change their signs around a
     `branch` c in a hole, p/√(z − c) and q/√(z − c) are given, which do not.
     """
-    import igl
-
     after = rim_successors(rims)
     boundary = points[: len(after)]
 
@@ -54,9 +52,13 @@ def lifted_spinors(
     normal = np.cross(tangent, corner[:, 2] - corner[:, 0])
     frames = (torch.from_numpy(part) for part in (tangent, normal, step, np.ones(len(faces))))
     inner = single_valued(phi_from_frames(*frames), image.mean(axis=1)).numpy()
-    face, side = np.nonzero((beside := np.asarray(igl.triangle_triangle_adjacency(faces)[0])) >= 0)
-    agreement = np.nan_to_num((inner[face].conj() * inner[beside[face, side]]).sum(axis=1).real / 2)
-    graph = csr_array((1 - np.abs(agreement), (face, beside[face, side])), shape=(len(faces), len(faces)))
+    # not by libigl, which starts threads for it
+    codes = edge_codes(faces, len(points))
+    order = codes.argsort()
+    shared = np.flatnonzero(np.diff(codes[order]) == 0)
+    face, beside = order[shared] // 3, order[shared + 1] // 3
+    agreement = np.nan_to_num((inner[face].conj() * inner[beside]).sum(axis=1).real / 2)
+    graph = csr_array((1 - np.abs(agreement), (face, beside)), shape=(len(faces), len(faces)))
     _, before = breadth_first_order(minimum_spanning_tree(graph), 0, directed=False)
     before[0] = 0
     sign = np.where((inner.conj() * inner[before]).sum(axis=1).real < 0, -1.0, 1.0)
