@@ -26,7 +26,7 @@ from spinor_geom.fill.many_loops import minimal_patches
 from spinor_geom.fill.one_loop import Answer
 from spinor_geom.isolate import Tell, serve
 
-WAITING = 4  # files whose results are held until the disk has them
+WAITING = 4  # files whose results are on their way to the disk: each waits for it several times
 
 
 def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
@@ -78,7 +78,7 @@ def _work(
     answers = _answers([loop for _, file in opened for loop in wanted(file)], options, tell)
     waiting: deque[Future[dict[str, Any]]] = deque()
     # the next file is meshed while this one's results are on their way to the disk
-    with ThreadPoolExecutor(1) as writer:
+    with ThreadPoolExecutor(WAITING) as writer:
         for source, file in opened:
             waiting.append(writer.submit(store.commit, source, *results_of(file, answers)))
             while waiting and (waiting[0].done() or len(waiting) > WAITING):
