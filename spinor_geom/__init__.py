@@ -3,8 +3,6 @@
 The names below are the public ones; each is imported on first use, so `import spinor_geom` is quick.
 """
 
-from __future__ import annotations
-
 import importlib
 from typing import TYPE_CHECKING, Any
 

@@ -1,7 +1,5 @@
 """The exact minimal surface beside the discrete one over the same loop, in numbers."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 

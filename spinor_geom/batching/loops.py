@@ -1,7 +1,5 @@
 """The loops of an OBJ file: the holes of its mesh, and its curves, each with its name or the reason why it is none."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,5 @@
 """The process that reads, solves and writes; see `isolate` for how it is told what to do."""
 
-from __future__ import annotations
-
 import io
 import traceback
 import warnings

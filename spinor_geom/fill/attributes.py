@@ -1,7 +1,5 @@
 """Values at the vertices of a patch from those on its rim: harmonic interpolation, nearest labels, normals."""
 
-from __future__ import annotations
-
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree

@@ -3,8 +3,6 @@
 Islands are loose pieces that lie in a hole; they are joined to its rim, or ignored.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter

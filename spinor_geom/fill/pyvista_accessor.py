@@ -1,7 +1,5 @@
 """`mesh.spinor.fill_hole()` on PyVista's meshes: PyVista (0.48 or newer) finds this module by its entry point."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any
