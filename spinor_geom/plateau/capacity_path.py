@@ -50,7 +50,7 @@ def all_on_path(problem: RimsProblem, surface: HarmonicSurface | None) -> list[H
         SurfaceError: the energy rises from the least mean modulus on that the nodes resolve, or the nodes crowd: other
             critical points may exist.
     """
-    near = None if surface is None else _OnPath.near(surface)
+    near = None if surface is None else _OnPath.near(replace(surface, held=False))
     here = None if near is None else near.at(near.log_modulus)
     if here is None or here.here.crowded:
         raise SurfaceError(
@@ -178,7 +178,7 @@ def _zero(problem: RimsProblem, low: _OnPath, high: _OnPath) -> HarmonicSurface:
         share = low.multiplier / (low.multiplier - high.multiplier)
         width = high.log_modulus - low.log_modulus
         middle = _nearby((low, high), low.log_modulus + min(max(share, 0.1), 0.9) * width)
-        found = problem.critical(middle.here)
+        found = problem.stationary(middle.here, saddles=True)
         is_between = low.log_modulus <= _OnPath.near(found).log_modulus <= high.log_modulus
         if middle in (low, high) or width < _LEAST_STEP or (is_between and float(found.size) < _ON_PATH):
             return found

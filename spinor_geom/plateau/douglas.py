@@ -16,7 +16,7 @@ from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
 from spinor_geom.plateau.dirichlet import DirichletForm, frequencies
-from spinor_geom.plateau.newton import SMALL, minimised
+from spinor_geom.plateau.newton import SMALL, Rows, conjugate_gradients, stationary
 from spinor_geom.plateau.problem import CurveTensors
 
 # Nodes may be no farther apart on Γ than so many times their mean distance: beyond, ∂Ω crowds and nothing is resolved.
@@ -47,17 +47,17 @@ def minimise_dirichlet_energies(
     near: bool = False,
     on_step: Sequence[Callable[[float], None]] = (),
 ) -> tuple[HarmonicDisk, ...]:
-    """The slides of several curves by `minimised`, all of it by fast Fourier transforms.
+    """The slides of several curves by `stationary`, all of it by fast Fourier transforms.
 
     The energy is E(s) = π/n Σ Γ(s)·ΛΓ(s). Conformal maps of Ω onto itself, the gauge, leave it as it is: on the disk
     steps are orthogonal, by arc length, to what those maps move, along which the error of the samples would lead
     astray; on other Ω a little stiffness against slow displacements keeps the Hessian regular and takes nothing from
     the solution. A step is taken along s by factors of the increments, so that s stays increasing. The starts are at
-    t = j/n, increasing around the circle, Λ is one for all curves, and the rest is as for `minimised`.
+    t = j/n, increasing around the circle, Λ is one for all curves, and the rest is as for `stationary`.
 
     Source: Douglas, "Solution of the problem of Plateau", Trans. AMS 33 (1931).
     """
-    found = minimised(
+    found = stationary(
         Slides.of(curves, form, slides),
         tolerances=tolerances,
         max_steps=max_steps,
@@ -79,7 +79,7 @@ def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Tensor
     amount that lower the energy most. The cost is n³.
     """
     here = Slides.of(CurveTensors.batch([curve]), form, slide[None])
-    hessian = here.hessian(torch.zeros_like(here.energy))(torch.eye(len(slide), dtype=slide.dtype, device=slide.device))
+    hessian = here.hessian(None)(torch.eye(len(slide), dtype=slide.dtype, device=slide.device))
     values, vectors = torch.linalg.eigh((hessian + hessian.mT) / 2)
     if float(values[0]) >= -SMALL * float(values[-1]):
         return None
@@ -171,10 +171,10 @@ class Slides:
     def _without_gauge(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
         return u - self._in_gauge(u) if self.form.is_disk else u
 
-    def hessian(self, reflection: Float[Tensor, " b"]) -> Callable[[Float[Tensor, "b n"]], Float[Tensor, "b n"]]:
-        """The second derivative of the energy by arc length, on each row; what bends downwards reflected."""
+    def hessian(self, damping: Float[Tensor, " b"] | None) -> Rows:
+        """The second derivative of the energy by arc length, on each row; damped, what bends downwards is reflected."""
         unit = self.tangent / self.speed[..., None]
-        bend = (self.bend + 2 * reflection[:, None] * (-self.bend).clamp(min=0)) / self.speed.square()
+        bend = reflected(self.bend, damping) / self.speed.square()
 
         def applied(u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
             image = (unit * self.form(unit * u[..., None])).sum(-1) + bend * u
@@ -182,8 +182,13 @@ class Slides:
 
         return applied
 
-    def precondition(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
-        """The inverse of |k| + ½."""
+    def direction(
+        self, damping: Float[Tensor, " b"] | None, forcing: Float[Tensor, " b"]
+    ) -> tuple[Float[Tensor, "b n"], Bool[Tensor, " b"]]:
+        """Newton's step."""
+        return conjugate_gradients(self.hessian(damping), self.gradient, self._precondition, forcing)
+
+    def _precondition(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
         return self._without_gauge(smoothed(u))
 
     def stepped(self, direction: Float[Tensor, "b n"], length: float) -> Slides:
@@ -192,6 +197,11 @@ class Slides:
 
 
 _BY_CURVE = ("slide", "points", "tangent", "bend", "normal", "energy")
+
+
+def reflected(bends: Float[Tensor, "b n"], damping: Float[Tensor, " b"] | None) -> Float[Tensor, "b n"]:
+    """Γ″·ΛX; where Γ bends towards the inside, with the opposite sign by so large a share."""
+    return bends if damping is None else bends + 2 * damping[:, None] * (-bends).clamp(min=0)
 
 
 def smoothed(u: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
