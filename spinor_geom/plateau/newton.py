@@ -18,22 +18,18 @@ _REMEMBERED = 6
 # gradients so small the energy tells no more.
 SMALL = 1e-6
 ROUNDING = 1e-13  # gradients, and falls of the energy by itself, at which nothing but rounding errors is left
-MORE_DAMPING, LEAST_DAMPING = 4.0, 1e-3  # the factor by which damping grows and falls, and the least that is any
+_MORE_DAMPING, _LEAST_DAMPING = 4.0, 1e-3  # the factor by which damping grows and falls, and the least that is any
 
 E = TypeVar("E", bound="Energies")
 Rows: TypeAlias = Callable[[Float[Tensor, "b k"]], Float[Tensor, "b k"]]  # what maps rows of displacements to rows
 
 
 class Energies(Protocol):
-    """Energies of b surfaces that do not know of each other, with their derivatives by k displacements each."""
+    """Energies of b surfaces that do not know of each other, with k displacements each: along Γ, and of the moduli."""
 
     @property
     def energy(self) -> Float[Tensor, " b"]:
         """Up to a factor."""
-
-    @property
-    def gradient(self) -> Float[Tensor, "b k"]:
-        """By arc length of the slides, and by the moduli."""
 
     @property
     def size(self) -> Float[Tensor, " b"]:
@@ -124,19 +120,16 @@ def stationary(
         # of the many steps that rough loops take the first need not be exact
         forcing = torch.where(falls > 0, size.sqrt(), size).clamp(max=0.1)
         direction, downwards = here.direction(None if saddles else damping, forcing)
-        if saddles:
-            here, lengths = _halved(here, direction)
-        else:
-            here, lengths = _line_search(here, direction, energies.amax(-1))
+        here, lengths = _halved(here, direction) if saddles else _line_search(here, direction, energies.amax(-1))
         moved = lengths > 0
         energies = torch.cat([energies[:, 1:], here.energy[:, None]], dim=1)
         lowest = torch.cat([lowest[:, 1:], torch.minimum(lowest[:, -1], here.energy)[:, None]], dim=1)
         stuck = ~moved & (saddles | (damping >= 1))
-        more = torch.where(moved, 10 * LEAST_DAMPING, 0.1)
-        less = torch.where(damping > LEAST_DAMPING, damping / MORE_DAMPING, 0.0)
+        more = torch.where(moved, 10 * _LEAST_DAMPING, 0.1)
+        less = torch.where(damping > _LEAST_DAMPING, damping / _MORE_DAMPING, 0.0)
         damping = torch.where(
             ~moved | downwards,
-            torch.maximum(MORE_DAMPING * damping, more).clamp(max=1.0),
+            torch.maximum(_MORE_DAMPING * damping, more).clamp(max=1.0),
             torch.where(lengths == 1, less, damping),
         )
     return found
@@ -171,6 +164,21 @@ def conjugate_gradients(
         ratio = torch.where(unfinished, size / before, 0.0)
         along, metric = z + ratio * along, rest + ratio * metric
     return x, downwards[:, 0]
+
+
+def factored(
+    matrix: Float[Tensor, "k k"],
+    metric: Float[Tensor, " k"],
+    gradient: Float[Tensor, "1 k"],
+    damping: Float[Tensor, "1"],
+) -> tuple[Float[Tensor, "1 k"], Bool[Tensor, "1"]]:
+    """`Energies.direction` of one surface by its second derivative, damped by more until it curves upwards."""
+    share = damping
+    while True:
+        factor, info = torch.linalg.cholesky_ex(matrix + torch.diag(share * metric))
+        if int(info) == 0 or float(share) > 1 / ROUNDING:
+            return torch.cholesky_solve(-gradient.T, factor).T, share > damping
+        share = (_MORE_DAMPING * share).clamp(min=10 * _LEAST_DAMPING)
 
 
 def _halved(here: E, direction: Float[Tensor, "b k"]) -> tuple[E, Float[Tensor, " b"]]:

@@ -24,12 +24,12 @@ from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
 from spinor_geom.plateau.found import Between, Found, NoneBetweenError
 from spinor_geom.plateau.harmonic_route import even, points_of_domain
 from spinor_geom.plateau.lift import WORTHWHILE, Lift, circles_of, lifted_between, surface_of
-from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING
+from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, SMALL
 from spinor_geom.plateau.plane_route import lie_beside
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between
-from spinor_geom.plateau.rims_energy import DENSE, HarmonicSurface, RimsProblem, is_apart
+from spinor_geom.plateau.rims_energy import DENSE, HarmonicSurface, RimsProblem
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 from spinor_geom.plateau.solution import RimMatch
 from spinor_geom.plateau.vertex_route import surface_through
@@ -42,8 +42,7 @@ _NEGLIGIBLE_POWER = 1e-8
 # While nodes are so few that matrices are factored, the distance is brought to this share of what is asked for.
 _WELL_BELOW = 1e-3
 _RIVAL = 1.3  # the other direction of the second loop is tried too if its start has at most so many times the energy
-# Gradient above which a search has found nothing, and above which the energy is brought down anew.
-_SETTLED, _POOR = 1e-3, 1e-6
+_SETTLED = 1e-3  # gradient above which a search has found nothing
 # The smooth curve that leads to a rough one: its width as a share of the loop, and how many curves there are between.
 _AVERAGE, _DEFORMATIONS = 0.03, 4
 
@@ -138,7 +137,7 @@ class RimsSolver:
             best = min(found, key=lambda lower: lower.surface.dirichlet_energy, default=None)
             while best is not None:
                 problem, nodes = self._problem(best), 2 * best.surface.slides.shape[1]
-                fine = problem.refined(best.surface, nodes)
+                fine = problem.stationary(problem.resampled(best.surface, nodes), saddles=True)
                 is_last = nodes * len(self.request.units) > 2 * DENSE
                 if is_last or (fine.size <= _SETTLED and fine.is_minimum):
                     return replace(best, surface=fine)
@@ -154,12 +153,12 @@ class RimsSolver:
         """
         problem, n, fallen = self._problem(start), start.surface.slides.shape[1], 0
         while True:
-            lower = problem.stationary(problem.resampled(start.surface, n), tolerance=_POOR)
+            lower = problem.stationary(problem.resampled(start.surface, n), tolerance=SMALL)
             require_time()
             if not lower.falls_apart and lower.size <= _SETTLED:
                 return replace(start, surface=lower)
             n, fallen = 2 * n, fallen + lower.falls_apart
-            is_gone = fallen == 2 or (len(self.request.units) == 2 and is_apart(lower.domain))
+            is_gone = fallen == 2 or (len(self.request.units) == 2 and lower.is_apart)
             if is_gone or n * len(self.request.units) > DENSE:
                 return None
 
@@ -225,18 +224,21 @@ class RimsSolver:
             problem = self._problem(start)
             # half of the nodes do, and its steps on them cost an eighth
             coarse = problem.resampled(start.surface, max(_FEWEST_NODES, n // 2))
-            held = problem.stationary(replace(coarse, held=is_two), tolerance=_POOR, saddles=not is_two)
-            return [replace(start, surface=problem.refined(surface, n)) for surface in all_on_path(problem, held)]
+            held = problem.stationary(replace(coarse, held=is_two), tolerance=SMALL, saddles=not is_two)
+            return [
+                replace(start, surface=problem.stationary(problem.resampled(surface, n), saddles=True))
+                for surface in all_on_path(problem, held)
+            ]
 
     def _stable(self) -> list[Placement]:
         return [placed for placed in self.all_critical() if placed.surface.index == 0]
 
     def fitted(self, placed: Placement) -> Found:
         """The surface with as many nodes as the tolerance asks for, or as help."""
-        problem = self._problem(placed, -1)
+        problem, saddles = self._problem(placed, -1), placed.surface.index > 0
         tried: list[tuple[Lift, HarmonicSurface]] = []
         limit, before = "more nodes on the rims do not help", math.inf
-        for finer in self._finer(placed):
+        for finer in self._finer(placed, saddles=saddles):
             goal = self.request.allowed * (_WELL_BELOW if finer.slides.numel() <= DENSE else 1.0)
             if self.request.options.is_series:
                 goal = float(np.finfo(np.float64).tiny)
@@ -248,7 +250,7 @@ class RimsSolver:
             # at corners the distance falls slowly, but surely: on the way to what is allowed it may
             now, doublings = tried[-1][0].misfit.rms, math.log2(_MOST_NODES / finer.slides.shape[1])
             is_on_its_way = now > self.request.allowed >= now * (now / before) ** doublings
-            if now >= WORTHWHILE * before and not is_on_its_way:
+            if now >= WORTHWHILE * before and (saddles or not is_on_its_way):
                 break
             before = lift.misfit.rms
         else:
@@ -266,15 +268,14 @@ class RimsSolver:
             between=_between(replace(placed, surface=harmonic), lift.series.antiperiodic, lift.period),
         )
 
-    def _finer(self, placed: Placement) -> Iterator[HarmonicSurface]:
+    def _finer(self, placed: Placement, *, saddles: bool) -> Iterator[HarmonicSurface]:
         """The surface over the loops' own curves, and with more and more nodes."""
         problem, surface = self._problem(placed, -1), placed.surface
-        saddles = surface.index > 0
         if self._is_noisy:
             n = even(_PER_EDGE * max(map(len, self.request.units)))
             with self.request.clock.stage("slides"):
                 for step in range(1, len(self._way)):
-                    surface = self._settled(self._problem(placed, step), surface, n, near=False, saddles=saddles)
+                    surface = self._settled(self._problem(placed, step), surface, n, saddles=saddles)
         while True:
             yield surface
             require_time()
@@ -282,17 +283,15 @@ class RimsSolver:
             if n > _MOST_NODES or not self.request.steps.left:
                 return
             with self.request.clock.stage("slides"):
-                surface = self._settled(problem, surface, n, near=not self._is_noisy, saddles=saddles)
+                surface = self._settled(problem, surface, n, saddles=saddles)
 
-    def _settled(
-        self, problem: RimsProblem, surface: HarmonicSurface, n: int, *, near: bool, saddles: bool
-    ) -> HarmonicSurface:
+    def _settled(self, problem: RimsProblem, surface: HarmonicSurface, n: int, *, saddles: bool) -> HarmonicSurface:
         edges = max(map(len, self.request.units))
         return problem.stationary(
             problem.resampled(surface, n),
             tolerance=ROUGH_GRADIENT * self.request.options.tolerance if self._is_noisy else ROUNDING,
             max_steps=min(MOST_STEPS, self.request.steps.left),
-            near=near,
+            near=not self._is_noisy,
             saddles=saddles,
             negligible=negligible_energy(edges, self.request.allowed) if self._is_noisy else 0.0,
         )

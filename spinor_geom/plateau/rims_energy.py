@@ -20,16 +20,7 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.plateau.dirichlet import CirclesForm, derivative, without_highest
 from spinor_geom.plateau.douglas import CROWDED, reflected, resampled, slid, smoothed
-from spinor_geom.plateau.newton import (
-    LEAST_DAMPING,
-    MORE_DAMPING,
-    MOST_STEPS,
-    ROUNDING,
-    SMALL,
-    Rows,
-    conjugate_gradients,
-    stationary,
-)
+from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, Rows, conjugate_gradients, factored, stationary
 from spinor_geom.plateau.problem import CurveTensors
 
 # Modulus beyond which all but the distance of the rims' means has decayed to 1e-9 of itself: there is no surface.
@@ -37,11 +28,8 @@ MOST_MODULUS = 20.0
 _HELD = 1e26  # the second derivative, by the energy, of moduli that stay
 DENSE = 512  # nodes on all rims together up to which Newton's equations are factored
 
-_MOST_HALVINGS = 4  # halvings of a step until the circles stay apart
 _LARGEST_STEP = 0.5  # largest step of a modulus: of its logarithm, or of a place by the distance to the next circle
 _LARGE_PART = 0.5  # share of a curve that no step may be: few nodes do not crowd before they are all in one place
-_FLAT = 1e-12  # curvatures of the energy below this share of the largest count as none
-_UNRESOLVED = 1e-2  # error of Λ, relative, above which so many nodes do not resolve the gaps between the circles
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,18 +51,11 @@ class HarmonicSurface:
     energy: Float[Tensor, "1"]  # E
     by_slides: Float[Tensor, " mn"]  # derivative of E by arc length
     normal: Float[Tensor, "m n 3"]  # ΛX
-    held: bool  # whether the moduli stay
-    is_stuck: bool  # whether a step was to lead from here and so many nodes resolved none
+    held: bool = False  # whether the moduli stay
 
     @classmethod
     def of(
-        cls,
-        curves: CurveTensors,
-        slides: Float[Tensor, "m n"],
-        domain: CircularDomain,
-        negligible: float,
-        *,
-        held: bool = False,
+        cls, curves: CurveTensors, slides: Float[Tensor, "m n"], domain: CircularDomain, negligible: float
     ) -> HarmonicSurface:
         """The energy with given slides over a given domain."""
         points, tangent, second = curves.point_and_derivatives(slides)
@@ -94,8 +75,6 @@ class HarmonicSurface:
             energy=0.5 * (points * normal).sum()[None],
             by_slides=(normal * unit).sum(-1).flatten(),
             normal=normal,
-            held=held,
-            is_stuck=False,
         )
 
     @property
@@ -119,15 +98,20 @@ class HarmonicSurface:
         steps = torch.diff(self.slides, append=self.slides[:, :1] + 1)
         return float(steps.max()) > min(CROWDED / self.slides.shape[1], _LARGE_PART)
 
+    @property
+    def is_apart(self) -> bool:
+        """Whether a modulus has run away."""
+        return float(self.domain.room[1].max()) > MOST_MODULUS
+
     @cached_property
     def falls_apart(self) -> bool:
         """Whether a modulus runs away, or a rim shrinks to a point of it."""
-        return self.crowded or is_apart(self.domain)
+        return self.crowded or self.is_apart
 
     @property
     def is_over(self) -> Bool[Tensor, "1"]:
         """Whether more steps lead nowhere."""
-        return torch.tensor([self.is_stuck or self.falls_apart], device=self.slides.device)
+        return torch.tensor([self.falls_apart], device=self.slides.device)
 
     @cached_property
     def size(self) -> Float[Tensor, "1"]:
@@ -174,14 +158,8 @@ class HarmonicSurface:
             return step[None], torch.zeros_like(self.energy, dtype=torch.bool)
         if self.slides.numel() > DENSE:
             return conjugate_gradients(self._hessian(damping), self.gradient, self._precondition, forcing)
-        share, matrix = damping, self.matrix()
         metric = torch.cat([2 * (-self.bends).clamp(min=0).flatten(), self._by_moduli.diagonal().abs()])
-        while True:
-            factor, info = torch.linalg.cholesky_ex(matrix + torch.diag(share * metric))
-            if int(info) == 0 or float(share) > 1 / ROUNDING:
-                break
-            share = (MORE_DAMPING * share).clamp(min=LEAST_DAMPING)
-        return torch.cholesky_solve(-self.gradient.T, factor).T, share > damping
+        return factored(self.matrix(), metric, self.gradient, damping)
 
     @cached_property
     def _by_moduli(self) -> Float[Tensor, "p p"]:
@@ -189,16 +167,10 @@ class HarmonicSurface:
         hessian = self.moduli.hessian
         return hessian + torch.diag(torch.full_like(hessian[0], _HELD * float(self.energy))) if self.held else hessian
 
-    @cached_property
-    def _raised(self) -> Float[Tensor, "p p"]:
-        """That without what bends downwards."""
-        values, vectors = torch.linalg.eigh(self._by_moduli)
-        raised: Tensor = (vectors * values.clamp(min=SMALL * float(self.energy))) @ vectors.T
-        return raised
-
     def _hessian(self, damping: Float[Tensor, "1"]) -> Rows:
-        """The product with `matrix`, what bends downwards reflected, by the moduli left out."""
+        """The product with `matrix`, damped."""
         bends = reflected(self.bends, damping)
+        moduli = self._by_moduli + torch.diag(damping * self._by_moduli.diagonal().abs())
 
         def applied(rows: Float[Tensor, "1 k"]) -> Float[Tensor, "1 k"]:
             (x,) = rows
@@ -206,16 +178,16 @@ class HarmonicSurface:
             u = along.reshape(bends.shape)
             image = (self.unit * self.form(self.unit * u[..., None])).sum(-1) + bends * u
             slides = image.flatten() + self.mixed.T @ by_moduli
-            whole = torch.cat([slides, self.mixed @ along + self._raised @ by_moduli])
+            whole = torch.cat([slides, self.mixed @ along + moduli @ by_moduli])
             held: Tensor = whole + self.stiffness * (self.rotation @ x) * self.rotation
             return held[None]
 
         return applied
 
     def _precondition(self, u: Float[Tensor, "1 k"]) -> Float[Tensor, "1 k"]:
-        count = self.slides.numel()
+        count, scales = self.slides.numel(), self._by_moduli.diagonal().abs()
         smooth = smoothed(u[0, :count].reshape(self.slides.shape))
-        return torch.cat([smooth.flatten(), torch.linalg.solve(self._raised, u[0, count:])])[None]
+        return torch.cat([smooth.flatten(), u[0, count:] / scales])[None]
 
     def at(self, which: Int[Tensor, " _"]) -> HarmonicSurface:
         """This."""
@@ -234,7 +206,7 @@ class HarmonicSurface:
     def index(self) -> int:
         """Number of directions of all slides and moduli along which the energy falls: the Morse index."""
         values = torch.linalg.eigvalsh(self.matrix())
-        return int((values < -_FLAT * values.abs().max()).sum())
+        return int((values < -ROUNDING * values.abs().max()).sum())
 
     @cached_property
     def mixed(self) -> Float[Tensor, "p mn"]:
@@ -255,19 +227,15 @@ class HarmonicSurface:
         return rotation
 
     def stepped(self, direction: Float[Tensor, "1 k"], length: float = 1.0) -> HarmonicSurface:
-        """The surface after a step, or as much of it as keeps the circles apart and is resolved; else this one."""
+        """The surface after a step; this one, of infinite energy, where circles would meet."""
         count = self.slides.numel()
         slides, along = direction[0, :count].reshape(self.slides.shape) / self.speed, direction[0, count:]
         length = min(length, _LARGEST_STEP / max(float(along.abs().max()), 1e-300))
-        for _ in range(_MOST_HALVINGS):
-            domain = self.domain.moved(length * along)
-            if float(domain.room[1].min()) > 0:
-                moved = slid(self.slides, slides, length)
-                there = HarmonicSurface.of(self.curves, moved, domain, self.negligible, held=self.held)
-                if there.form.error <= max(_UNRESOLVED, self.form.error):
-                    return there
-            length /= 2
-        return replace(self, is_stuck=True)
+        domain = self.domain.moved(length * along)
+        if not float(domain.room[1].min()) > 0:
+            return replace(self, energy=torch.full_like(self.energy, torch.inf))
+        moved = slid(self.slides, slides, length)
+        return replace(HarmonicSurface.of(self.curves, moved, domain, self.negligible), held=self.held)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -369,15 +337,6 @@ class RimsProblem:
         )
         return found
 
-    def refined(self, surface: HarmonicSurface, n: int) -> HarmonicSurface:
-        """The critical point with n nodes on each rim."""
-        return self.stationary(self.resampled(surface, n), saddles=True)
-
     def resampled(self, surface: HarmonicSurface, n: int) -> HarmonicSurface:
         """The harmonic surface of the same slides at n nodes on each rim."""
         return HarmonicSurface.of(self.curves, resampled(surface.slides, n), surface.domain, self.negligible)
-
-
-def is_apart(domain: CircularDomain) -> bool:
-    """Whether a modulus has run away."""
-    return float(domain.room[1].max()) > MOST_MODULUS
