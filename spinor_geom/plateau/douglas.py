@@ -18,13 +18,12 @@ from torch import Tensor
 from spinor_geom.plateau.dirichlet import DirichletForm, frequencies
 from spinor_geom.plateau.newton import SMALL, Rows, conjugate_gradients, stationary
 from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.stability import AMPLITUDES
 
 # Nodes may be no farther apart on Γ than so many times their mean distance: beyond, ∂Ω crowds and nothing is resolved.
 CROWDED = 40.0
 # Of the Hessian by arc length against conformal maps of Ω onto itself, where they are not known exactly.
 _GAUGE_STIFFNESS = 1e-3
-# Distances along Γ, in diagonals, that a slide is moved from a stationary one in search of less energy.
-_AMPLITUDES = tuple(0.2 * 0.6**k for k in range(8))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,7 +83,7 @@ def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Tensor
     if float(values[0]) >= -SMALL * float(values[-1]):
         return None
     direction = vectors[None, :, 0] / vectors[:, 0].abs().max()
-    trials = [here.stepped(direction, sign * amplitude) for sign in (1, -1) for amplitude in _AMPLITUDES]
+    trials = [here.stepped(direction, sign * amplitude) for sign in (1, -1) for amplitude in AMPLITUDES]
     best = min(trials, key=lambda trial: float(trial.energy))
     return best.slide[0] if float(best.energy) < float(here.energy) else None
 
