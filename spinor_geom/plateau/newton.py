@@ -1,4 +1,4 @@
-"""Newton's method with conjugate gradients for Douglas's energy: slides, and the moduli of Ω where it has holes."""
+"""Newton's method for Douglas's energy: slides, and the moduli of Ω where it has holes; minima, or saddles too."""
 
 import itertools
 from collections.abc import Callable, Sequence

@@ -325,7 +325,7 @@ class RimsProblem:
         near: bool = True,
         saddles: bool = False,
     ) -> HarmonicSurface:
-        """The surface that the energy falls to, or a critical point next to a start: see there."""
+        """The surface that the energy falls to, or the critical point next to a start: see `newton.stationary`."""
         ((_, found),) = stationary(
             start,
             tolerances=[tolerance],
