@@ -193,7 +193,8 @@ def _candidates(
                 np.concatenate, zip(*(_gap(u, edge, turning, matrix, hole) for hole in holes), strict=True)
             )
             along = scipy.linalg.cho_solve(factor, slope.T)
-            u = u - along @ np.linalg.solve(slope @ along, gap)
+            # a hole that lies straight at first bends to neither side sooner
+            u = u - along @ np.linalg.lstsq(slope @ along, gap, rcond=None)[0]
             if not np.abs(u).max() < _LARGEST_SCALE:
                 break
         else:

@@ -22,12 +22,10 @@ from spinor_geom.deadline import require_time
 from spinor_geom.errors import SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.plateau.dirichlet import CirclesForm
-from spinor_geom.plateau.newton import MOST_STEPS
-from spinor_geom.plateau.rims_energy import HarmonicSurface, Moduli, RimsProblem, is_apart
+from spinor_geom.plateau.newton import MOST_STEPS, SMALL
+from spinor_geom.plateau.rims_energy import HarmonicSurface, Moduli, RimsProblem
 
 _STEP, _LEAST_STEP = 0.5, 0.002  # steps of log M: the largest, and the least before the path is lost
-# Gradient and slopes of a point of the path: λ changes its sign where it does, and Newton's method goes on from there.
-_ON_PATH = 1e-6
 
 
 def mean_modulus(domain: CircularDomain, n: int = 64) -> float:
@@ -50,7 +48,7 @@ def all_on_path(problem: RimsProblem, surface: HarmonicSurface | None) -> list[H
         SurfaceError: the energy rises from the least mean modulus on that the nodes resolve, or the nodes crowd: other
             critical points may exist.
     """
-    near = None if surface is None else _OnPath.near(surface)
+    near = None if surface is None else _OnPath.near(replace(surface, held=False))
     here = None if near is None else near.at(near.log_modulus)
     if here is None or here.here.crowded:
         raise SurfaceError(
@@ -135,7 +133,7 @@ class _OnPath:
         near, before = self, math.inf
         for _ in range(MOST_STEPS):
             size = near._defect(log_modulus)
-            if size < _ON_PATH:
+            if size < SMALL:
                 return near
             if not size < before:
                 break
@@ -158,7 +156,7 @@ def _followed(start: _OnPath, way: int) -> list[_OnPath]:
             continue
         # the highest frequency of the nodes decays across the narrowest gap, by e^π at least
         is_resolved = -math.log(there.here.domain.nearness) >= 2 * math.pi / there.here.form.steps
-        if is_apart(there.here.domain) or there.here.crowded or not is_resolved:
+        if there.here.falls_apart or not is_resolved:
             break
         found.append(there)
         here, step = there, min(2 * step, _STEP)
@@ -178,9 +176,9 @@ def _zero(problem: RimsProblem, low: _OnPath, high: _OnPath) -> HarmonicSurface:
         share = low.multiplier / (low.multiplier - high.multiplier)
         width = high.log_modulus - low.log_modulus
         middle = _nearby((low, high), low.log_modulus + min(max(share, 0.1), 0.9) * width)
-        found = problem.critical(middle.here)
+        found = problem.stationary(middle.here, saddles=True)
         is_between = low.log_modulus <= _OnPath.near(found).log_modulus <= high.log_modulus
-        if middle in (low, high) or width < _LEAST_STEP or (is_between and float(found.size) < _ON_PATH):
+        if middle in (low, high) or width < _LEAST_STEP or (is_between and float(found.size) < SMALL):
             return found
         low, high = (middle, high) if middle.multiplier * low.multiplier > 0 else (low, middle)
 

@@ -16,15 +16,14 @@ from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
 from spinor_geom.plateau.dirichlet import DirichletForm, frequencies
-from spinor_geom.plateau.newton import SMALL, minimised
+from spinor_geom.plateau.newton import SMALL, Rows, conjugate_gradients, stationary
 from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.stability import AMPLITUDES
 
 # Nodes may be no farther apart on Γ than so many times their mean distance: beyond, ∂Ω crowds and nothing is resolved.
 CROWDED = 40.0
 # Of the Hessian by arc length against conformal maps of Ω onto itself, where they are not known exactly.
 _GAUGE_STIFFNESS = 1e-3
-# Distances along Γ, in diagonals, that a slide is moved from a stationary one in search of less energy.
-_AMPLITUDES = tuple(0.2 * 0.6**k for k in range(8))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,17 +46,17 @@ def minimise_dirichlet_energies(
     near: bool = False,
     on_step: Sequence[Callable[[float], None]] = (),
 ) -> tuple[HarmonicDisk, ...]:
-    """The slides of several curves by `minimised`, all of it by fast Fourier transforms.
+    """The slides of several curves by `stationary`, all of it by fast Fourier transforms.
 
     The energy is E(s) = π/n Σ Γ(s)·ΛΓ(s). Conformal maps of Ω onto itself, the gauge, leave it as it is: on the disk
     steps are orthogonal, by arc length, to what those maps move, along which the error of the samples would lead
     astray; on other Ω a little stiffness against slow displacements keeps the Hessian regular and takes nothing from
     the solution. A step is taken along s by factors of the increments, so that s stays increasing. The starts are at
-    t = j/n, increasing around the circle, Λ is one for all curves, and the rest is as for `minimised`.
+    t = j/n, increasing around the circle, Λ is one for all curves, and the rest is as for `stationary`.
 
     Source: Douglas, "Solution of the problem of Plateau", Trans. AMS 33 (1931).
     """
-    found = minimised(
+    found = stationary(
         Slides.of(curves, form, slides),
         tolerances=tolerances,
         max_steps=max_steps,
@@ -79,12 +78,12 @@ def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Tensor
     amount that lower the energy most. The cost is n³.
     """
     here = Slides.of(CurveTensors.batch([curve]), form, slide[None])
-    hessian = here.hessian(torch.zeros_like(here.energy))(torch.eye(len(slide), dtype=slide.dtype, device=slide.device))
+    hessian = here.hessian(None)(torch.eye(len(slide), dtype=slide.dtype, device=slide.device))
     values, vectors = torch.linalg.eigh((hessian + hessian.mT) / 2)
     if float(values[0]) >= -SMALL * float(values[-1]):
         return None
     direction = vectors[None, :, 0] / vectors[:, 0].abs().max()
-    trials = [here.stepped(direction, sign * amplitude) for sign in (1, -1) for amplitude in _AMPLITUDES]
+    trials = [here.stepped(direction, sign * amplitude) for sign in (1, -1) for amplitude in AMPLITUDES]
     best = min(trials, key=lambda trial: float(trial.energy))
     return best.slide[0] if float(best.energy) < float(here.energy) else None
 
@@ -171,10 +170,10 @@ class Slides:
     def _without_gauge(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
         return u - self._in_gauge(u) if self.form.is_disk else u
 
-    def hessian(self, reflection: Float[Tensor, " b"]) -> Callable[[Float[Tensor, "b n"]], Float[Tensor, "b n"]]:
-        """The second derivative of the energy by arc length, on each row; what bends downwards reflected."""
+    def hessian(self, damping: Float[Tensor, " b"] | None) -> Rows:
+        """The second derivative of the energy by arc length, on each row; damped, what bends downwards is reflected."""
         unit = self.tangent / self.speed[..., None]
-        bend = (self.bend + 2 * reflection[:, None] * (-self.bend).clamp(min=0)) / self.speed.square()
+        bend = reflected(self.bend, damping) / self.speed.square()
 
         def applied(u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
             image = (unit * self.form(unit * u[..., None])).sum(-1) + bend * u
@@ -182,8 +181,13 @@ class Slides:
 
         return applied
 
-    def precondition(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
-        """The inverse of |k| + ½."""
+    def direction(
+        self, damping: Float[Tensor, " b"] | None, forcing: Float[Tensor, " b"]
+    ) -> tuple[Float[Tensor, "b n"], Bool[Tensor, " b"]]:
+        """Newton's step."""
+        return conjugate_gradients(self.hessian(damping), self.gradient, self._precondition, forcing)
+
+    def _precondition(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
         return self._without_gauge(smoothed(u))
 
     def stepped(self, direction: Float[Tensor, "b n"], length: float) -> Slides:
@@ -192,6 +196,11 @@ class Slides:
 
 
 _BY_CURVE = ("slide", "points", "tangent", "bend", "normal", "energy")
+
+
+def reflected(bends: Float[Tensor, "b n"], damping: Float[Tensor, " b"] | None) -> Float[Tensor, "b n"]:
+    """Γ″·ΛX; where Γ bends towards the inside, with the opposite sign by so large a share."""
+    return bends if damping is None else bends + 2 * damping[:, None] * (-bends).clamp(min=0)
 
 
 def smoothed(u: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:

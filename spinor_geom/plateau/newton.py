@@ -1,8 +1,8 @@
-"""Newton's method with conjugate gradients for Douglas's energy: slides, and the moduli of Ω where it has holes."""
+"""Newton's method for Douglas's energy: slides, and the moduli of Ω where it has holes; minima, or saddles too."""
 
 import itertools
 from collections.abc import Callable, Sequence
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeAlias, TypeVar
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -12,27 +12,24 @@ from spinor_geom.deadline import is_out_of_time
 
 MOST_STEPS = 60  # Newton steps of one solve where nothing else is said, and of conjugate gradients in each
 # A step may raise the energy up to the highest of so many last ones: valleys of the energy are bent, and Newton's
-# method follows them far faster if it may climb their sides a little. What does not halve a small gradient is no step.
+# method follows them far faster if it may climb their sides a little.
 _REMEMBERED = 6
 # A curvature of the energy counts as none below this share of the metric's, and a step below this share of Newton's; of
 # gradients so small the energy tells no more.
 SMALL = 1e-6
-# Where Γ curves against the step, the second derivative of the energy is reflected by this share at first, then less.
-_REFLECT_MORE, _LEAST_REFLECTION = 4.0, 1e-3
+ROUNDING = 1e-13  # gradients, and falls of the energy by itself, at which nothing but rounding errors is left
+_MORE_DAMPING, _LEAST_DAMPING = 4.0, 1e-3  # the factor by which damping grows and falls, and the least that is any
 
 E = TypeVar("E", bound="Energies")
+Rows: TypeAlias = Callable[[Float[Tensor, "b k"]], Float[Tensor, "b k"]]  # what maps rows of displacements to rows
 
 
 class Energies(Protocol):
-    """Energies of b surfaces that do not know of each other, with their derivatives by k displacements each."""
+    """Energies of b surfaces that do not know of each other, with k displacements each: along Γ, and of the moduli."""
 
     @property
     def energy(self) -> Float[Tensor, " b"]:
         """Up to a factor."""
-
-    @property
-    def gradient(self) -> Float[Tensor, "b k"]:
-        """By arc length of the slides, and by the moduli."""
 
     @property
     def size(self) -> Float[Tensor, " b"]:
@@ -48,34 +45,38 @@ class Energies(Protocol):
     def replaced(self: E, which: Int[Tensor, " j"], other: E) -> E:
         """With some of them from another."""
 
-    def hessian(self, reflection: Float[Tensor, " b"]) -> Callable[[Float[Tensor, "b k"]], Float[Tensor, "b k"]]:
-        """The second derivative; what bends downwards along Γ taken so many times with the opposite sign."""
+    def direction(
+        self, damping: Float[Tensor, " b"] | None, forcing: Float[Tensor, " b"]
+    ) -> tuple[Float[Tensor, "b k"], Bool[Tensor, " b"]]:
+        """Newton's step, and whether the energy curves downwards along some way in spite of so much damping.
 
-    def precondition(self, u: Float[Tensor, "b k"]) -> Float[Tensor, "b k"]:
-        """An inverse of the second derivative's smooth part."""
+        It solves Newton's equations up to this share; without damping it leads to a critical point of any kind.
+        """
 
     def stepped(self: E, direction: Float[Tensor, "b k"], length: float) -> E:
         """After a step."""
 
 
-def minimised(
+def stationary(
     here: E,
     *,
     tolerances: Sequence[float],
     max_steps: Sequence[int],
     negligible: Sequence[float],
     near: bool,
+    saddles: bool = False,
     on_step: Sequence[Callable[[float], None]] = (),
 ) -> list[tuple[list[int], E]]:
     """The surfaces to which the energies fall: the numbers of those after as many Newton steps, and they.
 
     They do not know of each other; together they take little longer than the slowest of them where they are small.
-    Where Γ bends towards the inside the Hessian's diagonal part is negative. Far from a solution that is taken with the
-    opposite sign, times a share that falls: many rough places that each want another step do not hold each other up.
+    Where the energy curves downwards Newton's equations are damped, as a surface takes it. Far from a solution they are
+    from the beginning, by a share that falls: many rough places that each want another step do not hold each other up.
 
     Each of b stops at the gradient that is tolerated, after most steps, or at a fall of the least energy over several
-    steps that is negligible. Starts that are near to solutions take plain Newton steps at once. `on_step`, one for each
-    or none, is called with the size of the gradient at the start of a step.
+    steps that is negligible. Starts that are near to solutions take plain Newton steps at once; where saddles are
+    sought as well no others, while each halves the gradient at least. `on_step`, one for each or none, is called with
+    the size of the gradient at the start of a step.
 
     Source: Grippo, Lampariello & Lucidi, "A nonmonotone line search technique for Newton's method", SIAM J. Numer.
     Anal. 23 (1986).
@@ -86,7 +87,7 @@ def minimised(
     limits, falls = energy.new_tensor(tolerances), energy.new_tensor(negligible)
     number = torch.arange(count, device=energy.device)
     most = torch.tensor(max_steps, device=energy.device)
-    reflection = torch.full_like(limits, 0.0 if near else 1.0)
+    damping = torch.full_like(limits, 0.0 if near else 1.0)
     stuck = torch.zeros_like(number, dtype=torch.bool)
     recent = torch.full((count, _REMEMBERED), torch.inf, dtype=energy.dtype, device=energy.device)
     # the last energies, and the least that had been reached before each of the last steps
@@ -98,8 +99,8 @@ def minimised(
         # what is left once it stays as it is is rounding error
         stays = (size < SMALL) & (size > recent.amin(-1) / 2)
         # near a solution the energy has no more digits to tell
-        still = (size > SMALL) & (lowest[:, 0] - lowest[:, -1] < falls)
-        finished = (size <= limits) | stays | still | stuck | here.is_over | (steps >= most)
+        still = (size > SMALL) & (lowest[:, 0] - lowest[:, -1] < falls.maximum(ROUNDING * here.energy))
+        finished = (size <= limits) | stays | (still & (not saddles)) | stuck | here.is_over | (steps >= most)
         if is_out_of_time():
             finished[:] = True
         if finished.any():
@@ -109,37 +110,37 @@ def minimised(
                 break
             rest = (~finished).nonzero()[:, 0]
             here, number, limits, most, falls = here.at(rest), number[rest], limits[rest], most[rest], falls[rest]
-            size, reflection, recent = size[rest], reflection[rest], recent[rest]
+            size, damping, recent = size[rest], damping[rest], recent[rest]
             energies, lowest = energies[rest], lowest[rest]
         if on_step:
             for i, value in zip(number.tolist(), size.tolist(), strict=True):
                 on_step[i](value)
         recent = torch.cat([recent[:, 1:], size[:, None]], dim=1)
-        recent[reflection != 0] = torch.inf
+        recent[damping != 0] = torch.inf
         # of the many steps that rough loops take the first need not be exact
         forcing = torch.where(falls > 0, size.sqrt(), size).clamp(max=0.1)
-        direction, downwards = _direction(here, reflection, forcing)
-        here, lengths = _line_search(here, direction, energies.amax(-1))
+        direction, downwards = here.direction(None if saddles else damping, forcing)
+        here, lengths = _halved(here, direction) if saddles else _line_search(here, direction, energies.amax(-1))
         moved = lengths > 0
         energies = torch.cat([energies[:, 1:], here.energy[:, None]], dim=1)
         lowest = torch.cat([lowest[:, 1:], torch.minimum(lowest[:, -1], here.energy)[:, None]], dim=1)
-        stuck = ~moved & (reflection >= 1)
-        more = torch.where(moved, 10 * _LEAST_REFLECTION, 0.1)
-        less = torch.where(reflection > _LEAST_REFLECTION, reflection / _REFLECT_MORE, 0.0)
-        reflection = torch.where(
+        stuck = ~moved & (saddles | (damping >= 1))
+        more = torch.where(moved, 10 * _LEAST_DAMPING, 0.1)
+        less = torch.where(damping > _LEAST_DAMPING, damping / _MORE_DAMPING, 0.0)
+        damping = torch.where(
             ~moved | downwards,
-            torch.maximum(_REFLECT_MORE * reflection, more).clamp(max=1.0),
-            torch.where(lengths == 1, less, reflection),
+            torch.maximum(_MORE_DAMPING * damping, more).clamp(max=1.0),
+            torch.where(lengths == 1, less, damping),
         )
     return found
 
 
-def _direction(
-    here: E, reflection: Float[Tensor, " b"], forcing: Float[Tensor, " b"]
+def conjugate_gradients(
+    hessian: Rows, gradient: Float[Tensor, "b k"], precondition: Rows, forcing: Float[Tensor, " b"]
 ) -> tuple[Float[Tensor, "b k"], Bool[Tensor, " b"]]:
-    """Conjugate gradients on the Hessian; each stops where it curves downwards and says so."""
-    hessian, rest = here.hessian(reflection), -here.gradient
-    x, z = torch.zeros_like(rest), here.precondition(rest)
+    """`Energies.direction` by products alone; each stops where it curves downwards and says so."""
+    rest = -gradient
+    x, z = torch.zeros_like(rest), precondition(rest)
     along, metric, size = z, rest, _dot(rest, z)
     enough = forcing[:, None] ** 2 * size
     unfinished = torch.ones_like(size, dtype=torch.bool)
@@ -155,7 +156,7 @@ def _direction(
         length = torch.where(unfinished, size / curvature, 0.0)
         x = x + length * along
         rest = rest - length * image
-        z = here.precondition(rest)
+        z = precondition(rest)
         before, size = size, _dot(rest, z)
         unfinished &= ~(size < enough)
         if not unfinished.any():
@@ -165,12 +166,35 @@ def _direction(
     return x, downwards[:, 0]
 
 
+def factored(
+    matrix: Float[Tensor, "k k"],
+    metric: Float[Tensor, " k"],
+    gradient: Float[Tensor, "1 k"],
+    damping: Float[Tensor, "1"],
+) -> tuple[Float[Tensor, "1 k"], Bool[Tensor, "1"]]:
+    """`Energies.direction` of one surface by its second derivative, damped by more until it curves upwards."""
+    share = damping
+    while True:
+        factor, info = torch.linalg.cholesky_ex(matrix + torch.diag(share * metric))
+        if int(info) == 0 or float(share) > 1 / ROUNDING:
+            return torch.cholesky_solve(-gradient.T, factor).T, share > damping
+        share = (_MORE_DAMPING * share).clamp(min=10 * _LEAST_DAMPING)
+
+
+def _halved(here: E, direction: Float[Tensor, "b k"]) -> tuple[E, Float[Tensor, " b"]]:
+    """The whole step where it halves the gradient at least, and its length or 0."""
+    trial = here.stepped(direction, 1.0)
+    lower = trial.size < here.size / 2
+    taken = lower.nonzero()[:, 0]
+    return here.replaced(taken, trial.at(taken)), lower.to(trial.size)
+
+
 def _line_search(
     here: E, direction: Float[Tensor, "b k"], highest: Float[Tensor, " b"]
 ) -> tuple[E, Float[Tensor, " b"]]:
     """The longest of the steps 1, ½, ¼, … after which the energy is not above the highest, and its length or 0."""
     start, trial, length = here, here.stepped(direction, 1.0), 1.0
-    highest = highest + 1e-13 * highest.abs()
+    highest = highest + ROUNDING * highest.abs()
     lower = trial.energy <= highest
     lengths = lower.to(highest)
     if lower.all():

@@ -24,7 +24,6 @@ _MOST_STEPS = 4096
 # Steps of ∂Ω for each point that it is made from, and the width, in points, of the Gaussian that rounds it, because it
 # has to be analytic: the coarsest that is resolved. On the first narrow fingers close up.
 _SHAPES = ((4, 0.35), (8, 0.2), (12, 0.2))
-_ROWS = 512  # rows of a table of distances made at once
 
 
 class NodeDensity:
@@ -162,15 +161,11 @@ def _steps_across(polygon: Complex[np.ndarray, " n"]) -> float:
     edge = np.abs(np.roll(polygon, -1) - polygon)
     along = np.cumsum(edge) - edge
     step = np.maximum(edge, np.roll(edge, 1))
-    least = np.inf
-    for start in range(0, len(polygon), _ROWS):
-        rows = slice(start, start + _ROWS)
-        way = np.abs(along[rows, None] - along)
-        way = np.minimum(way, edge.sum() - way)
-        distance = np.abs(polygon[rows, None] - polygon)
-        across = distance / np.maximum(step[rows, None], step)
-        least = min(least, float(across.min(where=way > _FACING * distance, initial=np.inf)))
-    return least
+    way = np.abs(along[:, None] - along)
+    way = np.minimum(way, edge.sum() - way)
+    distance = np.abs(polygon[:, None] - polygon)
+    across = distance / np.maximum(step[:, None], step)
+    return float(across.min(where=way > _FACING * distance, initial=np.inf))
 
 
 def reflattened(disk: HarmonicDisk, form: DirichletForm, shape: Shape) -> tuple[DirichletForm, Float[Tensor, " n"]]:

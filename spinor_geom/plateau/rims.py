@@ -24,27 +24,25 @@ from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
 from spinor_geom.plateau.found import Between, Found, NoneBetweenError
 from spinor_geom.plateau.harmonic_route import even, points_of_domain
 from spinor_geom.plateau.lift import WORTHWHILE, Lift, circles_of, lifted_between, surface_of
-from spinor_geom.plateau.newton import MOST_STEPS
+from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, SMALL
 from spinor_geom.plateau.plane_route import lie_beside
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between
-from spinor_geom.plateau.rims_energy import HELD, ROUNDING, HarmonicSurface, RimsProblem
+from spinor_geom.plateau.rims_energy import DENSE, HarmonicSurface, RimsProblem
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 from spinor_geom.plateau.solution import RimMatch
 from spinor_geom.plateau.vertex_route import surface_through
 
-# Fewest nodes on each rim where a surface is sought, nodes on all together for which matrices are factored, and most on
-# each.
-_FEWEST_NODES, _DENSE_IN_ALL, _MOST_NODES = 32, 512, 1 << 13
+# Fewest nodes on each rim where a surface is sought, and most of all.
+_FEWEST_NODES, _MOST_NODES = 32, 1 << 13
 _PER_EDGE = 6  # nodes for each edge of rough rims to begin with
 # Powers of one circle's coordinate on another that are left away over rough rims: far below what their nodes resolve.
 _NEGLIGIBLE_POWER = 1e-8
 # While nodes are so few that matrices are factored, the distance is brought to this share of what is asked for.
 _WELL_BELOW = 1e-3
 _RIVAL = 1.3  # the other direction of the second loop is tried too if its start has at most so many times the energy
-# Gradient above which a search has found nothing, and above which the energy is brought down anew.
-_SETTLED, _POOR = 1e-3, 1e-6
+_SETTLED = 1e-3  # gradient above which a search has found nothing
 # The smooth curve that leads to a rough one: its width as a share of the loop, and how many curves there are between.
 _AVERAGE, _DEFORMATIONS = 0.03, 4
 
@@ -139,8 +137,8 @@ class RimsSolver:
             best = min(found, key=lambda lower: lower.surface.dirichlet_energy, default=None)
             while best is not None:
                 problem, nodes = self._problem(best), 2 * best.surface.slides.shape[1]
-                fine = problem.refined(best.surface, nodes)
-                is_last = nodes * len(self.request.units) > 2 * _DENSE_IN_ALL
+                fine = problem.stationary(problem.resampled(best.surface, nodes), saddles=True)
+                is_last = nodes * len(self.request.units) > 2 * DENSE
                 if is_last or (fine.size <= _SETTLED and fine.is_minimum):
                     return replace(best, surface=fine)
                 # so few nodes do not tell of all bends
@@ -150,15 +148,18 @@ class RimsSolver:
     def _lower(self, start: Placement) -> Placement | None:
         """What the energy falls to from a start, with as many nodes as resolve the gaps between the circles.
 
-        None where it falls apart, of three rims or more with twice as many nodes too.
+        None where the modulus of two rims runs away, and where with twice as many nodes too it falls apart: few nodes
+        on a small rim may all come together in one place of it.
         """
         problem, n, fallen = self._problem(start), start.surface.slides.shape[1], 0
         while True:
-            lower = problem.descended(problem.resampled(start.surface, n), tolerance=_POOR)
-            if lower is not None and lower.size <= _SETTLED:
+            lower = problem.stationary(problem.resampled(start.surface, n), tolerance=SMALL)
+            require_time()
+            if not lower.falls_apart and lower.size <= _SETTLED:
                 return replace(start, surface=lower)
-            n, fallen = 2 * n, fallen + (lower is None)
-            if len(self.request.units) == 2 or fallen == 2 or n * len(self.request.units) > _DENSE_IN_ALL:
+            n, fallen = 2 * n, fallen + lower.falls_apart
+            is_gone = fallen == 2 or (len(self.request.units) == 2 and lower.is_apart)
+            if is_gone or n * len(self.request.units) > DENSE:
                 return None
 
     @cached_property
@@ -223,19 +224,22 @@ class RimsSolver:
             problem = self._problem(start)
             # half of the nodes do, and its steps on them cost an eighth
             coarse = problem.resampled(start.surface, max(_FEWEST_NODES, n // 2))
-            held = problem.descended(coarse, tolerance=_POOR, stiffness=HELD) if is_two else problem.critical(coarse)
-            return [replace(start, surface=problem.refined(surface, n)) for surface in all_on_path(problem, held)]
+            held = problem.stationary(replace(coarse, held=is_two), tolerance=SMALL, saddles=not is_two)
+            return [
+                replace(start, surface=problem.stationary(problem.resampled(surface, n), saddles=True))
+                for surface in all_on_path(problem, held)
+            ]
 
     def _stable(self) -> list[Placement]:
         return [placed for placed in self.all_critical() if placed.surface.index == 0]
 
     def fitted(self, placed: Placement) -> Found:
         """The surface with as many nodes as the tolerance asks for, or as help."""
-        problem = self._problem(placed, -1)
+        problem, saddles = self._problem(placed, -1), placed.surface.index > 0
         tried: list[tuple[Lift, HarmonicSurface]] = []
         limit, before = "more nodes on the rims do not help", math.inf
-        for finer in self._finer(placed):
-            goal = self.request.allowed * (_WELL_BELOW if finer.slides.numel() <= _DENSE_IN_ALL else 1.0)
+        for finer in self._finer(placed, saddles=saddles):
+            goal = self.request.allowed * (_WELL_BELOW if finer.slides.numel() <= DENSE else 1.0)
             if self.request.options.is_series:
                 goal = float(np.finfo(np.float64).tiny)
             with self.request.clock.stage("lift"):
@@ -243,7 +247,10 @@ class RimsSolver:
             lift, harmonic = min(tried, key=lambda pair: pair[0].misfit.rms)
             if lift.misfit.excess(allowed=goal, tolerance=self.request.options.tolerance) <= 1:
                 break
-            if tried[-1][0].misfit.rms >= WORTHWHILE * before:
+            # at corners the distance falls slowly, but surely: on the way to what is allowed it may
+            now, doublings = tried[-1][0].misfit.rms, math.log2(_MOST_NODES / finer.slides.shape[1])
+            is_on_its_way = now > self.request.allowed >= now * (now / before) ** doublings
+            if now >= WORTHWHILE * before and (saddles or not is_on_its_way):
                 break
             before = lift.misfit.rms
         else:
@@ -261,15 +268,14 @@ class RimsSolver:
             between=_between(replace(placed, surface=harmonic), lift.series.antiperiodic, lift.period),
         )
 
-    def _finer(self, placed: Placement) -> Iterator[HarmonicSurface]:
+    def _finer(self, placed: Placement, *, saddles: bool) -> Iterator[HarmonicSurface]:
         """The surface over the loops' own curves, and with more and more nodes."""
         problem, surface = self._problem(placed, -1), placed.surface
-        stable = surface.index == 0
         if self._is_noisy:
             n = even(_PER_EDGE * max(map(len, self.request.units)))
             with self.request.clock.stage("slides"):
                 for step in range(1, len(self._way)):
-                    surface = self._settled(self._problem(placed, step), surface, n, near=False)
+                    surface = self._settled(self._problem(placed, step), surface, n, saddles=saddles)
         while True:
             yield surface
             require_time()
@@ -277,19 +283,16 @@ class RimsSolver:
             if n > _MOST_NODES or not self.request.steps.left:
                 return
             with self.request.clock.stage("slides"):
-                if stable and n * len(self.request.units) > _DENSE_IN_ALL:
-                    surface = self._settled(problem, surface, n, near=not self._is_noisy)
-                else:
-                    surface = problem.refined(surface, n)
+                surface = self._settled(problem, surface, n, saddles=saddles)
 
-    def _settled(self, problem: RimsProblem, surface: HarmonicSurface, n: int, *, near: bool) -> HarmonicSurface:
+    def _settled(self, problem: RimsProblem, surface: HarmonicSurface, n: int, *, saddles: bool) -> HarmonicSurface:
         edges = max(map(len, self.request.units))
-        return problem.settled(
-            surface,
-            n,
+        return problem.stationary(
+            problem.resampled(surface, n),
             tolerance=ROUGH_GRADIENT * self.request.options.tolerance if self._is_noisy else ROUNDING,
             max_steps=min(MOST_STEPS, self.request.steps.left),
-            near=near,
+            near=not self._is_noisy,
+            saddles=saddles,
             negligible=negligible_energy(edges, self.request.allowed) if self._is_noisy else 0.0,
         )
 

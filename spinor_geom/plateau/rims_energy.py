@@ -16,29 +16,20 @@ import torch
 from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
-from spinor_geom.deadline import require_time
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.plateau.dirichlet import CirclesForm, derivative, without_highest
-from spinor_geom.plateau.douglas import CROWDED, resampled, slid, smoothed
-from spinor_geom.plateau.newton import MOST_STEPS, SMALL, minimised
+from spinor_geom.plateau.douglas import CROWDED, reflected, resampled, slid, smoothed
+from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, Rows, conjugate_gradients, factored, stationary
 from spinor_geom.plateau.problem import CurveTensors
 
 # Modulus beyond which all but the distance of the rims' means has decayed to 1e-9 of itself: there is no surface.
 MOST_MODULUS = 20.0
-# Damping of the first step, in units of the metric, and the factor by which it grows and falls.
-_DAMPING, _FACTOR = 1e-2, 4.0
-# Share of the energy that is added to the metric of each modulus: the search stays in shallow valleys.
-_STIFF_MODULUS = 0.1
-HELD = 1e26
-ROUNDING = 1e-13  # gradients, dampings and falls of the energy at which nothing but rounding errors is left
-_GAIN = 0.5  # a step of Newton's method at a critical point lowers the gradient at least to this share
+_HELD = 1e26  # the second derivative, by the energy, of moduli that stay
+DENSE = 512  # nodes on all rims together up to which Newton's equations are factored
 
-_MOST_HALVINGS = 4  # halvings of a step until the circles stay apart
 _LARGEST_STEP = 0.5  # largest step of a modulus: of its logarithm, or of a place by the distance to the next circle
 _LARGE_PART = 0.5  # share of a curve that no step may be: few nodes do not crowd before they are all in one place
-_FLAT = 1e-12  # curvatures of the energy below this share of the largest count as none
-_UNRESOLVED = 1e-2  # error of Λ, relative, above which so many nodes do not resolve the gaps between the circles
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,7 +51,7 @@ class HarmonicSurface:
     energy: Float[Tensor, "1"]  # E
     by_slides: Float[Tensor, " mn"]  # derivative of E by arc length
     normal: Float[Tensor, "m n 3"]  # ΛX
-    is_over: Bool[Tensor, "1"]  # whether a step was to lead from here and so many nodes resolved none
+    held: bool = False  # whether the moduli stay
 
     @classmethod
     def of(
@@ -84,7 +75,6 @@ class HarmonicSurface:
             energy=0.5 * (points * normal).sum()[None],
             by_slides=(normal * unit).sum(-1).flatten(),
             normal=normal,
-            is_over=torch.zeros(1, dtype=torch.bool, device=slides.device),
         )
 
     @property
@@ -108,6 +98,21 @@ class HarmonicSurface:
         steps = torch.diff(self.slides, append=self.slides[:, :1] + 1)
         return float(steps.max()) > min(CROWDED / self.slides.shape[1], _LARGE_PART)
 
+    @property
+    def is_apart(self) -> bool:
+        """Whether a modulus has run away."""
+        return float(self.domain.room[1].max()) > MOST_MODULUS
+
+    @cached_property
+    def falls_apart(self) -> bool:
+        """Whether a modulus runs away, or a rim shrinks to a point of it."""
+        return self.crowded or self.is_apart
+
+    @property
+    def is_over(self) -> Bool[Tensor, "1"]:
+        """Whether more steps lead nowhere."""
+        return torch.tensor([self.falls_apart], device=self.slides.device)
+
     @cached_property
     def size(self) -> Float[Tensor, "1"]:
         """Of the gradient: RMS by arc length relative to ΛX, or the steepest by a modulus over the energy.
@@ -116,7 +121,11 @@ class HarmonicSurface:
         """
         by_slides, normal = self.gradient[:, : len(self.by_slides)], self.normal.square().sum(-1).mean()
         along: Tensor = (by_slides.square().mean(-1) / normal).sqrt()
-        return along.maximum(self.moduli.slopes.abs().max() / self.energy)
+        return along.maximum(self._slopes.abs().max() / self.energy)
+
+    @property
+    def _slopes(self) -> Float[Tensor, " p"]:
+        return torch.zeros_like(self.moduli.slopes) if self.held else self.moduli.slopes
 
     @property
     def stiffness(self) -> float:
@@ -126,7 +135,7 @@ class HarmonicSurface:
     @cached_property
     def gradient(self) -> Float[Tensor, "1 k"]:
         """The first derivative by arc length and the moduli, less that by a rotation of Ω."""
-        gradient = torch.cat([self.by_slides, self.moduli.slopes])
+        gradient = torch.cat([self.by_slides, self._slopes])
         along = (gradient @ self.rotation) / (self.rotation @ self.rotation)
         return (gradient - along * self.rotation)[None]
 
@@ -137,19 +146,31 @@ class HarmonicSurface:
         torch.mul(unit @ unit.T, self.form.matrix(), out=matrix[:count, :count])
         matrix.diagonal()[:count] += self.bends.flatten()
         matrix[count:, :count], matrix[:count, count:] = self.mixed, self.mixed.T
-        matrix[count:, count:] = self.moduli.hessian
+        matrix[count:, count:] = self._by_moduli
         return matrix.addr_(self.rotation, self.rotation, alpha=self.stiffness)
+
+    def direction(
+        self, damping: Float[Tensor, "1"] | None, forcing: Float[Tensor, "1"]
+    ) -> tuple[Float[Tensor, "1 k"], Bool[Tensor, "1"]]:
+        """Newton's step: of few nodes exactly, and damped until the energy curves downwards no more."""
+        if damping is None:
+            step = torch.linalg.solve(self.matrix(), -self.gradient[0])
+            return step[None], torch.zeros_like(self.energy, dtype=torch.bool)
+        if self.slides.numel() > DENSE:
+            return conjugate_gradients(self._hessian(damping), self.gradient, self._precondition, forcing)
+        metric = torch.cat([2 * (-self.bends).clamp(min=0).flatten(), self._by_moduli.diagonal().abs()])
+        return factored(self.matrix(), metric, self.gradient, damping)
 
     @cached_property
     def _by_moduli(self) -> Float[Tensor, "p p"]:
-        """The second derivative by the moduli, without what bends downwards."""
-        values, vectors = torch.linalg.eigh(self.moduli.hessian)
-        raised: Tensor = (vectors * values.clamp(min=SMALL * float(self.energy))) @ vectors.T
-        return raised
+        """The second derivative by the moduli."""
+        hessian = self.moduli.hessian
+        return hessian + torch.diag(torch.full_like(hessian[0], _HELD * float(self.energy))) if self.held else hessian
 
-    def hessian(self, reflection: Float[Tensor, "1"]) -> Callable[[Float[Tensor, "1 k"]], Float[Tensor, "1 k"]]:
-        """The product with that, what bends downwards reflected, by the moduli left out."""
-        bends = self.bends + 2 * reflection * (-self.bends).clamp(min=0)
+    def _hessian(self, damping: Float[Tensor, "1"]) -> Rows:
+        """The product with `matrix`, damped."""
+        bends = reflected(self.bends, damping)
+        moduli = self._by_moduli + torch.diag(damping * self._by_moduli.diagonal().abs())
 
         def applied(rows: Float[Tensor, "1 k"]) -> Float[Tensor, "1 k"]:
             (x,) = rows
@@ -157,17 +178,16 @@ class HarmonicSurface:
             u = along.reshape(bends.shape)
             image = (self.unit * self.form(self.unit * u[..., None])).sum(-1) + bends * u
             slides = image.flatten() + self.mixed.T @ by_moduli
-            whole = torch.cat([slides, self.mixed @ along + self._by_moduli @ by_moduli])
+            whole = torch.cat([slides, self.mixed @ along + moduli @ by_moduli])
             held: Tensor = whole + self.stiffness * (self.rotation @ x) * self.rotation
             return held[None]
 
         return applied
 
-    def precondition(self, u: Float[Tensor, "1 k"]) -> Float[Tensor, "1 k"]:
-        """An inverse of the second derivative's smooth part."""
-        count = self.slides.numel()
+    def _precondition(self, u: Float[Tensor, "1 k"]) -> Float[Tensor, "1 k"]:
+        count, scales = self.slides.numel(), self._by_moduli.diagonal().abs()
         smooth = smoothed(u[0, :count].reshape(self.slides.shape))
-        return torch.cat([smooth.flatten(), torch.linalg.solve(self._by_moduli, u[0, count:])])[None]
+        return torch.cat([smooth.flatten(), u[0, count:] / scales])[None]
 
     def at(self, which: Int[Tensor, " _"]) -> HarmonicSurface:
         """This."""
@@ -186,7 +206,7 @@ class HarmonicSurface:
     def index(self) -> int:
         """Number of directions of all slides and moduli along which the energy falls: the Morse index."""
         values = torch.linalg.eigvalsh(self.matrix())
-        return int((values < -_FLAT * values.abs().max()).sum())
+        return int((values < -ROUNDING * values.abs().max()).sum())
 
     @cached_property
     def mixed(self) -> Float[Tensor, "p mn"]:
@@ -207,18 +227,15 @@ class HarmonicSurface:
         return rotation
 
     def stepped(self, direction: Float[Tensor, "1 k"], length: float = 1.0) -> HarmonicSurface:
-        """The surface after a step, or as much of it as keeps the circles apart and is resolved; else this one."""
+        """The surface after a step; this one, of infinite energy, where circles would meet."""
         count = self.slides.numel()
         slides, along = direction[0, :count].reshape(self.slides.shape) / self.speed, direction[0, count:]
         length = min(length, _LARGEST_STEP / max(float(along.abs().max()), 1e-300))
-        for _ in range(_MOST_HALVINGS):
-            domain = self.domain.moved(length * along)
-            if float(domain.room[1].min()) > 0:
-                there = HarmonicSurface.of(self.curves, slid(self.slides, slides, length), domain, self.negligible)
-                if there.form.error <= max(_UNRESOLVED, self.form.error):
-                    return there
-            length /= 2
-        return replace(self, is_over=torch.ones_like(self.is_over))
+        domain = self.domain.moved(length * along)
+        if not float(domain.room[1].min()) > 0:
+            return replace(self, energy=torch.full_like(self.energy, torch.inf))
+        moved = slid(self.slides, slides, length)
+        return replace(HarmonicSurface.of(self.curves, moved, domain, self.negligible), held=self.held)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -298,78 +315,28 @@ class RimsProblem:
     negligible: float = ROUND_OFF  # as for `CirclesForm.of`
     on_step: Callable[[float], None] = lambda size: None  # is called with the gradient at each Newton step
 
-    def descended(
-        self, start: HarmonicSurface, *, tolerance: float, stiffness: float = _STIFF_MODULUS
-    ) -> HarmonicSurface | None:
-        """The surface that the energy falls to, by damped Newton steps; None where it falls apart.
-
-        A modulus runs away then, or a rim shrinks to a point of it; `HELD` stiffness keeps them. `minimised`, which
-        factors nothing, is no way to here: its steps are not held back in the moduli, so that it leaves shallow valleys
-        (the 5-noid's falls apart), and along splines it takes three times as long.
-        """
-        here, damping = start, _DAMPING
-        for _ in range(MOST_STEPS):
-            require_time()
-            self.on_step(float(here.size))
-            if here.size <= tolerance:
-                break
-            hessian, count = here.matrix(), len(here.by_slides)
-            metric = torch.full_like(hessian[0], here.stiffness)
-            metric[count:] = hessian.diagonal()[count:].abs() + stiffness * here.energy
-            while damping < 1 / ROUNDING:
-                damped = hessian.clone()
-                damped.diagonal().add_(metric, alpha=damping)
-                factor, info = torch.linalg.cholesky_ex(damped)
-                if int(info) == 0:
-                    there = here.stepped(torch.cholesky_solve(-here.gradient.T, factor).T)
-                    if there.energy <= here.energy * (1 + ROUNDING):
-                        break
-                damping = _FACTOR * damping
-            else:
-                break
-            stays = here.energy - there.energy < ROUNDING * here.energy
-            if stays and not there.size < _GAIN * here.size:
-                break
-            here, damping = there, max(damping / _FACTOR, ROUNDING)
-            if here.crowded or is_apart(here.domain):
-                return None
-        return here
-
-    def critical(self, here: HarmonicSurface) -> HarmonicSurface:
-        """The critical point next to a surface, a minimum or not, by plain Newton steps while the gradient falls."""
-        for _ in range(MOST_STEPS):
-            self.on_step(float(here.size))
-            if here.size <= ROUNDING:
-                break
-            there = here.stepped(torch.linalg.solve(here.matrix(), -here.gradient[0])[None])
-            if not there.size < _GAIN * here.size:
-                break
-            here = there
-        return here
-
-    def refined(self, surface: HarmonicSurface, n: int) -> HarmonicSurface:
-        """The critical point with n nodes on each rim."""
-        return self.critical(self.resampled(surface, n))
-
-    def resampled(self, surface: HarmonicSurface, n: int) -> HarmonicSurface:
-        """The harmonic surface of the same slides at n nodes on each rim."""
-        return HarmonicSurface.of(self.curves, resampled(surface.slides, n), surface.domain, self.negligible)
-
-    def settled(
-        self, surface: HarmonicSurface, n: int, *, tolerance: float, max_steps: int, near: bool, negligible: float = 0.0
+    def stationary(
+        self,
+        start: HarmonicSurface,
+        *,
+        tolerance: float = ROUNDING,
+        max_steps: int = MOST_STEPS,
+        negligible: float = 0.0,
+        near: bool = True,
+        saddles: bool = False,
     ) -> HarmonicSurface:
-        """The surface of less energy with n nodes on each rim, by `minimised`: for rims that take many."""
-        ((_, found),) = minimised(
-            self.resampled(surface, n),
+        """The surface that the energy falls to, or the critical point next to a start: see `newton.stationary`."""
+        ((_, found),) = stationary(
+            start,
             tolerances=[tolerance],
             max_steps=[max_steps],
-            negligible=[negligible * n / (2 * math.pi)],
+            negligible=[negligible * start.slides.shape[1] / (2 * math.pi)],
             near=near,
+            saddles=saddles,
             on_step=[self.on_step],
         )
         return found
 
-
-def is_apart(domain: CircularDomain) -> bool:
-    """Whether a modulus has run away."""
-    return float(domain.room[1].max()) > MOST_MODULUS
+    def resampled(self, surface: HarmonicSurface, n: int) -> HarmonicSurface:
+        """The harmonic surface of the same slides at n nodes on each rim."""
+        return HarmonicSurface.of(self.curves, resampled(surface.slides, n), surface.domain, self.negligible)

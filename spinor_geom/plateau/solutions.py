@@ -24,14 +24,11 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.plateau.found import FAILURES
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.plateau.stability import lowest_modes
+from spinor_geom.plateau.stability import AMPLITUDES, lowest_modes
 from spinor_geom.plateau.steps import Steps
 
 # Growth of the triangles inwards: finer than a first fill, whose area may have no descent where the surface's has.
 _GROWTH = 0.1
-# Displacements along an eigenvector, in diagonals, among which the least area is sought. Where that leads nowhere the
-# large ones are tried: from beyond a new disk Newton's method goes to it, from short of it back to the old one.
-_AMPLITUDES, _LARGE = 0.5 ** np.arange(1, 7, 0.5), (1 / 4, 1 / 8, 1 / 16)
 # Two disks of one area and of one normal along Γ are the same (a minimal surface is determined by its normal along a
 # curve): as many radians normals differ by, as RMS, where they are not.
 _SAME_NORMAL = 0.1
@@ -296,16 +293,17 @@ def _beside(
 ) -> Iterator[Disk]:
     """Disks that a displacement leads to: by area descent where the mesh has one, then without."""
     faces = mesh.faces
-    areas = np.array([face_areas(x + a * displacement, faces).sum() for a in _AMPLITUDES])
+    areas = np.array([face_areas(x + a * displacement, faces).sum() for a in AMPLITUDES])
     if areas.min() < face_areas(x, faces).sum():
-        start = x + _AMPLITUDES[areas.argmin()] * displacement
+        start = x + AMPLITUDES[areas.argmin()] * displacement
         try:
             descent = descend_area(start, faces, mesh.boundary_size, relative_change=FINE_CHANGE)
         except SingularMatrixError:  # triangles collapsed on the way
             pass
         else:
             yield _disk(descent.vertices, mesh)
-    for amplitude in _LARGE:
+    # large ones: from beyond a new disk Newton's method goes to it, from short of it back to the old one
+    for amplitude in AMPLITUDES[:3]:
         yield _disk(x + amplitude * displacement, mesh)
 
 

@@ -21,6 +21,8 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # ∫|K| dA, and a bound of its error.
 Curvature: TypeAlias = tuple[float, float]
+# Distances, in diagonals, that a slide or a disk is moved from a stationary one in search of less energy.
+AMPLITUDES = tuple(0.2 * 0.6**k for k in range(8))
 _MOST_VERTICES = 5000  # vertices of a mesh beyond which none is refined: finer ones take seconds
 # Inner vertices up to which dense eigenvalues are found sooner; of more, relative error of the sparse ones.
 _MOST_DENSE, _EIGENVALUE_ERROR = 200, 1e-8

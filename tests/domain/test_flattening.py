@@ -241,3 +241,11 @@ def test_strip_around_a_tube_becomes_a_ring():
     assert is_simple(inner[::-1])
     away = outer - inner.mean()
     assert abs(np.angle(np.roll(away, -1) / away).sum() - 2 * np.pi) < 1e-9
+
+
+def test_strip_around_a_box_becomes_a_ring():
+    # laid out as it is, its lower rim lies straight: it may bend to either side
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    top, bottom = np.insert(corners, 2, 0.3, axis=1), np.insert(corners[::-1], 2, -0.3, axis=1)
+    plane, descent = discrete_annulus(top, bottom)
+    assert len(flatten(descent.vertices, plane.faces, 8, holes=(4,)).rims) == 2
