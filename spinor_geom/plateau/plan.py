@@ -141,7 +141,7 @@ def _plan_for_disk(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]
     if options.between == "free" and _shows_no_curve(loop, curve):
         return (*in_plane, Route.THROUGH_POINTS)
     if is_rough(loop, curve):  # unfoldings of rough loops pinch where their surfaces do not
-        return (*in_plane, Route.ON_FLATTENING, Route.BY_NETWORK)
+        return (*in_plane, Route.ON_FLATTENING, Route.ON_UNFOLDING, Route.BY_NETWORK)
     on_disk = (Route.ON_UNIT_DISK,) if loop.elongation < _DISK_ELONGATION else ()
     return (*in_plane, *on_disk, Route.ON_UNFOLDING, Route.ON_FLATTENING, Route.BY_NETWORK)
 
@@ -190,6 +190,8 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
     for route in routes:
         if is_out_of_time() and route is not Route.IN_PLANE:  # which needs no time
             break
+        if best is not None and best.route in ("unfolded", "flattened") and route is not Route.BY_NETWORK:
+            continue  # a second Ω is for loops that the first leads to no surface of: it spends the steps
         try:
             found = route.surface(task)
         except FAILURES as failure:
