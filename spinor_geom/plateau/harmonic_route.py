@@ -88,7 +88,7 @@ class HarmonicSolver:
         return self._on_domain(polygon, t, "unfolded")
 
     def flattened(self, disk: Disk | None, rim: Int[np.ndarray, " k"]) -> Found:
-        """The minimal disk that a discrete disk over the points `rim` leads to, or else a first one, on its flattening."""
+        """The minimal disk on the flattening of a discrete disk over the points `rim`, or else of a first one."""
         t, points = self._points
         if disk is None:
             with self.request.clock.stage("first fill"):

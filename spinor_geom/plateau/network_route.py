@@ -128,7 +128,7 @@ class NetworkSolver:
     def found_from(self, start: Disk) -> Found:
         """The minimal surface that a discrete one leads to."""
         fitted = self._fitted_from(start)
-        # that of rough loops is fine
+        # rough loops start from a finer one
         if self.request.is_disk and self._is_missed(fitted) and not self._is_rough:
             fitted = self._improved(fitted, start)
         with self.request.clock.stage("surface"):
