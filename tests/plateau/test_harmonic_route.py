@@ -119,7 +119,7 @@ def test_noisy_loops_get_more_nodes_where_these_help_slowly():
     loop = gallery.noisy_loop(gallery.evenly_sampled(gallery.ellipse(2.0, 0.3), 300), 0.15, seed=0)
     solution = solve_plateau(loop, tolerance=1e-2)
     assert solution.converged
-    assert solution.route == "unfolded"
+    assert solution.route == "flattened"
 
 
 @pytest.mark.parametrize(("points", "steps"), [(1000, 120), pytest.param(5000, 400, marks=pytest.mark.slow)])
@@ -128,7 +128,7 @@ def test_slides_on_noisy_loops_begin_on_their_average(points, steps):
     loop = gallery.noisy_loop(gallery.evenly_sampled(gallery.ellipse(2.0, 0.3), points), 0.15, seed=0)
     solution = solve_plateau(loop, tolerance=1e-2)
     assert solution.converged
-    assert solution.route == "unfolded"
+    assert solution.route == "flattened"
     assert len(solution.history) < steps
 
 
