@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TypeAlias
@@ -50,6 +51,16 @@ class SplineBoundary:
     def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """dz/dt."""
         return np.asarray(self._pieces(np.mod(t, 1.0), nu=1))
+
+    def divided(self, parts: int) -> SplineBoundary:
+        """The same curve with so many pieces in place of each."""
+        t = self.parameters
+        parameters = np.append((t[:-1, None] + np.diff(t)[:, None] * np.arange(parts) / parts).ravel(), t[-1])
+        powers = range(len(self.coefficients) - 1, -1, -1)
+        coefficients = np.stack([self._pieces(parameters[:-1], nu=k) / math.factorial(k) for k in powers])
+        corners = np.zeros(len(parameters) - 1, dtype=bool)
+        corners[::parts] = self.corners
+        return SplineBoundary(parameters, coefficients, corners)
 
     @cached_property
     def _pieces(self) -> PPoly:
@@ -182,6 +193,11 @@ class PlaneDomain:
             log_scale=np.zeros(len(vertices)) if log_scale is None else log_scale,
             holes=holes,
         )
+
+    def divided(self, parts: int) -> PlaneDomain:
+        """The same domain with so many pieces of splines in place of each, triangulated anew."""
+        boundary, *holes = (each.divided(parts) for each in self.boundaries if isinstance(each, SplineBoundary))
+        return PlaneDomain.inside(boundary, np.repeat(self.log_scale, parts), holes=tuple(holes))
 
     @property
     def boundaries(self) -> tuple[Boundary, ...]:

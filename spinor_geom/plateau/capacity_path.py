@@ -44,9 +44,8 @@ def _capacity(form: CirclesForm) -> tuple[float, Moduli]:
 def all_on_path(problem: RimsProblem, surface: HarmonicSurface | None) -> list[HarmonicSurface]:
     """The critical points on the path of a surface whose slides are stationary, if there is one, by mean modulus.
 
-    Raises:
-        SurfaceError: the energy rises from the least mean modulus on that the nodes resolve, or the nodes crowd: other
-            critical points may exist.
+    Where the energy rises from the least mean modulus on that the nodes resolve, or they crowd, others may exist, which
+    is a SurfaceError.
     """
     near = None if surface is None else _OnPath.near(replace(surface, held=False))
     here = None if near is None else near.at(near.log_modulus)

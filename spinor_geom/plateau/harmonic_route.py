@@ -20,6 +20,7 @@ from torch import Tensor
 
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.first_fill import unfolded_loop
+from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -81,16 +82,28 @@ class HarmonicSolver:
 
     def unfolded(self) -> Found:
         """The minimal disk on the loop's unfolded least-area triangulation."""
-        even = np.arange(self._density.points) / self._density.points
+        t, points = self._points
         with self.request.clock.stage("first fill"):
-            polygon = unfolded_loop(self.request.curve.point(self._density.slide(even)), saws=True)
-        return self._on_domain(polygon, even, "unfolded")
+            polygon = unfolded_loop(points, saws=True)
+        return self._on_domain(polygon, t, "unfolded")
 
-    def flattened(self, disk: Disk, rim: Int[np.ndarray, " k"]) -> Found:
-        """The minimal disk of less energy that a discrete disk over the points `rim` leads to, on its flattening."""
+    def flattened(self, disk: Disk | None, rim: Int[np.ndarray, " k"]) -> Found:
+        """The minimal disk on the flattening of a discrete disk over the points `rim`, or else of a first one."""
+        t, points = self._points
+        if disk is None:
+            with self.request.clock.stage("first fill"):
+                disk = first_disk(points)
+        else:
+            t = self._density.parameter(self.request.curve.breaks[rim])
         with self.request.clock.stage("flattening"):
-            polygon = flatten(disk.vertices, disk.faces, len(rim)).boundary
-        return self._on_domain(polygon, self._density.parameter(self.request.curve.breaks[rim]), "flattened")
+            polygon = flatten(disk.vertices, disk.faces, len(t)).boundary
+        return self._on_domain(polygon, t, "flattened")
+
+    @property
+    def _points(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 3"]]:
+        """Parameters of ∂Ω and points of Γ that Ω is made from."""
+        even = np.arange(self._density.points) / self._density.points
+        return even, self.request.curve.point(self._density.slide(even))
 
     @cached_property
     def _density(self) -> NodeDensity:

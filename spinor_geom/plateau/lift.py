@@ -52,26 +52,17 @@ _Points = TypeVar("_Points", bound="_OnCurves")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lift:
-    """A minimal surface over Ω and its boundary at three times as many points as it was made from.
+    """A minimal surface over Ω and its boundary at three times as many points as it was made from."""
 
-    Attributes:
-        model: p and q.
-        null_curve: (m, 3n, 3), ∫ φ dz along each rim at equal steps of its parameter, without what is imaginary of
-            logarithms; its real part is the boundary, where it should be on Γ.
-        spinors: (2, m, 3n), p and q there, but for the root of their sign changes.
-        slides: (m, 3n), the parameter of the point of its curve near each.
-        misfit: distance between the boundary and Γ.
-        area: ½∮ r·Im(φ dz).
-        period: the largest |Re ∮ φ dz| around a hole.
-    """
-
-    model: PowerSeries | LaurentSeries | CauchyInterpolant
+    model: PowerSeries | LaurentSeries | CauchyInterpolant  # p and q
+    # ∫ φ dz along each rim at equal steps of its parameter, without what is imaginary of logarithms; its real part is
+    # the boundary, where it should be on Γ
     null_curve: Complex[Tensor, "m k 3"]
-    spinors: Complex[Tensor, "2 m k"]
-    slides: Float[Tensor, "m k"]
-    misfit: Misfit
-    area: float
-    period: float
+    spinors: Complex[Tensor, "2 m k"]  # p and q there, but for the root of their sign changes
+    slides: Float[Tensor, "m k"]  # the parameter of the point of its curve near each
+    misfit: Misfit  # between the boundary and Γ
+    area: float  # ½∮ r·Im(φ dz)
+    period: float  # the largest |Re ∮ φ dz| around a hole
 
     @property
     def series(self) -> LaurentSeries:
@@ -88,16 +79,9 @@ class Lift:
 
 
 def lifted_between(surface: HarmonicSurface, curves: CurveTensors, *, allowed: float) -> Lift:
-    """The minimal surface next to a harmonic one between several rims.
+    """The minimal surface next to a harmonic one between several rims; a branch point of odd order is a SurfaceError.
 
-    Args:
-        surface: X.
-        curves: of the rims, as a batch.
-        allowed: RMS distance from Γ that is near enough.
-
-    Raises:
-        SurfaceError: the signs of p and q around the rims do not fit each other: this harmonic surface has a branch
-            point of odd order.
+    A distance from Γ of so much as is allowed, RMS, is near enough.
     """
     points, slides = surface.points, surface.slides
     form = CirclesForm.of(surface.domain, points.shape[1])
@@ -114,16 +98,9 @@ def lifted_between(surface: HarmonicSurface, curves: CurveTensors, *, allowed: f
 def lifted_together(
     disks: Sequence[HarmonicDisk], form: DirichletForm, curves: CurveTensors, *, allowed: Sequence[float]
 ) -> tuple[Lift | None, ...]:
-    """The minimal surfaces next to harmonic disks on one Ω, and their distances from Γ at the nodes and between them.
+    """The minimal surfaces next to harmonic disks on one Ω; None where p and q change sign, around a branch point.
 
-    Args:
-        disks: X of each curve, all with the same number of nodes; they do not know of each other.
-        form: Λ of Ω; of the unit disk where it has no kernel.
-        curves: Γ of each, as a batch.
-        allowed: RMS distance from Γ that is near enough, for each.
-
-    Returns:
-        Of each disk its surface; None where p and q change sign around ∂Ω, around a branch point of odd order.
+    The disks have the same number of nodes and do not know of each other; what is allowed is as for `lifted_between`.
     """
     slides, points = torch.stack([disk.slide for disk in disks]), torch.stack([disk.points for disk in disks])
     slides, points, n = slides[:, None], points[:, None], slides.shape[1]
@@ -370,15 +347,7 @@ def _on(curves: CurveTensors, slides: Float[Tensor, "b m k"]) -> _OnCurves:
 
 
 def surface_of(lift: Lift, *boundaries: FourierBoundary) -> SpinorSurface:
-    """The surface of a lift.
-
-    Args:
-        lift: p and q.
-        boundaries: ∂Ω, the outer curve first.
-
-    Raises:
-        DomainError: the polygon of the boundaries' vertices is not simple.
-    """
+    """The surface of a lift, ∂Ω's outer curve first; where the polygon of vertices is not simple, a DomainError."""
     if isinstance(lift.model, PowerSeries):
         domain = PlaneDomain.disk(n=len(boundaries[0].vertices))
     else:

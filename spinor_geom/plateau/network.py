@@ -213,11 +213,8 @@ def independent_residual(
     """Distance to Γ on panels of another order, that share no node with those of the fit.
 
     Each point is projected on Γ near its matched parameter, not on the nearest part of Γ: a boundary that lies on the
-    wrong part of the curve is not excused.
-
-    Returns:
-        The misfit of all rims, and the integral of the squared distance over each panel by arc length of ∂Ω, which has
-        length 1 there.
+    wrong part of the curve is not excused. The second answer is the integral of the squared distance over each panel by
+    arc length of ∂Ω, which has length 1 there.
     """
     count = len(stage.panels.ends)
     order = max(stage.panels.order + 3, int(np.ceil(3 * points / count)))

@@ -46,6 +46,7 @@ _CROWDED = 1200.0  # nodes on a round annulus beyond which a domain is made for 
 _NODES_PER_GAP = 40.0
 # Way of a vertex of Ω, in residuals, that changes nothing: its scale is near to 1. With 1 areas are off by 5e-4.
 _STILL = 0.01
+_PARTS = 4  # of an edge of Ω, as whose corners it is told whether Ω crosses itself, and where that helps for paths
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,7 +98,10 @@ class NetworkSolver:
         """The discrete disk or annulus over the points that stand for the loops."""
         rims = [side.loop.points[side.indices] for side in self._sides]
         with self.request.clock.stage("first fill"):
-            return first_disk(*rims) if len(rims) == 1 else discrete_annulus(*rims)[1]
+            if len(rims) > 1:
+                return discrete_annulus(*rims)[1]
+            disk = first_disk(*rims)
+            return finer_disk(disk, *self._sizes) if self._is_rough else disk
 
     @property
     def crowds(self) -> bool:
@@ -124,11 +128,11 @@ class NetworkSolver:
     def found_from(self, start: Disk) -> Found:
         """The minimal surface that a discrete one leads to."""
         fitted = self._fitted_from(start)
-        # another start does not help on rough loops
+        # rough loops start from a finer one
         if self.request.is_disk and self._is_missed(fitted) and not self._is_rough:
             fitted = self._improved(fitted, start)
         with self.request.clock.stage("surface"):
-            surface, astray = fitted_surface(fitted)
+            surface, astray = fitted_surface(fitted, allowed=self.request.allowed)
             area = surface.area()
         between = None
         if surface.domain.holes:
@@ -171,7 +175,7 @@ class NetworkSolver:
                 start.faces,
                 sum(self._sizes),
                 holes=self._sizes[1:],
-                drawn=lambda rims: tuple(sampled(boundary, each=4) for boundary in boundaries(rims)),
+                drawn=lambda rims: tuple(sampled(boundary, each=_PARTS) for boundary in boundaries(rims)),
             )
             outer, *holes = boundaries(flat.rims)
             domain = PlaneDomain.inside(outer, flat.log_scale, holes=tuple(holes))
@@ -306,7 +310,7 @@ def _middle(hole: Complex[np.ndarray, " n"]) -> complex:
     return complex(np.average(corners[radius.argmax()], weights=sides[radius.argmax()]))
 
 
-def fitted_surface(fitted: Fitted) -> tuple[SpinorSurface, float]:
+def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[SpinorSurface, float]:
     """The fitted surface at unit size, and the RMS distance of its boundary from the fit's.
 
     The fit integrates φ along ∂Ω, the surface along paths in Ω: they agree unless a path runs too near to a pole.
@@ -315,18 +319,24 @@ def fitted_surface(fitted: Fitted) -> tuple[SpinorSurface, float]:
     network, device = stage.network, fit.readout.device
     with torch.no_grad():
         network.readout.copy_(fit.readout)
-    surface = SpinorSurface(network, stage.domain, order=PATH_ORDER * fitted.rounds).to(device)
-    if stage.domain.holes:
-        close_period(surface)
     some = torch.arange(stage.panels.order // 2, len(stage.panels.t), stage.panels.order, device=device)
-    boundary = (stage.problem.positions(network.readout.detach()) + fit.constant)[some]
-    with torch.no_grad():
-        offset = boundary - surface.position(torch.as_tensor(stage.panels.z, device=device)[some])
-        # the median: where a path is too near to a pole the others are still right
-        constant = offset.median(0).values
-        surface.constant.copy_(constant)
     weight = stage.problem.arc_weights.reshape(-1, stage.panels.order).sum(1)
-    return surface, float(weight @ (offset - constant).square().sum(1)) ** 0.5
+    # where edges cut across notches of Ω, past poles there, those of a finer polygon do not
+    for parts in (1, _PARTS):
+        domain = stage.domain if parts == 1 else stage.domain.divided(parts)
+        surface = SpinorSurface(network, domain, order=PATH_ORDER * fitted.rounds).to(device)
+        if domain.holes:
+            close_period(surface)
+        boundary = (stage.problem.positions(network.readout.detach()) + fit.constant)[some]
+        with torch.no_grad():
+            offset = boundary - surface.position(torch.as_tensor(stage.panels.z, device=device)[some])
+            # the median: where a path is too near to a pole the others are still right
+            constant = offset.median(0).values
+            surface.constant.copy_(constant)
+        astray = float(weight @ (offset - constant).square().sum(1)) ** 0.5
+        if astray <= max(fitted.misfit.rms, allowed):
+            break
+    return surface, astray
 
 
 def close_period(surface: SpinorSurface) -> None:

@@ -145,8 +145,8 @@ def resolved_form(boundary: FourierBoundary, n: int, device: torch.device) -> Di
             vertices=len(boundary.vertices),
         )
     polygon = boundary.grid(n)[0]
-    # the quick tests first: Λ costs n³, and is never resolved where parts that face each other are a step apart
-    is_wide = _steps_across(polygon) > 1 and is_simple(polygon)
+    # the quick tests first: Λ costs n³, and is never resolved where parts that face each other are two steps apart
+    is_wide = _steps_across(polygon) > 2 and is_simple(polygon)
     form = DirichletForm.of(boundary, n, device) if is_wide else None
     if form is None or not form.error <= _RESOLVED:
         raise DomainError(

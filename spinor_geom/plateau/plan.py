@@ -76,7 +76,7 @@ class Route(Enum):
     ON_CIRCLES = "Douglas's slides of several loops, and the moduli of a disk with round holes"
     ON_UNIT_DISK = "Douglas's slide on the unit disk"
     ON_UNFOLDING = "Douglas's slide on the unfolded least-area triangulation of the loop"
-    ON_FLATTENING = "Douglas's slide on the flattening of the task's discrete disk, to which the area falls from there"
+    ON_FLATTENING = "Douglas's slide on the flattening of the task's discrete disk, or of a first one over the loop"
     BY_NETWORK = "Gauss-Newton for a Cauchy network, from a discrete surface to the nearest one, saddles included"
     BY_TRAINING = "a complex-valued network, trained, which takes over a minimal disk first where it is to start warm"
 
@@ -99,7 +99,6 @@ class Route(Enum):
             case Route.ON_UNFOLDING:
                 return task.harmonic.unfolded()
             case Route.ON_FLATTENING:
-                assert task.start is not None  # this route is taken from a disk only
                 return task.harmonic.flattened(task.start, task.rim.indices)
             case Route.BY_NETWORK:
                 return task.network.found_from(task.start or task.network.first_surface)
@@ -141,9 +140,10 @@ def _plan_for_disk(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]
         return (*in_plane, Route.BY_NETWORK, *through)
     if options.between == "free" and _shows_no_curve(loop, curve):
         return (*in_plane, Route.THROUGH_POINTS)
-    suits_disk = loop.elongation < _DISK_ELONGATION and not is_rough(loop, curve)
-    on_disk = (Route.ON_UNIT_DISK,) if suits_disk else ()
-    return (*in_plane, *on_disk, Route.ON_UNFOLDING, Route.BY_NETWORK)
+    if is_rough(loop, curve):  # unfoldings of rough loops pinch where their surfaces do not
+        return (*in_plane, Route.ON_FLATTENING, Route.ON_UNFOLDING, Route.BY_NETWORK)
+    on_disk = (Route.ON_UNIT_DISK,) if loop.elongation < _DISK_ELONGATION else ()
+    return (*in_plane, *on_disk, Route.ON_UNFOLDING, Route.ON_FLATTENING, Route.BY_NETWORK)
 
 
 def _plan_between(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
@@ -190,6 +190,8 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
     for route in routes:
         if is_out_of_time() and route is not Route.IN_PLANE:  # which needs no time
             break
+        if best is not None and best.route in ("unfolded", "flattened") and route is not Route.BY_NETWORK:
+            continue  # a second Ω is for loops that the first leads to no surface of: it spends the steps
         try:
             found = route.surface(task)
         except FAILURES as failure:
@@ -218,7 +220,7 @@ def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:
         solution = leave_unstable(solution, partial(_lower_on_disk, task), where)
     # a plane disk is stable, one through a rough loop's points is next to a discrete disk of least area, and a trained
     # one is taken as it is; of one that is far from Γ it says nothing of those over Γ whether it is stable
-    elif solution.route in ("disk", "unfolded", "network") and solution.converged:
+    elif solution.route in ("disk", "unfolded", "flattened", "network") and solution.converged:
         is_harmonic = task.options.is_free and not task.loop.corners.any()
         down = (Route.ON_FLATTENING, Route.BY_NETWORK) if is_harmonic else (Route.BY_NETWORK,)
 

@@ -36,10 +36,8 @@ def plane_region(
 ) -> Found:
     """The region inside one of some loops of one plane and outside the others, itself as Ω and constant p and q.
 
-    It is the only minimal surface over them, and lies on the left of the first loop.
-
-    Raises:
-        DomainError: a curve crosses itself or another one between the points, or they bound no such region.
+    It is the only minimal surface over them, and lies on the left of the first loop. Curves that cross themselves or
+    another one between the points, or bound no such region, are a DomainError.
 
     Source: the convex hull property of minimal surfaces (Osserman, "A Survey of Minimal Surfaces" (1986), section 7).
     """

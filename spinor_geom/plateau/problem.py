@@ -22,17 +22,11 @@ from spinor_geom.surface.spinor_surface import PATH_ORDER
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurveTensors:
-    """Γ as tensors, or several curves as a batch, the shorter ones filled up.
+    """Γ as tensors, or several curves as a batch, the shorter ones filled up."""
 
-    Attributes:
-        breaks: (*batch, M + 1); 2 after the last break of a shorter curve.
-        coefficients: (d + 1, *batch, M, 3), highest power first; 0 above the degree of a curve of a lower one.
-        slopes: the same for Γ′ where it comes from formulas, of all curves.
-    """
-
-    breaks: Float[Tensor, "*batch m1"]
-    coefficients: Float[Tensor, "d1 *batch m 3"]
-    slopes: Float[Tensor, "d1 *batch m 3"] | None = None
+    breaks: Float[Tensor, "*batch m1"]  # 2 after the last break of a shorter curve
+    coefficients: Float[Tensor, "d1 *batch m 3"]  # highest power first; 0 above the degree of a curve of a lower one
+    slopes: Float[Tensor, "d1 *batch m 3"] | None = None  # the same for Γ′ where it comes from formulas, of all curves
 
     @classmethod
     def of(cls, curve: BoundaryCurve, device: torch.device) -> CurveTensors:

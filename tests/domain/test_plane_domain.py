@@ -215,3 +215,16 @@ def test_crossed_and_clockwise_boundaries_are_refused():
         PlaneDomain.from_boundary(np.array([0, 1 + 1j, 1, 1j, -1 + 0.5j]))
     with pytest.raises(DomainError, match="clockwise"):
         PlaneDomain.from_boundary(np.exp(-1j * ANGLES))
+
+
+def test_divided_domain_has_the_same_boundary():
+    domain = PlaneDomain.from_boundary(
+        np.array([0, 2, 2 + 2j, 1 + 0.5j, 2j]), np.array([True, False, True, True, False])
+    )
+    finer = domain.divided(3)
+    t = np.random.default_rng(0).random(100)
+    np.testing.assert_allclose(finer.boundary.point(t), domain.boundary.point(t), atol=1e-14)
+    np.testing.assert_allclose(finer.boundary.derivative(t), domain.boundary.derivative(t), atol=1e-12)
+    np.testing.assert_array_equal(finer.vertices[::3], domain.vertices)
+    np.testing.assert_array_equal(np.flatnonzero(finer.boundary.corners), 3 * np.flatnonzero(domain.boundary.corners))
+    assert len(finer.log_scale) == len(finer.vertices)

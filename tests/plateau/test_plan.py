@@ -56,15 +56,16 @@ def task_of(loop, *, model="auto", between="auto", tolerance=1e-3, on_iteration=
 
 # --- the plan ---------------------------------------------------------------------------------------------------------
 
-HARMONIC = (Route.ON_UNFOLDING, Route.BY_NETWORK)
+HARMONIC = (Route.ON_UNFOLDING, Route.ON_FLATTENING, Route.BY_NETWORK)
+ROUGH = (Route.ON_FLATTENING, Route.ON_UNFOLDING, Route.BY_NETWORK)
 PLANS = {
     "smooth": (SMOOTH, {}, (Route.ON_UNIT_DISK, *HARMONIC)),
     "smooth, free": (SMOOTH, {"between": "free"}, (Route.ON_UNIT_DISK, *HARMONIC)),
     "a curve in formulas": (gallery.tennis_seam(0.8), {}, (Route.ON_UNIT_DISK, *HARMONIC)),
     "long": (gallery.ellipse(4.0, 0.3).sample(64), {}, HARMONIC),
-    "rough": (noisy_ellipse(100), {}, HARMONIC),
+    "rough": (noisy_ellipse(100), {}, ROUGH),
     "rough, free": (noisy_ellipse(100), {"between": "free"}, (Route.THROUGH_POINTS,)),
-    "rough, free, many": (noisy_ellipse(1600, amount=0.2), {"between": "free"}, HARMONIC),
+    "rough, free, many": (noisy_ellipse(1600, amount=0.2), {"between": "free"}, ROUGH),
     "few, free": (FEW, {"between": "free"}, (Route.THROUGH_POINTS,)),
     "few": (FEW, {}, (Route.ON_UNIT_DISK, *HARMONIC)),
     "narrow finger, free": (finger(), {"between": "free"}, (Route.THROUGH_POINTS,)),
@@ -169,6 +170,13 @@ def test_the_nearest_surface_is_taken_where_none_meets_the_tolerance(farther):
     disk = nearest_surface([Fake(MET, farther=times) for times in farther], task)
     assert disk.misfit.rms == 1e8 * MET.misfit.rms
     assert len(task.steps.history) == 2
+
+
+def test_a_second_domain_is_not_tried_where_the_first_led_to_a_surface():
+    """It would take the steps that the network needs."""
+    first, second = Fake(replace(MET, route="flattened"), farther=1e9), Fake(MET)
+    assert nearest_surface((first, second), task_of(SMOOTH)).route == "flattened"
+    assert not second.asked
 
 
 def test_time_that_is_over_ends_the_plan():
