@@ -180,7 +180,7 @@ def _correlation(
     correlation = 1 - between / variance
     if correlation <= 0:
         return 0.0, between / variance
-    return edge * min(-1 / float(np.log(correlation)), _LONGEST), between / variance
+    return edge / max(-float(np.log(correlation)), 1 / _LONGEST), between / variance
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -156,6 +156,17 @@ def test_a_tube_goes_on_as_a_tube(half: float, start: str, error: float) -> None
         assert not fill_hole(mesh, bridge=places, return_report=True)[1].closed
 
 
+def test_a_mesh_as_regular_as_can_be_goes_on() -> None:
+    """H is equal to rounding around each ring of a can, and another on the next: nothing falls between neighbours."""
+    vertices, faces = tube()
+    rim = np.arange(32, 48)
+    lid = np.column_stack([rim, np.roll(rim, -1), np.full(16, 48)])
+    can = np.vstack([vertices, [[0, 0, vertices[:, 2].max() + 0.4]]]), np.vstack([faces, lid])
+    (_, _), report = fill_hole(can, continuity="C1", return_report=True)
+    assert [outcome.kind for outcome in report.loops] == ["smooth"]
+    assert report.watertight
+
+
 def test_a_border_near_the_rim_does_not_hold_the_patch_back() -> None:
     sphere = icosphere(4)
     x, y, z = centres(sphere).T
