@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # the reader of our output has seen enough
         console.close_output()
         return int(console.ExitStatus.DONE)
-    except (SpinorGeomError, OSError) as error:
+    except (SpinorGeomError, OSError, MemoryError) as error:
         console.complain(console.sentence(error))
         console.close_output()
         return int(console.ExitStatus.BAD_INPUT)
