@@ -53,14 +53,13 @@ def read_3mf(data: bytes) -> FileContents:
     except (BadZipFile, SyntaxError, KeyError, IndexError, StopIteration, TypeError, ValueError) as error:
         raise malformed("", f"trimesh cannot read it ({type(error).__name__}: {error})", "check it") from error
     unseen = set(scene.geometry)
-    graph: Any = scene.graph
-    for node in graph.nodes_geometry:
-        transform, name = graph[node]
+    for node in scene.graph.nodes_geometry:
+        transform, name = scene.graph[node]
         if name not in unseen:
             scene.add_geometry(scene.geometry[name].copy(), node_name=node, geom_name=node, transform=transform)
         unseen.discard(name)
     for name in sorted(unseen):  # what is not built would not be written again
-        graph.update(name, geometry=name, matrix=np.eye(4))
+        scene.graph.update(name, geometry=name, matrix=np.eye(4))  # type: ignore[no-untyped-call]
     return _contents(scene, ".3mf")
 
 

@@ -87,8 +87,8 @@ class Polygons:
 
         A polygon of n corners becomes the n − 2 triangles of a fan from one of its corners: of the fans from its up to
         32 corners, the one whose triangle most against the polygon's area vector is best (so a quad with a reflex
-        corner is split along its inner diagonal); of equal fans the one from the earliest corner. A face with fewer
-        than three corners, or one that does not exist, is a VertexIndexError.
+        corner is split along its inner diagonal); of equal fans the one from the earliest corner.
+        A VertexIndexError tells of a face with fewer than three corners, or one that does not exist.
         """
         for face, problem in self.defects(len(vertices)):
             raise VertexIndexError(f"face {face} {problem}; correct or remove it", face=face)

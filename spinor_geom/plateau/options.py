@@ -70,8 +70,7 @@ def usable_device(name: str | torch.device) -> torch.device:
     try:
         float(torch.zeros(1, device=name))
     except (RuntimeError, AssertionError) as error:
-        reason = str(error).splitlines()[0]
-        raise OptionError(f"device {str(name)!r} cannot be used ({reason}); name another") from error
+        raise OptionError(f"device {name} cannot be used ({str(error).splitlines()[0]}); name another") from error
     return torch.device(name)
 
 

@@ -322,8 +322,8 @@ def test_solution_cannot_be_changed():
         ({"tolerance": float("nan")}, "tolerance"),
         ({"tolerance": None}, "tolerance"),
         ({"max_iterations": 0}, "max_iterations"),
-        ({"device": "abacus"}, "'abacus' cannot be used"),
-        ({"device": "meta"}, "'meta' cannot be used"),
+        ({"device": "abacus"}, "abacus cannot be used"),
+        ({"device": "meta"}, "meta cannot be used"),
         ({"model": "perceptron"}, "'perceptron'"),
     ],
 )
