@@ -4,6 +4,7 @@ What such a file holds is what its library reads of it, and it is written anew b
 """
 
 import io
+import re
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,6 +19,7 @@ from spinor_geom.adapters.pyvista_mesh import polygons_of
 from spinor_geom.adapters.registry import extend, to_mesh
 
 _READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
+_MOST_PER_BYTE = 1000  # numbers that a byte of compressed data stands for
 LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "networkx")}  # other formats need none
 
 
@@ -25,6 +27,10 @@ def read_vtk(data: bytes, *, suffix: str) -> FileContents:
     """A file of VTK: XML polygonal data (.vtp), or legacy polygonal data or an unstructured grid of faces (.vtk)."""
     import pyvista
 
+    # before VTK, which ends the process where it finds no memory for them
+    for count in re.findall(rb"""NumberOf\w+\s*=\s*["'](\d+)""", data):
+        if float(count) > _MOST_PER_BYTE * len(data):
+            raise malformed("", f"announces {float(count):.0e} items in {len(data)} bytes", "check that it is complete")
     module, name = _READERS[suffix]
     reader = getattr(import_module(f"vtkmodules.{module}"), name)()
     reader.SetReadFromInputString(True)
@@ -38,7 +44,7 @@ def read_vtk(data: bytes, *, suffix: str) -> FileContents:
 
 
 def read_3mf(data: bytes) -> FileContents:
-    """All meshes of a 3MF file in the coordinates of its build; colours and materials are not read."""
+    """All meshes of a 3MF file wherever its build has them; colours and materials are not read."""
     import trimesh
 
     try:
@@ -46,6 +52,14 @@ def read_3mf(data: bytes) -> FileContents:
     # what trimesh and lxml raise for files that do not follow the format; lxml's errors are SyntaxErrors
     except (BadZipFile, SyntaxError, KeyError, IndexError, StopIteration, TypeError, ValueError) as error:
         raise malformed("", f"trimesh cannot read it ({type(error).__name__}: {error})", "check it") from error
+    unseen = set(scene.geometry)
+    for node in scene.graph.nodes_geometry:
+        transform, name = scene.graph[node]
+        if name not in unseen:
+            scene.add_geometry(scene.geometry[name].copy(), node_name=node, geom_name=node, transform=transform)
+        unseen.discard(name)
+    for name in sorted(unseen):  # what is not built would not be written again
+        scene.graph.update(name, geometry=name, matrix=np.eye(4))  # type: ignore[no-untyped-call]
     return _contents(scene, ".3mf")
 
 

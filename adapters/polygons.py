@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
+from spinor_geom.errors import VertexIndexError
 from spinor_geom.mesh.loops import repeats_a_vertex
 from spinor_geom.mesh.topology import boundary_edges, coincident_vertices, linked
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -59,7 +60,7 @@ class Polygons:
         for face in np.flatnonzero(self.sizes < 3)[:1].tolist():
             yield face, f"has {self.sizes[face]} corners, a face needs three"
         for corner in np.flatnonzero((self.corners < 0) | (self.corners >= vertices))[:1]:
-            problem = f"names vertex {self.corners[corner]}, but the file has vertices 0 to {vertices - 1}"
+            problem = f"names vertex {self.corners[corner]}, but there are vertices 0 to {vertices - 1}"
             yield int(np.searchsorted(self.starts, corner, side="right")) - 1, problem
 
     def renumbered(self, new_index: Int[np.ndarray, " v"]) -> Polygons:
@@ -87,7 +88,10 @@ class Polygons:
         A polygon of n corners becomes the n − 2 triangles of a fan from one of its corners: of the fans from its up to
         32 corners, the one whose triangle most against the polygon's area vector is best (so a quad with a reflex
         corner is split along its inner diagonal); of equal fans the one from the earliest corner.
+        A VertexIndexError tells of a face with fewer than three corners, or one that does not exist.
         """
+        for face, problem in self.defects(len(vertices)):
+            raise VertexIndexError(f"face {face} {problem}; correct or remove it", face=face)
         pieces = self.sizes - 2
         starts = np.concatenate([[0], np.cumsum(pieces)])
         triangles = np.empty((int(starts[-1]), 3), dtype=np.int64)

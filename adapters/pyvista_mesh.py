@@ -98,6 +98,8 @@ def _polygons(cells: Any, chosen: Any) -> Polygons:
     if len(starts) == 0:
         return Polygons.of_triangles(np.zeros((0, 3), dtype=np.int64))
     sizes = np.diff(starts)
+    if starts[0] or starts[-1] != len(corners) or (sizes < 0).any():
+        raise MeshShapeError("the offsets of the cells do not fit their connectivity; make the cells anew")
     wanted = np.zeros(len(sizes), dtype=bool)
     wanted[chosen] = True
     return Polygons.of_sizes(corners[np.repeat(wanted, sizes)], sizes[wanted])

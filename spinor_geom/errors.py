@@ -1,7 +1,10 @@
 """Every exception of the package: each says what is wrong, where, and what to do."""
 
 import importlib.util
+import math
+import sys
 from collections.abc import Sequence
+from numbers import Real
 from typing import Any
 
 
@@ -274,7 +277,7 @@ class UnknownMeshTypeError(SpinorGeomError, TypeError):
 
     def __init__(self, *, found: str, known: Sequence[str]) -> None:
         what_to_do = f"give one of: {', '.join(known)}"
-        if found == "trimesh.PointCloud":
+        if found.endswith(".PointCloud"):
             what_to_do = "points have no holes: make faces first, or span a closed curve of points with solve_plateau"
         super().__init__(f"{found} is not a mesh type known here; {what_to_do}", found=found, known=tuple(known))
 
@@ -305,3 +308,10 @@ def require(package: str, *, extra: str) -> None:
     """Checks, without importing it, that a package is installed; else a MissingPackageError names the extra to get."""
     if importlib.util.find_spec(package) is None:
         raise MissingPackageError(package=package, extra=extra)
+
+
+def require_positive(name: str, value: Any, *, finite: bool = True, instead: str = "") -> None:
+    """Raises an OptionError for a value that is not a positive number; `instead` says what else it may be."""
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_number or not 0 < value <= (sys.float_info.max if finite else math.inf):
+        raise OptionError(f"{name} must be {instead}a positive number, not {value!r}")

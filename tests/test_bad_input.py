@@ -161,6 +161,28 @@ def test_unreferenced_vertices_do_no_harm() -> None:
     assert not np.isin([48, 49], new_faces).any()
 
 
+def test_a_rim_in_one_point_is_named_and_nothing_else_said() -> None:
+    vertices, faces = tube()
+    vertices[:16] = vertices[0]
+    _, report = fill_hole((vertices, faces), return_report=True)
+    assert sorted(outcome.filled for outcome in report.loops) == [False, True]
+    assert any("encloses no area" in said for said in report.shortcomings)
+
+
+@pytest.mark.parametrize("scale", [1e-65, 1e-12, 1e12, 1e65])
+def test_the_unit_of_length_does_not_matter(scale: float) -> None:
+    vertices, faces = tube()
+    reports = [fill_hole((vertices * unit, faces), return_report=True)[1] for unit in (1.0, scale)]
+    assert all(report.complete and report.watertight and report.intersection_free for report in reports)
+    own, scaled = ([outcome.solution.area for outcome in report.loops] for report in reports)
+    assert np.array(scaled) / scale**2 == pytest.approx(own, rel=1e-12)
+
+
+def test_point_clouds_of_any_library_are_told_what_to_do() -> None:
+    for library in ("trimesh", "open3d"):
+        assert "points have no holes" in str(UnknownMeshTypeError(found=f"{library}.PointCloud", known=()))
+
+
 def test_a_bow_tie_vertex_is_split_into_two_holes() -> None:
     # two folded quads that share one vertex
     vertices, faces = folded_quad()
@@ -279,6 +301,7 @@ def test_a_bad_file_gives_one_sentence_and_status_2(
         (["fill", "mesh.obj", "-o", "o.obj", "--tolerance", "0"], "not a positive number"),
         (["fill", "mesh.obj", "-o", "o.obj", "--edge-length", "nan"], "not a positive number"),
         (["fill", "mesh.obj", "-o", "o.obj", "--max-perimeter", "long"], "not a positive number"),
+        (["render", "mesh.obj", "-o", "o.png", "--size", "100000x100000"], "not a size"),
         (["mend", "mesh.obj"], "invalid choice"),
         ([], "COMMAND"),
     ],
@@ -308,6 +331,21 @@ def test_an_output_that_cannot_be_written_gives_status_2(
     said = capsys.readouterr().err
     assert said.startswith("spinor-geom: ")
     assert os.fspath(path) in said
+
+
+@pytest.mark.parametrize("option", ["--report", "--html", "--picture"])
+@pytest.mark.parametrize("name", ["tube.obj", "o.obj"])
+def test_a_file_that_is_named_twice_is_not_lost(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, name: str
+) -> None:
+    path = write(tmp_path / "tube.obj", obj_text(tube()))
+    assert main(["fill", str(path), "-o", str(tmp_path / "o.obj"), option, str(tmp_path / "x" / ".." / name)]) == 2
+    assert f"{name}: is named twice" in capsys.readouterr().err
+    assert path.read_text() == obj_text(tube())
+    if option == "--picture":
+        assert main(["loops", str(path), option, str(path)]) == 2
+    assert main(["fill", str(path), "-o", str(path)]) == 0
+    assert boundary_loops(path) == []
 
 
 def test_an_unknown_output_format_is_refused_before_the_work(

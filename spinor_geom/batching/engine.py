@@ -19,8 +19,8 @@ from spinor_geom.batching.inputs import SMALL, Inputs, Source, listed
 from spinor_geom.batching.options import BatchOptions, Format, Limits, What
 from spinor_geom.batching.store import Store, log_line, opened_store
 from spinor_geom.batching.worker import run_block
-from spinor_geom.errors import BatchError, OptionError, require
-from spinor_geom.fill.options import Continuity, require_positive
+from spinor_geom.errors import BatchError, OptionError, require, require_positive
+from spinor_geom.fill.options import Continuity
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from spinor_geom.errors import OptionError
-from spinor_geom.fill.options import CONTINUITY, Continuity, require_positive
+from spinor_geom.errors import OptionError, require_positive
+from spinor_geom.fill.options import CONTINUITY, Continuity
 
 What: TypeAlias = Literal["fill", "surface", "loops"]
 Format: TypeAlias = Literal["obj", "ply", "glb", "npz"]

@@ -11,18 +11,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import torch
-
 from spinor_geom.batching.archives import ArchiveReader, Member
 from spinor_geom.batching.inputs import SMALL, Source
 from spinor_geom.batching.loops import NamedLoop
 from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.store import Store
 from spinor_geom.batching.task import OpenedFile, fill_options, open_file, results_of, wanted
-from spinor_geom.errors import ArchiveError, BatchError, SpinorGeomError
+from spinor_geom.errors import ArchiveError, BatchError, OptionError, SpinorGeomError
 from spinor_geom.fill.many_loops import minimal_patches
 from spinor_geom.fill.one_loop import Answer
 from spinor_geom.isolate import Tell, serve
+from spinor_geom.plateau.options import usable_device
 
 WAITING = 4  # files whose results are on their way to the disk: each waits for it several times
 
@@ -55,10 +54,9 @@ def _work(
     sources: Sequence[Source], options: BatchOptions, store: Store, stream_of: Callable[[Source], BinaryIO], tell: Tell
 ) -> None:
     try:  # once, what otherwise every file would fail for
-        torch.zeros(1, device=options.device)
-    except (RuntimeError, AssertionError) as error:
-        reason = str(error).splitlines()[0]
-        raise BatchError(f"device {options.device!r} cannot be used by a worker ({reason}); name another") from error
+        usable_device(options.device)
+    except OptionError as error:
+        raise BatchError(f"a worker: {error}") from error
     opened: list[tuple[Source, OpenedFile]] = []
     for source in sources:
         tell({"reading": source.key})

@@ -66,6 +66,8 @@ def open_file(stream: BinaryIO, key: str, options: BatchOptions) -> OpenedFile:
     """Reads a file and finds its loops; SpinorGeomError where it is no OBJ file, or malformed."""
     start = perf_counter()
     text = read_obj_stream(stream)
+    if not len(text.contents.polygons) and not text.contents.polylines:
+        raise malformed("", "has vertices but no faces and no curves", "give a file with a surface or a curve in it")
     largest = float(np.abs(text.contents.vertices[np.isfinite(text.contents.vertices)]).max(initial=0.0))
     if largest > LARGEST_COORDINATE:
         raise malformed("", f"has a coordinate of size {largest:.1e}, whose powers are no numbers", "scale the file")

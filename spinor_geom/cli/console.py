@@ -26,7 +26,7 @@ def sentence(error: BaseException) -> str:
     """An error as one line."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
         return f"{error.filename}: {error.strerror}"
-    return " ".join(str(error).split())
+    return " ".join(str(error).split()) or "there is not enough memory"
 
 
 def complain(text: str) -> None:

@@ -34,8 +34,8 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     named = (arguments.output, arguments.report, arguments.picture, arguments.html)
     outputs = [path for path in named if path is not None]
     known_suffix(arguments.output)
-    for path in outputs:
-        require_writable(path)
+    for number, path in enumerate(outputs):
+        require_writable(path, *outputs[:number], *[arguments.input][: path != arguments.output])
     with progress("filling") as bar:
         done: list[LoopOutcome] = []
 

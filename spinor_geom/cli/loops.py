@@ -19,7 +19,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     """Lists the loops: a table, or JSON."""
     if arguments.picture is not None:
         require("pyvista", extra="render")
-        require_writable(arguments.picture)
+        require_writable(arguments.picture, arguments.input)
     mesh = read_surface(arguments.input, merge=arguments.merge)
     loops = boundary_loops(mesh)
     if arguments.json:

@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # the reader of our output has seen enough
         console.close_output()
         return int(console.ExitStatus.DONE)
-    except (SpinorGeomError, OSError) as error:
+    except (SpinorGeomError, OSError, MemoryError) as error:
         console.complain(console.sentence(error))
         console.close_output()
         return int(console.ExitStatus.BAD_INPUT)
@@ -117,7 +117,9 @@ _loops = _checked(
     lambda places: min(places) >= 0,
 )
 _size = _checked(
-    lambda text: tuple(map(int, text.split("x"))), "a size such as 1200x960", lambda s: len(s) == 2 and min(s) > 0
+    lambda text: tuple(map(int, text.split("x"))),
+    "a size such as 1200x960",
+    lambda s: len(s) == 2 and 0 < min(s) <= max(s) <= 16384,
 )
 _direction = _checked(
     lambda text: tuple(map(float, text.split(","))),

@@ -18,8 +18,10 @@ def read_surface(path: Path, *, merge: bool) -> MeshFile:
     return mesh.merged() if merge else mesh
 
 
-def require_writable(path: Path) -> None:
-    """Checks that a file could be put at a path, folders being made on the way; MeshFileError where it could not."""
+def require_writable(path: Path, *kept: Path) -> None:
+    """A MeshFileError where no file could be put at a path, folders being made on the way, or one is kept there."""
+    if path.resolve() in (other.resolve() for other in kept):
+        raise MeshFileError(f"{path}: is named twice, and would be lost; name another file", path=path)
     if path.is_dir():
         raise MeshFileError(f"{path}: is a folder; name a file in it", path=path)
     above = next(folder for folder in path.absolute().parents if folder.exists())

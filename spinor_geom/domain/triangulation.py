@@ -163,16 +163,12 @@ def _require_region(polygons: Sequence[Polygon]) -> tuple[complex, float]:
         raise DomainError("a hole is not inside the polygon", vertices=len(boundary))
     centre = boundary.mean()
     scale = np.abs(boundary - centre).max()
-    if len(polygons) > 1 or not _is_convex((boundary - centre) / scale):
+    edge = (np.roll(boundary, -1) - boundary) / scale
+    turn = np.angle(np.roll(edge, -1) * np.conj(edge))
+    # a polygon that turns to the left at each vertex, and once in all, is simple
+    if len(polygons) > 1 or not ((turn > _STRAIGHT).all() and turn.sum() < 3 * np.pi):
         _require_simple((boundary - centre) / scale, tuple(map(len, polygons)))
     return centre, scale
-
-
-def _is_convex(polygon: Complex[np.ndarray, " m"]) -> bool:
-    """Whether a polygon turns to the left at each vertex, and once in all; then it is simple."""
-    edge = np.roll(polygon, -1) - polygon
-    turn = np.angle(np.roll(edge, -1) * np.conj(edge))
-    return bool((turn > _STRAIGHT).all() and turn.sum() < 3 * np.pi)
 
 
 def _require_simple(polygon: Complex[np.ndarray, " m"], rims: Rims) -> None:

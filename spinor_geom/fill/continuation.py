@@ -178,7 +178,7 @@ def _correlation(
     correlation = 1 - between / variance
     if correlation <= 0:
         return 0.0, between / variance
-    return edge * min(-1 / float(np.log(correlation)), _LONGEST), between / variance
+    return edge / max(-float(np.log(correlation)), 1 / _LONGEST), between / variance
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -213,8 +213,10 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
         if again is not None and (again.folds, not again.converged) <= (moved.folds, not moved.converged):
             moved, is_conformal = replace(again, steps=moved.steps + again.steps, remeshed=True), True
     if moved.stretch > _MOST_STRETCHED and is_conformal and not is_out_of_time():
-        again = _at_rest(remesh(moved.patch, target), collar)
-        moved = replace(again, steps=moved.steps + again.steps, remeshed=True)
+        finer = remesh(moved.patch, target)
+        if len(finer.vertices) > finer.boundary_size:
+            again = _at_rest(finer, collar)
+            moved = replace(again, steps=moved.steps + again.steps, remeshed=True)
     return moved
 
 

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, o
 import numpy as np
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
-from spinor_geom.errors import ImperfectFillWarning, OptionError, SpinorGeomError
+from spinor_geom.errors import ImperfectFillWarning, OptionError, SpinorGeomError, require_positive
 from spinor_geom.fill.discrete_patch import refuse_long_border, refuse_what_is_no_hole
 from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open
 from spinor_geom.fill.many_loops import Islands, fill_loops, minimal_patches, planned_joins
 from spinor_geom.fill.one_loop import Clock, FillOptions, unfilled
-from spinor_geom.fill.options import Continuity, require_positive
+from spinor_geom.fill.options import Continuity
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.fill.surroundings import Surroundings, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop

@@ -24,11 +24,12 @@ from spinor_geom.errors import (
     SpinorGeomError,
     SurfaceError,
     TooManyPointsError,
+    require_positive,
 )
 from spinor_geom.fill.attributes import patch_attributes
 from spinor_geom.fill.continuation import Continuation, Start, bend_across, collar_of, continue_patch
 from spinor_geom.fill.discrete_patch import discrete_patch, refuse_border, refuse_empty
-from spinor_geom.fill.options import CONTINUITY, Continuity, require_positive
+from spinor_geom.fill.options import CONTINUITY, Continuity
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.surroundings import NOTHING, Crossings, LoopPatch, Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 from scipy.interpolate import CubicSpline
 
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import OptionError, require_positive
 from spinor_geom.gallery.chart import Chart, SurfaceFunction, null_tangents
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
@@ -118,11 +118,9 @@ def sample_parameters(
     which the parameters begin. With a grading g > 0 the fraction u of a side becomes u^g/(u^g + (1 − u)^g). Other
     gradings, and an n below 3 or the number of corners, are an OptionError.
     """
-    if n < max(3, len(corners)) or not grading > 0:
-        raise OptionError(
-            f"a closed curve with {len(corners)} corners needs at least {max(3, len(corners))} points and a positive "
-            f"grading, got {n} and {grading}"
-        )
+    require_positive("grading", grading)
+    if n < (least := max(3, len(corners))):
+        raise OptionError(f"a closed curve with {len(corners)} corners needs at least {least} points, got {n}")
     if not corners:
         return np.arange(n) / n, np.empty(0, dtype=np.int64)
     start = np.asarray(corners, dtype=np.float64)

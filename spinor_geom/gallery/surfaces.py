@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import OptionError, require_positive
 from spinor_geom.gallery.chart import SurfaceFunction
 from spinor_geom.gallery.known import KnownSurface
 from spinor_geom.holomorphic.series import PowerSeries
@@ -127,8 +127,8 @@ def associate(angle: float = math.pi / 4, *, reach: float = 1.0, turn: float = m
     Over |x| < U, the reach, 0 < y < turn (angles in radians); all members are isometric, of the area turn·(U + sinh U
     cosh U). A reach or turn that is not positive is an OptionError.
     """
-    if not (reach > 0 and turn > 0):
-        raise OptionError(f"a piece of the catenoid's family needs a positive reach and turn, got {reach} and {turn}")
+    require_positive("reach", reach)
+    require_positive("turn", turn)
     name = f"associate of the catenoid, {math.degrees(angle):.0f}°"
     return _catenoid_associate(angle, 1.0, (-reach, reach), turn, name=name, source="Bonnet (1853)")
 
@@ -142,11 +142,10 @@ def catenoid(height: float = 0.5, *, turn: float = 2 * math.pi) -> KnownSurface:
     """
     # at the neck c = h/x* with x* tanh x* = 1 the stable and the unstable catenoid meet
     critical = brentq(lambda x: x * math.tanh(x) - 1, 1.0, 2.0, xtol=1e-15)
-    if not 0 < height <= 1 / math.sinh(critical) or not turn > 0:
-        raise OptionError(
-            f"a catenoid between unit circles at ±h needs 0 < h <= {1 / math.sinh(critical):.6f} and a positive turn, "
-            f"got {height} and {turn}"
-        )
+    highest = 1 / math.sinh(critical)
+    if not 0 < height <= highest:
+        raise OptionError(f"a catenoid between unit circles at ±h needs 0 < h <= {highest:.6f}, got {height}")
+    require_positive("turn", turn)
     reach = brentq(lambda u: height * math.cosh(u) - u, 0.0, critical, xtol=1e-15)
     name = f"catenoid h={height:g}"
     return _catenoid_associate(0.0, height / reach, (-reach, reach), turn, name=name, source="Euler (1744)")

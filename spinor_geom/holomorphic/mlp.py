@@ -12,7 +12,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import OptionError, require_positive
 from spinor_geom.holomorphic.blocks import in_blocks
 
 ActivationName = Literal["exp", "sin", "sinh"]
@@ -78,10 +78,8 @@ class ComplexMLP(torch.nn.Module):
         largest = 1 + _BEND / max(depth, 1) if gain is None else float(gain)
         if depth < 1 or width < 1:
             raise OptionError(f"a network needs at least one hidden layer of one unit, got {depth} of {width}")
-        if not 0 < radius < math.inf or not 0 < largest < math.inf:
-            raise OptionError(
-                f"the radius of the disk around Ω and the gain must be positive and finite, got {radius} and {largest}"
-            )
+        require_positive("the radius of the disk around Ω", radius)
+        require_positive("the gain", largest)
         if activation not in _ACTIVATIONS:
             raise OptionError(
                 f"unknown activation {activation!r}: p and q are holomorphic only if it is entire, so it may not act "

@@ -188,7 +188,10 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
     beside an edge of length 0.
     """
     turn = turning_angles(points)
-    if len(points) < MIN_LOOP_WITH_CORNERS or np.nanmedian(turn) > MIN_CORNER_TURN * MAX_NEIGHBOUR_TURN_RATIO:
+    if (
+        len(points) < MIN_LOOP_WITH_CORNERS
+        or np.median(np.nan_to_num(turn)) > MIN_CORNER_TURN * MAX_NEIGHBOUR_TURN_RATIO
+    ):
         return np.zeros(len(points), dtype=bool)
     corners: Bool[np.ndarray, " m"] = turn >= MIN_CORNER_TURN
     for step in (-2, -1, 1, 2):

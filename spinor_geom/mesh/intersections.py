@@ -260,7 +260,7 @@ def is_star(points: Chain) -> bool:
     product = radius * np.concatenate([radius[1:], radius[:1]])
     if not (sectors > np.maximum(LEAST_ANGLE * product, 2 * LEAST_DISTANCE * radius.max() ** 2)).all():
         return False
-    along = (spokes * after).sum(axis=1) - (spokes @ area) * (after @ area) / size**2
+    along = (flat * np.concatenate([flat[1:], flat[:1]])).sum(axis=1)
     return bool(np.arctan2(sectors, along).sum() < 3 * np.pi)
 
 

@@ -17,7 +17,7 @@ from spinor_geom.domain.delaunay import Rims, flat_coordinates, plane_coordinate
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.triangulation import PlaneTriangulation, one_by_one_on_error
-from spinor_geom.errors import DomainError, OptionError, SpinorGeomError, SurfaceError
+from spinor_geom.errors import DomainError, OptionError, SpinorGeomError, SurfaceError, require_positive
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
@@ -125,8 +125,7 @@ def edge_length_over(loops: Sequence[BoundaryLoop], target: float | Literal["aut
     """The edge length of a patch over some loops, in mesh units: the loops' own as a mean, or that asked for."""
     if target == "auto":
         return sum(loop.perimeter for loop in loops) / sum(map(len, loops))
-    if isinstance(target, str) or not 0 < target < np.inf:
-        raise OptionError(f"target_edge_length must be 'auto' or a positive number, not {target!r}")
+    require_positive("target_edge_length", target, instead="'auto' or ")
     return float(target)
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
 import torch
 
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import OptionError, require_positive
 
 if TYPE_CHECKING:
     from spinor_geom.mesh.curve import BoundaryCurve
@@ -51,8 +50,8 @@ class Laurent:
     modulus: float | None = None
 
     def __post_init__(self) -> None:
-        if self.modulus is not None and not 0 < self.modulus < math.inf:
-            raise OptionError(f"modulus must be positive and finite, got {self.modulus}")
+        if self.modulus is not None:
+            require_positive("modulus", self.modulus)
 
 
 Model: TypeAlias = Literal["auto", "cauchy", "series", "mlp"] | Cauchy | Laurent
@@ -64,6 +63,15 @@ def require_model(model: Model) -> None:
         raise OptionError(
             f"unknown model {model!r}; choose 'auto', 'cauchy', 'series', 'mlp', Cauchy(...) or Laurent(...)"
         )
+
+
+def usable_device(name: str | torch.device) -> torch.device:
+    """The device of a name; an OptionError where nothing can be computed on it."""
+    try:
+        float(torch.zeros(1, device=name))
+    except (RuntimeError, AssertionError) as error:
+        raise OptionError(f"device {name} cannot be used ({str(error).splitlines()[0]}); name another") from error
+    return torch.device(name)
 
 
 class Trainer(Protocol):
@@ -97,10 +105,8 @@ class Options:
         require_model(self.model)
         if self.model != "mlp" and (self.optimizer is not None or not self.warm_start):
             raise OptionError(f"optimizer and warm_start are options of model='mlp', got model={self.model!r}")
-        if not self.tolerance > 0 or self.max_iterations < 1:
-            raise OptionError(
-                f"tolerance and max_iterations must be positive, got {self.tolerance} and {self.max_iterations}"
-            )
+        require_positive("tolerance", self.tolerance, finite=False)
+        require_positive("max_iterations", self.max_iterations)
         if self.unstable not in ("leave", "keep"):
             raise OptionError(f"unknown choice for unstable {self.unstable!r}; choose 'leave' or 'keep'")
         if self.between not in ("auto", "smooth", "free"):

@@ -55,7 +55,11 @@ def plane_region(
         order = (outer, *(number for number in range(len(curves)) if number != outer))
         back = tuple(bool(loops[k].area_vector @ normal > 0) != (k == outer) for k in order)
         rims = tuple(curves[k].reversed() if way else curves[k] for k, way in zip(order, back, strict=True))
-        boundaries = [_in_plane(curve, plane.centroid, axis) for curve in rims]
+        boundaries = []
+        for curve in rims:
+            coefficients = curve.coefficients.copy()
+            coefficients[-1] -= plane.centroid
+            boundaries.append(SplineBoundary(curve.breaks, coefficients @ axis, curve.corners))
         domain = PlaneDomain.inside(boundaries[0], holes=tuple(boundaries[1:]))
         spinors = torch.stack(spinors_from_phi(torch.tensor(axis.conj())[None]), dim=-1)
         constant = plane.centroid + (domain.triangulation.points[domain.root] * axis.conj()).real
@@ -110,12 +114,6 @@ def _axis(normal: Float[np.ndarray, "3"]) -> Complex[np.ndarray, "3"]:
     """U + iv for coordinates x·u + i x·v in a plane, counter-clockwise about its normal."""
     u, v = normals_of(torch.tensor(normal))
     return torch.complex(u, v).numpy()
-
-
-def _in_plane(curve: BoundaryCurve, origin: Float[np.ndarray, "3"], axis: Complex[np.ndarray, "3"]) -> SplineBoundary:
-    coefficients = curve.coefficients.copy()
-    coefficients[-1] -= origin
-    return SplineBoundary(curve.breaks, coefficients @ axis, curve.corners)
 
 
 def _parameters(curve: BoundaryCurve) -> Float[np.ndarray, " n"]:

@@ -18,7 +18,7 @@ from spinor_geom.errors import OptionError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau.harmonic_route import BATCH_NODES, FEWEST_NODES, HarmonicSolver
-from spinor_geom.plateau.options import Cauchy, Model, Optimizer, Options
+from spinor_geom.plateau.options import Cauchy, Model, Optimizer, Options, usable_device
 from spinor_geom.plateau.plan import Route, Task, all_surfaces, minimal_disk, plan, surface_between
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.steps import Iteration
@@ -145,7 +145,7 @@ def solve_plateau(
         max_iterations=max_iterations,
         unstable=unstable,
         between=between,
-        device=torch.device(device),
+        device=usable_device(device),
     )
     rims = [loop] if isinstance(loop, (BoundaryLoop, ClosedCurve)) else _several_of(loop)
     if all_solutions:
@@ -219,7 +219,7 @@ def solve_plateau_batch(
         max_iterations=max_iterations,
         unstable=unstable,
         between=between,
-        device=torch.device(device),
+        device=usable_device(device),
     )
     return _side_by_side(iter(loops), options, time_limit)
 

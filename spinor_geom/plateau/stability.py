@@ -218,7 +218,10 @@ class _Mesh:
     def smallest_eigenpairs(self, count: int) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "i k"]]:
         """The smallest μ of −Δu = μ|dn|²u for u = 0 outside the inner vertices, ascending, and u at these."""
         stiffness = cotangent_laplacian(plane_coordinates(self.points), self.faces)
-        mass = _mass(self.curvature, self.faces, len(self.points))
+        # ∫ |dn|²uv of linear elements, |dn|² being constant on each face: twice the area of its Gauss image
+        local = self.curvature[:, None, None] / 6 * (np.ones((3, 3)) + np.eye(3))
+        rows, columns = np.repeat(self.faces, 3, axis=1).ravel(), np.tile(self.faces, (1, 3)).ravel()
+        mass = csc_array(coo_array((local.ravel(), (rows, columns)), shape=stiffness.shape))
         inner = self.inner
         s, m = (csc_array(whole[inner][:, inner]) for whole in (stiffness, mass))
         count = min(count, len(inner))
@@ -232,10 +235,3 @@ class _Mesh:
             )
         order = np.argsort(inverse)[::-1]
         return 1 / np.maximum(inverse[order], np.finfo(np.float64).tiny), functions[:, order]
-
-
-def _mass(areas: Float[np.ndarray, " f"], faces: Int[np.ndarray, "f 3"], n: int) -> csc_array:
-    """∫ |dn|²uv of linear elements, |dn|² being constant on each face: twice the area of its Gauss image."""
-    local = areas[:, None, None] / 6 * (np.ones((3, 3)) + np.eye(3))
-    rows, columns = np.repeat(faces, 3, axis=1).ravel(), np.tile(faces, (1, 3)).ravel()
-    return csc_array(coo_array((local.ravel(), (rows, columns)), shape=(n, n)))

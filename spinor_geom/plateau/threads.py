@@ -8,11 +8,7 @@ from threading import Lock, local
 import torch
 from threadpoolctl import ThreadpoolController
 
-
-@cache
-def _controller() -> ThreadpoolController:
-    # looking for the loaded libraries takes milliseconds: once a process
-    return ThreadpoolController()
+_controller = cache(ThreadpoolController)  # looking for the loaded libraries takes milliseconds: once a process
 
 
 class _Limits:

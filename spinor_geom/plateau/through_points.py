@@ -59,17 +59,15 @@ class PointEquations:
 
     def step(self, error: Float[Tensor, "n 3"], away: Complex[Tensor, "k 2"] | None) -> Complex[Tensor, "k 2"]:
         """The shortest change of the read-outs that takes distances away; `away` from others, the nearest to them."""
-        wanted = error if away is None else error - self._change(away)
+        wanted = error
+        if away is not None:  # less the change of the vertices by it
+            (pp, pq), (qp, qq) = (self.by_p.mH @ away).T, (self.by_q.mH @ away).T
+            wanted = error - torch.stack([pp - qq, -1j * (pp + qq), qp + pq], dim=1).real
         x, y, z = torch.cholesky_solve(wanted.T.reshape(-1, 1), self.factor).reshape(3, -1)
         xy, z = torch.complex(x, y), torch.complex(z, torch.zeros_like(z))
         p, q = self.by_p, self.by_q
         change = -torch.stack([p @ xy + q @ z, p @ z - q @ xy.conj()], dim=1)
         return change if away is None else change - away
-
-    def _change(self, readout: Complex[Tensor, "k 2"]) -> Float[Tensor, "n 3"]:
-        """Of the vertices by a change of the read-outs."""
-        (pp, pq), (qp, qq) = (self.by_p.mH @ readout).T, (self.by_q.mH @ readout).T
-        return torch.stack([pp - qq, -1j * (pp + qq), qp + pq], dim=1).real
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

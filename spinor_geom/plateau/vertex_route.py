@@ -166,7 +166,10 @@ def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Co
     if domain.contains(circles.centres.cpu().numpy()).any():
         raise DomainError("a hole of Ω is too narrow for the teeth of its rim", vertices=len(domain.vertices))
     for number, centre in enumerate(circles.centres.tolist(), 1):
-        poles[number] += _deep_poles(domain.boundaries[number].vertices, centre)
+        # halfway to its middle, for what is smooth around the hole: as many as there are polynomials
+        turn = np.exp(2j * np.pi * np.arange(DEGREE + 1) / (DEGREE + 1))
+        radius = np.abs(domain.boundaries[number].vertices - centre).min() / 2
+        poles[number] += Poles(positions=centre + radius * turn, scales=np.full(DEGREE + 1, radius))
     sizes = [len(boundary.vertices) for boundary in domain.boundaries]
     firsts = [sum(sizes[:number]) for number in range(len(sizes))]
     basis = Basis.on(
@@ -178,13 +181,6 @@ def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Co
     )
     parts = [_part(smooth, nodes_on_edges(rim.polygon, NODES), number) for number, rim in enumerate(basis.rims)]
     return basis, torch.cat([rim.nearest(part) for rim, part in zip(basis.rims, parts, strict=True)])
-
-
-def _deep_poles(hole: Complex[np.ndarray, " n"], centre: complex) -> Poles:
-    """Poles halfway to the middle of a hole, for what is smooth around it: as many as there are polynomials."""
-    turn = np.exp(2j * np.pi * np.arange(DEGREE + 1) / (DEGREE + 1))
-    radius = np.abs(hole - centre).min() / 2
-    return Poles(positions=centre + radius * turn, scales=np.full(DEGREE + 1, radius))
 
 
 def _part(smooth: LaurentSeries, z: Complex[Tensor, "*pts"], number: int) -> Complex[Tensor, "*pts 2"]:

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
-from spinor_geom.errors import DomainError, DtypeError, OptionError, PeriodError
+from spinor_geom.errors import DomainError, DtypeError, OptionError, PeriodError, require_positive
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.model import HolomorphicModel, IntegrableModel
@@ -256,8 +256,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         Raises:
             OptionError: the matrix is not a rotation (a reflection is none), or the scale is not positive.
         """
-        if not 0 < scale < float("inf"):
-            raise OptionError(f"scale must be positive and finite, got {scale}")
+        require_positive("scale", scale)
         matrix = torch.as_tensor(np.eye(3) if rotation is None else rotation, dtype=torch.float64)
         if matrix.shape != (3, 3):
             raise OptionError(f"a rotation matrix has shape (3, 3), got {tuple(matrix.shape)}")

@@ -61,7 +61,8 @@ def write(surface: SpinorSurface, path: str | os.PathLike[str]) -> None:
         "order": surface.order,
         "complex": sorted(name for name, tensor in tensors.items() if tensor.is_complex()),
     }
-    plain = {name: _plain(tensor) for name, tensor in tensors.items()}
+    held = {name: tensor.detach().cpu().resolve_conj() for name, tensor in tensors.items()}
+    plain = {name: (torch.view_as_real(t) if t.is_complex() else t).contiguous() for name, t in held.items()}
     with atomic_path(Path(path)) as temporary:
         # one entry of metadata: several come in an order left to chance, and equal surfaces are equal files
         temporary.write_bytes(to_bytes(plain, {"description": json.dumps(description)}))
@@ -143,9 +144,3 @@ def _read_boundary(kind: str, parts: Mapping[str, Tensor]) -> Boundary:
     if _BOUNDARIES[kind] is FourierBoundary:
         return FourierBoundary(coefficients, len(corners))
     return SplineBoundary(parameters, coefficients, corners)
-
-
-def _plain(tensor: Tensor) -> Tensor:
-    """What safetensors can store: contiguous, on the CPU, real."""
-    tensor = tensor.detach().cpu().resolve_conj()
-    return (torch.view_as_real(tensor) if tensor.is_complex() else tensor).contiguous()

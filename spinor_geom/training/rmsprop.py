@@ -21,7 +21,7 @@ from torch import Tensor
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
-from spinor_geom.errors import OptionError, StorageError
+from spinor_geom.errors import OptionError, StorageError, require_positive
 from spinor_geom.files import atomic_path
 from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
@@ -97,11 +97,9 @@ class RMSprop:
                 "batch and checkpoint_every must be at least 1, epochs not negative, and points at least one batch, "
                 f"got {self.batch}, {self.checkpoint_every}, {self.epochs} and {self.points}"
             )
-        if not self.learning_rate > 0 or not self.tangent_weight >= 0:
-            raise OptionError(
-                f"the learning rate must be positive and the tangents' weight not negative, got {self.learning_rate} "
-                f"and {self.tangent_weight}"
-            )
+        require_positive("learning_rate", self.learning_rate)
+        if not self.tangent_weight >= 0:
+            raise OptionError(f"tangent_weight must be a number from 0 on, not {self.tangent_weight}")
         if self.representation not in FORMS:
             raise OptionError(f"unknown representation {self.representation!r}; choose one of: {', '.join(FORMS)}")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -95,6 +97,48 @@ def test_what_is_no_surface_or_not_finite_is_told_with_the_file(tmp_path: Path, 
         pyvista.ImageData(dimensions=(2, 2, 2)).save(tmp_path / "image.vtk")
         with pytest.raises(MeshFileError, match=r"image.vtk: pyvista.ImageData is not a mesh type"):
             read_mesh(tmp_path / "image.vtk")
+
+
+@pytest.mark.parametrize("offsets", ["0 3 6 900000", "0 -3 6 9", "3 6 9 9"])
+def test_cells_of_a_vtk_file_that_lie_outside_it_are_told(tmp_path: Path, offsets: str) -> None:
+    head = "# vtk DataFile Version 5.1\nt\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\n"
+    cells = f"POLYGONS 4 9\nOFFSETS vtktypeint64\n{offsets}\nCONNECTIVITY vtktypeint64\n0 1 2 0 1 3 0 2 3\n"
+    (tmp_path / "cells.vtk").write_text(head + cells)
+    with pytest.raises(MeshFileError, match=r"cells\.vtk: the offsets of the cells"):
+        read_mesh(tmp_path / "cells.vtk")
+
+
+@pytest.mark.parametrize("what", ["NumberOfPoints", "NumberOfPolys", "NumberOfComponents"])
+def test_counts_for_which_there_is_no_memory_are_refused_before_vtk_ends_the_process(tmp_path: Path, what: str) -> None:
+    path = tmp_path / "huge.vtp"
+    pyvista.Sphere().save(path)
+    path.write_bytes(re.sub(rf'{what}="\d+"'.encode(), f'{what}="99999999999"'.encode(), path.read_bytes()))
+    with pytest.raises(MeshFileError, match=r"huge\.vtp: announces 1e\+11 items"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("builds", [2, 0])
+def test_a_mesh_that_a_3mf_file_builds_twice_or_never_is_kept(tmp_path: Path, builds: int) -> None:
+    pytest.importorskip("lxml")
+    scene = trimesh.Scene(trimesh.Trimesh(*tube(), process=False))
+    scene.export(tmp_path / "one.3mf")
+    with zipfile.ZipFile(tmp_path / "one.3mf") as one, zipfile.ZipFile(tmp_path / "built.3mf", "w") as built:
+        for name in one.namelist():
+            data = one.read(name)
+            if name.endswith(".model"):
+                (item,) = re.findall(rb"<item [^>]*>", data)
+                (number,) = re.findall(rb'objectid="[^"]*"', item)
+                moved = b"<item %b transform='1 0 0 0 1 0 0 0 1 5 0 0'/>" % number
+                data = data.replace(item, item + moved if builds else item.replace(b'objectid="', b'objectid="9'))
+            built.writestr(name, data)
+    filled, report = fill_hole(tmp_path / "built.3mf", return_report=True)
+    assert len(report.loops) == 2 * (builds or 1)
+    for suffix in (".3mf", ".ply"):
+        filled.write(tmp_path / f"filled{suffix}")
+        mesh = read_mesh(tmp_path / f"filled{suffix}").mesh
+        assert is_closed(mesh)
+        assert np.round(np.ptp(mesh.vertices, axis=0)).tolist() == [7.0 if builds else 2.0, 2.0, 1.0]
+        assert len(mesh.faces) == len(report.original.faces) + len(report.extension.faces)
 
 
 def test_a_3mf_file_is_filled_part_by_part(tmp_path: Path) -> None:

@@ -142,7 +142,7 @@ def test_agrees_with_trimesh(tmp_path: Path) -> None:
         ),
         (CUBE.replace("4 0 1 3 2", "k 0 1 3 2"), "line 11: cannot read face 0 from 'k 0 1 3 2'"),
         (CUBE.replace("4 0 1 3 2", "-4 0 1 3 2"), "line 11: cannot read face 0 from '-4 0 1 3 2'"),
-        (CUBE.replace("4 0 1 3 2", "4 0 1 3 8"), "line 11, face 0: names vertex 8, but the file has vertices 0 to 7"),
+        (CUBE.replace("4 0 1 3 2", "4 0 1 3 8"), "line 11, face 0: names vertex 8, but there are vertices 0 to 7"),
         (b"OFF\n\0", "byte 4: a zero byte"),
     ],
 )

@@ -266,7 +266,7 @@ FACES = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
         (HEAD + FACES + "0 0 0\n1 0 0 7\n0 1 0\n3 0 1 2\n", "line 11: cannot read vertex 1 from '1 0 0 7'"),
         (HEAD + FACES + "0 0 0 a\n1 0 0 a\n0 1 0 a\n3 0 1 2\n", "line 10: cannot read vertex 0 from '0 0 0 a'"),
         (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n-3 0 1 2\n", "line 13: cannot read face 0"),
-        (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "face 0: names vertex 3, but the file has vertices 0 to 2"),
+        (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "face 0: names vertex 3, but there are vertices 0 to 2"),
         (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n", "face 0: names vertex -1"),
         (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n2 0 1\n", "face 0: has 2 corners"),
         (HEAD + FACES.replace("int vertex", "float vertex") + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "not integers"),

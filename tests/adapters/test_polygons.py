@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters.polygons import Polygons, chained, close_seams, seam_representatives
+from spinor_geom.errors import VertexIndexError
 from spinor_geom.mesh.topology import boundary_edges, is_watertight
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS
 
@@ -38,6 +39,15 @@ def test_quad_with_reflex_corner_is_split_along_its_inner_diagonal() -> None:
         triangles, _ = polygons(corners).triangulated(arrow)
         assert (area_vectors(arrow, triangles)[:, 2] > 0).all()
         assert all({0, 2} <= set(triangle) for triangle in triangles.tolist())
+
+
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [([0, 1, 2, 4], "face 1 names vertex 4"), ([0, 1, 2, -1], "face 1 names vertex -1"), ([0, 1], "has 2 corners")],
+)
+def test_polygons_that_are_no_faces_are_named(bad: list[int], words: str) -> None:
+    with pytest.raises(VertexIndexError, match=words):
+        polygons([0, 1, 2, 3], bad).triangulated(CUBE_POINTS[:4])
 
 
 def test_fan_of_a_star_shaped_polygon_starts_where_it_can_see_all() -> None:

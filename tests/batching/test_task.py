@@ -259,6 +259,12 @@ def test_broken_files_fail_for_a_reason_and_alone(tmp_path: Path, what: str) -> 
     }
 
 
+def test_points_alone_are_no_file_that_was_done(tmp_path: Path) -> None:
+    (tmp_path / "points.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
+    (done,) = (one["finished"] for one in solved([tmp_path / "points.obj"], tmp_path / "out") if "finished" in one)
+    assert (done["status"], done["reason"].partition(";")[0]) == ("failed", "has vertices but no faces and no curves")
+
+
 def test_no_pickle_is_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import pickle
 

@@ -396,6 +396,18 @@ def test_output_that_is_not_taken_is_one_sentence_and_status_2(mesh_path: Path) 
     assert (done.stderr, done.returncode) == ("spinor-geom: standard output: No space left on device\n", 2)
 
 
+@pytest.mark.parametrize("said", ["", "Unable to allocate 24.0 GiB"])
+def test_too_little_memory_is_one_sentence_and_status_2(
+    mesh_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, said: str
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise MemoryError(said)
+
+    monkeypatch.setattr("spinor_geom.cli.loops.boundary_loops", fails)
+    assert main(["loops", str(mesh_path)]) == 2
+    assert capsys.readouterr().err == f"spinor-geom: {said or 'there is not enough memory'}\n"
+
+
 def test_a_morph_s_folder_is_made_and_one_that_cannot_be_is_refused_before_anything_is_solved(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -21,7 +21,7 @@ from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
-from tests.fill.shapes import cone, cylinder, rounds_and_rows, tube
+from tests.fill.shapes import cone, cylinder, fan, rounds_and_rows, tube
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
@@ -156,6 +156,17 @@ def test_a_tube_goes_on_as_a_tube(half: float, start: str, error: float) -> None
         assert not fill_hole(mesh, bridge=places, return_report=True)[1].closed
 
 
+def test_a_mesh_as_regular_as_can_be_goes_on() -> None:
+    """H is equal to rounding around each ring of a can, and another on the next: nothing falls between neighbours."""
+    vertices, faces = tube()
+    rim = np.arange(32, 48)
+    lid = np.column_stack([rim, np.roll(rim, -1), np.full(16, 48)])
+    can = np.vstack([vertices, [[0, 0, vertices[:, 2].max() + 0.4]]]), np.vstack([faces, lid])
+    (_, _), report = fill_hole(can, continuity="C1", return_report=True)
+    assert [outcome.kind for outcome in report.loops] == ["smooth"]
+    assert report.watertight
+
+
 def test_a_border_near_the_rim_does_not_hold_the_patch_back() -> None:
     sphere = icosphere(4)
     x, y, z = centres(sphere).T
@@ -260,6 +271,17 @@ def test_a_continuation_that_is_not_found_leaves_the_film(monkeypatch: pytest.Mo
         assert (outcome.kind, outcome.continuation, outcome.converged) == ("minimal", None, True)
         assert "the patch was not continued smoothly" in outcome.remarks[0]
         assert told in outcome.remarks[0]
+
+
+def test_a_finer_mesh_without_inner_vertices_has_nothing_to_move(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > -0.4)
+    loop = boundary_loops(mesh)[0]
+    film = fill_hole(mesh, return_report=True)[1].loops[0].patch
+    collar = collar_of(Surroundings(TriangleMesh(*mesh)), loop.vertex_ids, film)
+    monkeypatch.setattr("spinor_geom.fill.continuation.remesh", lambda *_: fan(loop))
+    moved = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True)
+    assert moved.stretch > 2
+    assert len(moved.patch.vertices) > len(loop)
 
 
 def test_a_continuation_out_of_time_is_kept_where_it_is_nearer_and_told() -> None:

@@ -548,7 +548,8 @@ class TestNearest:
         queries = circle(37) * [2.2, 1.1, 0] + [0, 0, 0.1]
         s = curve.nearest(queries)
         tangent = curve.derivative(s) / np.linalg.norm(curve.derivative(s), axis=1, keepdims=True)
-        np.testing.assert_allclose(((queries - curve.point(s)) * tangent).sum(axis=1), 0, atol=1e-13)
+        # parameters to rounding, times a speed of 12 and a distance of 2
+        np.testing.assert_allclose(((queries - curve.point(s)) * tangent).sum(axis=1), 0, atol=1e-12)
 
     def test_outside_a_corner_the_corner_is_nearest(self) -> None:
         curve = curve_of(L_SHAPE, list(range(6)))

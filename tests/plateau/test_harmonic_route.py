@@ -220,13 +220,14 @@ def test_narrow_fingers_are_reached_not_passed_over():
 @pytest.mark.parametrize("seed", [pytest.param(22, marks=pytest.mark.slow), 80])
 def test_vertices_follow_every_bend_of_the_domain(seed):
     """Edges that cut across its notches led integrals out of Ω, to positions far from the surface."""
-    solution = solve_plateau(gallery.random_curve(seed).sample(120))
+    # the last step may end anywhere within the tolerance, by rounding: no part of a boundary that meets this one is
+    # farther off than a hundred times as much, 1e-2 of an edge, and its area is off by some 1e-7
+    solution = solve_plateau(gallery.random_curve(seed).sample(120), tolerance=1e-4)
     assert solution.converged
     t = np.arange(960) / 960
     on_boundary = solution.surface.position(solution.domain.boundary.point(t))
     distance = np.linalg.norm(on_boundary - solution.curve.point(solution.curve.nearest(on_boundary)), axis=1)
     assert distance.max() < 1e-2 * solution.loop.mean_edge_length
-    # the last step may end anywhere within the tolerance, by the rounding of the kernels at hand: 3e-9 to 1.4e-6
     assert abs(solution.area_in_domain / solution.area - 1) < 1e-5
 
 

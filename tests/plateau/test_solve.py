@@ -320,7 +320,10 @@ def test_solution_cannot_be_changed():
         ({"tolerance": 0.0}, "tolerance"),
         ({"tolerance": -1e-3}, "tolerance"),
         ({"tolerance": float("nan")}, "tolerance"),
+        ({"tolerance": None}, "tolerance"),
         ({"max_iterations": 0}, "max_iterations"),
+        ({"device": "abacus"}, "abacus cannot be used"),
+        ({"device": "meta"}, "meta cannot be used"),
         ({"model": "perceptron"}, "'perceptron'"),
     ],
 )
