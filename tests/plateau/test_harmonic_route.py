@@ -236,10 +236,11 @@ def noisy_random_curve(seed):
 
 
 def test_noisy_folds_are_met_on_the_flattening_of_a_discrete_disk():
-    """Their unfolding pinches; a network of all its features left 3e-3 of an edge in ten times the time."""
-    solution = solve_plateau(noisy_random_curve(67))
+    """Their unfolding is refused; a network came to 8e-4 of an edge."""
+    solution = solve_plateau(noisy_random_curve(121), tolerance=2e-3)
     assert solution.converged
     assert solution.route == "flattened"
+    assert solution.boundary_residual.rms_per_edge < 5e-4
 
 
 @pytest.mark.slow
