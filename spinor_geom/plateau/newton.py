@@ -91,7 +91,8 @@ def stationary(
     stuck = torch.zeros_like(number, dtype=torch.bool)
     recent = torch.full((count, _REMEMBERED), torch.inf, dtype=energy.dtype, device=energy.device)
     # the last energies, and the least that had been reached before each of the last steps
-    energies = energy[:, None].expand(-1, _REMEMBERED)
+    energies = -recent
+    energies[:, -1] = energy
     lowest = torch.full((count, _REMEMBERED + 1), torch.inf, dtype=energy.dtype, device=energy.device)
     lowest[:, -1] = energy
     for steps in itertools.count():
@@ -99,7 +100,8 @@ def stationary(
         # what is left once it stays as it is is rounding error
         stays = (size < SMALL) & (size > recent.amin(-1) / 2)
         # near a solution the energy has no more digits to tell
-        still = (size > SMALL) & (lowest[:, 0] - lowest[:, -1] < falls.maximum(ROUNDING * here.energy))
+        level = energies.amax(-1) - energies.amin(-1) < ROUNDING * here.energy
+        still = (size > SMALL) & (level | (lowest[:, 0] - lowest[:, -1] < falls))
         finished = (size <= limits) | stays | (still & (not saddles)) | stuck | here.is_over | (steps >= most)
         if is_out_of_time():
             finished[:] = True
