@@ -58,7 +58,7 @@ def read_3mf(data: bytes) -> FileContents:
         if name not in unseen:
             scene.add_geometry(scene.geometry[name].copy(), node_name=node, geom_name=node, transform=transform)
         unseen.discard(name)
-    for name in sorted(unseen):  # what is not built would not be written again
+    for name in sorted(unseen):  # what is not built would not be written again; trimesh leaves `update` untyped
         scene.graph.update(name, geometry=name, matrix=np.eye(4))  # type: ignore[no-untyped-call]
     return _contents(scene, ".3mf")
 

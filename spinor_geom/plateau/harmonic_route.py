@@ -30,7 +30,7 @@ from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energie
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.lift import WORTHWHILE, Lift, lifted_together, surface_of
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.newton import MOST_STEPS
+from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING
 from spinor_geom.plateau.omega import NodeDensity, reflattened, resolved
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.request import Request
@@ -44,9 +44,9 @@ BATCH_NODES = 16384
 _MOST_PER_EDGE = 64  # most nodes for each edge: beyond rough loops take minutes, and smooth ones gain nothing
 _TELLING_PER_EDGE = 4  # nodes for each edge of rough loops below which chance decides how near a surface comes
 FEWEST_NODES = 256  # nodes of short loops on the disk: many loops have as many nodes, and are fitted together
-# Gradient of the energy, relative to its factors, at which a coarse solve stops, and that is rounding error. Between
-# them a solve goes on to a share of the tolerance, on smooth loops as small a one: each step doubles the digits.
-COARSE, _ROUNDING = 1e-4, 1e-13
+# Gradient of the energy, relative to its factors, at which a coarse solve stops. Between it and rounding errors a solve
+# goes on to a share of the tolerance, on smooth loops as small a one: each step doubles the digits.
+COARSE = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -189,9 +189,9 @@ class HarmonicSolver:
     def fine_gradient(self) -> float:
         """At which a slide along Γ itself stops."""
         if self.request.options.is_series:
-            return _ROUNDING
+            return ROUNDING
         share = ROUGH_GRADIENT if self.is_rough else COARSE
-        return float(np.clip(share * self.request.options.tolerance, _ROUNDING, COARSE))
+        return float(np.clip(share * self.request.options.tolerance, ROUNDING, COARSE))
 
     @property
     def most_nodes(self) -> int:
@@ -202,7 +202,7 @@ class HarmonicSolver:
         """Whether more nodes are not tried; rounding error is asked for where the curve itself has no other."""
         allowed = self.request.allowed
         if self.request.options.is_series and self.is_analytic:
-            allowed = min(allowed, _ROUNDING)
+            allowed = min(allowed, ROUNDING)
         return misfit.excess(allowed=allowed, tolerance=allowed / self.request.unit.mean_edge_length) <= 1
 
     @property
