@@ -38,7 +38,6 @@ def exact_solution(coefficients, vertices, radius=1.0, scale=1.0):
     loop = BoundaryLoop.from_points(surface.position(radius * np.exp(2j * np.pi * t)), corners=())
     curve = BoundaryCurve.from_loop(loop)
     return PlateauSolution(
-        surface=surface,
         rims=(
             RimMatch(
                 loop=loop,
@@ -58,12 +57,12 @@ def exact_solution(coefficients, vertices, radius=1.0, scale=1.0):
         tolerance=1e-3,
         converged=True,
         reason="",
-        evidence=Evidence(surface=surface),
+        evidence=Evidence(make=lambda: surface),
     )
 
 
 def with_stability(solution: PlateauSolution, stability: Stability) -> PlateauSolution:
     """A solution with a verdict that is given and not computed."""
-    evidence = Evidence(surface=solution.surface)
+    evidence = Evidence(make=lambda: solution.surface)
     evidence.__dict__["stability"] = stability
     return replace(solution, evidence=evidence)

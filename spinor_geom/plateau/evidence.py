@@ -1,5 +1,6 @@
 """What a solution is checked by that was not used to find it: computed when it is first asked for."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -9,7 +10,7 @@ from jaxtyping import Complex, Float
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.mesh.intersections import is_graph, self_intersections
-from spinor_geom.plateau.stability import Curvature, Stability, assess_stability
+from spinor_geom.plateau.stability import Curvature, Stability, assess_stability, stable_by_curvature
 from spinor_geom.plateau.steps import Clock
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -20,18 +21,26 @@ _ORDER = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evidence:
-    """Checks of a surface, each made when it is first read and timed by itself."""
+    """A surface and its checks, each made when it is first read; checks are timed, each by itself."""
 
-    surface: SpinorSurface
+    make: Callable[[], SpinorSurface]  # makes the surface
     curvature: Curvature | None = None  # its total curvature, where that is known
     is_plane: bool = False  # whether it is a plane region inside a simple boundary, which does not cross itself
     clock: Clock = field(default_factory=Clock)  # of the stages "stability" and "certificates"
 
     @cached_property
+    def surface(self) -> SpinorSurface:
+        """The surface."""
+        return self.make()
+
+    @cached_property
     def stability(self) -> Stability:
         """Verdict of the second variation."""
-        with one_thread(), self.clock.stage("stability"):
-            return assess_stability(self.surface, self.curvature)
+        with self.clock.stage("stability"):
+            if self.curvature and (stable := stable_by_curvature(self.curvature)):
+                return stable
+            with one_thread():
+                return assess_stability(self.surface)
 
     @cached_property
     def area_in_domain(self) -> float:

@@ -1,16 +1,18 @@
 """What every route to a minimal surface returns: it at unit size, and how near to Γ it came."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SurfaceError
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.stability import Curvature
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface, Vector
 
 # What a way to a surface may fail at.
 FAILURES = (DomainError, FirstFillError, SingularMatrixError, SurfaceError)
@@ -31,7 +33,8 @@ class Between:
 class Found:
     """A minimal surface over loops of common diagonal 1 and centre 0."""
 
-    surface: SpinorSurface
+    domain: PlaneDomain  # Ω
+    surface_at: Callable[[float, Vector], SpinorSurface]  # makes the surface, enlarged and moved
     curves: tuple[BoundaryCurve, ...]  # Γ on each boundary of Ω, as that runs
     # of each, (n, 2), increasing pairs (t, s): parameters of ∂Ω and of Γ
     matchings: tuple[Float[np.ndarray, "_ 2"], ...]
@@ -41,6 +44,11 @@ class Found:
     limit: str  # what keeps it from coming nearer to Γ, as the end of a sentence
     curvature: Curvature | None = None  # total, of the surface, where the route knows it
     between: Between | None = None  # of several loops; none for a disk
+
+    @property
+    def surface(self) -> SpinorSurface:
+        """The surface, made anew."""
+        return self.surface_at(1.0, np.zeros(3))
 
 
 class NoneBetweenError(Exception):

@@ -10,12 +10,11 @@ import time
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import torch
 from jaxtyping import Complex, Float, Int
-from scipy.fft import next_fast_len
 from torch import Tensor
 
 from spinor_geom.discrete.area_descent import Disk
@@ -28,7 +27,7 @@ from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energies, resampled, slide_downhill
 from spinor_geom.plateau.found import Found
-from spinor_geom.plateau.lift import WORTHWHILE, Lift, lifted_together, surface_of
+from spinor_geom.plateau.lift import WORTHWHILE, Lift, domain_of, lifted_together, surface_of
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING
 from spinor_geom.plateau.omega import NodeDensity, reflattened, resolved
@@ -36,7 +35,6 @@ from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 from spinor_geom.plateau.solution import RouteName
-from spinor_geom.plateau.stability import curvature_within
 
 _FEWEST_POINTS, _POINTS = 32, 128  # points that Ω is made from: the cost of Λ on it is their number cubed
 # Nodes of the loops that are fitted as one batch, and held in memory: half as many take an eighth longer.
@@ -157,17 +155,18 @@ class HarmonicSolver:
             raise DomainError(f"no minimal disk was found on this domain: {fit.limit}", vertices=len(self.request.unit))
         lift, disk = fit.best
         with self.request.clock.stage("surface"):
-            surface = surface_of(lift, fit.form.boundary)
+            domain = domain_of(lift, fit.form.boundary)
         n = len(disk.slide)
         return Found(
             curves=(self.request.curve,),
-            surface=surface,
+            domain=domain,
+            surface_at=partial(surface_of, lift, domain),
             matchings=(np.column_stack([np.arange(n) / n, disk.slide.cpu().numpy()]),),
             misfit=lift.misfit,
             area=lift.area,
             route=route,
             limit=fit.limit,
-            curvature=curvature_within([lift.spinors[:, 0].T.cpu().numpy()]),
+            curvature=lift.curvature,
         )
 
     @cached_property
@@ -314,5 +313,6 @@ def _advance(fits: Sequence[Fit]) -> None:
 
 
 def even(nodes: int) -> int:
-    """An even number of nodes, not smaller, that is fast to transform."""
-    return 2 * next_fast_len((nodes + 1) // 2)
+    """An even number of nodes, not smaller and up to a quarter larger: loops of as many are fitted together."""
+    step = 1 << max(1, (nodes - 1).bit_length() - 3)
+    return step * math.ceil(nodes / step)

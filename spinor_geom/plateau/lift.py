@@ -32,10 +32,11 @@ from spinor_geom.plateau.gauss_newton import normals_of
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import HarmonicSurface
+from spinor_geom.plateau.stability import Curvature, curvature_within
 from spinor_geom.plateau.traces import OnCircles, OnCurve, changes, closed, gap_rows, gaps, grid_of, moves_by, slopes
 from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface, Vector
 
 # steps to the constant and the nearest points: one tells 2 % too much of the distance from folded curves, three no less
 _PLACING_STEPS = 2
@@ -54,15 +55,21 @@ _Points = TypeVar("_Points", bound="_OnCurves")
 class Lift:
     """A minimal surface over Ω and its boundary at three times as many points as it was made from."""
 
-    model: PowerSeries | LaurentSeries | CauchyInterpolant  # p and q
+    traces: OnCircles | OnCurve  # Ω's
+    functions: Complex[Tensor, "2 m t"]  # p and q, as those know them
     # ∫ φ dz along each rim at equal steps of its parameter, without what is imaginary of logarithms; its real part is
     # the boundary, where it should be on Γ
     null_curve: Complex[Tensor, "m k 3"]
-    spinors: Complex[Tensor, "2 m k"]  # p and q there, but for the root of their sign changes
     slides: Float[Tensor, "m k"]  # the parameter of the point of its curve near each
     misfit: Misfit  # between the boundary and Γ
     area: float  # ½∮ r·Im(φ dz)
+    curvature: Curvature  # total
     period: float  # the largest |Re ∮ φ dz| around a hole
+
+    @cached_property
+    def model(self) -> PowerSeries | LaurentSeries | CauchyInterpolant:
+        """P and q."""
+        return self.traces.model(self.functions)
 
     @property
     def series(self) -> LaurentSeries:
@@ -311,23 +318,24 @@ class _SampledBoundary:
             alone=self.curves.alone,
         )
         areas = np.pi * (r * placed.velocity.imag).sum((1, 2, 3)) / self.dz.shape[-1]
+        curvatures = curvature_within(placed.spinors.permute(2, 0, 3, 1).unbind())
         open_by = gaps(placed.velocity).reshape(len(r), 3, m - 1).norm(dim=1)
         periods = 2 * np.pi * torch.nn.functional.pad(open_by, (0, 1)).amax(-1)
+        figures = torch.stack([areas, periods, *curvatures], dim=1).tolist()
         return tuple(
             Lift(
-                model=self.traces.model(placed.functions[i]),
+                traces=self.traces,
+                functions=placed.functions[i],
                 null_curve=placed.null_curve[i].movedim(0, -1),
-                spinors=placed.spinors[i],
                 slides=placed.slides[i],
                 misfit=Misfit.together(misfits[m * i : m * (i + 1)]),
                 area=area,
+                curvature=(curvature, error),
                 period=period,
             )
             if whole
             else None
-            for i, (whole, area, period) in enumerate(
-                zip(is_lifted.tolist(), areas.tolist(), periods.tolist(), strict=True)
-            )
+            for i, (whole, (area, period, curvature, error)) in enumerate(zip(is_lifted.tolist(), figures, strict=True))
         )
 
 
@@ -346,23 +354,27 @@ def _on(curves: CurveTensors, slides: Float[Tensor, "b m k"]) -> _OnCurves:
     return _OnCurves(slides=slides, point=point, tangent=tangent, bend=bend)
 
 
-def surface_of(lift: Lift, *boundaries: FourierBoundary) -> SpinorSurface:
-    """The surface of a lift, ∂Ω's outer curve first; where the polygon of vertices is not simple, a DomainError."""
-    if isinstance(lift.model, PowerSeries):
-        domain = PlaneDomain.disk(n=len(boundaries[0].vertices))
-    else:
-        boundary, *holes = (_with_vertices(one, lift.slides.shape[1]) for one in boundaries)
-        domain = PlaneDomain.inside(boundary, holes=tuple(holes))
+def domain_of(lift: Lift, *boundaries: FourierBoundary) -> PlaneDomain:
+    """Ω of a lift, ∂Ω's outer curve first; where the polygon of its vertices is not simple, a DomainError."""
+    if len(boundaries) == 1 and isinstance(lift.traces, OnCircles):
+        return PlaneDomain.disk(n=len(boundaries[0].vertices))
+    boundary, *holes = (_with_vertices(one, lift.slides.shape[1]) for one in boundaries)
+    return PlaneDomain.inside(boundary, holes=tuple(holes))
+
+
+def surface_of(lift: Lift, domain: PlaneDomain, scale: float, translation: Vector) -> SpinorSurface:
+    """The surface of a lift over Ω, enlarged and moved."""
     root = lift.null_curve.new_tensor([domain.triangulation.points[domain.root]])
     if domain.holes:
         with torch.no_grad():
             constant = null_vector(*lift.series.primitive(root).unbind(-1)).real[0] + lift.shift
     else:
         # the boundary's, continued to the root by Cauchy's formula
-        z, dz = grid_of(boundaries[0], lift.slides.shape[1], root.device)
+        assert isinstance(domain.boundary, FourierBoundary)
+        z, dz = grid_of(domain.boundary, lift.slides.shape[1], root.device)
         unit = dz / (z - root)
         constant = ((unit @ lift.null_curve[0]) / unit.sum()).real
-    return SpinorSurface(lift.model, domain, constant)
+    return SpinorSurface(lift.model, domain, constant).placed(scale, translation)
 
 
 def circles_of(domain: CircularDomain, counts: Sequence[int]) -> list[FourierBoundary]:

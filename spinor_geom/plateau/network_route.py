@@ -144,7 +144,8 @@ class NetworkSolver:
             )
         return Found(
             curves=tuple(side.curve for side in self._sides),
-            surface=surface,
+            domain=surface.domain,
+            surface_at=surface.placed,
             matchings=tuple(fitted.stage.matchings(fitted.fit)),
             misfit=fitted.misfit.and_astray(astray),
             area=area,

@@ -81,7 +81,8 @@ def plane_region(
                 period=surface.largest_period(),
             )
         return Found(
-            surface=surface.to(device),
+            domain=domain,
+            surface_at=surface.to(device).placed,
             curves=rims,
             matchings=tuple(np.repeat(curve.breaks[:-1, None], 2, axis=1) for curve in rims),
             misfit=Misfit.together(misfits),

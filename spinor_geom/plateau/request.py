@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import combinations
 from typing import TypeAlias, TypeVar
 
@@ -141,8 +142,6 @@ class Request:
     def solution(self, found: Found, rim_disks: RimDisks | None = None) -> PlateauSolution:
         """A surface in the loops' coordinates; that between several loops with the disks that it is set against."""
         scale, history, between = self.scale, tuple(self.steps.history), found.between
-        with self.clock.stage("surface"):
-            surface = found.surface.placed(scale, self.centre)
         misfit = found.misfit.enlarged(scale)
         residual = BoundaryResidual(
             rms=misfit.rms,
@@ -154,14 +153,13 @@ class Request:
         converged, reason = residual.verdict(self.options.tolerance, steps=len(history), limit=found.limit)
         order, back = ((0,), (False,)) if between is None else (between.order, between.back)
         loops = [self.loops[k].reversed() if way else self.loops[k] for k, way in zip(order, back, strict=True)]
-        parts = zip(loops, found.curves, surface.domain.boundaries, found.matchings, strict=True)
+        parts = zip(loops, found.curves, found.domain.boundaries, found.matchings, strict=True)
         return PlateauSolution(
-            surface=surface,
             rims=tuple(
                 RimMatch(loop=loop, curve=curve.placed(loop.points, scale), boundary=boundary, matching=matching)
                 for loop, curve, boundary, matching in parts
             ),
-            domain=surface.domain,
+            domain=found.domain,
             boundary_residual=residual,
             area=found.area * scale**2,
             route=found.route,
@@ -171,7 +169,11 @@ class Request:
             converged=converged,
             reason=reason,
             # a plane region is its Ω, whose boundaries were found to be simple
-            evidence=Evidence(surface=surface, curvature=found.curvature, is_plane=found.route == "plane"),
+            evidence=Evidence(
+                make=partial(found.surface_at, scale, self.centre),
+                curvature=found.curvature,
+                is_plane=found.route == "plane",
+            ),
             annulus=None
             if between is None or rim_disks is None
             else Annulus(

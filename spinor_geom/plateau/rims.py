@@ -23,7 +23,7 @@ from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
 from spinor_geom.plateau.found import Between, Found, NoneBetweenError
 from spinor_geom.plateau.harmonic_route import even, points_of_domain
-from spinor_geom.plateau.lift import WORTHWHILE, Lift, circles_of, lifted_between, surface_of
+from spinor_geom.plateau.lift import WORTHWHILE, Lift, circles_of, domain_of, lifted_between, surface_of
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, SMALL
 from spinor_geom.plateau.plane_route import lie_beside
 from spinor_geom.plateau.problem import CurveTensors
@@ -256,9 +256,10 @@ class RimsSolver:
         else:
             limit = f"{_MOST_NODES} nodes on each rim are the most that are tried"
         with self.request.clock.stage("surface"):
-            surface = surface_of(lift, *self._circles(placed, harmonic.domain))
+            domain = domain_of(lift, *self._circles(placed, harmonic.domain))
         return Found(
-            surface=surface,
+            domain=domain,
+            surface_at=partial(surface_of, lift, domain),
             curves=tuple(placed.as_run(self.request.curves)),
             matchings=tuple(_matching(slide) for slide in lift.slides),
             misfit=lift.misfit,

@@ -194,7 +194,6 @@ class PlateauSolution(Shown):
     """A minimal disk over a loop, or a minimal surface of one piece between two or more.
 
     Attributes:
-        surface: the surface, in the loop's own coordinates.
         rims: the loop, or all, with the parts of ∂Ω that lie on them: the outer boundary of Ω first.
         domain: Ω.
         boundary_residual: distance of the surface's boundary from Γ, of all rims together.
@@ -214,11 +213,10 @@ class PlateauSolution(Shown):
         converged: whether `boundary_residual.rms_per_edge` is within the tolerance, and `max_per_local_edge` within a
             hundred times as much.
         reason: one sentence: why the solver stopped.
-        evidence: checks that are made when they are first read, as the properties below.
+        evidence: the surface, and checks of it, made when they are first read, as the properties below.
         annulus: what is told of surfaces over several rims alone; none for disks.
     """
 
-    surface: SpinorSurface
     rims: tuple[RimMatch, ...]
     domain: PlaneDomain
     boundary_residual: BoundaryResidual
@@ -231,6 +229,11 @@ class PlateauSolution(Shown):
     reason: str
     evidence: Evidence
     annulus: Annulus | None = None
+
+    @property
+    def surface(self) -> SpinorSurface:
+        """The surface, in the loop's own coordinates."""
+        return self.evidence.surface
 
     @property
     def stability(self) -> Stability:

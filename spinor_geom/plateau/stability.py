@@ -9,9 +9,11 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 import scipy.sparse.linalg as spl
+import torch
 from jaxtyping import Complex, Float, Int
 from scipy.linalg import eigh
 from scipy.sparse import coo_array, csc_array
+from torch import Tensor
 
 from spinor_geom.domain.delaunay import edge_codes, plane_coordinates
 from spinor_geom.domain.plane_domain import panel_breaks
@@ -48,20 +50,26 @@ class Stability:
     total_curvature: float
 
 
-def assess_stability(surface: SpinorSurface, curvature: Curvature | None = None) -> Stability:
+def stable_by_curvature(curvature: Curvature) -> Stability | None:
+    """The verdict of a total curvature that is surely below 2π; none of a larger one, which decides nothing."""
+    total, error = curvature
+    if total + error >= 2 * np.pi:
+        return None
+    return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=total)
+
+
+def assess_stability(surface: SpinorSurface) -> Stability:
     """Verdict of the second variation ∫ |∇u|² + 2Kλ²u² dx dy over u with u = 0 on ∂Ω.
 
     The total curvature ∫|K| dA, an integral along ∂Ω, decides first: below 2π the surface is stable. Otherwise the
     eigenvalues μ of −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated;
     the surface is stable if the smallest is above 1. Where the difference of the meshes leaves it open finer ones are
-    tried. Wrinkles far below the meshes' size, as fits have them in corners, do not count. The curvature is given by
-    `curvature_within` where p and q along ∂Ω are known already.
+    tried. Wrinkles far below the meshes' size, as fits have them in corners, do not count.
 
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976).
     """
-    total, error = _boundary_curvature(surface) if curvature is None else curvature
-    if total + error < 2 * np.pi:
-        return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=total)
+    if stable := stable_by_curvature(_boundary_curvature(surface)):
+        return stable
     mesh = _Mesh.of(surface, surface.domain.triangulation, surface.domain.arcs[:, 0])
     while True:
         mesh, coarse = mesh.refined(), mesh
@@ -129,23 +137,24 @@ def _inner(a: Complex[np.ndarray, "n 2"], b: Complex[np.ndarray, "n 2"]) -> Comp
     return np.asarray(np.conj(a[:, 0]) * b[:, 0] + np.conj(a[:, 1]) * b[:, 1])
 
 
-def curvature_within(rims: Sequence[Complex[np.ndarray, "_ 2"]]) -> Curvature:
-    """Total curvature by p and q at points along each boundary of Ω, and a bound of its error.
+def curvature_within(rims: Sequence[Complex[Tensor, "*b _ 2"]]) -> Float[Tensor, "2 *b"]:
+    """Total curvature of surfaces by p and q at points along each boundary of Ω, and a bound of its error.
 
     Δ log λ = −Kλ² turns ∫|K| dA into ∮ ∂_ν log λ |dz|, which is the area enclosed by the normals along ∂Ω; 4π too large
     for each branch point. The points are evenly many, and a half of them tells the error.
     """
-    fine, coarse = (sum(_polygon_area(spinors[::step]) for spinors in rims) for step in (1, 2))
-    return (4 * fine - coarse) / 3, abs(fine - coarse)
+    fine, coarse = (torch.stack([_polygon_area(one[..., ::step, :]) for one in rims]).sum(0) for step in (1, 2))
+    return torch.stack([(4 * fine - coarse) / 3, (fine - coarse).abs()])
 
 
-def _polygon_area(spinors: Complex[np.ndarray, "n 2"]) -> float:
-    """Area that the normals at consecutive points of a closed curve enclose on the sphere, sheet by sheet.
+def _polygon_area(spinors: Complex[Tensor, "*b n 2"]) -> Float[Tensor, "*b"]:
+    """Area that the normals at consecutive points of closed curves enclose on the sphere, sheet by sheet.
 
     It is 2∮ Im(p̄ dp + q̄ dq)/λ for normals that run along arcs of great circles.
     """
     # squared, so that a change of sign, as antiperiodic spinors have one, does not count
-    return float(np.angle(_inner(spinors, np.roll(spinors, -1, axis=0)) ** 2).sum())
+    area: Tensor = torch.linalg.vecdot(spinors, spinors.roll(-1, -2)).square().angle().sum(-1)
+    return area
 
 
 def _boundary_curvature(surface: SpinorSurface) -> Curvature:
@@ -154,12 +163,8 @@ def _boundary_curvature(surface: SpinorSurface) -> Curvature:
     # four points a panel at least, which are doubled up to three times while 2π lies within the error
     for level in range(2, 6):
         share = np.arange(2**level) / 2**level
-        curvature, error = curvature_within(
-            [
-                surface.spinors(boundary.point((breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel()))
-                for boundary, breaks in rims
-            ]
-        )
+        along = [b.point((breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel()) for b, breaks in rims]
+        curvature, error = curvature_within([torch.from_numpy(surface.spinors(z)) for z in along]).tolist()
         if abs(curvature - 2 * np.pi) > error:
             break
     return curvature, error

@@ -207,7 +207,8 @@ def _passed(
         curves.append(_curve_through(own, velocity, error))
         misfits.append(_misfit_at_points(curves[-1], error))
     return Found(
-        surface=surface,
+        domain=surface.domain,
+        surface_at=surface.placed,
         curves=tuple(curves),
         matchings=tuple(
             np.column_stack([boundary.parameters[:-1], curve.breaks[:-1]])

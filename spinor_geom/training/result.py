@@ -76,7 +76,8 @@ class Trained:
         assert isinstance(self.surface, SpinorSurface)  # the other representation is refused with the options
         surface = self.surface.transform(scale=scale)
         return Found(
-            surface=surface,
+            domain=surface.domain,
+            surface_at=surface.placed,
             curves=(curve,),
             matchings=(self.matching,),
             misfit=self.misfit.enlarged(scale),

@@ -11,6 +11,7 @@ from spinor_geom import gallery, read_mesh, solve_plateau
 from spinor_geom.bench import batches, worker
 from spinor_geom.bench.claims import WORKER_MIB, claims
 from spinor_geom.bench.solves import QUICK, null_error, solve_figures, solves, untrue
+from spinor_geom.plateau.evidence import Evidence
 from tests.exact_solutions import ENNEPER, exact_solution
 
 
@@ -67,7 +68,7 @@ def test_what_a_solution_says_is_checked():
     assert untrue(exact, 1e-8) == ""
     assert "apart" in untrue(dataclasses.replace(exact, area=1.1 * exact.area), 1e-8)
     # nine tenths as large, the surface misses the curve by far more than it says
-    smaller = dataclasses.replace(exact, surface=exact.surface.transform(scale=0.9))
+    smaller = dataclasses.replace(exact, evidence=Evidence(make=lambda: exact.surface.transform(scale=0.9)))
     case = next(iter(solves().values()))
     figures = solve_figures(dataclasses.replace(case, also="truth"), smaller)
     assert "not 0.0e+00" in figures["untrue"]

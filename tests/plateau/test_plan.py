@@ -135,7 +135,7 @@ FAILURES = [DomainError("folded"), FirstFillError("no fill"), SingularMatrixErro
 def test_the_first_route_that_meets_the_tolerance_is_the_last():
     first, second = Fake(MET), Fake(MET)
     task = task_of(SMOOTH)
-    assert nearest_surface((first, second), task).surface is MET.surface
+    assert nearest_surface((first, second), task).surface_at is MET.surface_at
     assert (len(first.asked), len(second.asked)) == (1, 0)
 
 
@@ -144,7 +144,7 @@ def test_a_route_that_fails_leaves_the_word_to_the_next(failure):
     heard = []
     task = task_of(SMOOTH, on_iteration=heard.append)
     disk = nearest_surface((Fake(failure), Fake(MET)), task)
-    assert disk.surface is MET.surface
+    assert disk.surface_at is MET.surface_at
     # its steps count
     assert [step.index for step in task.solution(disk).history] == [1, 2]
     assert tuple(heard) == task.solution(disk).history
@@ -153,7 +153,7 @@ def test_a_route_that_fails_leaves_the_word_to_the_next(failure):
 @pytest.mark.parametrize("failure", FAILURES, ids=lambda error: type(error).__name__)
 def test_a_poor_disk_stands_where_the_next_route_fails(failure):
     task = task_of(SMOOTH)
-    assert nearest_surface((Fake(MET, farther=1e9), Fake(failure)), task).surface is MET.surface
+    assert nearest_surface((Fake(MET, farther=1e9), Fake(failure)), task).surface_at is MET.surface_at
     assert len(task.steps.history) == 2
     with pytest.raises(type(failure)):
         nearest_surface((Fake(DomainError("crowded")), Fake(failure)), task_of(SMOOTH))
