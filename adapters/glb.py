@@ -1,9 +1,8 @@
-"""Binary glTF (GLB): all triangle meshes of a scene as one mesh, and patches in the primitives that they belong to."""
+"""Binary glTF (GLB): all triangle meshes of a scene as one mesh, and patches as primitives of their own."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
@@ -70,52 +69,47 @@ def read_glb(data: bytes) -> FileContents:
 
 
 def _appended(data: bytes, pieces: Sequence[Piece], extension: MeshExtension) -> bytes:
-    """The file with every new patch in the primitive that most of its rim belongs to.
+    """The file with every new patch as a primitive of its own, like that which most of its rim belongs to.
 
-    New vertices stand after those of their primitive; those that no new face uses are not written. Rim vertices of
-    other primitives are copied, bit by bit where both lie in one node.
+    What the file has stays as it is. The patch has its own copies of the rim's vertices, bit by bit where those lie in
+    its node; new vertices that no new face uses are not written.
     """
-    if len(extension.faces) == 0 and len(extension.vertices) == 0:
+    if len(extension.faces) == 0:
         return data
     from scipy.spatial import KDTree  # takes long to import
 
     container = GlbContainer.read(data)
     nodes, meshes = container.tree["nodes"], container.tree["meshes"]
     vertices = np.concatenate([*(piece.decoded("POSITION") for piece in pieces), extension.vertices])
-    owners = parts_of_faces(extension, [piece.start for piece in pieces], pieces[-1].stop).argmax(axis=1)
+    first_new = pieces[-1].stop
+    owners = parts_of_faces(extension, [piece.start for piece in pieces], first_new).argmax(axis=1)
     for number in np.unique(owners).tolist():
-        piece, faces = pieces[number], extension.faces[owners == number]
+        piece = pieces[number]
         node = nodes[piece.node]
-        if sum(other.get("mesh") == node["mesh"] for other in nodes) > 1:
-            meshes.append(deepcopy(meshes[node["mesh"]]))  # what other nodes show stays as it is
-            node["mesh"] = len(meshes) - 1
-        primitive = meshes[node["mesh"]]["primitives"][piece.primitive]
-        own = (faces >= piece.start) & (faces < piece.stop)
-        others = np.unique(faces[~own])
-        is_new = others >= pieces[-1].stop
-        new = others[is_new] - pieces[-1].stop
-        _, nearest = KDTree(piece.decoded("POSITION")).query(vertices[others])
+        used, faces = np.unique(extension.faces[owners == number], return_inverse=True)
+        _, nearest = KDTree(piece.decoded("POSITION")).query(vertices[used])
+        attributes = {}
+        like = meshes[node["mesh"]]["primitives"][piece.primitive]
         for semantic, rows in piece.rows.items():
-            new_rows = rows[nearest]
-            name = NAMES.get(semantic, semantic)
+            new_rows, name = rows[nearest], NAMES.get(semantic, semantic)
             if semantic == "POSITION":
-                new_rows = piece.encoded(semantic, vertices[others])
+                new_rows = piece.encoded(semantic, vertices[used])
             elif name in extension.vertex_attributes and not semantic.startswith(COPIED):
-                new_rows[is_new] = piece.encoded(semantic, extension.vertex_attributes[name][new])
+                values = extension.vertex_attributes[name][used[used >= first_new] - first_new]
+                new_rows[used >= first_new] = piece.encoded(semantic, values)
             for other in pieces:
                 if other.node == piece.node and other.layout(semantic) == piece.layout(semantic):
-                    taken = (others >= other.start) & (others < other.stop)
-                    new_rows[taken] = other.rows[semantic][others[taken] - other.start]
-            primitive["attributes"][semantic] = container.store(
-                np.concatenate([rows, new_rows]), target=ARRAY_BUFFER, instead_of=primitive["attributes"][semantic]
-            )
-        local = np.where(own, faces - piece.start, piece.stop - piece.start + np.searchsorted(others, faces))
-        all_faces = np.concatenate([piece.faces, local])
+                    taken = (used >= other.start) & (used < other.stop)
+                    new_rows[taken] = other.rows[semantic][used[taken] - other.start]
+            attributes[semantic] = container.store(new_rows, target=ARRAY_BUFFER, like=like["attributes"][semantic])
         # the largest index of each type means "restart" to graphics hardware
-        dtype = np.uint16 if all_faces.max() < np.iinfo(np.uint16).max else np.uint32
-        primitive["indices"] = container.store(
-            all_faces.reshape(-1, 1).astype(dtype), target=ELEMENT_ARRAY_BUFFER, instead_of=primitive.get("indices")
-        )
+        indices = faces.reshape(-1, 1).astype(np.uint16 if len(used) <= np.iinfo(np.uint16).max else np.uint32)
+        patch = {**like, "attributes": attributes, "indices": container.store(indices, target=ELEMENT_ARRAY_BUFFER)}
+        if sum(other.get("mesh") == node["mesh"] for other in nodes) > 1:  # what other nodes show stays as it is
+            meshes.append(dict(meshes[node["mesh"]]))
+            node["mesh"] = len(meshes) - 1
+        mesh = meshes[node["mesh"]]
+        mesh["primitives"] = [*mesh["primitives"], patch]
     return container.encoded()
 
 

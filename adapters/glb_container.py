@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import json
 import struct
-from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -54,8 +52,6 @@ class GlbContainer:
                 raise malformed(f"buffer view {number}", problem, "check that the file is complete")
             compressed = "EXT_meshopt_compression" in view.get("extensions", {})
             container.views.append(None if outside or compressed else binary[start:stop])
-        for reference in _references(tree):
-            container.item("bufferViews", reference["bufferView"])
         return container
 
     def item(self, name: str, number: Any) -> Json:
@@ -66,19 +62,13 @@ class GlbContainer:
         return items[number]
 
     def encoded(self) -> bytes:
-        """The file, without buffer views that nothing refers to any more."""
-        kept = sorted({item["bufferView"] for item in _references(self.tree)})
-        new_number = {old: new for new, old in enumerate(kept)}
-        binary = bytearray()
-        views = []
-        for old in kept:
-            view, content = self.tree["bufferViews"][old], self.views[old]
+        """The file."""
+        binary, views = bytearray(), []
+        for view, content in zip(self.tree.get("bufferViews", []), self.views, strict=True):
             if content is not None:
                 view = {**view, "buffer": 0, "byteOffset": len(binary), "byteLength": len(content)}
                 binary += content + b"\0" * (-len(content) % 4)
             views.append(view)
-        for reference in _references(self.tree):
-            reference["bufferView"] = new_number[reference["bufferView"]]
         self.tree["bufferViews"] = views
         buffers = self.tree.setdefault("buffers", [{}])
         buffers[0] = {**buffers[0], "byteLength": len(binary)}
@@ -93,21 +83,22 @@ class GlbContainer:
         dtype: np.dtype[Any] = np.dtype(COMPONENTS[item["componentType"]])
         count, offset, row = item["count"], item.get("byteOffset", 0), WIDTHS[item["type"]] * dtype.itemsize
         view = None if "sparse" in item else item.get("bufferView")
+        described = {} if view is None else self.item("bufferViews", view)
         content = None if view is None else self.views[view]
         if content is None:
             problem = "its data is not in the file, sparse, or compressed"
             raise malformed(f"accessor {accessor}", problem, "convert the file")
-        stride = self.tree["bufferViews"][view].get("byteStride", row)
+        stride = described.get("byteStride", row)
         if count < 0 or offset < 0 or stride < row or (count and offset + (count - 1) * stride + row > len(content)):
             problem = f"announces {count} rows, more than buffer view {view} holds"
             raise malformed(f"accessor {accessor}", problem, "check that the file is complete")
         shape = (count, WIDTHS[item["type"]])
         return np.asarray(np.ndarray(shape, dtype, content, offset, (stride, dtype.itemsize)))
 
-    def store(self, rows: np.ndarray, *, target: int, instead_of: int | None = None) -> int:
+    def store(self, rows: np.ndarray, *, target: int, like: int | None = None) -> int:
         """Put rows (n, k) in the file for `ARRAY_BUFFER` or `ELEMENT_ARRAY_BUFFER`, and give their accessor's number.
 
-        The properties of `instead_of` are taken over; that accessor is replaced itself if nothing else refers to it.
+        It takes over the properties of another accessor.
         """
         count, width = rows.shape
         size = width * rows.dtype.itemsize
@@ -119,29 +110,13 @@ class GlbContainer:
         self.views.append(padded.tobytes())
         self.tree.setdefault("bufferViews", []).append(view)
         accessors = self.tree.setdefault("accessors", [])
-        old: Json = {"type": "SCALAR" if width == 1 else f"VEC{width}"}
-        if instead_of is not None:
-            old = {key: value for key, value in accessors[instead_of].items() if key != "byteOffset"}
+        old = {"type": "SCALAR" if width == 1 else f"VEC{width}"} if like is None else accessors[like]
         code = COMPONENT_CODES[rows.dtype.newbyteorder("<")]
-        item = old | {"bufferView": len(self.views) - 1, "componentType": code, "count": count}
+        item = old | {"bufferView": len(self.views) - 1, "byteOffset": 0, "componentType": code, "count": count}
         if count:
             item |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
-        if instead_of is not None and self._uses()[instead_of] == 1:
-            accessors[instead_of] = item
-            return instead_of
         accessors.append(item)
         return len(accessors) - 1
-
-    def _uses(self) -> Counter[int]:
-        """How often each accessor is referred to, well-formed or not: by primitives, animations, skins, extensions."""
-        uses: Counter[int] = Counter()
-        for item in _objects(self.tree):
-            named = [item.get(key) for key in ("indices", "input", "output", "inverseBindMatrices")]
-            targets = item.get("targets")
-            for group in [item.get("attributes"), *(targets if isinstance(targets, list) else [])]:
-                named += group.values() if isinstance(group, dict) else []
-            uses.update(number for number in named if type(number) is int)
-        return uses
 
 
 def _chunks(data: bytes) -> tuple[Json, bytes, bytes]:
@@ -184,19 +159,3 @@ def _depth(tree: Json) -> int:
         parts = chain.from_iterable(node.values() if isinstance(node, dict) else node for node in level)
         level = [part for part in parts if isinstance(part, (dict, list))]
     return depth
-
-
-def _objects(tree: Json) -> Iterator[Json]:
-    """All objects in the JSON but what users store under "extras", which is theirs."""
-    stack: list[Any] = [tree]
-    while stack:
-        item = stack.pop()
-        if isinstance(item, list):
-            stack += item
-        elif isinstance(item, dict):
-            yield item
-            stack += [value for key, value in item.items() if key != "extras"]
-
-
-def _references(tree: Json) -> Iterator[Json]:
-    return (item for item in _objects(tree) if "bufferView" in item)

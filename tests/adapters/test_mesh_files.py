@@ -37,9 +37,10 @@ def test_filled_files_close_in_every_format(tmp_path: Path, source: str, target:
     if target in (".obj", ".ply", ".off") and source != ".glb":
         assert back.polygons.sizes.tolist() == [4] * 5 + [3] * 4
     if target != ".stl":
-        assert np.allclose(back.mesh.vertices, closed.mesh.vertices, atol=1e-7)
-        ours = closed.mesh.vertex_attributes["color"] / closed.contents.color_scale
-        theirs = back.mesh.vertex_attributes["color"] / back.contents.color_scale
+        # corner by corner: the patch of a GLB file has its own copies of the rim's vertices
+        assert np.allclose(back.mesh.vertices[back.mesh.faces], closed.mesh.vertices[closed.mesh.faces], atol=1e-7)
+        ours = closed.mesh.vertex_attributes["color"][closed.mesh.faces] / closed.contents.color_scale
+        theirs = back.mesh.vertex_attributes["color"][back.mesh.faces] / back.contents.color_scale
         assert np.abs(ours - theirs).max() <= 0.5 / 255 + 1e-7
 
 
