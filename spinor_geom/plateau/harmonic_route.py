@@ -10,7 +10,7 @@ import time
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -160,7 +160,7 @@ class HarmonicSolver:
         return Found(
             curves=(self.request.curve,),
             domain=domain,
-            surface_at=partial(surface_of, lift, domain),
+            surface_at=surface_of(lift, domain),
             matchings=(np.column_stack([np.arange(n) / n, disk.slide.cpu().numpy()]),),
             misfit=lift.misfit,
             area=lift.area,

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
@@ -362,8 +362,8 @@ def domain_of(lift: Lift, *boundaries: FourierBoundary) -> PlaneDomain:
     return PlaneDomain.inside(boundary, holes=tuple(holes))
 
 
-def surface_of(lift: Lift, domain: PlaneDomain, scale: float, translation: Vector) -> SpinorSurface:
-    """The surface of a lift over Ω, enlarged and moved."""
+def surface_of(lift: Lift, domain: PlaneDomain) -> Callable[[float, Vector], SpinorSurface]:
+    """What makes the surface of a lift over Ω, enlarged and moved; it holds p and q, and no more of the lift."""
     root = lift.null_curve.new_tensor([domain.triangulation.points[domain.root]])
     if domain.holes:
         with torch.no_grad():
@@ -374,7 +374,13 @@ def surface_of(lift: Lift, domain: PlaneDomain, scale: float, translation: Vecto
         z, dz = grid_of(domain.boundary, lift.slides.shape[1], root.device)
         unit = dz / (z - root)
         constant = ((unit @ lift.null_curve[0]) / unit.sum()).real
-    return SpinorSurface(lift.model, domain, constant).placed(scale, translation)
+    return partial(_surface_at, lift.model, domain, constant)
+
+
+def _surface_at(
+    model: torch.nn.Module, domain: PlaneDomain, constant: Float[Tensor, "3"], scale: float, translation: Vector
+) -> SpinorSurface:
+    return SpinorSurface(model, domain, constant).placed(scale, translation)
 
 
 def circles_of(domain: CircularDomain, counts: Sequence[int]) -> list[FourierBoundary]:

@@ -259,7 +259,7 @@ class RimsSolver:
             domain = domain_of(lift, *self._circles(placed, harmonic.domain))
         return Found(
             domain=domain,
-            surface_at=partial(surface_of, lift, domain),
+            surface_at=surface_of(lift, domain),
             curves=tuple(placed.as_run(self.request.curves)),
             matchings=tuple(_matching(slide) for slide in lift.slides),
             misfit=lift.misfit,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import pickle
 import re
 
 import numpy as np
@@ -103,3 +104,12 @@ def test_small_holes_of_a_real_mesh_take_few_steps_on_the_disk():
         # steps along conformal maps of the disk led nodes to crowd where there were few, and never ended
         assert (solution.route, solution.converged) == ("disk", True)
         assert len(solution.history) <= 20
+
+
+def test_a_solution_holds_no_more_than_its_own_surface():
+    """What made it is as large as all loops that were solved with it, or as Ω's matrices."""
+    noisy = gallery.noisy_loop(gallery.evenly_sampled(gallery.ellipse(2.0, 0.3), 60), 0.1, seed=1)
+    for solution in solve_plateau_batch([gallery.tennis_seam(0.8).sample(48)] * 8 + [noisy]):
+        numbers = sum(part.numel() for part in solution.surface.state_dict().values())
+        domain = len(pickle.dumps(solution.domain))
+        assert len(pickle.dumps(solution.evidence)) < 64 * numbers + 2 * domain

@@ -76,7 +76,7 @@ def test_p_and_q_of_a_known_surface_come_back_up_to_their_sign(form, coefficient
     sign = np.sign((found * np.conj(expected)).sum().real)
     assert np.abs(sign * found - expected).max() < 1e-10
     assert abs(lift.area / known.area() - 1) < 1e-10
-    surface = surface_of(lift, domain_of(lift, form.boundary), 1.0, np.zeros(3))
+    surface = surface_of(lift, domain_of(lift, form.boundary))(1.0, np.zeros(3))
     assert np.abs(surface.position(z) - known.position(z)).max() < 1e-9
 
 
@@ -87,7 +87,7 @@ def test_null_curve_is_the_surface_at_the_nodes_and_between_them(form):
     (null_curve,), (slide,) = lift.null_curve, lift.slides
     assert null_curve.shape == (384, 3)
     assert slide.shape == (384,)
-    surface = surface_of(lift, domain_of(lift, form.boundary), 1.0, np.zeros(3))
+    surface = surface_of(lift, domain_of(lift, form.boundary))(1.0, np.zeros(3))
     z, dz, _ = form.boundary.grid(384)
     assert np.abs(surface.position(z) - null_curve.real.numpy()).max() < 1e-10
     gap = null_curve.real - curve.point_and_derivative(slide)[0]
@@ -143,7 +143,7 @@ def test_distance_from_the_curve_is_measured_on_the_surface_itself(n):
     form = form_of(ellipse(2.0), 128)
     curve, disk = rough_disk(form, n)
     lift = lifted(disk, form, curve, allowed=0.0)
-    surface = surface_of(lift, domain_of(lift, form.boundary), 1.0, np.zeros(3))
+    surface = surface_of(lift, domain_of(lift, form.boundary))(1.0, np.zeros(3))
     exact = BoundaryCurve(
         breaks=curve.breaks.numpy(), coefficients=curve.coefficients.numpy(), corners=np.zeros(80, dtype=bool)
     )
@@ -226,7 +226,7 @@ def test_p_and_q_between_rims_come_back_up_to_their_sign(name):
     sign = np.sign((found * np.conj(expected)).sum().real)
     assert np.abs(sign * found - expected).max() < 1e-6
     domain = domain_of(lift, *circles_of(harmonic.domain, [64] * len(harmonic.slides)))
-    surface = surface_of(lift, domain, 1.0, np.zeros(3))
+    surface = surface_of(lift, domain)(1.0, np.zeros(3))
     assert np.abs(surface.position(z) - known.position(z)).max() < 1e-7
 
 
