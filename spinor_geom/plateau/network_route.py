@@ -12,12 +12,11 @@ from functools import cached_property, partial
 import numpy as np
 import torch
 from jaxtyping import Bool, Complex, Float, Int
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
-from spinor_geom.discrete.strip import discrete_annulus, nodes_on_cylinder, runs_back
+from spinor_geom.discrete.strip import discrete_annulus, runs_back
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks, sampled
 from spinor_geom.domain.quadrature import Panels
@@ -41,9 +40,6 @@ from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
 
 # Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
 _LONGEST_RIM = 240
-_CROWDED = 1200.0  # nodes on a round annulus beyond which a domain is made for two rims
-# Nodes on a length as long as the gap between two rims is wide, ten times as many as they take: to be sure of few.
-_NODES_PER_GAP = 40.0
 # Way of a vertex of Ω, in residuals, that changes nothing: its scale is near to 1. With 1 areas are off by 5e-4.
 _STILL = 0.01
 _PARTS = 4  # of an edge of Ω, as whose corners it is told whether Ω crosses itself, and where that helps for paths
@@ -102,20 +98,6 @@ class NetworkSolver:
                 return discrete_annulus(*rims)[1]
             disk = first_disk(*rims)
             return finer_disk(disk, *self._sizes) if self._is_rough else disk
-
-    @property
-    def crowds(self) -> bool:
-        """Whether a round annulus takes too many nodes: its gap is too long for its width, or too uneven."""
-        first, second = (curve.coefficients[-1] for curve in self.request.curves)
-        gaps = np.concatenate([cKDTree(b).query(a)[0] for a, b in ((first, second), (second, first))])
-        length = sum(loop.perimeter for loop in self.request.units) / 2
-        if _NODES_PER_GAP * length * gaps.max() < _CROWDED * gaps.min() ** 2:
-            return False
-        try:
-            surface = self.first_surface
-            return nodes_on_cylinder(surface.vertices, surface.faces, self._sizes) > _CROWDED
-        except (DomainError, SingularMatrixError):
-            return False
 
     @property
     def _sizes(self) -> tuple[int, ...]:

@@ -158,10 +158,9 @@ def _plan_between(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
         return (*in_plane, Route.BY_NETWORK)
     is_free = options.between == "free" or (options.between == "auto" and options.model == "auto")
     through = (Route.THROUGH_POINTS,) if is_free and any(map(is_rough, task.units, task.curves)) else ()
-    if len(task.loops) > 2:
-        return (*in_plane, *through, Route.ON_CIRCLES)
-    on_domain = (Route.BY_NETWORK, Route.ON_CIRCLES) if task.network.crowds else (Route.ON_CIRCLES, Route.BY_NETWORK)
-    return (*in_plane, *through, *on_domain)
+    # two rims that crowd on circles are told by few nodes
+    by_network = (Route.BY_NETWORK,) if len(task.loops) == 2 else ()
+    return (*in_plane, *through, Route.ON_CIRCLES, *by_network)
 
 
 def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
