@@ -26,7 +26,7 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import Poles, corner_poles, edge_poles, place_poles, refining_poles
 from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
+from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, way_across
 
 # Most features of p and q each, of four real unknowns: with 300 a step of the fit takes a quarter of a second, and its
 # time grows with the cube.
@@ -41,7 +41,7 @@ class Discretisation:
 
     domain: PlaneDomain  # Ω
     curves: tuple[CurveTensors, ...]  # Γ, one for each boundary of Ω
-    corners: Float[np.ndarray, " c"]  # parameters of Γ at the corners of Ω, ascending in one turn
+    corners: tuple[Float[np.ndarray, " _"], ...]  # of each, its parameters at the corners of Ω, ascending in one turn
     poles: Poles  # poles outside Ω
     breaks: tuple[Float[np.ndarray, " _"], ...]  # ends of the panels on each boundary
     degree: int  # of the polynomials
@@ -53,7 +53,7 @@ class Discretisation:
         cls,
         domain: PlaneDomain,
         curves: tuple[CurveTensors, ...],
-        corners: Float[np.ndarray, " c"],
+        corners: tuple[Float[np.ndarray, " _"], ...],
         *,
         degree: int,
         offset: float,
@@ -86,7 +86,7 @@ class Discretisation:
         """
         unknowns = 4 * (self.degree + 1 + len(self.poles.positions))
         count = sum(len(some) - 1 for some in self.breaks)
-        return Panels.around(self.domain, self.breaks, int(np.ceil(4 * unknowns / (2 * count))))
+        return Panels.around(self.domain, self.breaks, max(6, int(np.ceil(4 * unknowns / (2 * count)))))
 
     @cached_property
     def network(self) -> CauchyNetwork:
@@ -150,11 +150,11 @@ class Discretisation:
 
     @cached_property
     def _modulus_fields(self) -> ModulusFields:
-        if self.domain.holes:
+        if self.domain.holes and not any(map(len, self.corners)):
             return ModulusFields.of_hole(self.domain, self.panels)
         # without the poles clustered at the corners: what they resolve, the moved boundary's spline would not
-        z = torch.as_tensor(self.panels.z, device=self.problem.dz.device)
-        smooth = self._network_with(edge_poles(self.domain)).features(z)
+        z = torch.as_tensor(np.append(self.panels.z, way_across(self.domain)[0]), device=self.problem.dz.device)
+        smooth = replace(self, branch=None)._network_with(edge_poles(self.domain)).features(z)
         return ModulusFields.of_corners(self.domain, self.panels, smooth.cpu().numpy())
 
     @property
@@ -268,18 +268,22 @@ class ModulusFields:
 
         Source: Ahlfors, "Lectures on quasiconformal mappings" (1966), chapter VI, for the pairing.
         """
-        boundary = domain.boundary
-        corner = boundary.vertices[boundary.corners]
-        count = len(corner) - 3
-        still = np.prod((panels.z[:, None] - corner) / domain.diameter, axis=1)
+        corner = domain.vertices[np.concatenate([boundary.corners for boundary in domain.boundaries])]
+        count = max(len(corner), 1) if domain.holes else len(corner) - 3
+        (way, steps), nodes = way_across(domain), len(panels.z)
+        still = np.prod((np.append(panels.z, way)[:, None] - corner) / domain.diameter, axis=1)
         slopes = (still / np.abs(still).max())[:, None] * features
-        g_slopes = slopes @ _nearest_to_real(slopes, panels, count) * panels.dz[:, None]
-        by_panel = g_slopes.reshape(-1, panels.order, count)
+        if domain.holes:
+            outer = panels.rims[0] * panels.order
+            # g is to be the same after a turn around the hole
+            slopes = slopes @ scipy.linalg.null_space(((panels.dz * panels.weights)[:outer] @ slopes[:outer])[None])
+        g_slopes = slopes @ _nearest_to_real(slopes[:nodes], panels, count)
+        by_panel = (g_slopes[:nodes] * panels.dz[:, None]).reshape(-1, panels.order, count)
         totals = (panels.weights.reshape(-1, panels.order, 1) * by_panel).sum(axis=1)
-        start = np.concatenate([np.zeros((1, count)), np.cumsum(totals, axis=0)])
-        width = np.diff(panels.breaks)[:, None, None]
-        g = (start[:-1, None] + width * (panels.cumulative @ by_panel)).reshape(-1, count)
-        at_vertex = np.abs(panels.breaks - boundary.parameters[:-1, None]).argmin(axis=1)
+        start = np.cumsum(totals, axis=0) - totals
+        start[panels.rims[0] :] += steps @ g_slopes[nodes:]
+        g = (start[:, None] + panels.widths[:, None, None] * (panels.cumulative @ by_panel)).reshape(-1, count)
+        at_vertex = np.abs(panels.ends[:, 0] - domain.arcs[:, :1]).argmin(axis=1)
         middle = start[at_vertex].mean(axis=0)
         size = np.abs(start[at_vertex] - middle).max(axis=0) / domain.diameter
         return cls(nodes=np.conj((g - middle) / size), vertices=np.conj((start[at_vertex] - middle) / size))
@@ -304,11 +308,16 @@ class ModulusFields:
     def moved(self, domain: PlaneDomain, amounts: Float[np.ndarray, " k"]) -> PlaneDomain:
         """Ω with its hole grown, or with its boundary's vertices moved, at most by a tenth of its diameter."""
         move = self.vertices @ amounts
-        if domain.holes:
+        if len(move) < len(domain.vertices):
             hole = SplineBoundary.through(domain.holes[0].vertices + move)
             return PlaneDomain.inside(domain.boundary, domain.log_scale, holes=(hole,))
         move *= min(1.0, 0.1 * domain.diameter / np.abs(move).max(initial=1e-300))
-        return PlaneDomain.from_boundary(domain.boundary.vertices + move, domain.boundary.corners, domain.log_scale)
+        moves = np.split(move, np.cumsum(domain.triangulation.rims)[:-1])
+        boundary, *holes = (
+            SplineBoundary.through(rim.vertices + by, rim.corners)
+            for rim, by in zip(domain.boundaries, moves, strict=True)
+        )
+        return PlaneDomain.inside(boundary, domain.log_scale, holes=tuple(holes))
 
 
 def _nearest_to_real(f: Complex[np.ndarray, "nodes n"], panels: Panels, count: int) -> Complex[np.ndarray, "n {count}"]:

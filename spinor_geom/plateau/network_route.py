@@ -6,6 +6,7 @@ surface nearest to where it starts, saddles of the area included.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -42,6 +43,9 @@ from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
 _LONGEST_RIM = 240
 # Way of a vertex of Ω, in residuals, that changes nothing: its scale is near to 1. With 1 areas are off by 5e-4.
 _STILL = 0.01
+# Parts that the sides of a polygon given by its corners alone are divided into: with 8 the tetrahedron's quadrilateral
+# is met to 1e-6 of a side, with none to 1e-2.
+PARTS_OF_A_SIDE = 8
 _PARTS = 4  # of an edge of Ω, as whose corners it is told whether Ω crosses itself, and where that helps for paths
 
 
@@ -53,13 +57,21 @@ class _Side:
     back: bool  # whether it runs against the one that was given
     loop: BoundaryLoop
     curve: BoundaryCurve
-    indices: Int[np.ndarray, " k"]  # of the points that stand for it
+    knots: Float[np.ndarray, " k1"]  # parameters of Γ at the points that stand for it, the first one again at the end
     corners: Bool[np.ndarray, " k"]  # which of those are corners of Ω
 
-    @property
-    def knots(self) -> Float[np.ndarray, " k1"]:
-        """Parameters of Γ at the points, the first one again at the end."""
-        return np.append(self.curve.breaks[self.indices], self.curve.breaks[self.indices[0]] + 1)
+    @classmethod
+    def of(cls, number: int, loop: BoundaryLoop, curve: BoundaryCurve, *, back: bool, parts_of_a_side: int) -> _Side:
+        """The loop's points, or so few that it may be long, and on sides between corners as many as told at least."""
+        if back:
+            loop, curve = loop.reversed(), curve.reversed()
+        indices = rim_indices(loop)
+        parts = max(1, math.ceil(parts_of_a_side * np.count_nonzero(loop.corners) / len(indices)))
+        ends = np.append(curve.breaks[indices], curve.breaks[indices[0]] + 1)
+        knots = np.interp(np.arange(len(indices) * parts + 1) / parts, np.arange(len(ends)), ends)
+        corners = np.zeros(len(knots) - 1, dtype=bool)
+        corners[::parts] = loop.corners[indices]
+        return cls(number=number, back=back, loop=loop, curve=curve, knots=knots, corners=corners)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,26 +85,18 @@ class NetworkSolver:
         """The loops in the order of Ω's boundaries: the longest goes outside, where there is more room."""
         with self.request.clock.stage("first fill"):
             reverse = len(self.request.units) > 1 and runs_back(*(loop.points for loop in self.request.units))
-        sides = []
-        for number, (loop, curve) in enumerate(zip(self.request.units, self.request.curves, strict=True)):
-            back = reverse and number > 0
-            indices = rim_indices(loop)
-            sides.append(
-                _Side(
-                    number=number,
-                    back=back,
-                    loop=loop.reversed() if back else loop,
-                    curve=curve.reversed() if back else curve,
-                    indices=indices,
-                    corners=loop.corners[indices] & (len(self.request.units) == 1),
-                )
-            )
+        # discrete disks to start from have the loop's own points
+        parts = 0 if self.request.is_disk else PARTS_OF_A_SIDE
+        sides = [
+            _Side.of(number, loop, curve, back=reverse and number > 0, parts_of_a_side=parts)
+            for number, (loop, curve) in enumerate(zip(self.request.units, self.request.curves, strict=True))
+        ]
         return tuple(sorted(sides, key=lambda side: -side.loop.perimeter))
 
     @cached_property
     def first_surface(self) -> Disk:
         """The discrete disk or annulus over the points that stand for the loops."""
-        rims = [side.loop.points[side.indices] for side in self._sides]
+        rims = [side.curve.point(side.knots[:-1]) for side in self._sides]
         with self.request.clock.stage("first fill"):
             if len(rims) > 1:
                 return discrete_annulus(*rims)[1]
@@ -101,7 +105,7 @@ class NetworkSolver:
 
     @property
     def _sizes(self) -> tuple[int, ...]:
-        return tuple(len(side.indices) for side in self._sides)
+        return tuple(len(side.corners) for side in self._sides)
 
     @property
     def _is_rough(self) -> bool:
@@ -172,7 +176,7 @@ class NetworkSolver:
             stage = Discretisation.first(
                 domain,
                 tuple(CurveTensors.of(side.curve, device) for side in sides),
-                sides[0].knots[:-1][sides[0].corners],
+                tuple(side.knots[:-1][side.corners] for side in sides),
                 degree=self.request.options.cauchy.degree,
                 offset=self.request.options.cauchy.pole_offset,
                 tolerance=self.request.options.tolerance,
