@@ -1,9 +1,10 @@
 """The network and the nodes of one round of a fit, its residual between them, and their refinement where that is.
 
-A conformal map takes three boundary points where one wants; with n corners n − 3 moduli of Ω must be right before a
-surface over Ω can have all its corners on Γ's. A domain flattened from a mesh has them to a few digits, and is moved
-with the fit along fields v = conj(g), g holomorphic with g' = 0 at the corners: conformal there, so that the angles
-stay, and undone by no holomorphic change of coordinates. Between two rims the hole grows or shrinks.
+A conformal map takes three boundary points where one wants; with n corners n − 3 moduli of Ω, or n around a hole, must
+be right before a surface over Ω can have all its corners on Γ's. A domain flattened from a mesh has them to a few
+digits, and is moved with the fit along fields v = conj(g), g holomorphic with g' = 0 at the corners: conformal there,
+so that the angles stay, and undone by no holomorphic change of coordinates. Between two rims without corners the hole
+grows or shrinks.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ class Discretisation:
         tolerance: float,
         branch: complex | None = None,
     ) -> Discretisation:
-        """One pole a boundary vertex, panels between the vertices and halving towards corners.
+        """One pole a boundary vertex, panels between the vertices and shorter towards corners.
 
         The offset of the poles is in local edges; corners take fewer poles for a loose tolerance, the RMS distance from
         Γ in mean edges.
@@ -86,7 +87,7 @@ class Discretisation:
         """
         unknowns = 4 * (self.degree + 1 + len(self.poles.positions))
         count = sum(len(some) - 1 for some in self.breaks)
-        return Panels.around(self.domain, self.breaks, max(6, int(np.ceil(4 * unknowns / (2 * count)))))
+        return Panels.around(self.domain, self.breaks, int(np.ceil(4 * unknowns / (2 * count))))
 
     @cached_property
     def network(self) -> CauchyNetwork:
@@ -150,7 +151,7 @@ class Discretisation:
 
     @cached_property
     def _modulus_fields(self) -> ModulusFields:
-        if self.domain.holes and not any(map(len, self.corners)):
+        if self.domain.holes and not self.domain.corners.any():
             return ModulusFields.of_hole(self.domain, self.panels)
         # without the poles clustered at the corners: what they resolve, the moved boundary's spline would not
         z = torch.as_tensor(np.append(self.panels.z, way_across(self.domain)[0]), device=self.problem.dz.device)
@@ -259,17 +260,17 @@ class ModulusFields:
     vertices: Complex[np.ndarray, "m k"]
 
     @classmethod
-    def of_corners(cls, domain: PlaneDomain, panels: Panels, features: Complex[np.ndarray, "nodes n"]) -> ModulusFields:
-        """As many fields as a domain with four corners or more has moduli: three fewer than these.
+    def of_corners(cls, domain: PlaneDomain, panels: Panels, features: Complex[np.ndarray, "all n"]) -> ModulusFields:
+        """As many fields as a domain with corners has moduli: three fewer than these, or as many around a hole.
 
         The moves of least strain that change the moduli have g' a quadratic differential of Ω: holomorphic, with g'dz²
-        real along ∂Ω. Of all g' made of the features that vanish at the corners, those nearest to this are taken. On a
+        real along ∂Ω. Of all g' made of the features, told at the nodes and on the way to a hole, that vanish at the corners, those nearest to this are taken. On a
         strip they stretch it along its length, however it winds.
 
         Source: Ahlfors, "Lectures on quasiconformal mappings" (1966), chapter VI, for the pairing.
         """
-        corner = domain.vertices[np.concatenate([boundary.corners for boundary in domain.boundaries])]
-        count = max(len(corner), 1) if domain.holes else len(corner) - 3
+        corner = domain.vertices[domain.corners]
+        count = len(corner) - (0 if domain.holes else 3)
         (way, steps), nodes = way_across(domain), len(panels.z)
         still = np.prod((np.append(panels.z, way)[:, None] - corner) / domain.diameter, axis=1)
         slopes = (still / np.abs(still).max())[:, None] * features
@@ -306,7 +307,7 @@ class ModulusFields:
         return cls(nodes=nodes[:, None], vertices=field[:, None])
 
     def moved(self, domain: PlaneDomain, amounts: Float[np.ndarray, " k"]) -> PlaneDomain:
-        """Ω with its hole grown, or with its boundary's vertices moved, at most by a tenth of its diameter."""
+        """Ω with its hole grown, or with all its vertices moved, at most by a tenth of its diameter."""
         move = self.vertices @ amounts
         if len(move) < len(domain.vertices):
             hole = SplineBoundary.through(domain.holes[0].vertices + move)

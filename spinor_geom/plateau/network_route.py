@@ -216,8 +216,9 @@ class NetworkSolver:
         while True:
             fit = gauss_newton(stage.flexible_problem, readout, slide, allowed=allowed, steps=steps)
             readout, slide = fit.readout, fit.slide
-            if stage.length_of_move(fit) < _STILL * fit.residual:
-                break
+            length = stage.length_of_move(fit)
+            if length < _STILL * fit.residual:
+                return self._told(stage, fit)
             try:
                 moved = stage.moved(fit, offset=self.request.options.cauchy.pole_offset)
             except DomainError:  # what is fitted so far stands
@@ -226,13 +227,18 @@ class NetworkSolver:
             readout, slide = moved.transferred(stage, fit)
             stage = moved  # whatever the fit gained by the move, it is lost without it
             # below half of what is allowed only fast convergence goes on
-            if fit.residual > (STALLED if fit.residual > allowed / 2 else 0.5) * last or steps.are_spent:
+            stalls = fit.residual > (STALLED if fit.residual > allowed / 2 else 0.5) * last
+            # Newton's method would move it by about the square of this move next
+            if stalls or length**2 < _STILL * fit.residual or steps.are_spent:
                 break
             last = fit.residual
         return replace(self._fitted(stage, readout, slide), folds=folds)
 
     def _fitted(self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]) -> Fitted:
         fit = gauss_newton(stage.problem, readout, slide, allowed=self.request.allowed, steps=self.request.steps)
+        return self._told(stage, fit)
+
+    def _told(self, stage: Discretisation, fit: Fit) -> Fitted:
         misfit, energy = independent_residual(stage, fit, points=sum(map(len, self.request.units)))
         return Fitted(stage=stage, fit=fit, misfit=misfit, energy=energy)
 

@@ -303,7 +303,7 @@ def _on_sides(task: Task) -> PlateauSolution:
     loop, steps = task.loop, task.steps
     share = np.arange(PARTS_OF_A_SIDE)[:, None] / PARTS_OF_A_SIDE
     points = loop.points[:, None] + share * (np.roll(loop.points, -1, axis=0) - loop.points)[:, None]
-    whole = BoundaryLoop.from_points(points.reshape(-1, 3), corners=_PARTS_OF_A_SIDE * np.arange(len(loop)))
+    whole = BoundaryLoop.from_points(points.reshape(-1, 3), corners=PARTS_OF_A_SIDE * np.arange(len(loop)))
     finer = replace(Task.of([whole], task.options), steps=steps)
     solution = minimal_disk(finer, plan(finer))
     residual = replace(

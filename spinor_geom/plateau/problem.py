@@ -12,7 +12,7 @@ from jaxtyping import Complex, Float, Int, Shaped
 from scipy.optimize import isotonic_regression
 from torch import Tensor
 
-from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
+from spinor_geom.domain.plane_domain import TOWARDS_CORNER, Boundary, PlaneDomain
 from spinor_geom.domain.quadrature import Panels, rule
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -298,8 +298,9 @@ def way_to(
     while way[-1] != domain.root:
         way.append(int(domain.parents[way[-1]]))
     corners = domain.triangulation.points[way[::-1]]
-    before, end = corners[-2:][[0, -1]]
-    corners = np.concatenate([corners[:-1], end + (before - end) * 0.5 ** np.arange(1, 17), [end]])
+    if domain.corners[vertex]:
+        before, end = corners[-2:]
+        corners = np.concatenate([corners[:-1], end + (before - end) * TOWARDS_CORNER, [end]])
     nodes, weights = rule("gauss", order)
     step = np.diff(corners)[:, None]
     return (corners[:-1, None] + step * nodes).ravel(), (step * weights).ravel()
