@@ -264,7 +264,7 @@ class ModulusFields:
         """As many fields as a domain with corners has moduli: three fewer than these, or as many around a hole.
 
         The moves of least strain that change the moduli have g' a quadratic differential of Ω: holomorphic, with g'dz²
-        real along ∂Ω. Of all g' made of the features, at the nodes and on the way to a hole, that vanish at the corners,
+        real along ∂Ω. Of all g' made of the features, at nodes and on the way to a hole, that vanish at the corners,
         those nearest to this are taken. On a strip they stretch it along its length, however it winds.
 
         Source: Ahlfors, "Lectures on quasiconformal mappings" (1966), chapter VI, for the pairing.
