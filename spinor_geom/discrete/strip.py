@@ -17,7 +17,6 @@ Places = tuple[Complex[np.ndarray, " m"], Complex[np.ndarray, " n"]]
 _MOST_POINTS = 128  # longer loops are thinned to so many points for the search of the strip
 # The first annulus has to be near enough for its conformal structure to be right; so often is it meshed anew.
 _FIRST_CHANGE, _ROUNDS = 1e-3, 2
-_NODES_PER_MODULUS = 4  # nodes on a length as long as a round annulus is wide
 
 
 def minimum_area_strip(first: Rim, second: OtherRim) -> tuple[Int[np.ndarray, "f 3"], float]:
@@ -155,14 +154,6 @@ def _conformal_places(vertices: Vertices, faces: Faces, m: int, rim: int) -> Pla
         angles.append(np.cumsum(step) - step)
     shift = _best_turn([vertices[:m], vertices[m:rim]], angles, modulus)
     return np.exp(1j * angles[0]), math.exp(-modulus) * np.exp(-1j * (angles[1] + shift))
-
-
-def nodes_on_cylinder(vertices: Vertices, faces: Faces, rims: tuple[int, ...]) -> float:
-    """How many equal steps of the angle resolve the gap and every edge of a discrete annulus over a round one."""
-    places = _conformal_places(vertices, faces, rims[0], sum(rims))
-    modulus = -math.log(abs(places[1][0]))
-    shortest = min(float(np.abs(np.angle(np.roll(z, -1) / z)).min()) for z in places)
-    return 2 * math.pi / max(min(modulus / _NODES_PER_MODULUS, shortest), float(np.finfo(np.float64).tiny))
 
 
 def _best_turn(rims: list[np.ndarray], angles: list[np.ndarray], modulus: float) -> float:

@@ -20,6 +20,9 @@ from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_pol
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.interpolation import piecewise_cubic
 
+# Where panels end on the way to a corner, in edges: they resolve its singularity to 2⁻¹⁶ of an edge. By its own length
+# each is as far from the corner's poles as edges are from theirs; twice as many bring surfaces no nearer.
+TOWARDS_CORNER = 0.25 ** np.arange(1, 9)
 Vertices = Complex[np.ndarray, " m"]
 LogScale = Float[np.ndarray, " m"]
 
@@ -210,6 +213,11 @@ class PlaneDomain:
         return np.concatenate([boundary.vertices for boundary in self.boundaries])
 
     @cached_property
+    def corners(self) -> Bool[np.ndarray, " m"]:
+        """Which of them are corners."""
+        return np.concatenate([boundary.corners for boundary in self.boundaries])
+
+    @cached_property
     def arcs(self) -> Float[np.ndarray, "m 2"]:
         """The parameters of each vertex of ∂Ω and of the end of its piece."""
         ends = [2.0 * number + boundary.parameters for number, boundary in enumerate(self.boundaries)]
@@ -313,13 +321,12 @@ class PlaneDomain:
 
 
 def panel_breaks(boundary: Boundary) -> Float[np.ndarray, " b"]:
-    """Ends of quadrature panels on a boundary, from 0 to 1: vertices, and points that halve the way to each corner."""
+    """Ends of quadrature panels on a boundary, from 0 to 1: vertices, and points on the way to each corner."""
     t, corners = boundary.parameters, np.flatnonzero(boundary.corners)
-    halving = 0.5 ** np.arange(1, 17)  # they resolve its singularity to 2⁻¹⁶ of an edge
     width = np.diff(t)
-    after = t[corners, None] + width[corners, None] * halving
+    after = t[corners, None] + width[corners, None] * TOWARDS_CORNER
     end = np.where(corners == 0, 1.0, t[corners])
-    before = end[:, None] - width[corners - 1][:, None] * halving
+    before = end[:, None] - width[corners - 1][:, None] * TOWARDS_CORNER
     return np.unique(np.concatenate([t, after.ravel(), before.ravel()]))
 
 

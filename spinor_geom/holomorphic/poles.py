@@ -69,10 +69,10 @@ def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _C
 
 def edge_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
     """One pole beside each boundary vertex that is no corner, along the outward normal; see `place_poles`."""
-    plain = np.concatenate([~boundary.corners for boundary in domain.boundaries])
     polygons = [boundary.vertices for boundary in domain.boundaries]
     local = np.concatenate([(np.abs(np.roll(w, -1) - w) + np.abs(w - np.roll(w, 1))) / 2 for w in polygons])
     outward = np.concatenate([_outward(w) for w in polygons])
+    plain = ~domain.corners
     return _cleared(domain, domain.vertices[plain], outward[plain], offset * local[plain])
 
 

@@ -1,9 +1,10 @@
 """The network and the nodes of one round of a fit, its residual between them, and their refinement where that is.
 
-A conformal map takes three boundary points where one wants; with n corners n − 3 moduli of Ω must be right before a
-surface over Ω can have all its corners on Γ's. A domain flattened from a mesh has them to a few digits, and is moved
-with the fit along fields v = conj(g), g holomorphic with g' = 0 at the corners: conformal there, so that the angles
-stay, and undone by no holomorphic change of coordinates. Between two rims the hole grows or shrinks.
+A conformal map takes three boundary points where one wants; with n corners n − 3 moduli of Ω, or n around a hole, must
+be right before a surface over Ω can have all its corners on Γ's. A domain flattened from a mesh has them to a few
+digits, and is moved with the fit along fields v = conj(g), g holomorphic with g' = 0 at the corners: conformal there,
+so that the angles stay, and undone by no holomorphic change of coordinates. Between two rims without corners the hole
+grows or shrinks.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import Poles, corner_poles, edge_poles, place_poles, refining_poles
 from spinor_geom.plateau.gauss_newton import Fit
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.problem import CurveTensors, PlateauProblem
+from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, way_across
 
 # Most features of p and q each, of four real unknowns: with 300 a step of the fit takes a quarter of a second, and its
 # time grows with the cube.
@@ -41,7 +42,7 @@ class Discretisation:
 
     domain: PlaneDomain  # Ω
     curves: tuple[CurveTensors, ...]  # Γ, one for each boundary of Ω
-    corners: Float[np.ndarray, " c"]  # parameters of Γ at the corners of Ω, ascending in one turn
+    corners: tuple[Float[np.ndarray, " _"], ...]  # of each, its parameters at the corners of Ω, ascending in one turn
     poles: Poles  # poles outside Ω
     breaks: tuple[Float[np.ndarray, " _"], ...]  # ends of the panels on each boundary
     degree: int  # of the polynomials
@@ -53,14 +54,14 @@ class Discretisation:
         cls,
         domain: PlaneDomain,
         curves: tuple[CurveTensors, ...],
-        corners: Float[np.ndarray, " c"],
+        corners: tuple[Float[np.ndarray, " _"], ...],
         *,
         degree: int,
         offset: float,
         tolerance: float,
         branch: complex | None = None,
     ) -> Discretisation:
-        """One pole a boundary vertex, panels between the vertices and halving towards corners.
+        """One pole a boundary vertex, panels between the vertices and shorter towards corners.
 
         The offset of the poles is in local edges; corners take fewer poles for a loose tolerance, the RMS distance from
         Γ in mean edges.
@@ -150,11 +151,11 @@ class Discretisation:
 
     @cached_property
     def _modulus_fields(self) -> ModulusFields:
-        if self.domain.holes:
+        if self.domain.holes and not self.domain.corners.any():
             return ModulusFields.of_hole(self.domain, self.panels)
         # without the poles clustered at the corners: what they resolve, the moved boundary's spline would not
-        z = torch.as_tensor(self.panels.z, device=self.problem.dz.device)
-        smooth = self._network_with(edge_poles(self.domain)).features(z)
+        z = torch.as_tensor(np.append(self.panels.z, way_across(self.domain)[0]), device=self.problem.dz.device)
+        smooth = replace(self, branch=None)._network_with(edge_poles(self.domain)).features(z)
         return ModulusFields.of_corners(self.domain, self.panels, smooth.cpu().numpy())
 
     @property
@@ -259,27 +260,31 @@ class ModulusFields:
     vertices: Complex[np.ndarray, "m k"]
 
     @classmethod
-    def of_corners(cls, domain: PlaneDomain, panels: Panels, features: Complex[np.ndarray, "nodes n"]) -> ModulusFields:
-        """As many fields as a domain with four corners or more has moduli: three fewer than these.
+    def of_corners(cls, domain: PlaneDomain, panels: Panels, features: Complex[np.ndarray, "all n"]) -> ModulusFields:
+        """As many fields as a domain with corners has moduli: three fewer than these, or as many around a hole.
 
         The moves of least strain that change the moduli have g' a quadratic differential of Ω: holomorphic, with g'dz²
-        real along ∂Ω. Of all g' made of the features that vanish at the corners, those nearest to this are taken. On a
-        strip they stretch it along its length, however it winds.
+        real along ∂Ω. Of all g' made of the features, at nodes and on the way to a hole, that vanish at the corners,
+        those nearest to this are taken. On a strip they stretch it along its length, however it winds.
 
         Source: Ahlfors, "Lectures on quasiconformal mappings" (1966), chapter VI, for the pairing.
         """
-        boundary = domain.boundary
-        corner = boundary.vertices[boundary.corners]
-        count = len(corner) - 3
-        still = np.prod((panels.z[:, None] - corner) / domain.diameter, axis=1)
+        corner = domain.vertices[domain.corners]
+        count = len(corner) - (0 if domain.holes else 3)
+        (way, steps), nodes = way_across(domain), len(panels.z)
+        still = np.prod((np.append(panels.z, way)[:, None] - corner) / domain.diameter, axis=1)
         slopes = (still / np.abs(still).max())[:, None] * features
-        g_slopes = slopes @ _nearest_to_real(slopes, panels, count) * panels.dz[:, None]
-        by_panel = g_slopes.reshape(-1, panels.order, count)
+        if domain.holes:
+            outer = panels.rims[0] * panels.order
+            # g is to be the same after a turn around the hole
+            slopes = slopes @ scipy.linalg.null_space(((panels.dz * panels.weights)[:outer] @ slopes[:outer])[None])
+        g_slopes = slopes @ _nearest_to_real(slopes[:nodes], panels, count)
+        by_panel = (g_slopes[:nodes] * panels.dz[:, None]).reshape(-1, panels.order, count)
         totals = (panels.weights.reshape(-1, panels.order, 1) * by_panel).sum(axis=1)
-        start = np.concatenate([np.zeros((1, count)), np.cumsum(totals, axis=0)])
-        width = np.diff(panels.breaks)[:, None, None]
-        g = (start[:-1, None] + width * (panels.cumulative @ by_panel)).reshape(-1, count)
-        at_vertex = np.abs(panels.breaks - boundary.parameters[:-1, None]).argmin(axis=1)
+        start = np.cumsum(totals, axis=0) - totals
+        start[panels.rims[0] :] += steps @ g_slopes[nodes:]
+        g = (start[:, None] + panels.widths[:, None, None] * (panels.cumulative @ by_panel)).reshape(-1, count)
+        at_vertex = np.abs(panels.ends[:, 0] - domain.arcs[:, :1]).argmin(axis=1)
         middle = start[at_vertex].mean(axis=0)
         size = np.abs(start[at_vertex] - middle).max(axis=0) / domain.diameter
         return cls(nodes=np.conj((g - middle) / size), vertices=np.conj((start[at_vertex] - middle) / size))
@@ -302,13 +307,18 @@ class ModulusFields:
         return cls(nodes=nodes[:, None], vertices=field[:, None])
 
     def moved(self, domain: PlaneDomain, amounts: Float[np.ndarray, " k"]) -> PlaneDomain:
-        """Ω with its hole grown, or with its boundary's vertices moved, at most by a tenth of its diameter."""
+        """Ω with its hole grown, or with all its vertices moved, at most by a tenth of its diameter."""
         move = self.vertices @ amounts
-        if domain.holes:
+        if len(move) < len(domain.vertices):
             hole = SplineBoundary.through(domain.holes[0].vertices + move)
             return PlaneDomain.inside(domain.boundary, domain.log_scale, holes=(hole,))
         move *= min(1.0, 0.1 * domain.diameter / np.abs(move).max(initial=1e-300))
-        return PlaneDomain.from_boundary(domain.boundary.vertices + move, domain.boundary.corners, domain.log_scale)
+        moves = np.split(move, np.cumsum(domain.triangulation.rims)[:-1])
+        boundary, *holes = (
+            SplineBoundary.through(rim.vertices + by, rim.corners)
+            for rim, by in zip(domain.boundaries, moves, strict=True)
+        )
+        return PlaneDomain.inside(boundary, domain.log_scale, holes=tuple(holes))
 
 
 def _nearest_to_real(f: Complex[np.ndarray, "nodes n"], panels: Panels, count: int) -> Complex[np.ndarray, "n {count}"]:

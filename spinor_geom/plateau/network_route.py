@@ -6,18 +6,18 @@ surface nearest to where it starts, saddles of the area included.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Complex, Float, Int
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
-from spinor_geom.discrete.strip import discrete_annulus, nodes_on_cylinder, runs_back
+from spinor_geom.discrete.strip import discrete_annulus, runs_back
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks, sampled
 from spinor_geom.domain.quadrature import Panels
@@ -41,11 +41,11 @@ from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
 
 # Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
 _LONGEST_RIM = 240
-_CROWDED = 1200.0  # nodes on a round annulus beyond which a domain is made for two rims
-# Nodes on a length as long as the gap between two rims is wide, ten times as many as they take: to be sure of few.
-_NODES_PER_GAP = 40.0
 # Way of a vertex of Ω, in residuals, that changes nothing: its scale is near to 1. With 1 areas are off by 5e-4.
 _STILL = 0.01
+# Parts that the sides of a polygon given by its corners alone are divided into: with 8 the tetrahedron's quadrilateral
+# is met to 1e-6 of a side, with none to 1e-2.
+PARTS_OF_A_SIDE = 8
 _PARTS = 4  # of an edge of Ω, as whose corners it is told whether Ω crosses itself, and where that helps for paths
 
 
@@ -57,13 +57,21 @@ class _Side:
     back: bool  # whether it runs against the one that was given
     loop: BoundaryLoop
     curve: BoundaryCurve
-    indices: Int[np.ndarray, " k"]  # of the points that stand for it
+    knots: Float[np.ndarray, " k1"]  # parameters of Γ at the points that stand for it, the first one again at the end
     corners: Bool[np.ndarray, " k"]  # which of those are corners of Ω
 
-    @property
-    def knots(self) -> Float[np.ndarray, " k1"]:
-        """Parameters of Γ at the points, the first one again at the end."""
-        return np.append(self.curve.breaks[self.indices], self.curve.breaks[self.indices[0]] + 1)
+    @classmethod
+    def of(cls, number: int, loop: BoundaryLoop, curve: BoundaryCurve, *, back: bool, parts_of_a_side: int) -> _Side:
+        """The loop's points, or so few that it may be long, and on sides between corners as many as told at least."""
+        if back:
+            loop, curve = loop.reversed(), curve.reversed()
+        indices = rim_indices(loop)
+        parts = max(1, math.ceil(parts_of_a_side * np.count_nonzero(loop.corners) / len(indices)))
+        ends = np.append(curve.breaks[indices], curve.breaks[indices[0]] + 1)
+        knots = np.interp(np.arange(len(indices) * parts + 1) / parts, np.arange(len(ends)), ends)
+        corners = np.zeros(len(knots) - 1, dtype=bool)
+        corners[::parts] = loop.corners[indices]
+        return cls(number=number, back=back, loop=loop, curve=curve, knots=knots, corners=corners)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,26 +85,18 @@ class NetworkSolver:
         """The loops in the order of Ω's boundaries: the longest goes outside, where there is more room."""
         with self.request.clock.stage("first fill"):
             reverse = len(self.request.units) > 1 and runs_back(*(loop.points for loop in self.request.units))
-        sides = []
-        for number, (loop, curve) in enumerate(zip(self.request.units, self.request.curves, strict=True)):
-            back = reverse and number > 0
-            indices = rim_indices(loop)
-            sides.append(
-                _Side(
-                    number=number,
-                    back=back,
-                    loop=loop.reversed() if back else loop,
-                    curve=curve.reversed() if back else curve,
-                    indices=indices,
-                    corners=loop.corners[indices] & (len(self.request.units) == 1),
-                )
-            )
+        # discrete disks to start from have the loop's own points
+        parts = 0 if self.request.is_disk else PARTS_OF_A_SIDE
+        sides = [
+            _Side.of(number, loop, curve, back=reverse and number > 0, parts_of_a_side=parts)
+            for number, (loop, curve) in enumerate(zip(self.request.units, self.request.curves, strict=True))
+        ]
         return tuple(sorted(sides, key=lambda side: -side.loop.perimeter))
 
     @cached_property
     def first_surface(self) -> Disk:
         """The discrete disk or annulus over the points that stand for the loops."""
-        rims = [side.loop.points[side.indices] for side in self._sides]
+        rims = [side.curve.point(side.knots[:-1]) for side in self._sides]
         with self.request.clock.stage("first fill"):
             if len(rims) > 1:
                 return discrete_annulus(*rims)[1]
@@ -104,22 +104,8 @@ class NetworkSolver:
             return finer_disk(disk, *self._sizes) if self._is_rough else disk
 
     @property
-    def crowds(self) -> bool:
-        """Whether a round annulus takes too many nodes: its gap is too long for its width, or too uneven."""
-        first, second = (curve.coefficients[-1] for curve in self.request.curves)
-        gaps = np.concatenate([cKDTree(b).query(a)[0] for a, b in ((first, second), (second, first))])
-        length = sum(loop.perimeter for loop in self.request.units) / 2
-        if _NODES_PER_GAP * length * gaps.max() < _CROWDED * gaps.min() ** 2:
-            return False
-        try:
-            surface = self.first_surface
-            return nodes_on_cylinder(surface.vertices, surface.faces, self._sizes) > _CROWDED
-        except (DomainError, SingularMatrixError):
-            return False
-
-    @property
     def _sizes(self) -> tuple[int, ...]:
-        return tuple(len(side.indices) for side in self._sides)
+        return tuple(len(side.corners) for side in self._sides)
 
     @property
     def _is_rough(self) -> bool:
@@ -191,7 +177,7 @@ class NetworkSolver:
             stage = Discretisation.first(
                 domain,
                 tuple(CurveTensors.of(side.curve, device) for side in sides),
-                sides[0].knots[:-1][sides[0].corners],
+                tuple(side.knots[:-1][side.corners] for side in sides),
                 degree=self.request.options.cauchy.degree,
                 offset=self.request.options.cauchy.pole_offset,
                 tolerance=self.request.options.tolerance,
@@ -231,8 +217,9 @@ class NetworkSolver:
         while True:
             fit = gauss_newton(stage.flexible_problem, readout, slide, allowed=allowed, steps=steps)
             readout, slide = fit.readout, fit.slide
-            if stage.length_of_move(fit) < _STILL * fit.residual:
-                break
+            length = stage.length_of_move(fit)
+            if length < _STILL * fit.residual:
+                return self._told(stage, fit)
             try:
                 moved = stage.moved(fit, offset=self.request.options.cauchy.pole_offset)
             except DomainError:  # what is fitted so far stands
@@ -241,13 +228,18 @@ class NetworkSolver:
             readout, slide = moved.transferred(stage, fit)
             stage = moved  # whatever the fit gained by the move, it is lost without it
             # below half of what is allowed only fast convergence goes on
-            if fit.residual > (STALLED if fit.residual > allowed / 2 else 0.5) * last or steps.are_spent:
+            stalls = fit.residual > (STALLED if fit.residual > allowed / 2 else 0.5) * last
+            # Newton's method would move it by about the square of this move next
+            if stalls or length**2 < _STILL * fit.residual or steps.are_spent:
                 break
             last = fit.residual
         return replace(self._fitted(stage, readout, slide), folds=folds)
 
     def _fitted(self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]) -> Fitted:
         fit = gauss_newton(stage.problem, readout, slide, allowed=self.request.allowed, steps=self.request.steps)
+        return self._told(stage, fit)
+
+    def _told(self, stage: Discretisation, fit: Fit) -> Fitted:
         misfit, energy = independent_residual(stage, fit, points=sum(map(len, self.request.units)))
         return Fitted(stage=stage, fit=fit, misfit=misfit, energy=energy)
 

@@ -17,7 +17,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES, MIN_POINTS_FOR_HIGH_DEGREE
 from spinor_geom.plateau.found import FAILURES, Found, NoneBetweenError
 from spinor_geom.plateau.harmonic_route import Fit, HarmonicSolver, points_of_domain
-from spinor_geom.plateau.network_route import NetworkSolver, rim_indices
+from spinor_geom.plateau.network_route import PARTS_OF_A_SIDE, NetworkSolver, rim_indices
 from spinor_geom.plateau.omega import NodeDensity
 from spinor_geom.plateau.plane_route import lie_in_plane, plane_region
 from spinor_geom.plateau.request import Request
@@ -31,9 +31,6 @@ from spinor_geom.plateau.vertex_route import disk_through_points
 # A loop longer than so many times its width crowds on the disk: at 2.4 it is met to 1e-8 edges, at 4 no more.
 _DISK_ELONGATION = 2.5
 _MOST_POINTS = 1500  # rough loops of more points have a smooth Γ: the cost of a surface through n points grows like n³
-# Parts that the sides of a polygon given by its corners alone are divided into: with 8 the tetrahedron's quadrilateral
-# is met to 1e-6 of a side, with none to 1e-2.
-_PARTS_OF_A_SIDE = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -158,10 +155,9 @@ def _plan_between(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
         return (*in_plane, Route.BY_NETWORK)
     is_free = options.between == "free" or (options.between == "auto" and options.model == "auto")
     through = (Route.THROUGH_POINTS,) if is_free and any(map(is_rough, task.units, task.curves)) else ()
-    if len(task.loops) > 2:
-        return (*in_plane, *through, Route.ON_CIRCLES)
-    on_domain = (Route.BY_NETWORK, Route.ON_CIRCLES) if task.network.crowds else (Route.ON_CIRCLES, Route.BY_NETWORK)
-    return (*in_plane, *through, *on_domain)
+    # two rims that crowd on circles are told by few nodes
+    by_network = (Route.BY_NETWORK,) if len(task.loops) == 2 else ()
+    return (*in_plane, *through, Route.ON_CIRCLES, *by_network)
 
 
 def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
@@ -305,15 +301,15 @@ def _lower_on_disk(task: Task, solution: PlateauSolution) -> PlateauSolution | N
 def _on_sides(task: Task) -> PlateauSolution:
     """The disk over a polygon given by its corners alone: sides without points are followed by nothing."""
     loop, steps = task.loop, task.steps
-    share = np.arange(_PARTS_OF_A_SIDE)[:, None] / _PARTS_OF_A_SIDE
+    share = np.arange(PARTS_OF_A_SIDE)[:, None] / PARTS_OF_A_SIDE
     points = loop.points[:, None] + share * (np.roll(loop.points, -1, axis=0) - loop.points)[:, None]
-    whole = BoundaryLoop.from_points(points.reshape(-1, 3), corners=_PARTS_OF_A_SIDE * np.arange(len(loop)))
+    whole = BoundaryLoop.from_points(points.reshape(-1, 3), corners=PARTS_OF_A_SIDE * np.arange(len(loop)))
     finer = replace(Task.of([whole], task.options), steps=steps)
     solution = minimal_disk(finer, plan(finer))
     residual = replace(
         solution.boundary_residual,
         mean_edge=loop.mean_edge_length,
-        max_per_local_edge=solution.boundary_residual.max_per_local_edge / _PARTS_OF_A_SIDE,
+        max_per_local_edge=solution.boundary_residual.max_per_local_edge / PARTS_OF_A_SIDE,
     )
     rim = replace(solution.rims[0], loop=loop, curve=task.curve.placed(loop.points, loop.diagonal))
     return replace(solution, rims=(rim,), boundary_residual=residual)

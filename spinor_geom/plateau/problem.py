@@ -12,7 +12,7 @@ from jaxtyping import Complex, Float, Int, Shaped
 from scipy.optimize import isotonic_regression
 from torch import Tensor
 
-from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
+from spinor_geom.domain.plane_domain import TOWARDS_CORNER, Boundary, PlaneDomain
 from spinor_geom.domain.quadrature import Panels, rule
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -174,11 +174,12 @@ class PlateauProblem:
         panels: Panels,
         network: CauchyNetwork,
         curves: tuple[CurveTensors, ...],
-        corners: Float[np.ndarray, " c"],
+        corners: tuple[Float[np.ndarray, " _"], ...],
     ) -> PlateauProblem:
         """The problem with the nodes of given panels, on a domain that does not move; see `slide_bounds`."""
         device = network.poles.device
         way, steps = way_across(domain)
+        sides = zip(domain.boundaries, corners, panels.own_parameters, strict=True)
         with torch.no_grad():
             features = network.features(torch.tensor(np.append(panels.z, way), device=device))
         return cls(
@@ -189,7 +190,7 @@ class PlateauProblem:
             widths=torch.tensor(panels.widths, device=device),
             rims=panels.rims,
             cumulative=torch.tensor(panels.cumulative, device=device),
-            slide_bounds=torch.tensor(slide_bounds(domain.boundary, corners, panels.t), device=device),
+            slide_bounds=torch.tensor(np.concatenate([slide_bounds(*side) for side in sides]), device=device),
             fields=torch.zeros(len(panels.z), 0, dtype=torch.complex128, device=device),
         )
 
@@ -297,6 +298,9 @@ def way_to(
     while way[-1] != domain.root:
         way.append(int(domain.parents[way[-1]]))
     corners = domain.triangulation.points[way[::-1]]
+    if domain.corners[vertex]:
+        before, end = corners[-2:]
+        corners = np.concatenate([corners[:-1], end + (before - end) * TOWARDS_CORNER, [end]])
     nodes, weights = rule("gauss", order)
     step = np.diff(corners)[:, None]
     return (corners[:-1, None] + step * nodes).ravel(), (step * weights).ravel()

@@ -120,8 +120,8 @@ def problem_on_annulus(branch=None):
     curves = tuple(
         CurveTensors.of(BoundaryCurve.from_loop(sampled(ring(r, 0.0), 24)), torch.device("cpu")) for r in (1.0, 0.4)
     )
-    pairs = np.empty(0)
-    return panels, PlateauProblem.on_panels(DOMAIN, panels, network, curves, pairs), network
+    corners = np.empty(0), np.empty(0)
+    return panels, PlateauProblem.on_panels(DOMAIN, panels, network, curves, corners), network
 
 
 def test_integrals_go_along_both_boundaries_and_across():

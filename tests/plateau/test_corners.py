@@ -7,6 +7,7 @@ import torch
 from spinor_geom import gallery
 from spinor_geom.comparison import exact_curvature
 from spinor_geom.domain import PlaneDomain
+from spinor_geom.domain.plane_domain import SplineBoundary, panel_breaks
 from spinor_geom.domain.quadrature import Panels
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import edge_poles
@@ -14,7 +15,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.network import Discretisation, ModulusFields
-from spinor_geom.plateau.problem import CurveTensors, slide_bounds
+from spinor_geom.plateau.problem import CurveTensors, slide_bounds, way_across
 from tests.loops import CONVEX, L_SHAPE, planar
 
 FLAT = np.array([1, 1j, 0])
@@ -26,7 +27,7 @@ def domain_over(corners, edges=60):
 
 
 def panels_on(domain):
-    return Panels.on(domain.boundary, domain.panel_breaks, 8)
+    return Panels.around(domain, tuple(map(panel_breaks, domain.boundaries)), 8)
 
 
 def fields_on(domain, panels):
@@ -38,7 +39,7 @@ def fields_on(domain, panels):
         poles=torch.from_numpy(poles.positions),
         scales=torch.from_numpy(poles.scales),
         degree=8,
-    ).features(z)
+    ).features(torch.from_numpy(np.append(panels.z, way_across(domain)[0])))
     return ModulusFields.of_corners(domain, panels, features.numpy())
 
 
@@ -47,13 +48,23 @@ def slopes(fields, panels):
     return np.diff(np.conj(fields.nodes), axis=0) / np.diff(panels.z)[:, None]
 
 
-@pytest.mark.parametrize("corners", [CONVEX, L_SHAPE], ids=["convex", "L"])
-def test_fields_for_the_moduli_are_conformal_at_the_corners(corners):
-    domain = domain_over(corners)
+def square_ring():
+    """A square with a turned square hole."""
+    outer = domain_over([(0, 0), (1, 0), (1, 1), (0, 1)], 32).boundary
+    hole = outer.vertices[::-1] * 0.4 * np.exp(0.3j)
+    hole += np.mean(outer.vertices) - hole.mean()
+    return PlaneDomain.inside(outer, holes=(SplineBoundary.through(hole, outer.corners[::-1]),))
+
+
+DOMAINS = {"convex": (domain_over(CONVEX), 2), "L": (domain_over(L_SHAPE), 3), "ring": (square_ring(), 8)}
+
+
+@pytest.mark.parametrize(("domain", "moduli"), DOMAINS.values(), ids=DOMAINS)
+def test_fields_for_the_moduli_are_conformal_at_the_corners(domain, moduli):
     panels = panels_on(domain)
     fields = fields_on(domain, panels)
     slope = slopes(fields, panels)
-    corner = domain.boundary.vertices[domain.boundary.corners]
+    corner = domain.vertices[domain.corners]
     distance = np.abs(panels.z[1:, None] - corner).min(axis=1)
     near = distance < 1e-4
     # v = conj(g): ∂v/∂z̄ = conj(g'), which vanishes at the corners
@@ -61,17 +72,16 @@ def test_fields_for_the_moduli_are_conformal_at_the_corners(corners):
     assert np.abs(slope[near]).max() < 1e-2 * np.abs(slope).max()
 
 
-@pytest.mark.parametrize("corners", [CONVEX, L_SHAPE], ids=["convex", "L"])
-def test_there_is_a_field_for_each_modulus(corners):
-    domain = domain_over(corners)
+@pytest.mark.parametrize(("domain", "moduli"), DOMAINS.values(), ids=DOMAINS)
+def test_there_is_a_field_for_each_modulus(domain, moduli):
     panels = panels_on(domain)
     fields = fields_on(domain, panels)
-    assert fields.vertices.shape == (len(domain.boundary.vertices), len(corners) - 3)
+    assert fields.vertices.shape == (len(domain.vertices), moduli)
     assert np.abs(fields.vertices).max() <= domain.diameter * (1 + 1e-12)
     assert np.linalg.cond(np.concatenate([fields.vertices.real, fields.vertices.imag])) < 10
     # nodes right beside a vertex move as it does: nodes and vertices are the same fields
-    beside = np.searchsorted(panels.t, domain.boundary.parameters[1:-1])
-    np.testing.assert_allclose(fields.nodes[beside], fields.vertices[1:], atol=0.05 * domain.diameter)
+    beside = np.searchsorted(panels.t, domain.arcs[:, 0])
+    np.testing.assert_allclose(fields.nodes[beside], fields.vertices, atol=0.05 * domain.diameter)
 
 
 def test_field_of_a_winding_strip_stretches_it_along_its_length():
@@ -94,7 +104,7 @@ def test_field_of_a_winding_strip_stretches_it_along_its_length():
 def test_three_corners_have_no_moduli():
     for domain in (domain_over([(0, 0), (2, 0), (0.5, 1.5)]), PlaneDomain.disk()):
         curve = CurveTensors.of(BoundaryCurve.from_loop(planar(L_SHAPE, 60)), torch.device("cpu"))
-        stage = Discretisation.first(domain, (curve,), np.empty(0), degree=4, offset=1.0, tolerance=1e-3)
+        stage = Discretisation.first(domain, (curve,), (np.empty(0),), degree=4, offset=1.0, tolerance=1e-3)
         assert not stage.has_moduli
 
 

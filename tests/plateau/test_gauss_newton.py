@@ -15,7 +15,7 @@ from spinor_geom.plateau.steps import Steps
 KNOWN = gallery.enneper(0.8)
 LOOP = KNOWN.rim(96)
 DOMAIN = PlaneDomain.disk(0.8, 48)
-NO_CORNERS = np.empty(0)
+NO_CORNERS = (np.empty(0),)
 
 
 @pytest.fixture(scope="module")

@@ -81,7 +81,6 @@ PLANS = {
     "several": (coaxial(0.5), {}, (Route.ON_CIRCLES, Route.BY_NETWORK)),
     "several, by a network": (coaxial(0.5), {"model": "cauchy"}, (Route.BY_NETWORK,)),
     "several, in series": (coaxial(0.5), {"model": "series"}, (Route.ON_CIRCLES,)),
-    "several, crowded": ((gallery.ellipse(8.0), ring(0.5, 0.3)), {}, (Route.BY_NETWORK, Route.ON_CIRCLES)),
     "several, rough": (rough_pair(), {}, (Route.THROUGH_POINTS, Route.ON_CIRCLES, Route.BY_NETWORK)),
     "several, rough, smooth": (rough_pair(), {"between": "smooth"}, (Route.ON_CIRCLES, Route.BY_NETWORK)),
     "several, rough, by modulus": (rough_pair(), {"model": Laurent()}, (Route.ON_CIRCLES, Route.BY_NETWORK)),
