@@ -3,6 +3,7 @@
 import argparse
 import gc
 import importlib
+import io
 import math
 import os
 import re
@@ -33,6 +34,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:  # closed by the shell: a file that is opened later would get its number
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 - open until the end
+    if isinstance(sys.stdout, io.TextIOWrapper):  # ? for what the terminal's alphabet lacks
+        sys.stdout.reconfigure(errors="replace")
     try:
         try:
             arguments = build_parser().parse_args(argv)
