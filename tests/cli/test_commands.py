@@ -410,10 +410,11 @@ FULL = Path("/dev/full")
 def test_a_full_disk_is_one_sentence_that_names_the_file_and_status_2(
     mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    full = tmp_path / "report.json"
-    full.symlink_to(FULL)
-    assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), "--report", str(full)]) == 2
-    assert capsys.readouterr().err == f"spinor-geom: {full}: No space left on device\n"
+    for option, name in (("--report", "report.json"), ("--picture", "picture.png")):
+        full = tmp_path / name
+        full.symlink_to(FULL)
+        assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), option, str(full)]) == 2
+        assert capsys.readouterr().err == f"spinor-geom: {full}: No space left on device\n"
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no device that is always full")
