@@ -18,7 +18,7 @@ from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.store import Store, failure, log_line, summary
 from spinor_geom.errors import SpinorGeomError
-from spinor_geom.files import atomic_path
+from spinor_geom.files import atomic_path, write_text
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.operators import face_normals
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -113,8 +113,7 @@ def write_page(parts: PageParts, store: Store, settings: dict[str, Any], path: P
             if loops
         ),
     ]
-    with atomic_path(path) as temporary:
-        temporary.write_text(document("spinor-geom batch", body, style=STYLE), encoding="utf-8", errors="replace")
+    write_text(path, document("spinor-geom batch", body, style=STYLE))
 
 
 def _table(rows: Iterable[tuple[Any, Any]], header: tuple[str, str]) -> str:

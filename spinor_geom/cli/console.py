@@ -4,7 +4,7 @@ import enum
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -22,6 +22,21 @@ class ExitStatus(enum.IntEnum):
     INTERRUPTED = 130
 
 
+def ended_by(error: BaseException) -> ExitStatus:
+    """What a command that ended by an error says, and its status; without a word where nobody reads any more."""
+    if isinstance(error, KeyboardInterrupt):
+        complain("interrupted")
+        return ExitStatus.INTERRUPTED
+    try:  # what standard output does not take any more the interpreter would complain of once more as it closes it
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if isinstance(error, BrokenPipeError):
+        return ExitStatus.DONE
+    complain(sentence(error))
+    return ExitStatus.BAD_INPUT
+
+
 def sentence(error: BaseException) -> str:
     """An error as one line."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
@@ -31,7 +46,8 @@ def sentence(error: BaseException) -> str:
 
 def complain(text: str) -> None:
     """Says one sentence on standard error."""
-    sys.stderr.write(f"spinor-geom: {text}\n")
+    with suppress(OSError):  # nobody can be told
+        sys.stderr.write(f"spinor-geom: {text}\n")
 
 
 def show_table(columns: Sequence[str], rows: Iterable[Sequence[str | Text]], *, piped: bool) -> None:
@@ -53,29 +69,11 @@ def show_lines(text: str, *, piped: bool) -> None:
         _write(text.rstrip("\n") + "\n")
 
 
-def flush() -> None:
-    """Sends what was written to standard output on its way; an OSError names it."""
-    with _naming_output():
-        sys.stdout.flush()
-
-
-def close_output() -> None:
-    """Drops what standard output does not take any more: the interpreter would complain once more as it closes it."""
-    try:
-        sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
 def _write(text: str) -> None:
-    with _naming_output():
-        sys.stdout.write(text)
-
-
-@contextmanager
-def _naming_output() -> Iterator[None]:
+    """Writes to standard output at once; an OSError names it."""
     try:
-        yield
+        sys.stdout.write(text)
+        sys.stdout.flush()
     except OSError as error:
         error.filename = "standard output"
         raise

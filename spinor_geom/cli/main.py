@@ -3,7 +3,9 @@
 import argparse
 import gc
 import importlib
+import io
 import math
+import os
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -29,30 +31,26 @@ standard error), 2 the arguments or the input cannot be used, or a file not be w
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line (`argv` without the program's name; the process's by default); gives the exit status."""
-    arguments = build_parser().parse_args(argv)
-    # what the modules make stays until the end: looking through it for garbage, as they are imported and once more when
-    # the process ends, takes half a second
-    gc.disable()
-    # only now: the commands import torch, scipy and libigl
-    command = importlib.import_module(f"spinor_geom.cli.{_TOGETHER.get(arguments.command, arguments.command)}")
-    console = importlib.import_module("spinor_geom.cli.console")
-    gc.freeze()
-    gc.enable()
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:  # closed by the shell: a file that is opened later would get its number
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 - open until the end
+    if isinstance(sys.stdout, io.TextIOWrapper):  # ? for what the terminal's alphabet lacks
+        sys.stdout.reconfigure(errors="replace")
     try:
-        status = int(command.run(arguments))
-        console.flush()
-        return status
-    except BrokenPipeError:
-        # the reader of our output has seen enough
-        console.close_output()
-        return int(console.ExitStatus.DONE)
-    except (SpinorGeomError, OSError, MemoryError) as error:
-        console.complain(console.sentence(error))
-        console.close_output()
-        return int(console.ExitStatus.BAD_INPUT)
-    except KeyboardInterrupt:
-        console.complain("interrupted")
-        return int(console.ExitStatus.INTERRUPTED)
+        try:
+            arguments = build_parser().parse_args(argv)
+        finally:  # of help and version
+            sys.stdout.flush()
+        # what the modules make stays until the end: looking through it for garbage, as they are imported and once more
+        # when the process ends, takes half a second
+        gc.disable()
+        # only now: the commands import torch, scipy and libigl
+        command = importlib.import_module(f"spinor_geom.cli.{_TOGETHER.get(arguments.command, arguments.command)}")
+        gc.freeze()
+        gc.enable()
+        return int(command.run(arguments))
+    except (SpinorGeomError, OSError, MemoryError, KeyboardInterrupt) as error:
+        return int(importlib.import_module("spinor_geom.cli.console").ended_by(error))
 
 
 def build_parser() -> argparse.ArgumentParser:

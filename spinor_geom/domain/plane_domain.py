@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import OptionError
+from spinor_geom.mesh.arrays import shared
 from spinor_geom.mesh.interpolation import piecewise_cubic
 
 # Where panels end on the way to a corner, in edges: they resolve its singularity to 2⁻¹⁶ of an edge. By its own length
@@ -193,7 +194,7 @@ class PlaneDomain:
         return cls(
             boundary=boundary,
             triangulation=_graded_triangulation(vertices.tobytes(), rims),
-            log_scale=np.zeros(len(vertices)) if log_scale is None else log_scale,
+            log_scale=shared(np.zeros(len(vertices))) if log_scale is None else log_scale,
             holes=holes,
         )
 
@@ -210,7 +211,7 @@ class PlaneDomain:
     @cached_property
     def vertices(self) -> Vertices:
         """The vertices of all of ∂Ω."""
-        return np.concatenate([boundary.vertices for boundary in self.boundaries])
+        return shared(np.concatenate([boundary.vertices for boundary in self.boundaries]))
 
     @cached_property
     def corners(self) -> Bool[np.ndarray, " m"]:
@@ -221,7 +222,7 @@ class PlaneDomain:
     def arcs(self) -> Float[np.ndarray, "m 2"]:
         """The parameters of each vertex of ∂Ω and of the end of its piece."""
         ends = [2.0 * number + boundary.parameters for number, boundary in enumerate(self.boundaries)]
-        return np.concatenate([np.stack([t[:-1], t[1:]], axis=1) for t in ends])
+        return shared(np.concatenate([np.stack([t[:-1], t[1:]], axis=1) for t in ends]))
 
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """Points of ∂Ω."""
@@ -283,7 +284,7 @@ class PlaneDomain:
     @cached_property
     def panel_breaks(self) -> Float[np.ndarray, " b"]:
         """`panel_breaks` of the outer boundary."""
-        return panel_breaks(self.boundary)
+        return shared(panel_breaks(self.boundary))
 
     @cached_property
     def root(self) -> int:
@@ -308,7 +309,7 @@ class PlaneDomain:
         _, before = dijkstra(graph, directed=False, indices=np.array(self.root), return_predecessors=True)
         parents = before.ravel().astype(np.int64)
         parents[self.root] = self.root
-        return parents
+        return shared(parents)
 
     def visited(self, wanted: Int[np.ndarray, " k"]) -> Int[np.ndarray, " v"]:
         """The vertices on the ways from the root to the given ones, these and the root included, ascending."""
@@ -336,6 +337,6 @@ def _graded_triangulation(vertices: bytes, rims: Rims) -> PlaneTriangulation:
     points = np.frombuffer(vertices, dtype=np.complex128)
     outer, *holes = np.split(points, np.cumsum(rims)[:-1])
     mesh = triangulate_polygon(outer, holes=holes)
-    for shared in (mesh.points, mesh.faces):
-        shared.setflags(write=False)
+    shared(mesh.points)
+    shared(mesh.faces)
     return mesh

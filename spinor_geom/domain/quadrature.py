@@ -12,6 +12,7 @@ from jaxtyping import Complex, Float
 
 from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
 from spinor_geom.errors import OptionError
+from spinor_geom.mesh.arrays import shared
 
 RuleName = Literal["trapezoid", "simpson", "gauss"]
 
@@ -36,7 +37,7 @@ def rule(name: RuleName, n: int) -> Rule:
         raise OptionError(f"unknown quadrature rule {name!r}; choose 'trapezoid', 'simpson' or 'gauss'")
     if name == "gauss":
         x, w = np.polynomial.legendre.leggauss(n)
-        return Rule(_frozen((x + 1) / 2), _frozen(w / 2))
+        return Rule(shared((x + 1) / 2), shared(w / 2))
     weights = np.full(n + 1, 1.0 / n)
     if name == "simpson":
         if n % 2:
@@ -44,7 +45,7 @@ def rule(name: RuleName, n: int) -> Rule:
         weights = np.full(n + 1, 2.0 / (3 * n))
         weights[1::2] *= 2
     weights[[0, -1]] /= 2
-    return Rule(_frozen(np.linspace(0.0, 1.0, n + 1)), _frozen(weights))
+    return Rule(shared(np.linspace(0.0, 1.0, n + 1)), shared(weights))
 
 
 @lru_cache(maxsize=32)
@@ -57,13 +58,7 @@ def cumulative_matrix(order: int, ends: tuple[float, ...] | None = None) -> Floa
     x = nodes if ends is None else 2 * np.asarray(ends) - 1
     values = np.polynomial.legendre.legvander(nodes, order - 1)
     integrals = np.polynomial.legendre.legvander(x, order) @ np.polynomial.legendre.legint(np.eye(order), lbnd=-1)
-    return _frozen(integrals @ np.linalg.inv(values) / 2)
-
-
-def _frozen(array: np.ndarray) -> np.ndarray:
-    """The array itself, which may be shared because it can no longer be written to."""
-    array.setflags(write=False)
-    return array
+    return shared(integrals @ np.linalg.inv(values) / 2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -140,7 +140,7 @@ def fill_loop(
     """The patch of one loop, or from it to the others of a bridge, or the reason why it has none.
 
     Where one loop has no exact surface, or none that follows it, its patch is discrete. A patch joins the surroundings.
-    A TooManyPointsError tells that the edge length asks for more vertices than anyone can use.
+    A TooManyPointsError tells that the edge length asked for takes more vertices than anyone can use.
     """
     joined_to = next(iter(others), None)
     found, exact, seconds = answer
@@ -159,9 +159,9 @@ def fill_loop(
             with time_limit(options.time_limit):
                 made = continued(made, edge_length_over(made.rims, options.target_edge_length), surroundings)
             clock.lap("continuation")
-    except TooManyPointsError:
-        raise
     except SpinorGeomError as error:
+        if isinstance(error, TooManyPointsError) and options.target_edge_length != "auto":
+            raise
         clock.lap("failed")
         solution = found if isinstance(found, PlateauSolution) else None
         return unfilled(place, loop, error, solution=solution, joined_to=joined_to, timings=clock.laps()), None
@@ -285,7 +285,7 @@ def continued(first: MadePatch, target: float, surroundings: Surroundings) -> Ma
     collar = collar_of(surroundings, first.rim, first.patch)
     try:
         moved = continue_patch(first.patch, collar, target, is_conformal=first.start != "discrete")
-    except SingularMatrixError as error:
+    except (SingularMatrixError, TooManyPointsError) as error:
         return _staying(first, str(error))
     before, after = bend_across(collar, first.patch), bend_across(collar, moved.patch)
     if not moved.converged and after.rms >= before.rms:

@@ -35,8 +35,13 @@ def frozen(
         copy = copy.reshape([length or 0 for length in shape])
     if copy.ndim != len(shape) or any(b not in (a, None) for a, b in zip(copy.shape, shape, strict=True)):
         raise MeshShapeError(f"{wanted}, got {copy.shape}; reshape or convert it")
-    copy.setflags(write=False)
-    return copy
+    return shared(copy)
+
+
+def shared(array: np.ndarray) -> np.ndarray:
+    """The array itself, which may be shared because it can no longer be written to."""
+    array.setflags(write=False)
+    return array
 
 
 def freeze_points(points: ArrayLike, *, name: str) -> Float[np.ndarray, "n 3"]:

@@ -9,6 +9,8 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.linalg import solve_banded
 from scipy.linalg.lapack import dposv, dtrtri
 
+from spinor_geom.mesh.arrays import shared
+
 Vertices = Float[np.ndarray, "m 3"]
 Breaks = Float[np.ndarray, " m_plus_1"]  # parameters from 0 to 1
 ManyVertices = Float[np.ndarray, "*b m k"]
@@ -190,9 +192,7 @@ def _arc_shares(breaks: ManyBreaks, coefficients: Float[np.ndarray, "*b d_plus_1
 def gauss_nodes(count: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Nodes and weights of Gauss-Legendre quadrature on [−1, 1]."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
-    for shared in (nodes, weights):
-        shared.setflags(write=False)
-    return nodes, weights
+    return shared(nodes), shared(weights)
 
 
 def piece_places() -> Float[np.ndarray, " d1"]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from spinor_geom.errors import OptionError, require
-from spinor_geom.files import atomic_path
+from spinor_geom.files import atomic_path, write_text
 from spinor_geom.render.layers import Scale
 from spinor_geom.render.page import Scene, Views, document
 from spinor_geom.render.portrait import GAUSS, Portrait, associate_family
@@ -43,13 +43,12 @@ def morph(surface: SpinorSurface, path: str | os.PathLike[str], *, frames: int =
     suffix = checked_suffix(target)
     if frames < 1:
         raise OptionError(f"an animation needs at least one frame, got {frames}")
-    with atomic_path(target) as temporary:
-        if suffix == ".html":
-            temporary.write_text(family_page(surface, title=f"associate family of {target.stem}"), encoding="utf-8")
-            return
-        angles = (2 * np.pi * np.arange(frames) / frames).tolist()
-        with Portrait.of(surface).frames(angles, size=_SIZE) as pictures:
-            (_write_gif if suffix == ".gif" else _write_mp4)(pictures, temporary)
+    if suffix == ".html":
+        write_text(target, family_page(surface, title=f"associate family of {target.stem}"))
+        return
+    angles = (2 * np.pi * np.arange(frames) / frames).tolist()
+    with atomic_path(target) as temporary, Portrait.of(surface).frames(angles, size=_SIZE) as pictures:
+        (_write_gif if suffix == ".gif" else _write_mp4)(pictures, temporary)
 
 
 def checked_suffix(path: Path) -> str:

@@ -2,7 +2,6 @@
 
 import os
 import pickle
-import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -33,7 +32,7 @@ _WITHOUT_WINDOW = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
 def write_png(views: Sequence[View], path: str | os.PathLike[str], *, size: tuple[int, int] | None = None) -> None:
     """Draws views off-screen, side by side, as `drawn`; the file is replaced as a whole."""
     with drawn(views, size=size or (WIDTH, HEIGHT)) as (picture,), atomic_path(path) as target:
-        shutil.copyfile(picture, target)
+        target.write_bytes(picture.read_bytes())
 
 
 @contextmanager

@@ -348,7 +348,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         device = self.spinor_map.device
         visited = torch.from_numpy(self.domain.visited(wanted)).to(device)
         vertices = torch.tensor(self.domain.triangulation.points).to(device)
-        before = torch.from_numpy(self.domain.parents).to(device)
+        before = torch.tensor(self.domain.parents, device=device)
         steps = self._integrate(vertices[before[visited]], vertices[visited])
         total = steps.new_zeros(len(vertices), 3).index_copy(0, visited, steps)
         # each pass doubles the number of edges summed; the root is its own parent and adds nothing

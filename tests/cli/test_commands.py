@@ -360,20 +360,47 @@ def test_a_report_that_was_there_survives_a_failure(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["filled.obj", "report.json", "tube.obj"]
 
 
-def run_loops(path: Path, stdout: int) -> subprocess.CompletedProcess[str]:
-    """`spinor-geom loops` as a process of its own."""
-    program = f"import sys; from spinor_geom.cli.main import main; sys.exit(main(['loops', {str(path)!r}]))"
-    return subprocess.run(
-        [sys.executable, "-c", program], stdout=stdout, stderr=subprocess.PIPE, text=True, timeout=120, check=False
-    )
+PROGRAM = "import sys; from spinor_geom.cli.main import main; sys.exit(main(sys.argv[1:]))"
 
 
-def test_a_reader_that_stops_early_is_no_error(mesh_path: Path) -> None:
+def run_alone(*arguments: str | Path, stdout: int) -> subprocess.CompletedProcess[str]:
+    """A command as a process of its own."""
+    command = [sys.executable, "-c", PROGRAM, *map(str, arguments)]
+    return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, timeout=120, check=False)
+
+
+@pytest.mark.parametrize("command", ["loops", "--version", "--help"])
+def test_a_reader_that_stops_early_is_no_error(command: str, mesh_path: Path) -> None:
     reading, writing = os.pipe()
     os.close(reading)
-    done = run_loops(mesh_path, writing)
+    done = run_alone(command, *[mesh_path][: command == "loops"], stdout=writing)
     os.close(writing)
     assert (done.stderr, done.returncode) == ("", 0)
+
+
+@pytest.mark.parametrize("command", ["fill", "loops", "--version"])
+def test_streams_that_the_shell_closed_are_no_error_and_no_file_gets_what_is_said(
+    command: str, mesh_path: Path, tmp_path: Path
+) -> None:
+    filled = tmp_path / "filled.obj"
+    arguments = {"fill": ["fill", mesh_path, "-o", filled], "loops": ["loops", mesh_path]}.get(command, [command])
+    shell = ["sh", "-c", '"$@" <&- >&-', "sh", sys.executable, "-c", PROGRAM, *map(str, arguments)]
+    done = subprocess.run(shell, stderr=subprocess.PIPE, text=True, timeout=120, check=False)
+    assert (done.stderr, done.returncode) == ("", 0)
+    assert command != "fill" or read_mesh(filled).mesh.faces.max() < len(read_mesh(filled).mesh.vertices)
+
+
+def test_names_that_are_no_text_and_terminals_without_our_characters_show_question_marks(
+    mesh_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+    done = run_alone("fill", "--help", stdout=subprocess.PIPE)
+    assert (done.stderr, done.returncode, "N[,N?]" in done.stdout) == ("", 0, True)
+    named = mesh_path.rename(tmp_path / os.fsdecode(b"\xff tube.obj"))
+    page, turned = tmp_path / "page.html", tmp_path / os.fsdecode(b"\xff.html")
+    done = run_alone("fill", named, "-o", tmp_path / "filled.obj", "--html", page, stdout=subprocess.PIPE)
+    assert (done.stderr, done.returncode, "? tube.obj" in page.read_text("utf-8")) == ("", 0, True)
+    assert main(["morph", "catenoid", "-o", str(turned)]) == 0
 
 
 FULL = Path("/dev/full")
@@ -383,16 +410,17 @@ FULL = Path("/dev/full")
 def test_a_full_disk_is_one_sentence_that_names_the_file_and_status_2(
     mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    full = tmp_path / "report.json"
-    full.symlink_to(FULL)
-    assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), "--report", str(full)]) == 2
-    assert capsys.readouterr().err == f"spinor-geom: {full}: No space left on device\n"
+    for option, name in (("--report", "report.json"), ("--picture", "picture.png")):
+        full = tmp_path / name
+        full.symlink_to(FULL)
+        assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), option, str(full)]) == 2
+        assert capsys.readouterr().err == f"spinor-geom: {full}: No space left on device\n"
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no device that is always full")
 def test_output_that_is_not_taken_is_one_sentence_and_status_2(mesh_path: Path) -> None:
     with FULL.open("w") as full:
-        done = run_loops(mesh_path, full.fileno())
+        done = run_alone("loops", mesh_path, stdout=full.fileno())
     assert (done.stderr, done.returncode) == ("spinor-geom: standard output: No space left on device\n", 2)
 
 

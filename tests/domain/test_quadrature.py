@@ -68,5 +68,7 @@ def test_bad_rules_are_refused(name, n, message):
 
 def test_shared_arrays_cannot_be_written_to():
     shared = [*(part for name in ("gauss", "trapezoid", "simpson") for part in rule(name, 4)), cumulative_matrix(4)]
-    shared += [PlaneDomain.disk().triangulation.points, PlaneDomain.disk().triangulation.faces, *gauss_nodes(4)]
+    disk = PlaneDomain.disk()
+    shared += [disk.triangulation.points, disk.triangulation.faces, *gauss_nodes(4)]
+    shared += [disk.vertices, disk.arcs, disk.panel_breaks, disk.parents, disk.log_scale]
     assert not any(array.flags.writeable for array in shared)

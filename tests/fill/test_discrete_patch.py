@@ -17,6 +17,7 @@ from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.topology import is_watertight
+from spinor_geom.meshing import triangulate
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau_batch
 from tests.fill.shapes import collar, cone
@@ -101,3 +102,23 @@ def test_a_discrete_patch_of_too_many_points_is_refused_before_it_is_made() -> N
     for mesh in (collar(wavy(40), np.array([0, 0, 0.5])), collar(wavy(40) * [1, 1, 0], np.array([0, 0, 0.5]))):
         with pytest.raises(TooManyPointsError):
             fill_hole(mesh, target_edge_length=1e-5)
+
+
+def test_a_rim_too_long_for_its_own_edges_is_left_open_and_costs_the_other_holes_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(triangulate, "MOST_POINTS", 1000)
+    vertices, faces = collar(wavy(400), np.array([0, 0, 0.5]))
+    others, small = collar(wavy(40), np.array([0, 0, 0.5]))
+    mesh = np.concatenate([vertices, others + np.array([9, 0, 0])]), np.concatenate([faces, small + len(vertices)])
+    _, report = fill_hole(mesh, return_report=True)
+    assert {len(outcome.loop): outcome.filled for outcome in report.loops} == {400: False, 40: True}
+    assert "give a longer target_edge_length" in next(each.reason for each in report.loops if not each.filled)
+
+
+def test_a_film_that_cannot_go_on_for_want_of_room_stays() -> None:
+    # a tube 1e30 times as long as wide: its continuation would have edges of the rim's and the tube's area
+    vertices, faces = collar(1e-30 * wavy(24), np.array([0, 0, 0.5]))
+    _, report = fill_hole((vertices, faces), 0, continuity="C1", return_report=True)
+    assert report.loops[0].kind == "minimal"
+    assert "was not continued smoothly: patches with edges of" in report.loops[0].remarks[-1]
