@@ -188,8 +188,8 @@ def reflattened(disk: HarmonicDisk, form: DirichletForm, shape: Shape) -> tuple[
     _, dz, _ = form.boundary.grid(n)
     u = np.fft.ifft(np.fft.fft(np.log(stretch / np.abs(dz))) * damping).real
     slope = np.fft.fft(form(torch.tensor(u, device=disk.slide.device)[:, None])[:, 0].cpu().numpy())
-    v = _integral(2 * np.pi * slope).real
-    image = _integral(np.fft.fft(dz * np.exp(u + 1j * v)))
+    v = integral_of(2 * np.pi * slope).real
+    image = integral_of(np.fft.fft(dz * np.exp(u + 1j * v)))
     t = shape.density.parameter(smooth)
     slide = np.interp(even, np.concatenate([t - 1, t, t + 1]), np.concatenate([s - 1, s, s + 1]))
     device = disk.slide.device
@@ -200,7 +200,7 @@ def reflattened(disk: HarmonicDisk, form: DirichletForm, shape: Shape) -> tuple[
     return new, torch.tensor(slide, device=device)
 
 
-def _integral(spectrum: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
+def integral_of(spectrum: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
     """∫ f dt at t = j/n from the discrete Fourier transform of samples of f, of mean 0."""
     n = len(spectrum)
     k = np.fft.fftfreq(n, 1 / n)

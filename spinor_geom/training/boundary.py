@@ -16,6 +16,7 @@ from spinor_geom.domain.quadrature import Panels, Rule
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.plateau.network import projected
+from spinor_geom.plateau.omega import integral_of
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -54,10 +55,7 @@ class BoundaryNodes:
             count = max(count, len(boundary.coefficients) + 1)
             z, dz, _ = boundary.grid(count)
             t, weights = np.arange(count) / count, np.full(count, 1 / count)
-            frequency = np.fft.fftfreq(count, 1 / count)
-            counted = (frequency != 0) & (np.abs(frequency) < count / 2)
-            inverse = np.divide(1, 2j * np.pi * frequency, where=counted, out=np.zeros(count, dtype=np.complex128))
-            integral = circulant(np.fft.ifft(inverse).real)
+            integral = circulant(integral_of(np.ones(count, dtype=np.complex128)).real)
         else:
             breaks = domain.panel_breaks
             panels = Panels.on(boundary, breaks, max(_PANEL_ORDER, count // (len(breaks) - 1)))
