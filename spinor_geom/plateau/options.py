@@ -68,10 +68,11 @@ def require_model(model: Model) -> None:
 def usable_device(name: str | torch.device) -> torch.device:
     """The device of a name; an OptionError where nothing can be computed on it."""
     try:
-        float(torch.zeros(1, device=name))
-    except (RuntimeError, AssertionError) as error:
+        device = torch.device(name)
+        float(torch.zeros(1, device=device))
+    except (RuntimeError, AssertionError, TypeError) as error:
         raise OptionError(f"device {name} cannot be used ({str(error).splitlines()[0]}); name another") from error
-    return torch.device(name)
+    return device
 
 
 class Trainer(Protocol):

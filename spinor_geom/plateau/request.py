@@ -9,7 +9,7 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.errors import LoopsMeetError, SpinorGeomError
+from spinor_geom.errors import LoopsMeetError, OptionError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.intersections import crossings_between, require_simple
@@ -189,6 +189,8 @@ class Request:
 
 def _frame_or_error(loop: BoundaryLoop) -> Frame | SpinorGeomError:
     """A loop alone at unit size, or why no surface over it can be asked for."""
+    if not isinstance(loop, BoundaryLoop):
+        return OptionError(f"a batch is of BoundaryLoop, not {type(loop).__name__}; BoundaryLoop.from_points makes one")
     try:
         _require_apart([loop])
         frame = _at_unit_size([loop])

@@ -113,3 +113,11 @@ def test_a_solution_holds_no_more_than_its_own_surface():
         numbers = sum(part.numel() for part in solution.surface.state_dict().values())
         domain = len(pickle.dumps(solution.domain))
         assert len(pickle.dumps(solution.evidence)) < 64 * numbers + 2 * domain
+
+
+def test_what_is_no_loop_has_an_error_in_its_place():
+    loop = gallery.tennis_seam(0.8).sample(48)
+    error, solution = solve_plateau_batch([loop.points, loop])
+    assert isinstance(error, OptionError)
+    assert "ndarray" in str(error)
+    assert solution.converged

@@ -324,6 +324,7 @@ def test_solution_cannot_be_changed():
         ({"max_iterations": 0}, "max_iterations"),
         ({"device": "abacus"}, "abacus cannot be used"),
         ({"device": "meta"}, "meta cannot be used"),
+        ({"device": None}, "None cannot be used"),
         ({"model": "perceptron"}, "'perceptron'"),
     ],
 )
