@@ -15,13 +15,9 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import HarmonicDisk
 
-# Samples of a curve for each point or coefficient that is made of it: with 2 rough random curves take a third longer,
-# and one in ten is met on no flattening.
-_OVERSAMPLING = 4
-# Largest error of Λ at which Ω counts as resolved: random curves have up to 8e-5, and with 1e-6 they take half as long
-# again.
-_RESOLVED = 1e-4
-_FACING = 2.0  # two parts of a closed curve face each other where the way along it is so many times their distance
+_OVERSAMPLING = 4  # samples of a curve for each point or coefficient of it: with 2 rough curves take a third longer
+_RESOLVED = 1e-4  # largest error of Λ on a resolved Ω: curves have up to 8e-5, and take 1.6 times as long at 1e-6
+_FACING = 2.0  # parts of a curve face each other where the way along it is so many times their distance: at 1 all do
 # Most steps of ∂Ω: Λ takes 16 bytes for each pair of them, and as much again several times while it is made.
 _MOST_STEPS = 4096
 # Steps of ∂Ω for each point that it is made from, and the width, in points, of the Gaussian that rounds it, because it
