@@ -167,20 +167,13 @@ def _require_region(polygons: Sequence[Polygon]) -> tuple[complex, float]:
     turn = np.angle(np.roll(edge, -1) * np.conj(edge))
     # a polygon that turns to the left at each vertex, and once in all, is simple
     if len(polygons) > 1 or not ((turn > _STRAIGHT).all() and turn.sum() < 3 * np.pi):
-        _require_simple((boundary - centre) / scale, tuple(map(len, polygons)))
+        mesh = ConstrainedDelaunay((boundary - centre) / scale, [tuple(map(len, polygons))])
+        m, faces, sides = len(boundary), mesh.triangles, (mesh.neighbours[mesh.inside] < 0).sum()
+        count = m - 2 + 2 * (len(polygons) - 1)
+        if len(faces) != count or len(unique_edges(faces, m)) != (3 * count + m) // 2 or sides != m:
+            problem = "a vertex lies on another edge, or a hole is not inside the polygon"
+            raise DomainError(f"the boundary is not simple: {problem}", vertices=m)
     return centre, scale
-
-
-def _require_simple(polygon: Complex[np.ndarray, " m"], rims: Rims) -> None:
-    m = len(polygon)
-    mesh = ConstrainedDelaunay(polygon, [rims])
-    faces = mesh.triangles
-    sides = (mesh.neighbours[mesh.inside] < 0).sum()
-    count = m - 2 + 2 * (len(rims) - 1)
-    if len(faces) != count or len(unique_edges(faces, m)) != (3 * count + m) // 2 or sides != m:
-        raise DomainError(
-            "the boundary is not simple: a vertex lies on another edge, or a hole is not inside the polygon", vertices=m
-        )
 
 
 def _area(polygon: Complex[np.ndarray, " m"]) -> float:

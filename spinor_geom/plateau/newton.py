@@ -15,10 +15,12 @@ MOST_STEPS = 60  # Newton steps of one solve where nothing else is said, and of 
 # method follows them far faster if it may climb their sides a little.
 _REMEMBERED = 6
 # A curvature of the energy counts as none below this share of the metric's, and a step below this share of Newton's; of
-# gradients so small the energy tells no more.
+# gradients so small the energy tells no more. With the root of the rounding error rough curves take 4 % more steps.
 SMALL = 1e-6
-ROUNDING = 1e-13  # gradients, and falls of the energy by itself, at which nothing but rounding errors is left
-_MORE_DAMPING, _LEAST_DAMPING = 4.0, 1e-3  # the factor by which damping grows and falls, and the least that is any
+ROUNDING = 1e-13  # gradients, and falls of the energy by itself, of rounding errors: at 3e-15 series take more steps
+# The factor by which damping grows and falls: with 2 smooth loops take a third more steps, with 8 hardly fewer. And the
+# least that is any: with 0.1 narrow loops take a quarter more steps, with 1e-6 smooth ones 6 %.
+_MORE_DAMPING, _LEAST_DAMPING = 4.0, 1e-3
 
 E = TypeVar("E", bound="Energies")
 Rows: TypeAlias = Callable[[Float[Tensor, "b k"]], Float[Tensor, "b k"]]  # what maps rows of displacements to rows

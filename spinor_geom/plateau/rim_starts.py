@@ -25,8 +25,7 @@ from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import MOST_MODULUS, HarmonicSurface
 
 _STEP = 0.05  # step of the logarithm of a modulus
-_NODES = 16  # points of each rim that are looked at
-_KEPT = 2  # starts that are kept
+_KEPT = 2  # starts that are kept: with one, noisy rims on the sides of a cube are not met in their points
 # Eyes' distances from the rims' middle, in the rims' largest distance from it.
 _EYES = (0.5, 2.0)
 # Narrowest circles on a sphere, as the cosine of their angle, and how often those that cross are made smaller.
@@ -114,19 +113,19 @@ def seen_starts(rims: Sequence[Rim], n: int) -> list[Placement]:
     From the rims' middle those of a junction are seen beside each other, and from above those of a hole and of islands
     in it; circles that cross are made smaller.
     """
-    samples = torch.stack([rim.samples(_NODES) for rim in rims])
+    samples = torch.stack([rim.samples(n) for rim in rims])
     middle = samples.mean(1).mean(0)
     axes = torch.linalg.eigh(torch.einsum("mni,mnj->ij", samples - middle, samples - middle))[1].T
     size = (samples - middle).norm(dim=-1).max()
     ways = [torch.zeros_like(axes[0]), *(share * way for share in _EYES for way in (*axes, *-axes))]
-    starts = [_seen(rims, samples, middle + size * way, n) for way in ways]
+    starts = [_seen(rims, samples, middle + size * way) for way in ways]
     found = sorted((start for start in starts if start is not None), key=lambda start: start.surface.dirichlet_energy)
     return [start.with_first_as_given() for start in found[:_KEPT]]
 
 
-def _seen(rims: Sequence[Rim], samples: Float[Tensor, "m k 3"], eye: Float[Tensor, "3"], n: int) -> Placement | None:
+def _seen(rims: Sequence[Rim], samples: Float[Tensor, "m n 3"], eye: Float[Tensor, "3"]) -> Placement | None:
     """The start that a point shows; none where two rims are seen in one direction."""
-    m = len(rims)
+    m, n = samples.shape[:2]
     away = torch.nn.functional.normalize(samples - eye, dim=-1)
     mean = away.mean(1)
     axis = torch.linalg.eigh(torch.einsum("mni,mnj->mij", away - mean[:, None], away - mean[:, None]))[1][..., 0]
@@ -143,13 +142,12 @@ def _seen(rims: Sequence[Rim], samples: Float[Tensor, "m k 3"], eye: Float[Tenso
     if seen is None:
         return None
     domain, points = seen
-    even, parts = (np.arange(count) / count for count in (n, _NODES))
-    coordinates = domain.coordinates(points).cpu().numpy()
+    even, coordinates = np.arange(n) / n, domain.coordinates(points).cpu().numpy()
     slides, back = [], []
     for k in range(m):
         turn = np.unwrap(np.angle(coordinates[k, k])) / (2 * np.pi)
         back.append(bool(turn[-1] < turn[0]))
-        own = -parts if back[-1] else parts
+        own = -even if back[-1] else even
         slides.append(even + np.interp(even, turn, own - turn, period=1))
     return Placement.of(
         [rims[k] for k in order.tolist()], back, torch.as_tensor(np.stack(slides), device=away.device), domain

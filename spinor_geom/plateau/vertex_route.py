@@ -46,7 +46,7 @@ from spinor_geom.surface.interior import RimPrimitive
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # So many edges away from the points no start has led to a surface through them, and a boundary that leaves the loop's
-# edges by as many would cross what is beside them.
+# edges by as many would cross what is beside them; of rims cut along triangles one in seven goes beyond half of it.
 _FAR = 2.0
 
 
