@@ -52,7 +52,7 @@ class Process:
     def run(
         self,
         job: Mapping[str, Any],
-        heard: Tell,
+        on_event: Tell,
         *,
         seconds: float,
         whole_seconds: float = math.inf,
@@ -60,7 +60,7 @@ class Process:
     ) -> str:
         """Has a JSON-ready job done; gives the end of what was written to standard output and error meanwhile.
 
-        `heard` is called with all that the process tells, between which so many seconds may pass; the whole job may
+        `on_event` is called with all that the process tells, between which so many seconds may pass; the whole job may
         take so many. The memory is resident bytes, looked at by psutil where there is a limit. A FaultError tells that
         the process died, or was ended at a limit.
         """
@@ -77,7 +77,7 @@ class Process:
                 raise self._death() from None
             while "idle" not in (event := self._next(seconds, end, whole_seconds, memory)):
                 self._last = event
-                heard(event)
+                on_event(event)
             return self._said()
         except BaseException:
             self.end()  # only an idle process can be given another job

@@ -28,7 +28,7 @@ def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
     deaths: Counter[str] = Counter()
     blocks = deque([list(job["sources"])])
 
-    def heard(event: Event) -> None:
+    def on_event(event: Event) -> None:
         if "stop" in event:
             raise BatchError(event["stop"])
         if "finished" in event:
@@ -39,7 +39,7 @@ def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
         while blocks:
             block, fault = blocks.popleft(), None
             try:
-                solver().run({**job, "sources": block}, heard, memory=limits.memory, **times)
+                solver().run({**job, "sources": block}, on_event, memory=limits.memory, **times)
             except FaultError as error:
                 if error.kind == "start":
                     raise BatchError(f"the process that solves cannot start: {error}; see what is installed") from error

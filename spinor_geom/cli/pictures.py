@@ -38,7 +38,7 @@ def _view(arguments: argparse.Namespace) -> None:
         )
     shape = _shape(arguments.input)
     title = f"{arguments.input.name}{f', {shape.curvature}'.replace('_', ' ') * arguments.curvature}"
-    fields = {title: shape.told} if arguments.curvature else {}
+    fields = {title: shape.clipped} if arguments.curvature else {}
     mesh = Faces(vertices=shape.vertices, faces=shape.faces, fields=fields, **MESH)
     view = View(layers=[mesh, Lines(vertices=shape.vertices, edges=shape.rims, width=1.0)])
     draw_apart([view], _SIZE, [0.0], None, title, time_limit=math.inf)  # as long as it is looked at
@@ -52,7 +52,7 @@ def _render(arguments: argparse.Namespace) -> None:
     from spinor_geom.render.portrait import plain_portrait
 
     shape = _shape(arguments.input)
-    portrait = plain_portrait(shape.vertices, shape.faces, shape.told if arguments.curvature else None)
+    portrait = plain_portrait(shape.vertices, shape.faces, shape.clipped if arguments.curvature else None)
     # scans and models stand on y in most formats, formulas on z
     if (arguments.up or ("z" if arguments.input.suffix.lower() == SURFACE_SUFFIX else "y")) == "y":
         portrait = portrait.moved([[1, 0, 0], [0, 0, -1], [0, 1, 0]])

@@ -197,8 +197,8 @@ def fill_hole(
         return filled, result
     if said := result.shortcomings:
         more = f"; and {len(said) - _MOST_TOLD} more" if len(said) > _MOST_TOLD else ""
-        told = f"fill_hole: {'; '.join(said[:_MOST_TOLD])}{more} (return_report=True has all of it)"
-        warnings.warn(told, ImperfectFillWarning, stacklevel=2)
+        sentence = f"fill_hole: {'; '.join(said[:_MOST_TOLD])}{more} (return_report=True has all of it)"
+        warnings.warn(sentence, ImperfectFillWarning, stacklevel=2)
     return filled
 
 

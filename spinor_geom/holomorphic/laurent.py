@@ -135,7 +135,7 @@ class LaurentSeries(torch.nn.Module):
         return spectra[0, :ahead], spectra[1:, 1 : 2 * (j + 1)]
 
     def on_circles(self, n: int) -> Complex[Tensor, "m n 2"]:
-        """P and q without their roots at n equal steps of every circle, as `CircularDomain.circles` runs."""
+        """Spinors p and q without their roots at n equal steps of every circle, as `CircularDomain.circles` runs."""
         return sums_on_circles(self.circles, self.own, n).permute(1, 2, 0)
 
     @property

@@ -68,12 +68,12 @@ class Lift:
 
     @cached_property
     def model(self) -> PowerSeries | LaurentSeries | CauchyInterpolant:
-        """P and q."""
+        """The functions p and q."""
         return self.traces.model(self.functions)
 
     @property
     def series(self) -> LaurentSeries:
-        """P and q over several rims."""
+        """The functions p and q over several rims."""
         assert isinstance(self.model, LaurentSeries)
         return self.model
 
@@ -137,7 +137,7 @@ def _lifted(
         placed = sampled.placed(spinors, sampled.start)
         far = (better & (placed.rms > allowed[number])).nonzero()[:, 0]
         if len(far):
-            placed = placed.replaced(far, sampled.at(far).settled(placed.at(far)))
+            placed = placed.replaced(far, sampled.at(far).brought_nearer(placed.at(far)))
         if best is None:
             best = placed
         else:
@@ -230,9 +230,9 @@ class _SampledBoundary:
         return replace(self, curves=self.curves.at(which), start=self.start.at(which), weights=self.weights[which])
 
     def spinors(self, points: Float[Tensor, "b m n 3"]) -> tuple[Complex[Tensor, "b 2 m t"], Bool[Tensor, " b"]]:
-        """P and q of harmonic surfaces with given values at the nodes, and whether their signs close up."""
+        """Spinors p and q of harmonic surfaces with given values at the nodes, and whether their signs close up."""
         p, q = spinors_from_phi(slopes(self.form, points) / self.dz[:, ::_EACH, None])
-        return self.traces.told(torch.stack([p, q], dim=1)), signs_close_up(p, q).all(-1)
+        return self.traces.functions(torch.stack([p, q], dim=1)), signs_close_up(p, q).all(-1)
 
     def placed(self, functions: Complex[Tensor, "b 2 m t"], near: _OnCurves) -> _Placed:
         """The surfaces with given p and q but for what opens them, whose points on Γ lie near to given ones.
@@ -266,7 +266,7 @@ class _SampledBoundary:
         """By arc length."""
         return (self.weights[:, None] * values).sum((-2, -1))
 
-    def settled(self, placed: _Placed) -> _Placed:
+    def brought_nearer(self, placed: _Placed) -> _Placed:
         """The surfaces with powers added to p and q that bring them nearer to Γ."""
         number, sampled = torch.arange(len(placed.rms), device=placed.rms.device), self
         while True:

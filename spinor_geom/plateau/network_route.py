@@ -219,7 +219,7 @@ class NetworkSolver:
             readout, slide = fit.readout, fit.slide
             length = stage.length_of_move(fit)
             if length < _STILL * fit.residual:
-                return self._told(stage, fit)
+                return self._measured(stage, fit)
             try:
                 moved = stage.moved(fit, offset=self.request.options.cauchy.pole_offset)
             except DomainError:  # what is fitted so far stands
@@ -237,9 +237,9 @@ class NetworkSolver:
 
     def _fitted(self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]) -> Fitted:
         fit = gauss_newton(stage.problem, readout, slide, allowed=self.request.allowed, steps=self.request.steps)
-        return self._told(stage, fit)
+        return self._measured(stage, fit)
 
-    def _told(self, stage: Discretisation, fit: Fit) -> Fitted:
+    def _measured(self, stage: Discretisation, fit: Fit) -> Fitted:
         misfit, energy = independent_residual(stage, fit, points=sum(map(len, self.request.units)))
         return Fitted(stage=stage, fit=fit, misfit=misfit, energy=energy)
 

@@ -219,8 +219,8 @@ class PlateauProblem:
 
     def increasing(self, slide: Float[Tensor, " nodes"], speed: Float[Tensor, " nodes"]) -> Float[Tensor, " nodes"]:
         """The slides around each boundary that do not fall and lie within their bounds; see `nearest_increasing`."""
-        told = [[part.cpu().numpy() for part in self.by_rim(one)] for one in (slide, speed, self.slide_bounds)]
-        parts = [nearest_increasing(*one) for one in zip(*told, strict=True)]
+        arrays = [[part.cpu().numpy() for part in self.by_rim(one)] for one in (slide, speed, self.slide_bounds)]
+        parts = [nearest_increasing(*one) for one in zip(*arrays, strict=True)]
         return torch.as_tensor(np.concatenate(parts), device=slide.device)
 
     def integrate(self, f: Complex[Tensor, "points k"]) -> Complex[Tensor, "nodes k"]:

@@ -276,7 +276,7 @@ class RimsSolver:
             n = even(_PER_EDGE * max(map(len, self.request.units)))
             with self.request.clock.stage("slides"):
                 for step in range(1, len(self._way)):
-                    surface = self._settled(self._problem(placed, step), surface, n, saddles=saddles)
+                    surface = self._stationary(self._problem(placed, step), surface, n, saddles=saddles)
         while True:
             yield surface
             require_time()
@@ -284,9 +284,9 @@ class RimsSolver:
             if n > _MOST_NODES or not self.request.steps.left:
                 return
             with self.request.clock.stage("slides"):
-                surface = self._settled(problem, surface, n, saddles=saddles)
+                surface = self._stationary(problem, surface, n, saddles=saddles)
 
-    def _settled(self, problem: RimsProblem, surface: HarmonicSurface, n: int, *, saddles: bool) -> HarmonicSurface:
+    def _stationary(self, problem: RimsProblem, surface: HarmonicSurface, n: int, *, saddles: bool) -> HarmonicSurface:
         edges = max(map(len, self.request.units))
         return problem.stationary(
             problem.resampled(surface, n),

@@ -31,7 +31,7 @@ def lifted_spinors(
     *,
     branch: complex | None = None,
 ) -> Complex[Tensor, "m 2"]:
-    """P and q on each boundary edge of a discrete surface, with the signs that make them continuous on all of it.
+    """Spinors p and q on each boundary edge of a discrete surface, with signs that make them continuous on all of it.
 
     On a ragged boundary the spinors beside each other may not tell the sign. From face to face the frame turns less:
     the signs are handed on along the tree of faces whose steps have the most nearly parallel spinors. The first

@@ -48,7 +48,7 @@ class OnCircles:
         """dz/dτ at n equal steps of every rim, times the square of what p and q are divided by."""
         return self.domain.velocities(n) * self.domain.squared_root(self.domain.circles(n), self.antiperiodic)
 
-    def told(self, spinors: Complex[Tensor, "b 2 m n"]) -> Complex[Tensor, "b 2 m k"]:
+    def functions(self, spinors: Complex[Tensor, "b 2 m n"]) -> Complex[Tensor, "b 2 m k"]:
         """Functions with given values at nodes, on each rim up to one sign."""
         n = self.nodes
         own: Tensor = torch.fft.fft(spinors)[..., : n // 2] / n
@@ -116,7 +116,7 @@ class OnCurve:
         """As `OnCircles.weights`."""
         return grid_of(self.boundary, n, self.kernel.device)[1:] / (2 * np.pi)
 
-    def told(self, spinors: Complex[Tensor, "b 2 1 n"]) -> Complex[Tensor, "b 2 1 n"]:
+    def functions(self, spinors: Complex[Tensor, "b 2 1 n"]) -> Complex[Tensor, "b 2 1 n"]:
         """The values themselves."""
         return spinors
 
@@ -165,7 +165,7 @@ def slopes(form: CirclesForm | DirichletForm, points: Float[Tensor, "*b m n 3"])
 def closed(
     traces: OnCircles | OnCurve, spinors: Complex[Tensor, "b 2 m t"], weights: Complex[Tensor, "m k"]
 ) -> tuple[Complex[Tensor, "b 2 m t"], Complex[Tensor, "b 2 m k"], Complex[Tensor, "b 3 m k"]]:
-    """P and q with the least change of powers that makes Re ∮ φ dz = 0 around all holes; their values, and φ dz/dτ.
+    """Spinors p and q of the least change of powers that makes Re ∮ φ dz = 0 around holes; their values, and φ dz/dτ.
 
     The weights are those of the traces, at so many points that products of p and q are resolved.
     """

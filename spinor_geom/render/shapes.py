@@ -45,7 +45,7 @@ class Shape:
         return boundary_edges(self.faces)
 
     @property
-    def told(self) -> Float[np.ndarray, " n"]:
+    def clipped(self) -> Float[np.ndarray, " n"]:
         """The curvature, its extremes cut off at the ends of its `Scale`."""
         scale = Scale.of(self.values[self.curvature])
         return np.asarray(np.clip(self.values[self.curvature], scale.low, scale.high))

@@ -213,7 +213,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         return find_zeros(self._on_cpu(p), self.domain), find_zeros(self._on_cpu(q), self.domain)
 
     def _single_valued(self, z: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
-        """P and q times a function without zeros in Ω that changes its sign around a hole where they do."""
+        """Spinors p and q times a function without zeros in Ω that changes its sign around a hole where they do."""
         values = self._spinors(z)
         if isinstance(self.model, (CauchyNetwork, LaurentSeries)):
             values = values * self.model.sign_changing(z)[:, None]

@@ -118,7 +118,7 @@ class RayBoundary(torch.nn.Module):
             self.register_buffer(name, torch.tensor(values), persistent=False)
 
     def point_and_velocity(self, s: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
-        """R and dr/ds at given s, differentiable by the networks' parameters."""
+        """Positions r and dr/ds at given s, differentiable by the networks' parameters."""
         z = _circle(s)
         # the last point is z itself, for the velocity
         null = self._null(torch.cat([z[:, None] * self.nodes, z[:, None]], dim=1))
@@ -126,7 +126,7 @@ class RayBoundary(torch.nn.Module):
         return self.constant + position, (2j * math.pi * z[:, None] * null[:, -1]).real
 
     def moved_with(self, s: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
-        """R and dr/ds, differentiable by s; the derivative of r is dr/ds itself, not that of its quadrature."""
+        """Values r and dr/ds, differentiable by s; the derivative of r is dr/ds itself, not that of its quadrature."""
         with torch.no_grad():
             position, velocity = self.point_and_velocity(s)
         z = _circle(s)

@@ -166,7 +166,7 @@ class _Training:
             for name, module in self.modules.items()
         }
         self.history: list[TrainingStep] = []
-        self.told = torch.arange(_BOUNDARY_POINTS, dtype=torch.float64, device=device) / _BOUNDARY_POINTS
+        self.even = torch.arange(_BOUNDARY_POINTS, dtype=torch.float64, device=device) / _BOUNDARY_POINTS
 
     def run(self, on_epoch: Callable[[TrainingStep], None] | None) -> Trained:
         """Epochs until the last one, no more time, or a divergence."""
@@ -222,11 +222,11 @@ class _Training:
     def _misfit(self) -> Misfit:
         """Distance between the boundary and Γ, the larger of both ways: neither passes over a part of the other."""
         with torch.no_grad():
-            r = self.boundary.point_and_velocity(self.told)[0].cpu().numpy()
+            r = self.boundary.point_and_velocity(self.even)[0].cpu().numpy()
         if not np.isfinite(r).all():
             return Misfit(rms=math.inf, max=math.inf, max_per_local_edge=math.inf, length=math.nan)
         dense = np.arange(_CURVE_POINTS) / _CURVE_POINTS
-        polygon = np.column_stack([np.interp(dense, self.told.cpu().numpy(), x, period=1.0) for x in r.T])
+        polygon = np.column_stack([np.interp(dense, self.even.cpu().numpy(), x, period=1.0) for x in r.T])
         to_curve, nearest = cKDTree(self.gamma).query(r)
         to_boundary, arcs = cKDTree(polygon).query(self.gamma)[0], _arcs(self.gamma)
         length = float(arcs.sum())
@@ -284,10 +284,10 @@ class _Training:
             surface = WeierstrassSurface(boundary.network, domain, boundary.constant)
         misfit = self._misfit()
         with torch.no_grad():
-            slide = self.homeomorphism.inverse(self.told)
+            slide = self.homeomorphism.inverse(self.even)
         return Trained(
             surface=surface,
-            matching=torch.stack([self.told, slide], dim=-1).cpu().numpy(),
+            matching=torch.stack([self.even, slide], dim=-1).cpu().numpy(),
             misfit=misfit,
             diagonal=self.diagonal,
             history=tuple(self.history),
