@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 import torch
 from jaxtyping import Complex, Float, Int
+from scipy.fft import next_fast_len
 from torch import Tensor
 
 from spinor_geom.discrete.area_descent import Disk
@@ -140,8 +141,10 @@ class HarmonicSolver:
         return self._fitted(self._fit(form, slide), route)
 
     def _begin(self) -> Fit:
-        """The fit on the unit disk from equal steps."""
-        n = even(max(FEWEST_NODES, len(self.request.unit)))
+        """The fit on the unit disk from equal steps, up to a quarter more than points: as many are fitted together."""
+        points = max(FEWEST_NODES, len(self.request.unit))
+        step = 1 << ((points - 1).bit_length() - 3)
+        n = step * math.ceil(points / step)
         return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.request.options.device) / n)
 
     def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"]) -> Fit:
@@ -313,6 +316,5 @@ def _advance(fits: Sequence[Fit]) -> None:
 
 
 def even(nodes: int) -> int:
-    """An even number of nodes, not smaller and up to a quarter larger: loops of as many are fitted together."""
-    step = 1 << max(1, (nodes - 1).bit_length() - 3)
-    return step * math.ceil(nodes / step)
+    """An even number of nodes, not smaller, that is fast to transform."""
+    return 2 * next_fast_len((nodes + 1) // 2)
