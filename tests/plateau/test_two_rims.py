@@ -369,3 +369,16 @@ def test_squares_turned_against_each_other_are_met_at_their_corners(turn, edges,
         corners = rim.boundary.vertices[rim.boundary.corners]
         away = np.linalg.norm(solution.surface.position(corners)[:, None] - rim.loop.points[rim.loop.corners], axis=2)
         assert away.min(axis=1).max() < 1e-3
+
+
+@pytest.mark.parametrize(("first", "second"), [(5, 3), (7, 4)])
+def test_polygons_of_unlike_corners_are_met(first, second):
+    loops = []
+    for k, h in ((first, 0.0), (second, 0.45)):
+        corners = np.exp(2j * np.pi * (np.arange(k) + 0.1) / k)
+        places = (corners[:, None] + np.arange(5) / 5 * (np.roll(corners, -1) - corners)[:, None]).ravel()
+        points = np.stack([places.real, places.imag, np.full(len(places), h)], axis=1)
+        loops.append(BoundaryLoop.from_points(points, corners=range(0, len(points), 5)))
+    solution = solve_plateau(loops)
+    assert solution.converged, solution.reason
+    assert solution.route == "annular network"
