@@ -76,10 +76,10 @@ class FourierBoundary:
 
     def __init__(self, coefficients: Complex[np.ndarray, " 2K+1"], count: int) -> None:
         """Takes the coefficients from c_{−K} to c_K and the number of vertices."""
-        self.coefficients = np.asarray(coefficients, dtype=np.complex128)
-        self.parameters = np.linspace(0.0, 1.0, count + 1)
-        self.vertices = self.point(self.parameters[:-1])
-        self.corners = np.zeros(count, dtype=bool)
+        self.coefficients = shared(np.array(coefficients, dtype=np.complex128))
+        self.parameters = shared(np.linspace(0.0, 1.0, count + 1))
+        self.vertices = shared(self.point(self.parameters[:-1]))
+        self.corners = shared(np.zeros(count, dtype=bool))
 
     @classmethod
     def circle(cls, radius: float = 1.0, count: int = 64) -> FourierBoundary:
@@ -216,7 +216,7 @@ class PlaneDomain:
     @cached_property
     def corners(self) -> Bool[np.ndarray, " m"]:
         """Which of them are corners."""
-        return np.concatenate([boundary.corners for boundary in self.boundaries])
+        return shared(np.concatenate([boundary.corners for boundary in self.boundaries]))
 
     @cached_property
     def arcs(self) -> Float[np.ndarray, "m 2"]:

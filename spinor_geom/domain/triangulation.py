@@ -13,6 +13,7 @@ from spinor_geom.domain.polygons import lattices_inside
 from spinor_geom.domain.refinement import Boundary, independent, long_bridges, place_in_region, polish, refine, smooth
 from spinor_geom.domain.sizes import NearestPoints, Polygon, RegionSizes, SizeFunction, graded_size
 from spinor_geom.errors import DomainError, OptionError, SpinorGeomError
+from spinor_geom.mesh.arrays import shared
 
 MOST_POINTS = 200_000  # of a triangulation, if nothing else is said
 # points at which the largest size is looked for, and shares of it by which lattice points keep off the boundary
@@ -50,12 +51,12 @@ class PlaneTriangulation:
         """Inner angles in degrees, column k at the face's vertex k."""
         p = self.points[self.faces]
         ahead, back = p[:, [1, 2, 0]] - p, p[:, [2, 0, 1]] - p
-        return np.asarray(np.degrees(np.angle(back * np.conj(ahead))))
+        return shared(np.degrees(np.angle(back * np.conj(ahead))))
 
     @cached_property
     def edges(self) -> Int[np.ndarray, "e 2"]:
         """Every edge once, smaller index first, sorted."""
-        return unique_edges(self.faces, len(self.points))
+        return shared(unique_edges(self.faces, len(self.points)))
 
 
 def one_by_one_on_error(make: Callable[[Sequence[T]], list[R]], items: Sequence[T]) -> list[R | SpinorGeomError]:

@@ -140,7 +140,7 @@ def fill_hole(
         raise OptionError(f"islands must be 'join' or 'ignore', not {islands!r}")
     if max_perimeter is not None:
         require_positive("max_perimeter", max_perimeter)
-    if isinstance(bridge, (int, str)):
+    if isinstance(bridge, (int, np.integer, str)):
         raise OptionError(f"bridge must be several places, such as (0, 1), not {bridge!r}")
     if bridge is not None and not (isinstance(loop, str) and loop == "all"):
         raise OptionError("bridge and loop exclude each other: a bridge fills no other loop; call again for the others")

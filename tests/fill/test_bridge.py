@@ -211,8 +211,9 @@ def test_what_is_no_bridge_is_refused() -> None:
         fill_hole(island(), bridge=(1,))
     with pytest.raises(OptionError, match="loop 1 twice"):
         fill_hole(island(), bridge=(1, 1))
-    with pytest.raises(OptionError, match="several places"):
-        fill_hole(island(), bridge=0)
+    for place in (0, np.int64(0), "0"):
+        with pytest.raises(OptionError, match="several places"):
+            fill_hole(island(), bridge=place)
     with pytest.raises(OptionError, match="exclude each other"):
         fill_hole(island(), [2], bridge=(0, 1))
     with pytest.raises(OptionError, match="exclude each other"):
