@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from spinor_geom.errors import LoopTooShortError, MeshError, MeshShapeError, OptionError, RepeatedPointError
 from spinor_geom.mesh.arrays import freeze_points, frozen
+from spinor_geom.mesh.polygons import Polygons
 
 MIN_CORNER_TURN = np.radians(35.0)
 MAX_NEIGHBOUR_TURN_RATIO = 0.25
@@ -102,7 +104,7 @@ class BoundaryLoop:
                 raise OptionError(f"corners names point {outside[0]}, but the loop has points 0 to {len(given) - 1}")
             flags = np.isin(np.arange(len(given)), indices)
         loop = cls(points=given, vertex_ids=np.arange(len(given)), corners=flags)
-        require_distinct_neighbours(given)
+        require_distinct_neighbours(loop)
         return loop
 
     def __len__(self) -> int:
@@ -115,39 +117,35 @@ class BoundaryLoop:
         points, ids, corners = self.points[back], self.vertex_ids[back], self.corners[back]
         return replace(self, points=points, vertex_ids=ids, corners=corners, seam_edges=self.seam_edges[:, ::-1])
 
-    @cached_property
+    @property
     def edge_lengths(self) -> Float[np.ndarray, " m"]:
         """(M,) lengths in mesh units; edge i runs from point i to point i + 1 (mod M)."""
-        return np.asarray(np.linalg.norm(np.diff(self.points, axis=0, append=self.points[:1]), axis=1))
+        return np.asarray(self._polygons.edge_lengths[self._place])
 
-    @cached_property
+    @property
     def perimeter(self) -> float:
         """Sum of the edge lengths, in mesh units."""
-        return float(self.edge_lengths.sum())
+        return float(self._polygons.perimeters[self._place])
 
     @property
     def mean_edge_length(self) -> float:
         """Perimeter over number of edges, in mesh units."""
         return self.perimeter / len(self)
 
-    @cached_property
+    @property
     def diagonal(self) -> float:
         """Diagonal of the axis-parallel bounding box of the points, in mesh units."""
-        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+        return float(self._polygons.diagonals[self._place])
 
-    @cached_property
+    @property
     def centroid(self) -> Float[np.ndarray, " 3"]:
         """(3,) centre of mass of the polygon's edges, in mesh units; it does not move when an edge is subdivided."""
-        # relative to point 0: a loop far from the origin loses no digits
-        return np.asarray(self.points[0] + self._point_weights @ (self.points - self.points[0]))
+        return np.asarray(self._polygons.centroids[self._place])
 
-    @cached_property
+    @property
     def area_vector(self) -> Float[np.ndarray, " 3"]:
         """(3,) ½ Σ P_i × P_{i+1}: the vector area of any surface the loop bounds, in squared mesh units."""
-        centred = self.points - self.centroid
-        # all of its components in one product: those of cross products take several times as long
-        moments = centred[:-1].T @ centred[1:] + np.outer(centred[-1], centred[0])
-        return np.asarray(0.5 * (moments - moments.T)[[1, 2, 0], [2, 0, 1]])
+        return np.asarray(self._polygons.area_vectors[self._place])
 
     @cached_property
     def plane(self) -> Plane:
@@ -155,29 +153,30 @@ class BoundaryLoop:
 
         The normal is on the side of `area_vector`; a loop on a line has any plane through that line.
         """
-        axes, deviations = self._principal_spread
+        axes, deviations = (part[self._place] for part in self._polygons.principal_spreads)
         normal = -axes[2] if axes[2] @ self.area_vector < 0 else axes[2]
         return Plane(centroid=self.centroid, normal=normal, rms_distance=float(deviations[2]))
 
-    @cached_property
+    @property
     def elongation(self) -> float:
         """Longest side over second longest side of the points' box along their principal axes, ≥ 1; ∞ on a line."""
-        sides = np.sort(np.ptp((self.points - self.centroid) @ self._principal_spread[0].T, axis=0))
-        return float(sides[2] / sides[1]) if sides[1] > 0 else float("inf")
+        return float(self._polygons.elongations[self._place])
 
     @cached_property
-    def _point_weights(self) -> Float[np.ndarray, " m"]:
-        """(M,) half the length of a point's two edges over the perimeter; sum 1."""
-        if self.perimeter == 0:
-            return np.full(len(self), 1 / len(self))
-        return np.asarray((self.edge_lengths + np.roll(self.edge_lengths, 1)) / (2 * self.perimeter))
+    def _polygons(self) -> Polygons:
+        """Those that are measured with this one."""
+        return Polygons(points=self.points[None])
 
-    @cached_property
-    def _principal_spread(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
-        """Principal axes as rows, widest first, and the root mean squared deviation along each."""
-        centred = (self.points - self.centroid) * np.sqrt(self._point_weights)[:, None]
-        _, deviations, axes = np.linalg.svd(centred, full_matrices=False)
-        return axes, deviations
+    _place = 0  # this one's among them
+
+    @staticmethod
+    def moved_together(loops: Sequence[BoundaryLoop], points: Float[np.ndarray, "b m 3"]) -> list[BoundaryLoop]:
+        """Loops of as many points each with others in their place, which are measured side by side."""
+        moved, polygons = [], Polygons(points=points)
+        for place, (loop, own) in enumerate(zip(loops, points, strict=True)):
+            moved.append(BoundaryLoop(points=own, vertex_ids=loop.vertex_ids, corners=loop.corners))
+            moved[-1].__dict__.update(_polygons=polygons, _place=place)
+        return moved
 
 
 def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
@@ -215,8 +214,10 @@ def turning_angles(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
     return np.asarray(2 * np.arctan2(sine, cosine))
 
 
-def require_distinct_neighbours(points: Float[np.ndarray, "m 3"]) -> None:
-    """Checks that no edge of a closed polygon has length 0; a RepeatedPointError names one that has."""
-    equal = (points == np.roll(points, -1, axis=0)).all(axis=1)
-    if equal.any():
+def require_distinct_neighbours(loop: BoundaryLoop) -> None:
+    """Checks that no two neighbouring points of a loop are equal; a RepeatedPointError names the first that are."""
+    if loop.edge_lengths.all():
+        return
+    equal = (loop.points == np.roll(loop.points, -1, axis=0)).all(axis=1)
+    if equal.any():  # differences may be too small to be squared
         raise RepeatedPointError(index=int(np.argmax(equal)))

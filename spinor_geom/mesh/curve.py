@@ -92,7 +92,7 @@ class BoundaryCurve:
 
         Source: Floater & Surazhsky, "Parameterization for curve interpolation" (2006), for the parameters.
         """
-        require_distinct_neighbours(loop.points)
+        require_distinct_neighbours(loop)
         (curve,) = cls.from_loops([loop])
         return curve
 

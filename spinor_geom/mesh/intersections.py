@@ -5,7 +5,6 @@ whether these are shared by index or only lie in the same place, and nor do neig
 has no inside and crosses nothing.
 """
 
-import math
 from collections.abc import Callable
 
 import igl.predicates
@@ -132,10 +131,10 @@ def _sorted(pairs: Pairs) -> Pairs:
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
 
 
-def _cross(u: Points, v: Points) -> Points:
+def _cross(u: Float[np.ndarray, "*k 3"], v: Float[np.ndarray, "*k 3"]) -> Float[np.ndarray, "*k 3"]:
     """The products u × v, without what np.cross does for other shapes: most of the time of a short loop's test."""
-    (a, b, c), (d, e, f) = u.T, v.T
-    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=1)
+    (a, b, c), (d, e, f) = (np.moveaxis(w, -1, 0) for w in (u, v))
+    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=-1)
 
 
 def _neighbours_not_separated(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Pairs:
@@ -241,27 +240,25 @@ def _turn(a: InPlane, b: InPlane, c: InPlane) -> Numbers:
     return _side(a, b, c, a + np.array([0.0, 0.0, 1.0]))
 
 
-def is_star(points: Chain) -> bool:
-    """Whether a polygon winds once around its centroid without turning back, seen across its vector area.
+def is_star(points: Float[np.ndarray, "*b m 3"]) -> Bool[np.ndarray, "*b"]:
+    """Whether polygons wind once around their centroids without turning back, seen across their vector areas.
 
-    Then it is simple. Most rims of holes are stars, and this is many times quicker than the general test.
+    Then they are simple. Most rims of holes are stars, and this is many times quicker than the general test.
     """
-    spokes = points - points.mean(axis=0)
-    after = np.concatenate([spokes[1:], spokes[:1]])
-    doubled = _cross(spokes, after)
-    area = doubled.sum(axis=0)
-    size = math.sqrt(area @ area)
-    if not size > 0:
-        return False
+    spokes = points - points.mean(axis=-2, keepdims=True)
+    doubled = _cross(spokes, np.roll(spokes, -1, axis=-2))
+    area = doubled.sum(axis=-2, keepdims=True)
+    size = np.linalg.norm(area, axis=-1, keepdims=True)
+    normal = np.divide(area, size, out=np.zeros_like(area), where=size > 0)
     # twice the areas of the triangles at the centroid, and in each the least distance of its side and its angle there
-    sectors = doubled @ (area / size)
-    flat = spokes - np.outer(spokes @ area, area / size**2)
-    radius = np.sqrt((flat**2).sum(axis=1))
-    product = radius * np.concatenate([radius[1:], radius[:1]])
-    if not (sectors > np.maximum(LEAST_ANGLE * product, 2 * LEAST_DISTANCE * radius.max() ** 2)).all():
-        return False
-    along = (flat * np.concatenate([flat[1:], flat[:1]])).sum(axis=1)
-    return bool(np.arctan2(sectors, along).sum() < 3 * np.pi)
+    sectors = (doubled * normal).sum(axis=-1)
+    flat = spokes - (spokes * normal).sum(axis=-1, keepdims=True) * normal
+    radius = np.linalg.norm(flat, axis=-1)
+    nearest = 2 * LEAST_DISTANCE * radius.max(axis=-1, keepdims=True) ** 2
+    least = np.maximum(LEAST_ANGLE * radius * np.roll(radius, -1, axis=-1), nearest)
+    along = (flat * np.roll(flat, -1, axis=-2)).sum(axis=-1)
+    winds_once = np.arctan2(sectors, along).sum(axis=-1) < 3 * np.pi
+    return np.asarray((sectors > least).all(axis=-1) & winds_once)
 
 
 def edges_with_near_boxes(starts: Chain, ends: Chain, distance: float) -> tuple[Numbers, Numbers]:

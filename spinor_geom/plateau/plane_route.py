@@ -21,14 +21,18 @@ from spinor_geom.plateau.steps import Clock
 from spinor_geom.surface.frames import spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
+_FLOAT32 = float(np.finfo(np.float32).epsneg)
+
 
 def lie_in_plane(loops: Sequence[BoundaryLoop], *, allowed: float) -> bool:
     """Whether loops lie in one plane, but for rounding: of float32 where so much of their diagonal is allowed."""
-    points = np.concatenate([loop.points for loop in loops])
-    diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
-    plane = loops[0].plane
-    away = float(np.sqrt(np.mean(((points - plane.centroid) @ plane.normal) ** 2)))
-    return away <= max(MEETING_PER_DIAGONAL, min(float(np.finfo(np.float32).epsneg), allowed)) * diagonal
+    first, *others = loops
+    plane, diagonal = first.plane, first.diagonal
+    away = [plane.rms_distance]
+    if others:
+        diagonal = float(np.linalg.norm(np.ptp(np.concatenate([loop.points for loop in loops]), axis=0)))
+        away += [np.sqrt(np.mean(((loop.points - plane.centroid) @ plane.normal) ** 2)) for loop in others]
+    return bool(max(away) <= max(MEETING_PER_DIAGONAL, min(_FLOAT32, allowed)) * diagonal)
 
 
 def plane_region(

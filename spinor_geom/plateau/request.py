@@ -1,9 +1,10 @@
 """What a minimal surface is asked for: loops and Γ through them at unit size, and what all routes to it share."""
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import combinations
+from itertools import combinations, compress
 from typing import TypeAlias, TypeVar
 
 import numpy as np
@@ -12,7 +13,8 @@ from jaxtyping import Float
 from spinor_geom.errors import LoopsMeetError, OptionError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
-from spinor_geom.mesh.intersections import crossings_between, require_simple
+from spinor_geom.mesh.intersections import crossings_between, is_star, require_simple
+from spinor_geom.mesh.polygons import Polygons
 from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.misfit import BoundaryResidual, Misfit
@@ -92,7 +94,7 @@ class Request:
     ) -> list[AnyRequest | SpinorGeomError]:
         """The request of a disk over each of several loops, or why it cannot be made: see `of`."""
         options.require_rims(1)
-        frames = [_frame_or_error(loop) for loop in loops]
+        frames = _frames(loops)
         units = [frame[0][0] for frame in frames if not isinstance(frame, SpinorGeomError)]
         curves = iter(BoundaryCurve.from_loops(units))
         return [
@@ -187,17 +189,38 @@ class Request:
         )
 
 
-def _frame_or_error(loop: BoundaryLoop) -> Frame | SpinorGeomError:
-    """A loop alone at unit size, or why no surface over it can be asked for."""
-    if not isinstance(loop, BoundaryLoop):
-        return OptionError(f"a batch is of BoundaryLoop, not {type(loop).__name__}; BoundaryLoop.from_points makes one")
+def _frames(loops: Sequence[BoundaryLoop]) -> list[Frame | SpinorGeomError]:
+    """Loops at unit size, each by itself, or why no surface over it can be asked for."""
+    found: dict[int, Frame | SpinorGeomError] = {}
+    alike: dict[int, list[int]] = defaultdict(list)
+    for place, loop in enumerate(loops):
+        if isinstance(loop, BoundaryLoop):
+            alike[len(loop)].append(place)
+        else:
+            what = f"a batch is of BoundaryLoop, not {type(loop).__name__}"
+            found[place] = OptionError(f"{what}; BoundaryLoop.from_points makes one")
+    for places in alike.values():
+        are_stars = is_star(np.stack([loops[place].points for place in places]))
+        refusals = ((place, _refusal(require_simple, loops[place])) for place in compress(places, ~are_stars))
+        found.update((place, refusal) for place, refusal in refusals if refusal)
+        if simple := [place for place in places if place not in found]:
+            given = Polygons(points=np.stack([loops[place].points for place in simple]))
+            points = (given.points - given.centroids[:, None]) / given.diagonals[:, None, None]
+            units = BoundaryLoop.moved_together([loops[place] for place in simple], points)
+            for place, unit, centre, scale in zip(
+                simple, units, given.centroids, given.diagonals.tolist(), strict=True
+            ):
+                found[place] = _refusal(require_distinct_neighbours, unit) or ((unit,), centre, scale)
+    return [found[place] for place in range(len(loops))]
+
+
+def _refusal(check: Callable[[BoundaryLoop], None], loop: BoundaryLoop) -> SpinorGeomError | None:
+    """What a check says of a loop."""
     try:
-        _require_apart([loop])
-        frame = _at_unit_size([loop])
-        require_distinct_neighbours(frame[0][0].points)
+        check(loop)
     except SpinorGeomError as error:
         return error
-    return frame
+    return None
 
 
 def _at_unit_size(loops: Sequence[BoundaryLoop]) -> Frame:

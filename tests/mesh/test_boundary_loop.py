@@ -121,6 +121,25 @@ class TestMeasures:
         np.testing.assert_allclose(loop.plane.normal, [0, 0, 1], atol=1e-15)
         assert loop.plane.rms_distance == pytest.approx(0, abs=1e-15)
 
+    @pytest.mark.parametrize("count", [3, 8, 101])
+    def test_loops_that_are_measured_together_measure_what_each_does_alone(self, count: int) -> None:
+        points = np.random.default_rng(count).normal(size=(5, count, 3)) * [3, 2, 1] + 100
+        loops = [BoundaryLoop.from_points(circle(count), corners=[0])] * 5
+        for together, own in zip(BoundaryLoop.moved_together(loops, points), points, strict=True):
+            alone = BoundaryLoop.from_points(own, corners=[0])
+            np.testing.assert_array_equal(together.points, own)
+            np.testing.assert_array_equal(together.corners, alone.corners)
+            for name in ("edge_lengths", "perimeter", "diagonal", "centroid", "area_vector", "elongation"):
+                np.testing.assert_array_equal(getattr(together, name), getattr(alone, name))
+            np.testing.assert_array_equal(together.plane.normal, alone.plane.normal)
+            assert together.plane.rms_distance == alone.plane.rms_distance
+
+    def test_a_loop_without_length_has_measures(self) -> None:
+        loop = BoundaryLoop(points=np.ones((4, 3)), vertex_ids=np.arange(4), corners=np.zeros(4, bool))
+        np.testing.assert_array_equal(loop.centroid, [1, 1, 1])
+        assert loop.perimeter == loop.diagonal == 0
+        assert loop.elongation == np.inf
+
     def test_centroid_does_not_follow_the_sampling(self) -> None:
         dense_left = [(0, y, 0) for y in np.linspace(1, 0, 50)] + [(1, 0, 0), (1, 1, 0)]
         np.testing.assert_allclose(BoundaryLoop.from_points(dense_left).centroid, [0.5, 0.5, 0], atol=1e-14)

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from spinor_geom.mesh.intersections import (
     intersections_between,
     is_graph,
+    is_star,
     loop_crossings,
     self_intersections,
 )
@@ -392,3 +393,6 @@ def test_stars_are_simple_where_they_wind_once(seed: int, count: int, turns: int
     points = motion(np.stack([radius * np.cos(t), radius * np.sin(t), np.zeros(count)], axis=1))
     # a plane curve that winds twice crosses itself
     assert (len(loop_crossings(points)) == 0) == (turns == 1)
+    several = np.stack([points, rng.normal(size=points.shape), np.ones_like(points)])
+    np.testing.assert_array_equal(is_star(several), [is_star(own) for own in several])
+    assert not is_star(several[2])
