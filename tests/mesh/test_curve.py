@@ -361,6 +361,24 @@ class TestSamplings:
             assert rules._poisson(points, np.append(shares, 1.0))[1] == pytest.approx(error, rel=1e-3)
         assert rules._left_out_at_equal_steps(points) <= error * (1 + 1e-6)
 
+    @pytest.mark.parametrize("jitter", [0.0, 1e-6, 1e-5, 1e-4, 3e-4])
+    def test_nearly_equal_steps_are_told_without_equations(
+        self, jitter: float, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        random = np.random.default_rng(0)
+        shares = (np.arange(80) + random.uniform(-jitter, jitter, (24, 80))) / 80
+        points = np.stack([folded_at(seed, own) for seed, own in enumerate(shares)])
+        solved = []
+        monkeypatch.setattr(rules, "_poisson", lambda *a, solve=rules._poisson: solved.append(a) or solve(*a))
+        told = rules.smooth_curves(points)
+        asked = len(solved)
+        monkeypatch.setattr(rules, "NEARLY_EQUAL", -1.0)
+        anyway = rules.smooth_curves(points)
+        assert asked < len(solved) / 2 if jitter == 0 else asked > 0
+        for mine, other in zip(told, anyway, strict=True):
+            for part, again in zip(mine, other, strict=True):
+                np.testing.assert_array_equal(part, again)
+
     def test_jittered_points_keep_place_start_and_direction(self) -> None:
         points, s = folded_at(1, jittered_shares(96)), np.linspace(0, 1, 100)
         curve = curve_of(points, [])
