@@ -177,6 +177,9 @@ class LaurentSeries(torch.nn.Module):
 
 def sums_on_circles(domain: CircularDomain, own: Complex[Tensor, "*rows m k"], n: int) -> Complex[Tensor, "*rows m n"]:
     """Σ_j Σ_k c_jk ζ_j^k at n > k equal steps of every circle, from the coefficients of all circles' own powers."""
+    if domain.rims == 1:
+        alone: Tensor = torch.fft.ifft(own, n=n, norm="forward")
+        return alone
     return parts_on_circles(domain, own, n).sum(-2)
 
 
@@ -194,7 +197,7 @@ def parts_on_circles(
             lagging = own[..., there, :] * domain.radii[0] ** k
             spectrum[..., here, there, 0] = lagging[..., 0]
             spectrum[..., here, there, n - count + 1 :] = lagging[..., 1:].flip(-1)
-    parts: Tensor = torch.fft.ifft(spectrum) * n
+    parts: Tensor = torch.fft.ifft(spectrum, norm="forward")
     if m > 2:
         apart = torch.ones(m, m, dtype=torch.bool, device=own.device).fill_diagonal_(False)
         apart[:2, :2] = False

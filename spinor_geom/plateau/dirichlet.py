@@ -71,8 +71,9 @@ class DirichletForm:
     def __call__(self, x: Float[Tensor, "*batch n k"]) -> Float[Tensor, "*batch n k"]:
         """Λ of each column, sampled at t = j/n."""
         n = x.shape[-2]
-        # along rows: of columns side by side some processors round a loop's otherwise when other loops are beside it
-        spectrum = torch.fft.rfft(x.mT.contiguous())
+        # along rows: of columns side by side some processors round a loop's otherwise when other loops are beside it;
+        # one coordinate of all loops after the other, as curves tell points
+        spectrum = torch.fft.rfft(x.movedim(-1, 0).contiguous())
         result = spectrum * frequencies(n, x.device)
         if self.correction is not None:
             count = len(self.correction)
@@ -81,7 +82,7 @@ class DirichletForm:
             low = torch.fft.irfft(spectrum[..., :half], n=count) @ self.correction
             result[..., :half] += torch.fft.rfft(low)[..., :half]
         values: Tensor = torch.fft.irfft(result, n=n)
-        return values.mT
+        return values.movedim(0, -1)
 
 
 @lru_cache(maxsize=64)

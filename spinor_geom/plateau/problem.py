@@ -90,9 +90,9 @@ class CurveTensors:
         self, s: Float[Tensor, "*pts"]
     ) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
         """Γ(s), Γ'(s) and Γ''(s); s is taken modulo 1, of shape (*batch, n) for a batch."""
-        s = torch.remainder(s, 1.0)
+        s = s - s.floor()
         piece = self._piece(s)
-        h = s - self._starts[piece]
+        h = s - _taken(self._starts, piece)
         value, first, second = _horner(self._pieces, piece, h)
         if self._slope_pieces is None:
             return value, first, second
@@ -109,7 +109,7 @@ class CurveTensors:
 
         Over three edges, so that a single tiny one among others is not taken for the size of what is to be resolved.
         """
-        return self._local_edges.flatten()[self._piece(torch.remainder(s, 1.0))]
+        return _taken(self._local_edges.flatten(), self._piece(s - s.floor()))
 
     @cached_property
     def _local_edges(self) -> Float[Tensor, "*batch m"]:
@@ -122,8 +122,12 @@ class CurveTensors:
 
     def _piece(self, s: Float[Tensor, "*pts"]) -> Int[Tensor, "*pts"]:
         """Number of the piece at each parameter in [0, 1) among those of all curves."""
-        piece = torch.minimum((torch.searchsorted(self.breaks, s, right=True) - 1).clamp(min=0), self._last_piece)
-        return piece + self._first_piece
+        return torch.minimum(torch.searchsorted(self.breaks, s, right=True) - 1, self._last_piece) + self._first_piece
+
+
+def _taken(values: Float[Tensor, " k"], which: Int[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:
+    # a third of the time that indexing takes
+    return values.index_select(0, which.flatten()).reshape(which.shape)
 
 
 def _side_by_side(parts: Sequence[Float[Tensor, "_ _ 3"]]) -> Float[Tensor, "d1 b m 3"]:
