@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import TypeVar
 
 import numpy as np
@@ -33,7 +33,7 @@ from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.rims_energy import HarmonicSurface
 from spinor_geom.plateau.stability import Curvature, curvature_within
-from spinor_geom.plateau.traces import OnCircles, OnCurve, changes, closed, gap_rows, gaps, grid_of, moves_by, slopes
+from spinor_geom.plateau.traces import OnCircles, OnCurve, changes, closed, gap_rows, gaps, moves_by, slopes
 from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface, Vector
@@ -69,7 +69,7 @@ class Lift:
     @cached_property
     def model(self) -> PowerSeries | LaurentSeries | CauchyInterpolant:
         """The functions p and q."""
-        return self.traces.model(self.functions)
+        return self.traces.model_of(self.functions)()
 
     @property
     def series(self) -> LaurentSeries:
@@ -231,7 +231,7 @@ class _SampledBoundary:
 
     def spinors(self, points: Float[Tensor, "b m n 3"]) -> tuple[Complex[Tensor, "b 2 m t"], Bool[Tensor, " b"]]:
         """Spinors p and q of harmonic surfaces with given values at the nodes, and whether their signs close up."""
-        p, q = spinors_from_phi(slopes(self.form, points) / self.dz[:, ::_EACH, None])
+        p, q = spinors_from_phi(slopes(self.form, points) * (1 / self.dz[:, ::_EACH, None]))
         return self.traces.functions(torch.stack([p, q], dim=1)), signs_close_up(p, q).all(-1)
 
     def placed(self, functions: Complex[Tensor, "b 2 m t"], near: _OnCurves) -> _Placed:
@@ -364,23 +364,35 @@ def domain_of(lift: Lift, *boundaries: FourierBoundary) -> PlaneDomain:
 
 def surface_of(lift: Lift, domain: PlaneDomain) -> Callable[[float, Vector], SpinorSurface]:
     """What makes the surface of a lift over Ω, enlarged and moved; it holds p and q, and no more of the lift."""
-    root = lift.null_curve.new_tensor([domain.triangulation.points[domain.root]])
     if domain.holes:
+        root = lift.null_curve.new_tensor([domain.triangulation.points[domain.root]])
         with torch.no_grad():
             constant = null_vector(*lift.series.primitive(root).unbind(-1)).real[0] + lift.shift
     else:
-        # the boundary's, continued to the root by Cauchy's formula
-        assert isinstance(domain.boundary, FourierBoundary)
-        z, dz = grid_of(domain.boundary, lift.slides.shape[1], root.device)
-        unit = dz / (z - root)
-        constant = ((unit @ lift.null_curve[0]) / unit.sum()).real
-    return partial(_surface_at, lift.model, domain, constant)
+        constant = (_at_root(domain, lift.slides.shape[1], lift.slides.device) @ lift.null_curve[0]).real
+    # the model is made with the surface: many are never looked at
+    return partial(_surface_at, lift.traces.model_of(lift.functions), domain, constant)
 
 
 def _surface_at(
-    model: torch.nn.Module, domain: PlaneDomain, constant: Float[Tensor, "3"], scale: float, translation: Vector
+    model: Callable[[], torch.nn.Module],
+    domain: PlaneDomain,
+    constant: Float[Tensor, "3"],
+    scale: float,
+    translation: Vector,
 ) -> SpinorSurface:
-    return SpinorSurface(model, domain, constant).placed(scale, translation)
+    return SpinorSurface(model(), domain, constant).placed(scale, translation)
+
+
+# most loops share the disk
+@lru_cache(maxsize=16)
+def _at_root(domain: PlaneDomain, n: int, device: torch.device) -> Complex[Tensor, " n"]:
+    """Weights at n equal steps of ∂Ω that continue a function there to Ω's root, by Cauchy's formula."""
+    assert isinstance(domain.boundary, FourierBoundary)
+    z, dz = torch.tensor(domain.boundary.grid(n)[:2], device=device)
+    unit = dz / (z - complex(domain.triangulation.points[domain.root]))
+    weights: Tensor = unit / unit.sum()
+    return weights
 
 
 def circles_of(domain: CircularDomain, counts: Sequence[int]) -> list[FourierBoundary]:

@@ -8,8 +8,9 @@ they change their sign; its square is in the `weights`, so that φ dz/dτ is φ(
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 import torch
@@ -51,7 +52,7 @@ class OnCircles:
     def functions(self, spinors: Complex[Tensor, "b 2 m n"]) -> Complex[Tensor, "b 2 m k"]:
         """Functions with given values at nodes, on each rim up to one sign."""
         n = self.nodes
-        own: Tensor = torch.fft.fft(spinors)[..., : n // 2] / n
+        own: Tensor = torch.fft.fft(spinors, norm="forward")[..., : n // 2]
         if self.domain.rims == 1:
             return own
         own[..., 1:, 0] = 0
@@ -68,9 +69,8 @@ class OnCircles:
     def integral(self, f: Complex[Tensor, "*rows m n"]) -> Complex[Tensor, "*rows m n"]:
         """∫ f dτ along all rims; in place of logarithms of z − c those of |z − c|."""
         n = f.shape[-1]
-        spectrum = torch.fft.fft(f)[..., : n // 2] / n
-        own = spectrum / (1j * _frequencies(n, f)[: n // 2])
-        own[..., 0] = 0
+        spectrum = torch.fft.fft(f, norm="forward")[..., : n // 2]
+        own = spectrum * _integrating(n, f.device)[: n // 2]
         total = self.values(own, n)
         if self.domain.rims > 1:
             logarithms = (self.domain.circles(n)[None] - self.domain.centres[:, None, None]).abs().log()
@@ -95,13 +95,11 @@ class OnCircles:
     def _few(self) -> int:
         return min(_DEGREE + 1, self.nodes // 2)
 
-    def model(self, spinors: Complex[Tensor, "2 m k"]) -> PowerSeries | LaurentSeries:
-        """One p and q on Ω."""
-        outward = _without_round_off(spinors[:, 0].T)
+    def model_of(self, spinors: Complex[Tensor, "2 m k"]) -> Callable[[], PowerSeries | LaurentSeries]:
+        """What makes one p and q on Ω, from a copy of them and nothing else that is large."""
         if self.domain.rims == 1:
-            return PowerSeries(outward)
-        inward = _without_round_off(spinors[:, 1:, 1:].permute(2, 1, 0))
-        return LaurentSeries(outward, inward.transpose(0, 1), self.domain, antiperiodic=self.antiperiodic)
+            return partial(_power_series, spinors[:, 0].T.clone())
+        return partial(_laurent_series, spinors.clone(), self.domain, self.antiperiodic)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,9 +126,7 @@ class OnCurve:
     def integral(self, f: Complex[Tensor, "*rows 1 n"]) -> Complex[Tensor, "*rows 1 n"]:
         """∫ f dτ, of mean 0."""
         n = f.shape[-1]
-        spectrum = torch.fft.fft(f) / (1j * _frequencies(n, f))
-        spectrum[..., 0] = spectrum[..., n // 2] = 0
-        integral: Tensor = torch.fft.ifft(spectrum)
+        integral: Tensor = torch.fft.ifft(torch.fft.fft(f) * _integrating(n, f.device))
         return integral
 
     @cached_property
@@ -144,10 +140,22 @@ class OnCurve:
         """The same."""
         return self.powers
 
-    def model(self, spinors: Complex[Tensor, "2 1 n"]) -> CauchyInterpolant:
-        """One p and q on Ω."""
+    def model_of(self, spinors: Complex[Tensor, "2 1 n"]) -> Callable[[], CauchyInterpolant]:
+        """As `OnCircles.model_of`."""
         z, dz = grid_of(self.boundary, self.nodes, self.kernel.device)
-        return CauchyInterpolant(z, dz, spinors[:, 0].T)
+        return partial(CauchyInterpolant, z, dz, spinors[:, 0].T.clone())
+
+
+def _power_series(spinors: Complex[Tensor, "k 2"]) -> PowerSeries:
+    return PowerSeries(_without_round_off(spinors))
+
+
+def _laurent_series(
+    spinors: Complex[Tensor, "2 m k"], domain: CircularDomain, antiperiodic: tuple[bool, ...]
+) -> LaurentSeries:
+    outward = _without_round_off(spinors[:, 0].T)
+    inward = _without_round_off(spinors[:, 1:, 1:].permute(2, 1, 0))
+    return LaurentSeries(outward, inward.transpose(0, 1), domain, antiperiodic=antiperiodic)
 
 
 # most loops share the circle
@@ -250,11 +258,13 @@ def _by_coordinate(powers: Complex[Tensor, "m j *rest"]) -> Complex[Tensor, "f *
     return torch.cat([powers[0], powers[1:, 1:].flatten(0, 1)])
 
 
-def _frequencies(n: int, f: Complex[Tensor, "*any"]) -> Float[Tensor, " n"]:
-    """The frequencies of n equal steps, 1 in place of 0, by which nothing can be divided."""
-    k: Tensor = torch.fft.fftfreq(n, 1 / n, dtype=f.real.dtype, device=f.device)
-    k[0] = 1
-    return k
+@lru_cache(maxsize=64)
+def _integrating(n: int, device: torch.device) -> Complex[Tensor, " n"]:
+    """Multipliers of Fourier series by which a primitive of mean 0 has them; of the highest of n steps none."""
+    k = torch.fft.fftfreq(n, 1 / n, dtype=torch.float64, device=device)
+    k[0] = k[n // 2] = math.inf
+    multipliers: Tensor = -1j / k
+    return multipliers
 
 
 def _without_round_off(coefficients: Complex[Tensor, "k *rest"]) -> Complex[Tensor, "j *rest"]:
