@@ -41,6 +41,9 @@ _FEWEST_POINTS, _POINTS = 32, 128  # points that Ω is made from: the cost of Λ
 # Nodes of the loops that are fitted as one batch, and held in memory: half as many take an eighth longer.
 BATCH_NODES = 16384
 _MOST_PER_EDGE = 64  # most nodes for each edge: beyond rough loops take minutes, and smooth ones gain nothing
+_MORE_ON_ANALYTIC = (
+    3  # times as many nodes are tried next on analytic curves, where few do not suffice; twice on others
+)
 _TELLING_PER_EDGE = 4  # nodes for each edge of rough loops below which chance decides how near a surface comes
 FEWEST_NODES = 256  # nodes of short loops on the disk: many loops have as many nodes, and are fitted together
 # Gradient of the energy, relative to its factors, at which a coarse solve stops. Between it and rounding errors a solve
@@ -193,7 +196,7 @@ class HarmonicSolver:
         if self.request.options.is_series:
             return ROUNDING
         share = ROUGH_GRADIENT if self.is_rough else COARSE
-        return float(np.clip(share * self.request.options.tolerance, ROUNDING, COARSE))
+        return min(max(share * self.request.options.tolerance, ROUNDING), COARSE)
 
     @property
     def most_nodes(self) -> int:
@@ -226,7 +229,7 @@ class HarmonicSolver:
 
 def points_of_domain(loop: BoundaryLoop) -> int:
     """Points that Ω is made from, but for those that narrow places want."""
-    return int(np.clip(len(loop), _FEWEST_POINTS, _POINTS))
+    return min(max(len(loop), _FEWEST_POINTS), _POINTS)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -264,7 +267,8 @@ class Fit:
             self.limit = "the limit on steps or on time was reached"
         else:
             self.attempt += 1
-            self.nodes = even(min(self.solver.most_nodes, 2 * self.nodes))
+            more = _MORE_ON_ANALYTIC if self.solver.is_analytic else 2
+            self.nodes = even(min(self.solver.most_nodes, more * self.nodes))
 
     @property
     def near_enough(self) -> float:
