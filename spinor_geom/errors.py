@@ -143,6 +143,15 @@ class ForeignLoopError(LoopError):
     )
 
 
+class ForeignRimError(LoopError):
+    """A mesh is to be compared with a surface that has another rim."""
+
+    sentence = (
+        "the mesh to compare with is not over the same rim: it has {boundary}; give the patch alone, without the mesh "
+        "around the hole, and with the rim's points on its boundary"
+    )
+
+
 class SelfCrossingLoopError(LoopError):
     """Edges of the loop meet that are no neighbours, or neighbours lie on each other."""
 

@@ -62,7 +62,16 @@ def build_parser() -> argparse.ArgumentParser:
         "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="print the version and exit"
     )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for add in (_add_fill, _add_loops, _add_reproduce, _add_bench, _add_batch, _add_morph, _add_view_and_render):
+    for add in (
+        _add_fill,
+        _add_loops,
+        _add_compare,
+        _add_reproduce,
+        _add_bench,
+        _add_batch,
+        _add_morph,
+        _add_view_and_render,
+    ):
         add(commands)
     return parser
 
@@ -169,6 +178,23 @@ def _add_loops(commands: _Commands) -> None:
     _add_input(add)
     add("--json", **_FLAG, help="print JSON")
     add("--picture", **_path("PNG"), help="draw the mesh, before and behind, its loops numbered")
+
+
+def _add_compare(commands: _Commands) -> None:
+    add = commands.add_parser(
+        "compare",
+        help="measure exact minimal surfaces beside discrete ones, or beside a mesh of yours",
+        epilog="exit status: 0 every chosen loop was compared, 1 some were not (they are named on standard error), 2 "
+        "the arguments or the input cannot be used, or a file not be written",
+    ).add_argument
+    _add_input(add)
+    only = "only these loops, as numbered by 'spinor-geom loops'; may be repeated (default: all)"
+    add("--loop", metavar="N[,N…]", type=_loops, action="extend", help=only)
+    mine = "mesh over one loop to compare with: the patch alone (default: a discrete minimal surface)"
+    add("--with", dest="baseline", **_path("MY_MESH"), help=mine)
+    add("--edge-length", **_LENGTH, help="edge length of the meshes made here (default: each loop's mean edge)")
+    add("--json", **_FLAG, help="print JSON")
+    add("-o", "--output", **_path("HTML"), help="write a page with the figures and both meshes, for any browser")
 
 
 def _add_reproduce(commands: _Commands) -> None:

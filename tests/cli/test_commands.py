@@ -521,3 +521,36 @@ def test_loops_says_what_does_not_fit_together_beside_them(tmp_path: Path, capsy
     assert main(["loops", str(path), "--json"]) == 0
     entries = json.loads(capsys.readouterr().out)
     assert [entry["obstacle"] is None for entry in entries] == [True, True, False]
+
+
+def test_compare_prints_figures_and_writes_a_page(
+    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "new" / "comparison.html"
+    assert main(["compare", str(mesh_path), "--json", "-o", str(page)]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert list(figures) == ["loop 0", "loop 1"]
+    assert figures["loop 0"]["patch_to_surface"]["mean"] < figures["loop 0"]["baseline_to_surface"]["mean"] + 1e-6
+    text = page.read_text()
+    assert "<h2>loop 1</h2>" in text
+    assert "distance to the exact surface" in text
+
+
+def test_compare_takes_a_mesh_over_one_loop(
+    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rim = boundary_loops(mesh_path)[1].points
+    ring = np.arange(len(rim))
+    fan = np.column_stack([ring, np.roll(ring, -1), np.full(len(rim), len(rim))])
+    mine = write_obj(tmp_path / "mine.obj", np.vstack([rim, rim.mean(axis=0)]), fan)
+    command = ["compare", str(mesh_path), "--with", str(mine)]
+    assert main([*command, "--loop", "1"]) == 0
+    assert "given mesh" in capsys.readouterr().out
+    for wrong, said in (
+        ([], "--loop"),
+        (["--loop", "0"], "not over the same rim"),
+        (["--loop", "7"], "does not exist"),
+    ):
+        assert main([*command, *wrong]) == 2
+        assert said in capsys.readouterr().err
+    assert main(["compare", str(mesh_path), "-o", str(mesh_path)]) == 2  # the input is kept
