@@ -24,7 +24,7 @@ from spinor_geom.adapters.stl import encode_stl, read_stl
 from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError, UnknownMeshTypeError, require
 from spinor_geom.files import atomic_path
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
-from spinor_geom.shown import Shown
+from spinor_geom.shown import Shown, shortened
 
 # how each is read, where a MeshFileError names the place that cannot be, and written
 FORMATS: dict[str, tuple[Callable[[bytes], FileContents], Callable[[FileContents], bytes]]] = {
@@ -60,6 +60,10 @@ class MeshFile(Shown):
     mesh: TriangleMesh
     face_polygons: Int[np.ndarray, " f"]
     read_sizes: tuple[int, int]
+
+    def __repr__(self) -> str:
+        name = "" if self.path is None else f"{self.path.name!r}, "
+        return shortened(f"MeshFile({name}{len(self.mesh.vertices)} vertices, {len(self.mesh.faces)} triangles)")
 
     @classmethod
     def of_contents(

@@ -94,6 +94,12 @@ class Comparison:
     baseline: TriangleMesh = field(repr=False)
     surface_mesh: Patch = field(repr=False)
 
+    def __repr__(self) -> str:
+        return (
+            f"Comparison(to the exact surface, mean: its mesh {self.patch_to_surface.mean:.2e}, "
+            f"{self.method} {self.baseline_to_surface.mean:.2e})"
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """All figures in JSON's types, the symmetric distances included, without the meshes."""
         figures: dict[str, Any] = {}

@@ -17,6 +17,15 @@ if TYPE_CHECKING:
     from spinor_geom.render.shapes import Shape
 
 
+MOST_SHOWN = 300  # characters of a description
+
+
+def shortened(text: str) -> str:
+    """A description of at most 300 characters; what is beyond is left out of its middle."""
+    half = (MOST_SHOWN - 3) // 2
+    return text if len(text) <= MOST_SHOWN else f"{text[:half]} … {text[-half:]}"
+
+
 class Shown:
     """A surface or mesh that shows itself in Jupyter and converts to what other libraries take.
 

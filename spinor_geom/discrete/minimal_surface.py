@@ -23,7 +23,7 @@ from spinor_geom.errors import DomainError, FirstFillError, OptionError, SpinorG
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas, mollified_laplacian
 from spinor_geom.mesh.topology import boundary_edges, is_disk
-from spinor_geom.shown import Shown
+from spinor_geom.shown import Shown, shortened
 
 if TYPE_CHECKING:
     import pymeshlab
@@ -62,6 +62,11 @@ class DiscreteMinimalSurface(Shown):
     reason: str
     method: DiscreteMethod
     seconds: float
+
+    def __repr__(self) -> str:
+        state = "converged" if self.converged else f"not converged: {self.reason}"
+        size = f"{len(self.vertices)} vertices, {len(self.faces)} faces, rim of {self.boundary_size} points"
+        return shortened(f"DiscreteMinimalSurface({size}, area {self.area:.6g}, {self.method}, {state})")
 
 
 def discrete_minimal_surface(

@@ -36,6 +36,9 @@ class SplineBoundary:
     coefficients: Complex[np.ndarray, "d1 m"]  # of the pieces between them, highest power first
     corners: Bool[np.ndarray, " m"]  # which vertices are corners
 
+    def __repr__(self) -> str:
+        return f"SplineBoundary({len(self.corners)} pieces, {int(self.corners.sum())} corners)"
+
     @classmethod
     def through(cls, vertices: Vertices, corners: Bool[np.ndarray, " m"] | None = None) -> SplineBoundary:
         """The interpolating cubic spline by chord length through vertices, counter-clockwise."""
@@ -149,6 +152,11 @@ class PlaneDomain:
     triangulation: PlaneTriangulation
     log_scale: LogScale = field(default_factory=lambda: np.zeros(0))
     holes: tuple[Boundary, ...] = ()
+
+    def __repr__(self) -> str:
+        count = len(self.triangulation.points)
+        corners = sum(int(boundary.corners.sum()) for boundary in self.boundaries)
+        return f"PlaneDomain({corners} corners, {len(self.holes)} holes, triangulated with {count} points)"
 
     @classmethod
     @lru_cache(maxsize=16)

@@ -9,7 +9,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.shown import Shown
+from spinor_geom.shown import Shown, shortened
 
 _CROSSINGS = ("self_intersections", "mesh_intersections", "patch_intersections")
 _STATES = {
@@ -69,6 +69,13 @@ class LoopOutcome:
     patch_intersections: int = 0
     remarks: tuple[str, ...] = ()
     timings: Mapping[str, float]
+
+    def __repr__(self) -> str:
+        area = "" if self.area is None else f", area {self.area:.6g}"
+        crossings = f", {self.intersections} intersections" if self.intersections else ""
+        state = self.kind or ("border" if self.is_border else "open")
+        reason = f": {self.reason}" if self.reason else ""
+        return shortened(f"LoopOutcome(loop {self.index}, {len(self.loop)} points, {state}{area}{crossings}{reason})")
 
     @property
     def kind(self) -> Literal["minimal", "discrete", "smooth"] | None:
@@ -182,6 +189,16 @@ class FillResult(Shown):
     notes: tuple[str, ...] = ()
     watertight: bool
     timings: Mapping[str, float]
+
+    def __repr__(self) -> str:
+        filled, count = sum(outcome.filled for outcome in self.loops), len(self.loops)
+        said = [
+            f"{filled} of {count} loops filled",
+            f"{len(self.extension.faces)} faces added",
+            "watertight" if self.watertight else "not watertight",
+            "no intersections" if self.intersection_free else "with intersections",
+        ]
+        return f"FillResult({', '.join(said)})"
 
     @property
     def closed(self) -> bool:

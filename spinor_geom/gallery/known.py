@@ -12,6 +12,7 @@ from spinor_geom.errors import OptionError, require_positive
 from spinor_geom.gallery.chart import Chart, SurfaceFunction, null_tangents
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
+from spinor_geom.shown import shortened
 from spinor_geom.surface import SpinorSurface
 
 _LENGTH_POINTS = 1 << 9  # points of a side that its length is measured by
@@ -37,6 +38,9 @@ class KnownCurve(ClosedCurve):
     source: str  # where curve and areas come from
     chart: Chart | None = None  # the first of those disks in exact formulas, where there are some
 
+    def __repr__(self) -> str:
+        return shortened(f"KnownCurve({self.name!r}, {len(self.disks)} known disks)")
+
     def sample(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
         """A loop of n points of the curve, its corners among them.
 
@@ -56,6 +60,9 @@ class KnownSurface:
     position: SurfaceFunction  # closed formula of r(z)
     area: float  # exact
     source: str  # where surface and area come from
+
+    def __repr__(self) -> str:
+        return shortened(f"KnownSurface({self.name!r}, area {self.area:.6g})")
 
     def rim(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
         """A loop of n points of its boundary r(∂Ω), the corners of Ω among them; see `KnownCurve.sample`."""
@@ -80,6 +87,9 @@ class KnownPatch:
     sides: tuple[Callable[[Float[np.ndarray, " n"]], Complex[np.ndarray, " n"]], ...]
     area: float  # exact
     source: str  # where surface and area come from
+
+    def __repr__(self) -> str:
+        return shortened(f"KnownPatch({self.name!r}, area {self.area:.6g})")
 
     def rim(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
         """A loop of n points of its boundary, almost equally far apart on every side; see `KnownCurve.sample`."""

@@ -61,6 +61,10 @@ class BoundaryLoop:
     obstacle: MeshError | None = None
     remarks: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        corners = f", {int(self.corners.sum())} corners" if self.corners.any() else ""
+        return f"BoundaryLoop({len(self)} points, perimeter {self.perimeter:.6g}{corners})"
+
     def __post_init__(self) -> None:
         points = freeze_points(self.points, name="points")
         count = len(points)

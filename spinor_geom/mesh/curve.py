@@ -55,6 +55,9 @@ class ClosedCurve:
     second_derivative: CurveFunction
     corners: tuple[float, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({len(self.corners)} corners)"
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoundaryCurve:
@@ -76,6 +79,10 @@ class BoundaryCurve:
     coefficients: Coefficients
     corners: Bool[np.ndarray, " m"]
     slopes: Coefficients | None = None
+
+    def __repr__(self) -> str:
+        degree, pieces, _ = self.coefficients.shape
+        return f"BoundaryCurve({pieces} pieces of degree {degree - 1}, {int(self.corners.sum())} corners)"
 
     @classmethod
     def from_loop(cls, loop: BoundaryLoop) -> BoundaryCurve:

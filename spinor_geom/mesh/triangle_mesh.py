@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from spinor_geom.errors import MeshExtentError, NoFacesError, VertexIndexError
 from spinor_geom.mesh.arrays import freeze_attributes, freeze_points, frozen
 from spinor_geom.mesh.topology import coincident_vertices
-from spinor_geom.shown import Shown
+from spinor_geom.shown import Shown, shortened
 
 COLOR = "color"
 SMALLEST_EXTENT, LARGEST_EXTENT = 1e-70, 1e70  # fourth powers of lengths have to be numbers
@@ -43,6 +43,10 @@ class TriangleMesh(Shown):
     faces: Int[np.ndarray, "f 3"]
     vertex_attributes: Mapping[str, Float[np.ndarray, "v _"]]
     labels: frozenset[str]
+
+    def __repr__(self) -> str:
+        attributes = f", attributes {', '.join(self.vertex_attributes)}" if self.vertex_attributes else ""
+        return shortened(f"TriangleMesh({len(self.vertices)} vertices, {len(self.faces)} faces{attributes})")
 
     def __init__(
         self,
@@ -92,6 +96,9 @@ class MeshExtension:
     face_loops: Int[np.ndarray, " t"]  # which boundary loop each new face fills
     # at the new vertices, under the names of the mesh's own `TriangleMesh.vertex_attributes`
     vertex_attributes: Mapping[str, Float[np.ndarray, "k _"]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"MeshExtension({len(self.vertices)} vertices, {len(self.faces)} faces)"
 
     def __post_init__(self) -> None:
         points = freeze_points(self.vertices, name="vertices")

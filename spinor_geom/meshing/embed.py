@@ -49,6 +49,12 @@ class Patch(Shown):
     points: Complex[np.ndarray, " n"]
     hole_sizes: tuple[int, ...] = ()
 
+    def __repr__(self) -> str:
+        rims = " + ".join(map(str, self.rims))
+        return (
+            f"Patch({len(self.vertices)} vertices, {len(self.faces)} faces, rim of {rims} points, area {self.area:.6g})"
+        )
+
     @classmethod
     def over(cls, plane: PlaneTriangulation, vertices: Float[np.ndarray, "n 3"]) -> Patch:
         """The patch with given vertices over those of a part of Ω."""

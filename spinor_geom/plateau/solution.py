@@ -20,7 +20,7 @@ from spinor_geom.plateau.misfit import BoundaryResidual
 from spinor_geom.plateau.stability import Stability
 from spinor_geom.plateau.steps import Clock, Iteration
 from spinor_geom.plateau.threads import one_thread
-from spinor_geom.shown import Shown
+from spinor_geom.shown import Shown, shortened
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 RouteName = Literal[
@@ -44,6 +44,9 @@ class RimMatch:
     curve: BoundaryCurve
     boundary: Boundary
     matching: Float[np.ndarray, "n 2"]
+
+    def __repr__(self) -> str:
+        return f"RimMatch({self.loop!r}, {len(self.matching)} matched places)"
 
     @cached_property
     def bulge(self) -> float:
@@ -80,6 +83,9 @@ class RimDisks:
     count: int
     surface_over: Callable[[tuple[int, ...]], PlateauSolution | None]
     clock: Clock = field(default_factory=Clock)
+
+    def __repr__(self) -> str:
+        return f"RimDisks({self.count} rims)"
 
     @cached_property
     def all(self) -> tuple[PlateauSolution, ...] | None:
@@ -147,6 +153,10 @@ class Annulus:
     backward: tuple[bool, ...]
     order: tuple[int, ...]
     rim_disks: RimDisks
+
+    def __repr__(self) -> str:
+        modulus = "" if self.modulus is None else f", modulus {self.modulus:.6g}"
+        return f"Annulus({len(self.order)} rims{modulus}, {self.spin}, period {self.period:.1e})"
 
     @property
     def spin(self) -> Literal["periodic", "antiperiodic"]:
@@ -229,6 +239,12 @@ class PlateauSolution(Shown):
     reason: str
     evidence: Evidence
     annulus: Annulus | None = None
+
+    def __repr__(self) -> str:
+        rims = " + ".join(str(len(rim.loop)) for rim in self.rims)
+        state = "converged" if self.converged else f"not converged: {self.reason}"
+        residual = f"residual {self.boundary_residual.rms_per_edge:.1e} of an edge"
+        return shortened(f"PlateauSolution({rims} points, area {self.area:.6g}, {residual}, {self.route!r}, {state})")
 
     @property
     def surface(self) -> SpinorSurface:
@@ -345,6 +361,10 @@ class NoConnectedSurface:
     reason: str
     history: tuple[Iteration, ...]
     solve_timings: Mapping[str, float]
+
+    def __repr__(self) -> str:
+        rims = " + ".join(str(len(loop)) for loop in self.loops)
+        return shortened(f"NoConnectedSurface({rims} points: {self.reason})")
 
     @property
     def disks(self) -> tuple[PlateauSolution, ...] | None:

@@ -57,6 +57,9 @@ class SpinorSurface(Shown, torch.nn.Module):
     constant: Tensor
     spinor_map: Tensor
 
+    def __repr__(self) -> str:
+        return f"SpinorSurface({type(self.model).__name__} over {self.domain!r})"
+
     def __init__(
         self,
         model: torch.nn.Module,
