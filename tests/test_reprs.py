@@ -52,7 +52,7 @@ def described() -> Mapping[str, tuple[Any, tuple[str, ...]]]:
         (spinor_geom.read_mesh("data/demosthenes_low_res.obj"), ("demosthenes_low_res.obj",)),
         (MeshExtension(vertices=filled[0], faces=filled[1], face_loops=0 * filled[1][:, 0]), ("vertices",)),
         (known, ("Enneper", "area 3.57")),
-        (gallery.tennis_seam(0.8), ("tennis",)),
+        (gallery.tennis_seam(0.8), ("seam",)),
         (gallery.schwarz_d_quadrilateral(), ("area 0.6396",)),
         (gallery.tennis_seam(0.8).sample(100), ("100 points",)),
     )

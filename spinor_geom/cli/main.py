@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="spinor-geom", description="Fills holes of meshes with exact minimal surfaces.", epilog=EPILOG
     )
     parser.add_argument(
@@ -74,6 +74,35 @@ def build_parser() -> argparse.ArgumentParser:
     ):
         add(commands)
     return parser
+
+
+class _Parser(argparse.ArgumentParser):
+    """Suggests the nearest option or choice for a mistyped one."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        """Refuses unknown options where the options of their command are known."""
+        found, rest = super().parse_known_args(args, namespace)
+        if unknown := [text.partition("=")[0] for text in rest if text.startswith("-")]:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{_suggestion(unknown[0], self._option_strings())}")
+        return found, rest
+
+    def _option_strings(self) -> list[str]:
+        return [name for action in self._actions for name in action.option_strings]
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as error:
+            error.message += _suggestion(str(value), [str(choice) for choice in action.choices or ()])
+            raise
+
+
+def _suggestion(text: str, known: Sequence[str]) -> str:
+    """The nearest of the known names as a question; empty where none is near."""
+    import difflib  # only for a mistyped name
+
+    near = difflib.get_close_matches(text, known, 1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 class _Version(argparse.Action):

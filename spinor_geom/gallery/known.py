@@ -39,7 +39,8 @@ class KnownCurve(ClosedCurve):
     chart: Chart | None = None  # the first of those disks in exact formulas, where there are some
 
     def __repr__(self) -> str:
-        return shortened(f"KnownCurve({self.name!r}, {len(self.disks)} known disks)")
+        areas = ", ".join(f"{disk.area:.6g}" for disk in self.disks)
+        return shortened(f"KnownCurve({self.name!r}{f', disks of area {areas}' if areas else ''})")
 
     def sample(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
         """A loop of n points of the curve, its corners among them.

@@ -554,3 +554,26 @@ def test_compare_takes_a_mesh_over_one_loop(
         assert main([*command, *wrong]) == 2
         assert said in capsys.readouterr().err
     assert main(["compare", str(mesh_path), "-o", str(mesh_path)]) == 2  # the input is kept
+
+
+@pytest.mark.parametrize(
+    ("line", "meant"),
+    [
+        (["fill", "in.obj", "-o", "out.obj", "--keep-larget"], "--keep-largest"),
+        (["fill", "in.obj", "-o", "out.obj", "--tolerence=1e-4"], "--tolerance"),
+        (["batch", "in.obj", "-o", "out", "--worker-s", "2"], "--workers"),
+        (["compair", "in.obj"], "compare"),
+        (["fill", "in.obj", "-o", "out.obj", "--islands", "joined"], "join"),
+    ],
+)
+def test_the_nearest_option_is_suggested(line: list[str], meant: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(line)
+    assert ended.value.code == 2
+    assert f"did you mean {meant}" in capsys.readouterr().err
+
+
+def test_nothing_is_suggested_where_nothing_is_near(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["fill", "in.obj", "-o", "out.obj", "--zzz"])
+    assert "did you mean" not in capsys.readouterr().err
