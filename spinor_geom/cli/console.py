@@ -50,14 +50,25 @@ def complain(text: str) -> None:
         sys.stderr.write(f"spinor-geom: {text}\n")
 
 
-def show_table(columns: Sequence[str], rows: Iterable[Sequence[str | Text]], *, piped: bool) -> None:
-    """Shows a table on standard output: ruled on a terminal, else tab-separated lines with a header if wanted piped."""
+def show_table(
+    columns: Sequence[str], rows: Iterable[Sequence[str | Text]], *, piped: bool, optional: Sequence[str] = ()
+) -> None:
+    """Shows a table on standard output: ruled on a terminal, else tab-separated lines with a header if wanted piped.
+
+    On a terminal that is too narrow for all columns the optional ones are left out, the first first.
+    """
     console = Console()
     if console.is_terminal:
-        table = Table(*columns, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+        rows = [list(row) for row in rows]
+        widths = {name: max(map(len, (name, *column))) + 2 for name, *column in zip(columns, *rows, strict=True)}
+        for name in optional:
+            if sum(widths.values()) > console.width:
+                widths.pop(name, None)
+        table = Table(*widths, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
         for row in rows:
+            cells = [cell for name, cell in zip(columns, row, strict=True) if name in widths]
             # a bare string could hold what rich takes for markup
-            table.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in row))
+            table.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in cells))
         console.print(table)
     elif piped:
         _write("".join("\t".join(map(str, row)) + "\n" for row in (columns, *rows)))

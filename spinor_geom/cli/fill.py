@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import TYPE_CHECKING, Any, Literal
 
 from rich.text import Text
@@ -18,6 +19,8 @@ from spinor_geom.fill.result import FillResult, LoopOutcome
 if TYPE_CHECKING:
     from spinor_geom.comparison import Comparison
 
+# left out of the table on a narrow terminal, the first first
+_OPTIONAL = ("stability", "perimeter", "seconds", "residual", "points")
 _OPEN = {True: ("open", "red"), False: ("left open", "dim")}
 # columns more, where there are some: RMS angle between patch and mesh along the rim, of the film and continued
 BEND, CROSSINGS = "bend", "crossings"
@@ -65,7 +68,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     comparisons = add_comparisons(report, result, edge_length) if arguments.compare else {}
     if arguments.report is not None:
         write_json(arguments.report, report)
-    show_result(result)
+    show_result(result, quiet=arguments.quiet)
     if arguments.picture is not None:
         from spinor_geom.render.png import write_png
         from spinor_geom.render.portrait import fill_scene
@@ -101,12 +104,16 @@ def add_comparisons(
     return comparisons
 
 
-def show_result(result: FillResult) -> None:
-    """The table of loops on a terminal; on standard error what is not filled as asked and what patches cross."""
+def show_result(result: FillResult, *, quiet: bool) -> None:
+    """The table of loops on a terminal; on standard error what is not filled as asked and what patches cross.
+
+    Without a terminal a line for every other loop stands there too, unless it is to be quiet.
+    """
     if result.loops:
         rows = [row(outcome) for outcome in result.loops]
         columns = [name for name in rows[0] if name not in (BEND, CROSSINGS) or any(str(cells[name]) for cells in rows)]
-        show_table(columns, [[cells[name] for name in columns] for cells in rows], piped=False)
+        lines = [[cells[name] for name in columns] for cells in rows]
+        show_table(columns, lines, piped=False, optional=_OPTIONAL)
     else:
         show_lines("no boundary loops: the mesh is closed, nothing to fill", piped=False)
     for note in result.notes:
@@ -117,8 +124,19 @@ def show_result(result: FillResult) -> None:
         f"{'watertight' if result.watertight else 'not watertight'}, {result.timings['total']:.1f} s",
         piped=False,
     )
-    for said in result.shortcomings:
-        complain(said)
+    for outcome in result.loops:
+        lines = outcome.shortcomings
+        if not lines and outcome.filled and not quiet and not sys.stdout.isatty():
+            lines = (f"loop {outcome.index} ({len(outcome.loop)} vertices): {_in_a_line(outcome)}",)
+        for line in lines:
+            complain(line)
+
+
+def _in_a_line(outcome: LoopOutcome) -> str:
+    if not outcome.faces_added:
+        return f"joined to loop {outcome.joined_to}"
+    residual = "" if outcome.solution is None else f", residual {outcome.solution.boundary_residual.rms_per_edge:.1e}"
+    return f"{outcome.kind}, {outcome.faces_added} faces, area {outcome.area:.6g}{residual}"
 
 
 def row(outcome: LoopOutcome) -> dict[str, str | Text]:
@@ -131,10 +149,10 @@ def row(outcome: LoopOutcome) -> dict[str, str | Text]:
         "kind": _kind(outcome),
         "points": str(len(outcome.loop)),
         "perimeter": f"{outcome.loop.perimeter:.4g}",
-        "residual/edge": "" if residual is None else f"{residual:.1e}",
+        "residual": "" if residual is None else f"{residual:.1e}",
         "area": "" if area is None else f"{area:.4g}",
         "stability": "" if stability is None else str(stability["verdict"]),
-        "new faces": str(outcome.faces_added),
+        "faces": str(outcome.faces_added),
         "seconds": f"{outcome.timings['total']:.2f}" if outcome.timings else "",
         BEND: "" if bend is None else f"{bend.before.rms:.0f}° to {bend.after.rms:.0f}°",
         CROSSINGS: Text(str(outcome.intersections or ""), style="red"),

@@ -186,6 +186,7 @@ def _add_fill(commands: _Commands) -> None:
     add("--report", **_path("JSON"), help="write a report")
     add("--html", **_path("HTML"), help="write a page that shows the fill, for any browser")
     add("--compare", **_FLAG, help="compare each fill with a discrete minimal surface")
+    add("--quiet", **_FLAG, help="without a terminal: no line for loops that were filled as asked")
     add("--picture", **_path("PNG"), help="draw the open mesh beside the filled one, its largest patch face on")
 
 

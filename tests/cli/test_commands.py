@@ -55,8 +55,14 @@ def test_fill_writes_a_closed_mesh_and_a_report(
     output, report = tmp_path / "new" / "filled.ply", tmp_path / "new" / "report.json"
     assert main(["fill", str(mesh_path), "-o", str(output), "--report", str(report)]) == 0
     said = capsys.readouterr()
-    assert (said.out, said.err) == ("", "")  # quiet when piped
+    assert said.out == ""
+    lines = said.err.splitlines()
+    assert [line.partition(":")[2][:8] for line in lines] == [" loop 0 ", " loop 1 "]
+    assert all("minimal" in line and "area" in line for line in lines)
     assert boundary_loops(output) == []
+    assert main(["fill", str(mesh_path), "-o", str(output), "--quiet"]) == 0
+    said = capsys.readouterr()
+    assert (said.out, said.err) == ("", "")
     entry = json.loads(report.read_text())
     assert entry["complete"] is True
     assert entry["watertight"] is True
@@ -278,12 +284,30 @@ def test_a_terminal_gets_a_table(mesh_path: Path, tmp_path: Path, monkeypatch: p
     terminal = Terminal()
     monkeypatch.setattr(sys, "stdout", terminal)
     monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setenv("NO_COLOR", "1")
     assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj")]) == 0
     text = terminal.getvalue()
-    assert "residual/edge" in text
+    assert "residual" in text
+    assert "stability" in text
     assert "crossings" not in text
     assert "2 of 2 loops filled" in text
     assert "watertight" in text
+
+
+@pytest.mark.parametrize("continuity", ["C0", "C1"])
+def test_a_narrow_terminal_keeps_the_kind_and_the_area_of_each_loop(
+    continuity: str, mesh_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stdout", terminal)
+    monkeypatch.setenv("COLUMNS", "80")
+    command = ["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), "--continuity", continuity]
+    assert main(command) == 0
+    plain = re.sub(r"\x1b\[[\d;]*m", "", terminal.getvalue())
+    assert "…" not in plain
+    header = next(line.split() for line in plain.splitlines() if "loop" in line)
+    assert {"loop", "kind", "area", "faces"} <= set(header)
+    assert max(map(len, plain.splitlines())) <= 80
 
 
 def test_crossings_get_a_column_where_there_are_some(
@@ -383,7 +407,9 @@ def test_streams_that_the_shell_closed_are_no_error_and_no_file_gets_what_is_sai
     command: str, mesh_path: Path, tmp_path: Path
 ) -> None:
     filled = tmp_path / "filled.obj"
-    arguments = {"fill": ["fill", mesh_path, "-o", filled], "loops": ["loops", mesh_path]}.get(command, [command])
+    arguments = {"fill": ["fill", mesh_path, "-o", filled, "--quiet"], "loops": ["loops", mesh_path]}.get(
+        command, [command]
+    )
     shell = ["sh", "-c", '"$@" <&- >&-', "sh", sys.executable, "-c", PROGRAM, *map(str, arguments)]
     done = subprocess.run(shell, stderr=subprocess.PIPE, text=True, timeout=120, check=False)
     assert (done.stderr, done.returncode) == ("", 0)
@@ -398,7 +424,7 @@ def test_names_that_are_no_text_and_terminals_without_our_characters_show_questi
     assert (done.stderr, done.returncode, "N[,N?]" in done.stdout) == ("", 0, True)
     named = mesh_path.rename(tmp_path / os.fsdecode(b"\xff tube.obj"))
     page, turned = tmp_path / "page.html", tmp_path / os.fsdecode(b"\xff.html")
-    done = run_alone("fill", named, "-o", tmp_path / "filled.obj", "--html", page, stdout=subprocess.PIPE)
+    done = run_alone("fill", named, "-o", tmp_path / "filled.obj", "--html", page, "--quiet", stdout=subprocess.PIPE)
     assert (done.stderr, done.returncode, "? tube.obj" in page.read_text("utf-8")) == ("", 0, True)
     assert main(["morph", "catenoid", "-o", str(turned)]) == 0
 
@@ -413,7 +439,7 @@ def test_a_full_disk_is_one_sentence_that_names_the_file_and_status_2(
     for option, name in (("--report", "report.json"), ("--picture", "picture.png")):
         full = tmp_path / name
         full.symlink_to(FULL)
-        assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), option, str(full)]) == 2
+        assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), option, str(full), "--quiet"]) == 2
         assert capsys.readouterr().err == f"spinor-geom: {full}: No space left on device\n"
 
 
