@@ -136,9 +136,13 @@ class LoopViews:
             return {"p": p, "q": q, "f": -2 * q * q, "g": -p / q}
 
 
-def patch_faces(patch: Patch) -> Faces:
-    """A patch in the mesh's space."""
-    return Faces(vertices=patch.vertices, faces=patch.faces, edges=WIREFRAME, **PATCH)
+def patch_faces(patch: Patch, *, measured: bool = False) -> Faces:
+    """A patch in the mesh's space; with its discrete mean curvature as a field where it is to be measured."""
+    fields: dict[str, Float[np.ndarray, " n"]] = {}
+    if measured:
+        curvature = discrete_mean_curvature(patch.vertices, patch.faces)
+        fields[MEAN] = _nearest_known(curvature.values, patch, curvature.vertices)
+    return Faces(vertices=patch.vertices, faces=patch.faces, edges=WIREFRAME, fields=fields, **PATCH)
 
 
 def loop_views(outcome: LoopOutcome, *, exact: bool = False) -> LoopViews:

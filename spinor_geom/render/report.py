@@ -14,7 +14,7 @@ from spinor_geom.adapters import MeshFile
 from spinor_geom.comparison import Comparison
 from spinor_geom.files import write_text
 from spinor_geom.fill.result import FillResult, LoopOutcome
-from spinor_geom.render.layers import Scale
+from spinor_geom.render.layers import Faces, Scale
 from spinor_geom.render.loop_views import COLOURS, SWITCHES, LoopViews, loop_views, patch_faces, surroundings
 from spinor_geom.render.page import Scene, Views, cell, document, panel, picture, table
 from spinor_geom.render.plots import domain_colours, inline_svg, log_log
@@ -29,7 +29,7 @@ _PAGE_STYLE = """body { max-width: 90rem; margin: 1rem auto } h1 { font-size: 1.
 .beside { display: grid; grid-template-columns: minmax(0, 9fr) minmax(0, 4fr) }
 @media (max-width: 50rem) { .beside { display: block } }
 .refused { background: var(--alert); padding: .5rem 1rem; border-radius: 4px; margin: .5rem 0 }
-.all { max-height: 40rem; overflow: auto } .functions img { width: 13rem }
+.all { max-height: 40rem; overflow: auto } .all th { white-space: normal } .functions img { width: 13rem }
 .plot svg { max-width: 44rem; width: 100%; height: auto } [hidden] { display: none }"""
 
 
@@ -70,12 +70,13 @@ def report(
     text = document(
         f"spinor-geom fill: {name}",
         [
-            f"<h1>Holes of {html.escape(name)}, filled with minimal surfaces</h1>",
+            f"<h1>Holes of {html.escape(name)}, {_how(result)}</h1>",
             *([] if source is None else [f"<p>{html.escape(str(source))}</p>"]),
             f"<p>{html.escape(_summary(result))}</p>",
             *_left_open(result.loops),
             *_pictures(result, details, views),
             *(_loop_section(one, compared.get(one.outcome.index)) for one in details),
+            *_continuations(result.loops),
             *_convergence(exact[:MOST_LOOPS]),
             "<h2>All loops</h2>",
             f'<div class="all">{_loop_table(result.loops)}</div>',
@@ -86,6 +87,13 @@ def report(
     if path is not None:
         write_text(path, text)
     return text
+
+
+def _how(result: FillResult) -> str:
+    kinds = {outcome.kind for outcome in result.loops if outcome.filled}
+    surfaces = {"minimal": "minimal surfaces", "discrete": "discrete surfaces", "smooth": "smooth continuations"}
+    named = [text for kind, text in surfaces.items() if kind in kinds]
+    return f"filled with {' and '.join(named)}" if named else "left open"
 
 
 def _summary(result: FillResult) -> str:
@@ -120,8 +128,9 @@ def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) ->
     shown = {one.outcome.index: one for one in details}
     layers, left_out = surroundings(result)
     for index, patch in patches.items():
-        layers += shown[index].in_space() if index in shown else [patch_faces(patch)]
-    known = {name: [one.fields[name] for one in details if name in one.fields] for name in COLOURS}
+        layers += shown[index].in_space() if index in shown else [patch_faces(patch, measured=True)]
+    fields = [layer.fields for layer in layers if isinstance(layer, Faces)]
+    known = {name: [own[name] for own in fields if name in own] for name in COLOURS}
     scales = {name: Scale.of(np.concatenate(values), COLOURS[name][1]) for name, values in known.items() if values}
     cameras = {"": camera_on(used, shown_loop(result.loops))} | {
         str(i): camera_on(used, result.loops[i]) for i in patches
@@ -168,33 +177,50 @@ def _pictures(result: FillResult, details: Sequence[LoopViews], views: Views) ->
 
 
 def _loop_table(outcomes: Sequence[LoopOutcome]) -> str:
-    rows = []
-    for outcome in outcomes:
-        entry, solution = outcome.to_dict(), outcome.solution
-        stability = entry["stability"] or {}
-        said = "border" if outcome.is_border else "no" if outcome.requested else "left open"
-        rows.append(
-            {
-                "loop": outcome.index,
-                "vertices": len(outcome.loop),
-                "perimeter": outcome.loop.perimeter,
-                "filled": outcome.kind or said,
-                "RMS residual/edge": entry["residual_rms_per_edge"],
-                "max residual/edge": entry["residual_max_per_edge"],
-                "area": entry["area"],
-                "stability": stability.get("verdict"),
-                "Morse index": stability.get("index"),
-                "route": None if solution is None else solution.route,
-                "new vertices": outcome.vertices_added,
-                "new faces": outcome.faces_added,
-                "crossings": outcome.intersections,
-                "seconds": sum(outcome.timings.values()),
-                "reason": outcome.reason,
-            }
-        )
-    cells = [[cell(value, digits=6) for value in row.values()] for row in rows]
+    rows = [_loop_row(outcome) for outcome in outcomes]
+    # of columns that say something
+    names = [name for name in rows[0] if any(row[name] is not None for row in rows)] if rows else []
+    cells = [[cell(row[name], digits=6) for name in names] for row in rows]
     marked = [k for k, outcome in enumerate(outcomes) if not outcome.converged]
-    return table(list(rows[0]) if rows else (), cells, marked=marked)
+    return table(names, cells, marked=marked)
+
+
+def _loop_row(outcome: LoopOutcome) -> dict[str, Any]:
+    """Figures of a loop; those of a minimal surface only where the patch is a mesh of it."""
+    entry, continuation = outcome.to_dict(), outcome.continuation
+    solution = outcome.solution if continuation is None else None
+    stability = (entry["stability"] or {}) if solution is not None else {}
+    said = "border" if outcome.is_border else "no" if outcome.requested else "left open"
+    return {
+        "loop": outcome.index,
+        "vertices": len(outcome.loop),
+        "perimeter": outcome.loop.perimeter,
+        "filled": outcome.kind or said,
+        "RMS residual/edge": None if solution is None else entry["residual_rms_per_edge"],
+        "max residual/edge": None if solution is None else entry["residual_max_per_edge"],
+        "bend of the film, °": None if continuation is None else continuation.before.rms,
+        "bend, °": None if continuation is None else continuation.after.rms,
+        "area": entry["area"],
+        "stability": stability.get("verdict"),
+        "Morse index": stability.get("index"),
+        "route": None if solution is None else solution.route,
+        "new vertices": outcome.vertices_added,
+        "new faces": outcome.faces_added,
+        "crossings": outcome.intersections,
+        "seconds": outcome.timings.get("total"),
+        "reason": outcome.reason or None,
+    }
+
+
+def _continuations(outcomes: Sequence[LoopOutcome]) -> list[str]:
+    """The figures of the smooth patches, of the longest loops."""
+    smooth = [outcome for outcome in outcomes if outcome.continuation is not None and outcome.faces_added]
+    return [
+        f"<h2>Loop {outcome.index}</h2><p>The patch continues the tangents and the curvature of the mesh around it.</p>"
+        + table(("figure", "value"), _flat(outcome.continuation.to_dict()))
+        for outcome in smooth[:MOST_LOOPS]
+        if outcome.continuation is not None
+    ]
 
 
 def _convergence(outcomes: Sequence[LoopOutcome]) -> list[str]:

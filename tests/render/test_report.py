@@ -16,8 +16,8 @@ import spinor_geom
 from spinor_geom.bench.cases import facing_rims
 from spinor_geom.cli.main import main
 from spinor_geom.fill.result import FillResult
-from spinor_geom.render.loop_views import DISTANCE, loop_views
-from spinor_geom.render.page import three_js
+from spinor_geom.render.loop_views import DISTANCE, MEAN, loop_views
+from spinor_geom.render.page import cell, three_js
 from tests.browser import Visit, browser, visit
 from tests.fill.shapes import collar, figure_eight, tube
 
@@ -289,3 +289,23 @@ def test_the_page_names_the_file_it_is_about(page: Path, tmp_path: Path) -> None
     text = spinor_geom.report(result)
     assert "<title>spinor-geom fill: a&amp;b.obj</title>" in text
     assert f"<p>{tmp_path}/a&amp;b.obj</p>" in text
+
+
+def test_the_page_of_a_smooth_fill_is_about_a_smooth_fill(tmp_path: Path) -> None:
+    _, result = spinor_geom.fill_hole(tube(), continuity="C1", return_report=True)
+    page = spinor_geom.report(result)
+    assert "filled with smooth continuations" in page
+    assert "Morse index" not in page
+    assert "bend of the film" in page
+    assert MEAN in page
+    _, film = spinor_geom.fill_hole(tube(), return_report=True)
+    page = spinor_geom.report(film)
+    assert "filled with minimal surfaces" in page
+    assert "Morse index" in page
+    assert "bend of the film" not in page
+
+
+def test_the_seconds_of_a_loop_are_counted_once() -> None:
+    _, result = spinor_geom.fill_hole(tube(), return_report=True)
+    total = result.loops[0].timings["total"]
+    assert f"<td>{cell(total, digits=6)}</td>" in spinor_geom.report(result)
