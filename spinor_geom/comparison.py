@@ -112,7 +112,7 @@ class Comparison:
                 figures[name] = value
         return figures
 
-    def rows(self) -> list[tuple[str, str, str, str]]:
+    def rows(self) -> list[tuple[str, ...]]:
         """The figures as lines of a table: the name, then the exact surface, its mesh and the other mesh."""
         curvatures = self.exact_curvature, self.patch_curvature, self.baseline_curvature
         areas = self.exact_area, self.patch_area, self.baseline_area

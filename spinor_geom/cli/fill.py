@@ -125,10 +125,10 @@ def show_result(result: FillResult, *, quiet: bool) -> None:
         piped=False,
     )
     for outcome in result.loops:
-        lines = outcome.shortcomings
-        if not lines and outcome.filled and not quiet and not sys.stdout.isatty():
-            lines = (f"loop {outcome.index} ({len(outcome.loop)} vertices): {_in_a_line(outcome)}",)
-        for line in lines:
+        said = outcome.shortcomings
+        if not said and outcome.filled and not quiet and not sys.stdout.isatty():
+            said = (f"loop {outcome.index} ({len(outcome.loop)} vertices): {_in_a_line(outcome)}",)
+        for line in said:
             complain(line)
 
 

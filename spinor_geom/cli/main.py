@@ -79,7 +79,7 @@ def build_parser() -> argparse.ArgumentParser:
 class _Parser(argparse.ArgumentParser):
     """Suggests the nearest option or choice for a mistyped one."""
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # type: ignore[override]
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Refuses unknown options where the options of their command are known."""
         found, rest = super().parse_known_args(args, namespace)
         if unknown := [text.partition("=")[0] for text in rest if text.startswith("-")]:
@@ -139,7 +139,7 @@ def _path(metavar: str) -> dict[str, Any]:
     return {"metavar": metavar, "type": Path}
 
 
-_Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+_Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
 _positive = _checked(float, "a positive number", lambda x: 0 < x < math.inf)
 _FORMATS = "obj, ply, stl, off, glb, vtp, vtk, 3mf"
 _FLAG: dict[str, Any] = {"action": "store_true"}

@@ -11,6 +11,8 @@ import numpy as np
 from spinor_geom.comparison import Comparison
 from spinor_geom.files import write_text
 from spinor_geom.measures import distances_to_mesh
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.meshing.embed import Patch
 from spinor_geom.render.layers import Faces, Scale
 from spinor_geom.render.page import Scene, Views, document, table
 
@@ -54,6 +56,7 @@ def comparison_page(
 def _side_by_side(comparison: Comparison) -> list[Faces]:
     """Both meshes with the distance of their vertices, the second moved along the longest side of their box."""
     fine = comparison.surface_mesh
+    meshes: tuple[Patch | TriangleMesh, ...] = (comparison.patch, comparison.baseline)
     extent = np.ptp(comparison.patch.vertices, axis=0)
     shift = np.where(np.arange(3) == np.argmax(extent), _GAP * extent, 0.0)
     return [
@@ -63,5 +66,5 @@ def _side_by_side(comparison: Comparison) -> list[Faces]:
             fields={DISTANCE: distances_to_mesh(mesh.vertices, fine.vertices, fine.faces)},
             edges=True,
         )
-        for k, mesh in enumerate((comparison.patch, comparison.baseline))
+        for k, mesh in enumerate(meshes)
     ]
