@@ -18,6 +18,7 @@ from spinor_geom.adapters.mesh_objects import MeshioAdapter, MeshSetAdapter, Ope
 from spinor_geom.adapters.polygons import Polygons
 from spinor_geom.adapters.pyvista_mesh import PyVistaAdapter
 from spinor_geom.adapters.registry import Adapter, extend, known_types, register, to_mesh
+from spinor_geom.adapters.rims import Rim, is_mesh, to_rims
 from spinor_geom.adapters.trimesh_mesh import SceneAdapter, TrimeshAdapter
 
 for _adapter in (
@@ -34,4 +35,16 @@ for _adapter in (
 ):
     register(_adapter)
 
-__all__ = ["Adapter", "MeshFile", "Polygons", "extend", "known_types", "read_mesh", "register", "to_mesh"]
+__all__ = [
+    "Adapter",
+    "MeshFile",
+    "Polygons",
+    "Rim",
+    "extend",
+    "is_mesh",
+    "known_types",
+    "read_mesh",
+    "register",
+    "to_mesh",
+    "to_rims",
+]

@@ -21,7 +21,14 @@ from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, read_ply
 from spinor_geom.adapters.polygons import Polygons, close_seams
 from spinor_geom.adapters.stl import encode_stl, read_stl
-from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError, UnknownMeshTypeError, require
+from spinor_geom.errors import (
+    MeshError,
+    MeshFileError,
+    NonFiniteVertexError,
+    UnknownMeshTypeError,
+    require,
+    require_type,
+)
 from spinor_geom.files import atomic_path
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.shown import Shown, shortened
@@ -182,11 +189,16 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
         path: a file whose suffix is .obj, .ply, .stl, .off, .glb, .vtp, .vtk or .3mf, in any case.
 
     Raises:
+        ArgumentTypeError: `path` is no path.
         MeshFileError: no such file, no known format, or malformed; names the file and the place in it.
         NonFiniteVertexError: a coordinate is NaN or infinite.
         MissingPackageError: the library that reads this format (.vtp, .vtk, .3mf) is not installed.
     """
+    takes = "the path of a mesh file (fill_hole and to_mesh take meshes of every type)"
+    require_type(path, (str, os.PathLike), function="read_mesh", takes=takes)
     source = Path(path)
+    if source.is_dir():
+        raise MeshFileError(f"{source}: is a folder; name a file in it", path=source)
     suffix = known_suffix(source)
     with naming(source):
         try:

@@ -10,10 +10,10 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.adapters import to_mesh
+from spinor_geom.adapters import is_mesh, to_mesh, to_rims
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, discrete_minimal_surface
 from spinor_geom.errors import ForeignRimError, SurfaceError
-from spinor_geom.fill.loops import free_rim, rims_of
+from spinor_geom.fill.loops import free_rim
 from spinor_geom.measures import (
     HausdorffDistance,
     discrete_mean_curvature,
@@ -208,8 +208,8 @@ def compare(
 
 
 def _solved(what: Any, loop: int | None) -> PlateauSolution:
-    (first, *others), of_mesh = rims_of(what, loop)
-    if of_mesh and isinstance(first, BoundaryLoop):
+    first, *others = to_rims(what, loop)
+    if is_mesh(what) and isinstance(first, BoundaryLoop):
         return solve_plateau(free_rim(first, tolerance=_TOLERANCE), tolerance=_TOLERANCE, between="free")
     found = solve_plateau((first, *others)) if others else solve_plateau(first)
     if isinstance(found, NoConnectedSurface):

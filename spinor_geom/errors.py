@@ -258,6 +258,12 @@ class OptionError(SpinorGeomError, ValueError):
     """An option has a value that is not allowed."""
 
 
+class ArgumentTypeError(OptionError, TypeError):
+    """A function was given what it does not take."""
+
+    sentence = "{function} takes {takes}, not {found}"
+
+
 class TooManyPointsError(OptionError):
     """An edge length asks for more vertices than fit into memory."""
 
@@ -317,6 +323,12 @@ def require(package: str, *, extra: str) -> None:
     """Checks, without importing it, that a package is installed; else a MissingPackageError names the extra to get."""
     if importlib.util.find_spec(package) is None:
         raise MissingPackageError(package=package, extra=extra)
+
+
+def require_type(value: Any, types: type | tuple[type, ...], *, function: str, takes: str) -> None:
+    """Raises an ArgumentTypeError for what is not of some types; `takes` names them, and what makes one."""
+    if not isinstance(value, types):
+        raise ArgumentTypeError(function=function, takes=takes, found=type(value).__name__)
 
 
 def require_positive(name: str, value: Any, *, finite: bool = True, instead: str = "") -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 _LONGEST_PART, _LONGEST_NAME = 180, 700
+SURFACE_SUFFIX = ".safetensors"  # of saved surfaces
 NUMBERED = "%~"  # what no name has by itself: a % stands before two digits, or at an end
 _UNSAFE = re.compile(r"[\x00-\x1f\x7f\\/:*?\"<>|%\ud800-\udfff]|^[. ]|[. ]$")
 

@@ -10,8 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import spinor_geom
+from spinor_geom import gallery
 from spinor_geom.cli.main import main
 from spinor_geom.errors import (
+    ArgumentTypeError,
+    DtypeError,
     DuplicateVertexError,
     ImperfectFillWarning,
     MeshExtentError,
@@ -19,6 +23,7 @@ from spinor_geom.errors import (
     MeshShapeError,
     NoFacesError,
     NonFiniteVertexError,
+    RenderError,
     SpinorGeomError,
     UnknownMeshTypeError,
     VertexIndexError,
@@ -26,6 +31,7 @@ from spinor_geom.errors import (
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.mesh.topology import is_watertight
+from spinor_geom.render.portrait import Portrait
 from tests.fill.shapes import folded_quad, tube
 
 Pair = tuple[np.ndarray, np.ndarray]
@@ -358,3 +364,29 @@ def test_an_unknown_output_format_is_refused_before_the_work(
     path = write(tmp_path / "tube.obj", obj_text(tube()))
     assert main(["fill", str(path), "-o", str(tmp_path / "o.docx")]) == 2
     assert ".docx" in capsys.readouterr().err
+
+
+LOOP = gallery.tennis_seam(0.8).sample(24)
+WRONG_TYPES = {
+    "mesh_patch of a loop": lambda: spinor_geom.mesh_patch(LOOP),
+    "mesh_patch of a surface": lambda: spinor_geom.mesh_patch(spinor_geom.solve_plateau(LOOP).surface),
+    "report of a mesh": lambda: spinor_geom.report((np.eye(3), np.array([[0, 1, 2]]))),
+    "Portrait of a number": lambda: Portrait.of(3),
+    "read_mesh of an array": lambda: spinor_geom.read_mesh(np.eye(3)),
+    "batch of one loop": lambda: spinor_geom.solve_plateau_batch(LOOP),
+}
+
+
+@pytest.mark.parametrize("call", WRONG_TYPES.values(), ids=WRONG_TYPES)
+def test_what_a_function_does_not_take_is_said_with_what_it_takes(call: Callable[[], object]) -> None:
+    with pytest.raises(ArgumentTypeError, match=r"takes .*, not "):
+        call()
+
+
+def test_a_picture_is_a_png_and_points_of_a_surface_are_numbers(tmp_path: Path) -> None:
+    solution = spinor_geom.solve_plateau(LOOP)
+    with pytest.raises(RenderError, match=r"\.png"):
+        Portrait.of(solution).write(tmp_path / "surface.jpg")
+    for nothing in ("a", object()):
+        with pytest.raises(DtypeError, match="complex numbers"):
+            solution.surface.position(nothing)

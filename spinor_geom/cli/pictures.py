@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING
 from spinor_geom.cli.console import ExitStatus
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.errors import RenderError, require
+from spinor_geom.files import SURFACE_SUFFIX
 from spinor_geom.render.layers import MESH, Faces, Lines, View
-from spinor_geom.render.png import draw_apart
+from spinor_geom.render.png import draw_apart, require_png
 
 if TYPE_CHECKING:
     from spinor_geom.render.shapes import Shape
 
-SURFACE_SUFFIX = ".safetensors"
+
 _SIZE = (1024, 768)  # of a window
 
 
@@ -46,8 +47,7 @@ def _view(arguments: argparse.Namespace) -> None:
 
 def _render(arguments: argparse.Namespace) -> None:
     require("pyvista", extra="render")
-    if arguments.output.suffix.lower() != ".png":
-        raise RenderError(f"{arguments.output}: a picture is written as .png, not '{arguments.output.suffix}'")
+    require_png(arguments.output)
     require_writable(arguments.output)
     from spinor_geom.render.portrait import plain_portrait
 

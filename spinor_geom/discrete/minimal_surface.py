@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
 
+from spinor_geom.adapters import to_rims
 from spinor_geom.discrete.area_descent import Disk, descend_area, descend_from_plane, harmonic_extension
 from spinor_geom.discrete.first_fill import disk_without_inner_points, unfolded_loop
 from spinor_geom.discrete.strip import discrete_annulus
@@ -70,7 +71,7 @@ class DiscreteMinimalSurface(Shown):
 
 
 def discrete_minimal_surface(
-    loop: BoundaryLoop | Sequence[BoundaryLoop],
+    loop: Any,
     *,
     method: DiscreteMethod = "libigl",
     target_edge_length: float | None = None,
@@ -96,8 +97,8 @@ def discrete_minimal_surface(
     "pymeshlab" for them.
 
     Args:
-        loop: a closed loop, or a sequence of one, or of two that both have the annulus on their left, as the loops of
-            `PlateauSolution.rims`.
+        loop: a closed loop, (m, 3) points of one, a mesh of any known type or its path where it has one loop, or a
+            sequence of one loop or of two that both have the annulus on their left, as those of `PlateauSolution.rims`.
         method: which library's operators are used.
         target_edge_length: upper bound of the edge length in mesh units; None lets it grow inwards.
         relative_change: the area counts as stationary when a step lowers it by less than this share, or would lower it
@@ -113,15 +114,15 @@ def discrete_minimal_surface(
     """
     if target_edge_length is not None and not target_edge_length > 0:
         raise OptionError(f"target_edge_length must be positive, got {target_edge_length}")
-    if not isinstance(loop, BoundaryLoop) and len(loop) == 1:
-        (loop,) = loop
-    if not isinstance(loop, BoundaryLoop):
+    loops = [rim for rim in to_rims(loop) if isinstance(rim, BoundaryLoop)]
+    if len(loops) != 1:
         if method != "libigl" or target_edge_length is not None:
             raise OptionError("between two loops there is only method='libigl', without target_edge_length")
-        if len(loop) != 2:
-            raise TooManyRimsError(sizes=[len(one) for one in loop])
-        start, rims = time.perf_counter(), [one.points for one in loop]
+        if len(loops) != 2:
+            raise TooManyRimsError(sizes=[len(one) for one in loops])
+        start, rims = time.perf_counter(), [one.points for one in loops]
         return _result(discrete_annulus(*rims, relative_change=relative_change)[1], np.concatenate(rims), start=start)
+    (loop,) = loops
     if method not in ("libigl", "pymeshlab"):
         raise OptionError(f"unknown method {method!r}; choose 'libigl' or 'pymeshlab'")
     start = time.perf_counter()

@@ -10,7 +10,6 @@ import numpy as np
 from spinor_geom.adapters import to_mesh
 from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.plateau.plane_route import lie_in_plane
@@ -41,44 +40,6 @@ def boundary_loops(mesh: Any) -> list[BoundaryLoop]:
     triangles = to_mesh(mesh)
     require_faces(triangles)
     return find_boundary_loops(triangles)
-
-
-def rims_of(what: Any, loop: int | None = None) -> tuple[list[BoundaryLoop | ClosedCurve], bool]:
-    """The rims that a user names in any way, and whether they are a loop of a mesh.
-
-    Args:
-        what: a loop, a closed curve in formulas, (m, 3) points of a closed curve, a sequence of these, or a mesh of any
-            known type or its path, of which one loop is taken.
-        loop: the loop's place in `boundary_loops(mesh)`; None where the mesh has just one.
-
-    Raises:
-        OptionError: `loop` names none of a mesh with several loops, or `what` is no mesh.
-        LoopIndexError: the mesh has no such loop.
-        UnknownMeshTypeError, MeshError, MeshFileError: as `boundary_loops`.
-        LoopError: the points are no closed curve, see `BoundaryLoop.from_points`.
-    """
-    if isinstance(what, (BoundaryLoop, ClosedCurve)):
-        rims = [what]
-    elif isinstance(what, np.ndarray):
-        rims = [BoundaryLoop.from_points(what)]
-    elif isinstance(what, (list, tuple)) and not _is_pair(what):
-        are_curves = all(isinstance(one, (BoundaryLoop, ClosedCurve)) or np.ndim(one) == 2 for one in what)
-        curves = [rims_of(one)[0] for one in what] if are_curves else [[BoundaryLoop.from_points(what)]]
-        rims = [rim for of_one in curves for rim in of_one]
-    else:
-        loops = boundary_loops(what)
-        if loop is None and len(loops) != 1:
-            raise OptionError(f"the mesh has {len(loops)} boundary loops, and one is needed: name it, such as loop=0")
-        (place,) = chosen_places(0 if loop is None else loop, loops)
-        return [loops[place]], True
-    if loop is not None:
-        raise OptionError("loop names a loop of a mesh; a curve has none")
-    return rims, False
-
-
-def _is_pair(what: Sequence[Any]) -> bool:
-    """Whether two arrays are the vertices and faces of a mesh: of two curves both have real numbers."""
-    return len(what) == 2 and str(getattr(what[1], "dtype", "")).rpartition(".")[2].startswith(("int", "uint"))
 
 
 def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:

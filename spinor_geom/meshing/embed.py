@@ -17,7 +17,7 @@ from spinor_geom.domain.delaunay import Rims, flat_coordinates, plane_coordinate
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.triangulation import PlaneTriangulation, one_by_one_on_error
-from spinor_geom.errors import DomainError, OptionError, SpinorGeomError, SurfaceError, require_positive
+from spinor_geom.errors import DomainError, OptionError, SpinorGeomError, SurfaceError, require_positive, require_type
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
@@ -102,10 +102,13 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
         target_edge_length: In mesh units; "auto" is the mean edge length of its loops.
 
     Raises:
+        ArgumentTypeError: It is no solution.
         OptionError: The edge length is neither "auto" nor positive and finite.
         TooManyPointsError: The edge length asks for more vertices than anyone can use.
         DomainError: The loop's points in Ω do not form a simple polygon, or the surface is not finite inside it.
     """
+    takes = "a PlateauSolution, which solve_plateau returns (mesh_surface meshes a bare SpinorSurface)"
+    require_type(solution, PlateauSolution, function="mesh_patch", takes=takes)
     (patch,) = mesh_patches([solution], target_edge_length)
     if isinstance(patch, SpinorGeomError):
         raise patch

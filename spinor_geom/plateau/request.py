@@ -5,11 +5,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import combinations, compress
-from typing import TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
+from spinor_geom.adapters import to_rims
 from spinor_geom.errors import LoopsMeetError, OptionError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
@@ -89,16 +90,17 @@ class Request:
         )
 
     @classmethod
-    def each(
-        cls: type[AnyRequest], loops: Sequence[BoundaryLoop], options: Options
-    ) -> list[AnyRequest | SpinorGeomError]:
+    def each(cls: type[AnyRequest], loops: Sequence[Any], options: Options) -> list[AnyRequest | SpinorGeomError]:
         """The request of a disk over each of several loops, or why it cannot be made: see `of`."""
         options.require_rims(1)
-        frames = _frames(loops)
+        given = [_one_loop(loop) for loop in loops]
+        frames = _frames(given)
         units = [frame[0][0] for frame in frames if not isinstance(frame, SpinorGeomError)]
         curves = iter(BoundaryCurve.from_loops(units))
         return [
-            frame
+            loop
+            if isinstance(loop, SpinorGeomError)
+            else frame
             if isinstance(frame, SpinorGeomError)
             else cls(
                 loops=(loop,),
@@ -109,7 +111,7 @@ class Request:
                 options=options,
                 steps=Steps(limit=options.max_iterations),
             )
-            for loop, frame in zip(loops, frames, strict=True)
+            for loop, frame in zip(given, frames, strict=True)
         ]
 
     @property
@@ -189,29 +191,40 @@ class Request:
         )
 
 
-def _frames(loops: Sequence[BoundaryLoop]) -> list[Frame | SpinorGeomError]:
+def _frames(given: Sequence[BoundaryLoop | SpinorGeomError]) -> list[Frame | SpinorGeomError]:
     """Loops at unit size, each by itself, or why no surface over it can be asked for."""
     found: dict[int, Frame | SpinorGeomError] = {}
     alike: dict[int, list[int]] = defaultdict(list)
-    for place, loop in enumerate(loops):
-        if isinstance(loop, BoundaryLoop):
-            alike[len(loop)].append(place)
+    loops = {place: loop for place, loop in enumerate(given) if isinstance(loop, BoundaryLoop)}
+    for place, loop in enumerate(given):
+        if isinstance(loop, SpinorGeomError):
+            found[place] = loop
         else:
-            what = f"a batch is of BoundaryLoop, not {type(loop).__name__}"
-            found[place] = OptionError(f"{what}; BoundaryLoop.from_points makes one")
+            alike[len(loop)].append(place)
     for places in alike.values():
         are_stars = is_star(np.stack([loops[place].points for place in places]))
         refusals = ((place, _refusal(require_simple, loops[place])) for place in compress(places, ~are_stars))
         found.update((place, refusal) for place, refusal in refusals if refusal)
         if simple := [place for place in places if place not in found]:
-            given = Polygons(points=np.stack([loops[place].points for place in simple]))
-            points = (given.points - given.centroids[:, None]) / given.diagonals[:, None, None]
+            polygons = Polygons(points=np.stack([loops[place].points for place in simple]))
+            points = (polygons.points - polygons.centroids[:, None]) / polygons.diagonals[:, None, None]
             units = BoundaryLoop.moved_together([loops[place] for place in simple], points)
             for place, unit, centre, scale in zip(
-                simple, units, given.centroids, given.diagonals.tolist(), strict=True
+                simple, units, polygons.centroids, polygons.diagonals.tolist(), strict=True
             ):
                 found[place] = _refusal(require_distinct_neighbours, unit) or ((unit,), centre, scale)
-    return [found[place] for place in range(len(loops))]
+    return [found[place] for place in range(len(given))]
+
+
+def _one_loop(what: Any) -> BoundaryLoop | SpinorGeomError:
+    """The loop of a batch that `what` stands for, or why it is none."""
+    try:
+        rims = to_rims(what)
+    except SpinorGeomError as error:
+        return error
+    if len(rims) == 1 and isinstance(rims[0], BoundaryLoop):
+        return rims[0]
+    return OptionError("a batch is of single loops; solve curves in formulas and several rims by solve_plateau")
 
 
 def _refusal(check: Callable[[BoundaryLoop], None], loop: BoundaryLoop) -> SpinorGeomError | None:

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, TypeAlias, TypedDict, overload
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, overload
 
+import numpy as np
 import torch
 
 from spinor_geom import deadline
+from spinor_geom.adapters import Rim, to_rims
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import first_disks
-from spinor_geom.errors import OptionError, SpinorGeomError
+from spinor_geom.errors import ArgumentTypeError, OptionError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau.harmonic_route import BATCH_NODES, FEWEST_NODES, HarmonicSolver
 from spinor_geom.plateau.options import Cauchy, Model, Optimizer, Options, usable_device
 from spinor_geom.plateau.plan import Route, Task, all_surfaces, minimal_disk, plan, surface_between
@@ -27,7 +29,6 @@ from spinor_geom.plateau.threads import one_thread
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-OneRim: TypeAlias = BoundaryLoop | ClosedCurve
 Planned: TypeAlias = tuple[Task, tuple[Route, ...]]
 
 # Points of rough loops whose first disks are made side by side: those of longer ones would take as long, and memory.
@@ -48,20 +49,24 @@ class _Rest(TypedDict, total=False):
     on_iteration: Callable[[Iteration], None] | None
 
 
+# what is neither a loop nor several is a curve of points, or a mesh with one
+_Curve: TypeAlias = "Rim | np.ndarray | str | os.PathLike[str]"
+
+
 @overload
 def solve_plateau(
-    loop: OneRim, *, all_solutions: Literal[False] = False, **options: Unpack[_Rest]
+    loop: _Curve, *, all_solutions: Literal[False] = False, **options: Unpack[_Rest]
 ) -> PlateauSolution: ...
 @overload
 def solve_plateau(
-    loop: OneRim | Sequence[OneRim], *, all_solutions: Literal[True], **options: Unpack[_Rest]
+    loop: Any, *, all_solutions: Literal[True], **options: Unpack[_Rest]
 ) -> tuple[PlateauSolution, ...]: ...
 @overload
 def solve_plateau(
-    loop: Sequence[OneRim], *, all_solutions: Literal[False] = False, **options: Unpack[_Rest]
+    loop: Any, *, all_solutions: Literal[False] = False, **options: Unpack[_Rest]
 ) -> PlateauSolution | NoConnectedSurface: ...
 def solve_plateau(
-    loop: OneRim | Sequence[OneRim],
+    loop: Any,
     *,
     model: Model = "auto",
     optimizer: Optimizer | None = None,
@@ -90,8 +95,10 @@ def solve_plateau(
     `is_area_minimum`. Curves too far from each other have no surface of one piece, and the answer says so.
 
     Args:
-        loop: the curve, or several of them, from a mesh or `BoundaryLoop.from_points`; or a curve in formulas, which no
-            sampling limits: the loop is then of the ends of the polynomials that represent it.
+        loop: the curve: a `BoundaryLoop`, (m, 3) points in order, a mesh of any known type or its path where it has one
+            loop, or a `ClosedCurve` in formulas, which no sampling limits: the loop then consists of the endpoints of
+            the polynomials that represent it. A sequence of loops, curves or arrays of points for a surface between
+            several.
         model: "auto" for what suits the loop; "cauchy" for a Cauchy network whatever the loop, or its options; "series"
             for power series on the unit disk, to rounding error: for smooth loops that are not too long for their
             width; "mlp" for the paper's complex-valued network, trained.
@@ -147,7 +154,9 @@ def solve_plateau(
         between=between,
         device=usable_device(device),
     )
-    rims = [loop] if isinstance(loop, (BoundaryLoop, ClosedCurve)) else _several_of(loop)
+    rims = to_rims(loop)
+    if not rims:
+        raise OptionError("a surface spans at least one loop, got an empty sequence")
     if all_solutions:
         _require_model_for_all(model, is_disk=len(rims) == 1)
     with one_thread():
@@ -167,21 +176,8 @@ def _require_model_for_all(model: Model, *, is_disk: bool) -> None:
         raise OptionError("all_solutions looks for annuli as Laurent series; use it with model='auto' or 'series'")
 
 
-def _several_of(loops: Sequence[OneRim]) -> list[OneRim]:
-    entries = list(loops) if isinstance(loops, Sequence) else [loops]
-    strange = {type(entry).__name__ for entry in entries if not isinstance(entry, (BoundaryLoop, ClosedCurve))}
-    if strange:
-        raise OptionError(
-            "a surface spans a BoundaryLoop, a ClosedCurve, or several of them in a list or tuple, not "
-            f"{', '.join(sorted(strange))}; BoundaryLoop.from_points makes a loop of points"
-        )
-    if len(entries) < 2:
-        raise OptionError(f"a surface between loops needs two of them or more, got {len(entries)} in a sequence")
-    return entries
-
-
 def solve_plateau_batch(
-    loops: Iterable[BoundaryLoop],
+    loops: Iterable[Any],
     *,
     model: Model = "auto",
     tolerance: float = 1e-3,
@@ -197,7 +193,7 @@ def solve_plateau_batch(
     solution is the same to the last bit in bundles of any size.
 
     Args:
-        loops: any number of them.
+        loops: any number of them, each as for `solve_plateau`, but for curves in formulas and several rims.
         model: as for `solve_plateau`.
         tolerance: as for `solve_plateau`.
         max_iterations: limit on the steps of each.
@@ -211,8 +207,11 @@ def solve_plateau_batch(
         For each loop in order its solution, or the error that `solve_plateau` raises for it.
 
     Raises:
-        OptionError: an unknown model or a value out of range.
+        OptionError: an unknown model or a value out of range, or a single curve in the place of several.
     """
+    if not isinstance(loops, Iterable) or isinstance(loops, (str, os.PathLike, np.ndarray)):
+        takes = "several loops, arrays of points or meshes, such as boundary_loops(mesh)"
+        raise ArgumentTypeError(function="solve_plateau_batch", takes=takes, found=f"one {type(loops).__name__}")
     options = Options(
         model=model,
         tolerance=tolerance,

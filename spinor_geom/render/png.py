@@ -30,9 +30,19 @@ _WITHOUT_WINDOW = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
 
 
 def write_png(views: Sequence[View], path: str | os.PathLike[str], *, size: tuple[int, int] | None = None) -> None:
-    """Draws views off-screen, side by side, as `drawn`; the file is replaced as a whole."""
+    """Draws views off-screen, side by side, as `drawn`; the file is replaced as a whole.
+
+    A RenderError tells of a name that is not that of a PNG.
+    """
+    require_png(path)
     with drawn(views, size=size or (WIDTH, HEIGHT)) as (picture,), atomic_path(path) as target:
         target.write_bytes(picture.read_bytes())
+
+
+def require_png(path: str | os.PathLike[str]) -> None:
+    """Raises a RenderError where the name of a picture is not that of a PNG."""
+    if Path(path).suffix.lower() != ".png":
+        raise RenderError(f"{os.fspath(path)}: a picture is written as .png, not '{Path(path).suffix}'")
 
 
 @contextmanager

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 from numpy.typing import ArrayLike
 
-from spinor_geom.errors import PeriodError
+from spinor_geom.errors import PeriodError, require_type
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -22,6 +22,7 @@ from spinor_geom.mesh.operators import vertex_normals
 from spinor_geom.mesh.topology import boundary_edges, referenced_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import mesh_surface
+from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render.layers import GRID_COLOUR, MESH, PATCH, SIDES, Camera, Faces, Layer, Lines, View, turned
 from spinor_geom.render.png import drawn, write_png
 from spinor_geom.surface import SpinorSurface
@@ -45,14 +46,18 @@ class Portrait:
     layers: tuple[Layer, ...]
 
     @classmethod
-    def of(cls, surface: SpinorSurface, *, vertices: int = VERTICES) -> Portrait:
+    def of(cls, surface: SpinorSurface | PlateauSolution, *, vertices: int = VERTICES) -> Portrait:
         """A surface, meshed with so many vertices, and its family, with its boundary and the image of a grid in Ω.
 
         Raises:
+            ArgumentTypeError: it is neither a surface nor a solution, whose surface is taken.
             PeriodError: see `associate_family`.
             SurfaceError: the surface is not finite on its domain.
         """
-        faces, *lines = associate_family(surface, vertices=vertices)
+        takes = "a SpinorSurface or a PlateauSolution"
+        require_type(surface, (SpinorSurface, PlateauSolution), function="Portrait.of", takes=takes)
+        whole = surface.surface if isinstance(surface, PlateauSolution) else surface
+        faces, *lines = associate_family(whole, vertices=vertices)
         return cls(layers=(replace(faces, fields={}), *lines))
 
     def moved(self, matrix: ArrayLike, shift: ArrayLike = (0.0, 0.0, 0.0)) -> Portrait:

@@ -12,6 +12,7 @@ from matplotlib.image import imsave
 
 from spinor_geom.adapters import MeshFile
 from spinor_geom.comparison import Comparison
+from spinor_geom.errors import require_type
 from spinor_geom.files import write_text
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.render.layers import Faces, Scale
@@ -58,9 +59,11 @@ def report(
         The page.
 
     Raises:
+        ArgumentTypeError: `result` is not the result of a fill.
         MissingPackageError: matplotlib is not installed.
         OSError: the file cannot be written.
     """
+    require_type(result, FillResult, function="report", takes="the FillResult of fill_hole(mesh, return_report=True)")
     exact = [outcome for outcome in result.loops if outcome.kind == "minimal" and outcome.patch is not None]
     compared = comparisons or {}
     details = [loop_views(outcome, exact=outcome.index in compared) for outcome in exact[:MOST_LOOPS]]

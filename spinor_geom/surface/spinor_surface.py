@@ -119,6 +119,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         """
         if isinstance(z, Tensor):
             return self._answer(self._position, z)
+        z = _complex(z)
         if not np.isfinite(z).all():
             raise DomainError(f"points of Ω must be finite, point {int(np.argmin(np.isfinite(z)))} is not")
         return self._answer(partial(self._position, outside_transforms=True), z)
@@ -279,7 +280,8 @@ class SpinorSurface(Shown, torch.nn.Module):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the surface with its domain to one file (safetensors with a JSON description), replacing the file.
 
-        A model or a boundary of a kind that cannot be loaded again is a StorageError.
+        The file's suffix is .safetensors. A StorageError tells of another one, of a place where no file can be written,
+        and of a model or a boundary of a kind that cannot be loaded again.
         """
         storage.write(self, path)
 
@@ -296,7 +298,7 @@ class SpinorSurface(Shown, torch.nn.Module):
             return function(*(z.to(torch.complex128) for z in points))
         device = self.spinor_map.device
         with torch.no_grad():
-            arrays = (torch.from_numpy(np.array(z, dtype=np.complex128)).to(device) for z in points)
+            arrays = (torch.from_numpy(_complex(z)).to(device) for z in points)
             return function(*arrays).cpu().resolve_conj().numpy()
 
     def _on_cpu(self, function: Callable[[Tensor], Tensor]) -> Callable[[Tensor], Tensor]:
@@ -383,3 +385,11 @@ class SpinorSurface(Shown, torch.nn.Module):
         return SpinorSurface(
             model, self.domain, constant, spinor_map=spinor_map, quadrature=self.quadrature, order=self.order
         )
+
+
+def _complex(z: Any) -> np.ndarray:
+    """A complex copy of points, or a DtypeError."""
+    try:
+        return np.array(z, dtype=np.complex128)
+    except (TypeError, ValueError):
+        raise DtypeError(f"points of Ω must be complex numbers, got {type(z).__name__} {z!r:.60}") from None

@@ -21,7 +21,7 @@ from spinor_geom.domain.plane_domain import Boundary, FourierBoundary, PlaneDoma
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import StorageError
-from spinor_geom.files import atomic_path
+from spinor_geom.files import SURFACE_SUFFIX, atomic_path
 from spinor_geom.holomorphic.model import MODELS, HolomorphicModel, rebuild
 
 if TYPE_CHECKING:
@@ -35,6 +35,9 @@ _BOUNDARY_PARTS = ("parameters", "coefficients", "corners")
 
 def write(surface: SpinorSurface, path: str | os.PathLike[str]) -> None:
     """Writes a surface; the file appears whole or not at all."""
+    if Path(path).suffix.lower() != SURFACE_SUFFIX:
+        wrong = f"a surface is saved as {SURFACE_SUFFIX}, not '{Path(path).suffix}'"
+        raise StorageError(f"{os.fspath(path)}: {wrong}", path=path)
     kind = getattr(surface.model, "kind", type(surface.model).__name__)
     if kind not in MODELS or not isinstance(surface.model, MODELS[kind]):
         raise StorageError(f"a model of kind {kind!r} cannot be saved; known: {', '.join(sorted(MODELS))}", kind=kind)
@@ -63,9 +66,12 @@ def write(surface: SpinorSurface, path: str | os.PathLike[str]) -> None:
     }
     held = {name: tensor.detach().cpu().resolve_conj() for name, tensor in tensors.items()}
     plain = {name: (torch.view_as_real(t) if t.is_complex() else t).contiguous() for name, t in held.items()}
-    with atomic_path(Path(path)) as temporary:
-        # one entry of metadata: several come in an order left to chance, and equal surfaces are equal files
-        temporary.write_bytes(to_bytes(plain, {"description": json.dumps(description)}))
+    try:
+        with atomic_path(Path(path)) as temporary:
+            # one entry of metadata: several come in an order left to chance, and equal surfaces are equal files
+            temporary.write_bytes(to_bytes(plain, {"description": json.dumps(description)}))
+    except OSError as error:
+        raise StorageError(f"{os.fspath(path)}: cannot be written ({error.strerror or error})", path=path) from error
 
 
 def read(path: str | os.PathLike[str]) -> dict[str, Any]:

@@ -149,7 +149,7 @@ def test_files_that_cannot_be_opened_name_what_and_why(tmp_path: Path) -> None:
         read_mesh(tmp_path / "missing.obj")
     assert caught.value.fields["path"] == tmp_path / "missing.obj"
     (tmp_path / "folder.obj").mkdir()
-    with pytest.raises(MeshFileError, match="directory"):
+    with pytest.raises(MeshFileError, match="folder"):
         read_mesh(tmp_path / "folder.obj")
     for name in ("mesh.fbx", "mesh", "mesh.obj.gz"):
         with pytest.raises(MeshFileError, match=r"no known format; use one of \.obj, \.ply, \.stl, \.off, \.glb"):

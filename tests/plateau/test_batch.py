@@ -12,7 +12,7 @@ import torch
 from hypothesis import given, settings
 
 from spinor_geom import boundary_loops, gallery, read_mesh
-from spinor_geom.errors import OptionError, SpinorGeomError
+from spinor_geom.errors import ArgumentTypeError, OptionError, SpinorGeomError, UnknownMeshTypeError
 from spinor_geom.gallery import noisy_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau, solve_plateau_batch
@@ -117,7 +117,14 @@ def test_a_solution_holds_no_more_than_its_own_surface():
 
 def test_what_is_no_loop_has_an_error_in_its_place():
     loop = gallery.tennis_seam(0.8).sample(48)
-    error, solution = solve_plateau_batch([loop.points, loop])
-    assert isinstance(error, OptionError)
-    assert "ndarray" in str(error)
+    error, solution, of_points, several = solve_plateau_batch([3, loop, loop.points, [loop, loop]])
+    assert isinstance(error, UnknownMeshTypeError)
+    assert isinstance(several, OptionError)
     assert solution.converged
+    assert of_points.area == solution.area
+
+
+@pytest.mark.parametrize("what", [np.eye(3), gallery.tennis_seam(0.8).sample(48), 3, "mesh.obj"])
+def test_one_curve_in_the_place_of_several_is_refused_at_once(what):
+    with pytest.raises(ArgumentTypeError, match="takes several loops"):
+        solve_plateau_batch(what)

@@ -8,7 +8,18 @@ import pytest
 import torch
 
 from spinor_geom import SpinorSurface, mesh_patch, solve_plateau
-from spinor_geom.errors import LoopsMeetError, OptionError, PeriodError, SeveralRimsError
+from spinor_geom.errors import (
+    LoopsMeetError,
+    LoopTooShortError,
+    MeshFileError,
+    MeshShapeError,
+    NonFiniteVertexError,
+    OptionError,
+    PeriodError,
+    RepeatedPointError,
+    SeveralRimsError,
+    UnknownMeshTypeError,
+)
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.topology import is_watertight
@@ -302,12 +313,33 @@ def _fan(rim, apex):
 # --- errors -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("what", [np.zeros((5, 3)), None, "ab", 3])
-def test_what_is_no_curve_is_refused(what):
-    with pytest.raises(OptionError, match=r"BoundaryLoop.from_points makes a loop of points"):
+@pytest.mark.parametrize(
+    ("what", "error"),
+    [
+        (np.zeros((5, 3)), RepeatedPointError),
+        (np.zeros((2, 3)), LoopTooShortError),
+        (np.zeros((5, 2)), MeshShapeError),
+        (np.full((5, 3), np.nan), NonFiniteVertexError),
+        (None, UnknownMeshTypeError),
+        ("ab", MeshFileError),
+        (3, UnknownMeshTypeError),
+        ([], OptionError),
+    ],
+)
+def test_what_is_no_curve_is_refused(what, error):
+    with pytest.raises(error):
         solve_plateau(what)
-    with pytest.raises(OptionError, match=r"not .*; BoundaryLoop.from_points"):
-        solve_plateau((ring(1.0, 0.0), what))
+    if isinstance(what, np.ndarray):
+        with pytest.raises(error):
+            solve_plateau((ring(1.0, 0.0), what))
+
+
+def test_points_are_rims_as_their_loops_are():
+    first, second = (sampled(one, 40) for one in coaxial(0.5))
+    wanted = solve_plateau((first, second))
+    found = solve_plateau([first.points, second.points.tolist()])
+    assert found.area == wanted.area
+    assert solve_plateau(first.points).area == solve_plateau([first]).area == solve_plateau(first).area
 
 
 def test_rims_that_meet_are_refused():

@@ -207,5 +207,13 @@ def test_other_files_and_missing_ones_are_refused(tmp_path):
 
 def test_equal_surfaces_are_equal_files(tmp_path):
     # safetensors orders metadata by chance
-    files = {(SURFACES["series"]().save(tmp_path / "a"), (tmp_path / "a").read_bytes())[1] for _ in range(8)}
+    path = tmp_path / "a.safetensors"
+    files = {(SURFACES["series"]().save(path), path.read_bytes())[1] for _ in range(8)}
     assert len(files) == 1
+
+
+@pytest.mark.parametrize("name", ["surface.obj", "surface", "missing/surface.safetensors"])
+def test_a_name_that_cannot_be_written_is_one_sentence(tmp_path, name):
+    with pytest.raises(StorageError, match=r"saved as \.safetensors|cannot be written"):
+        SURFACES["series"]().save(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []

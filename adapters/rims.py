@@ -1,0 +1,64 @@
+"""What a user holds of a closed curve: a loop, points, a curve in formulas, or a mesh with a hole."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from spinor_geom.adapters.registry import to_mesh
+from spinor_geom.errors import LoopIndexError, OptionError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import ClosedCurve
+from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.triangle_mesh import require_faces
+
+Rim: TypeAlias = BoundaryLoop | ClosedCurve
+
+
+def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
+    """The closed curves that `what` stands for.
+
+    Args:
+        what: a loop, a curve in formulas, (m, 3) points of a closed curve, a sequence of these, or a mesh of any known
+            type or the path of a mesh file, of which one loop is taken.
+        loop: the loop's place in `boundary_loops(mesh)`; None where the mesh has just one.
+
+    Raises:
+        OptionError: `loop` names none of a mesh with several loops, or `what` is no mesh.
+        LoopIndexError: the mesh has no such loop.
+        LoopError: the points are no closed curve, see `BoundaryLoop.from_points`.
+        UnknownMeshTypeError, MeshError, MeshFileError: as `boundary_loops`.
+    """
+    if is_mesh(what):
+        return [_loop_of_mesh(what, loop)]
+    if loop is not None:
+        raise OptionError("loop names a loop of a mesh; a curve has none")
+    if isinstance(what, (BoundaryLoop, ClosedCurve)):
+        return [what]
+    if not isinstance(what, np.ndarray) and all(isinstance(one, Rim) or np.ndim(one) == 2 for one in what):
+        return [one if isinstance(one, Rim) else BoundaryLoop.from_points(one) for one in what]
+    return [BoundaryLoop.from_points(what)]
+
+
+def is_mesh(what: Any) -> bool:
+    """Whether `what` is to be read as a mesh, and not as one or several curves.
+
+    Two arrays are the vertices and faces of a mesh where the second holds integers, else two curves.
+    """
+    if isinstance(what, (list, tuple)):
+        kind = str(getattr(what[1], "dtype", "")) if len(what) == 2 else ""
+        return kind.rpartition(".")[2].startswith(("int", "uint"))
+    return not isinstance(what, (BoundaryLoop, ClosedCurve, np.ndarray))
+
+
+def _loop_of_mesh(what: Any, loop: int | None) -> BoundaryLoop:
+    mesh = to_mesh(what)
+    require_faces(mesh)
+    loops = find_boundary_loops(mesh)
+    if loop is None and len(loops) != 1:
+        raise OptionError(f"the mesh has {len(loops)} boundary loops, and one is needed; take it from boundary_loops")
+    place = 0 if loop is None else loop
+    if not 0 <= place < len(loops):
+        raise LoopIndexError(index=place, loops=len(loops))
+    return loops[place]
