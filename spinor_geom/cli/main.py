@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 from spinor_geom.batching.options import FORMAT, WHAT
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.experiments import NAMES as EXPERIMENTS
-from spinor_geom.fill.options import CONTINUITY
+from spinor_geom.fill.options import CONTINUITY, ISLANDS
 
 _TOGETHER = {  # commands of one module
     **dict.fromkeys(("view", "render", "morph"), "pictures"),
@@ -174,7 +174,7 @@ def _add_fill(commands: _Commands) -> None:
     together = "join these loops by one surface, and fill no other"
     which.add_argument("--bridge", metavar="I,J[,K…]", type=_loops, help=together)
     loose = "a loose piece in a hole: join it to the hole's rim, or fill both by themselves (default)"
-    add("--islands", choices=("join", "ignore"), default="ignore", help=loose)
+    add("--islands", choices=ISLANDS, default="ignore", help=loose)
     _add_quality(add)
     add("--keep-largest", **_FLAG, help="leave the longest loop open")
     add("--max-perimeter", **_LENGTH, help="leave longer loops open")

@@ -5,22 +5,19 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, overload
 
 import numpy as np
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
-from spinor_geom.errors import ImperfectFillWarning, OptionError, SpinorGeomError, require_positive
-from spinor_geom.fill.discrete_patch import refuse_long_border, refuse_what_is_no_hole
-from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open
-from spinor_geom.fill.many_loops import Islands, fill_loops, minimal_patches, planned_joins
-from spinor_geom.fill.one_loop import Clock, FillOptions, unfilled
-from spinor_geom.fill.options import Continuity
+from spinor_geom.errors import ImperfectFillWarning
+from spinor_geom.fill.filling import Choice, Filling
+from spinor_geom.fill.loops import LoopChoice
+from spinor_geom.fill.many_loops import minimal_patches
+from spinor_geom.fill.one_loop import Clock, FillOptions
+from spinor_geom.fill.options import Continuity, Islands
 from spinor_geom.fill.result import FillResult, LoopOutcome
-from spinor_geom.fill.surroundings import Surroundings, stitch
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.fill.surroundings import stitch
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.plateau.options import Model
@@ -136,21 +133,13 @@ def fill_hole(
         ImperfectFillWarning: without a report: a loop was left open, is closed by a discrete surface or not within the
             tolerance, or its patch crosses something.
     """
-    if islands not in ("join", "ignore"):
-        raise OptionError(f"islands must be 'join' or 'ignore', not {islands!r}")
-    if max_perimeter is not None:
-        require_positive("max_perimeter", max_perimeter)
-    if isinstance(bridge, (int, np.integer, str)):
-        raise OptionError(f"bridge must be several places, such as (0, 1), not {bridge!r}")
-    if bridge is not None and not (isinstance(loop, str) and loop == "all"):
-        raise OptionError("bridge and loop exclude each other: a bridge fills no other loop; call again for the others")
+    choice = Choice(loop=loop, bridge=bridge, islands=islands, keep_largest=keep_largest, max_perimeter=max_perimeter)
     options = FillOptions(
         target_edge_length=target_edge_length,
         model=model,
         tolerance=tolerance,
         time_limit=time_limit,
         continuity=continuity,
-        fills_borders=not (isinstance(loop, str) and bridge is None),
         on_stage=on_stage or (lambda place, stage: None),
     )
     clock = Clock()
@@ -158,27 +147,10 @@ def fill_hole(
     triangles = to_mesh(source)
     require_faces(triangles)
     clock.lap("read")
-    loops = find_boundary_loops(triangles)
-    places = chosen_places(loop if bridge is None else bridge, loops)
-    reasons = reasons_to_leave_open(loops, places, keep_largest=keep_largest, max_perimeter=max_perimeter)
-    if isinstance(loop, BoundaryLoop):
-        own = loops[places[0]]
-        loops[places[0]] = replace(own, points=loop.points, vertex_ids=loop.vertex_ids, corners=loop.corners)
-    wanted = [place for place in range(len(loops)) if place not in reasons]
-    joins, notes = planned_joins(triangles, loops, wanted, islands, bridge)
-    joined = {place for first, others in joins.items() for place in (first, *others)}
-    clock.lap("loops")
     with one_thread():
-        surroundings = Surroundings(triangles, loops)
-        left_open = {place: unfilled(place, loops[place], reason) for place, reason in reasons.items()}
-        alone = [place for place in wanted if place not in joined]
-        for place in alone:
-            if error := _refusal(loops[place], surroundings, options):
-                left_open[place] = unfilled(place, loops[place], error)
-        answers = minimal_patches([loops[place] for place in alone if place not in left_open], options)
-        outcomes, patches = fill_loops(
-            surroundings, loops, answers, options, on_loop, left_open=left_open, joins=joins, notes=notes
-        )
+        filling = Filling(triangles, choice, options)
+        clock.lap("loops")
+        outcomes, patches = filling.finished(minimal_patches(filling.rims, options), on_loop)
     clock.lap("fill")
     extension = stitch(triangles, patches)
     filled = extend(source, extension)
@@ -200,14 +172,3 @@ def fill_hole(
         sentence = f"fill_hole: {'; '.join(said[:_MOST_TOLD])}{more} (return_report=True has all of it)"
         warnings.warn(sentence, ImperfectFillWarning, stacklevel=2)
     return filled
-
-
-def _refusal(loop: BoundaryLoop, surroundings: Surroundings, options: FillOptions) -> SpinorGeomError | None:
-    """Why nothing is tried for a loop, or None."""
-    try:
-        refuse_what_is_no_hole(loop, surroundings)
-        if not options.fills_borders:
-            refuse_long_border(surroundings, loop)
-    except SpinorGeomError as error:
-        return error
-    return None

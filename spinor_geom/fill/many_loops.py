@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
 from types import MappingProxyType
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, Twist
 from spinor_geom.fill.discrete_patch import refuse_what_is_no_hole
 from spinor_geom.fill.loops import free_rim
 from spinor_geom.fill.one_loop import Answer, FillOptions, Solved, exact_patches, fill_loop
+from spinor_geom.fill.options import Islands
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.surroundings import LoopPatch, Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -29,7 +30,6 @@ from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 _HEIGHT_PER_WIDTH = 0.2
 
 Loops: TypeAlias = Sequence[BoundaryLoop]
-Islands: TypeAlias = Literal["join", "ignore"]
 _WAITING = 1.0  # seconds that a surface may wait for others to be meshed together; their meshes do not depend on it
 
 

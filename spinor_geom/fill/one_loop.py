@@ -96,7 +96,7 @@ class FillOptions:
     tolerance: float
     time_limit: float = math.inf
     continuity: Continuity = "C0"
-    fills_borders: bool = True  # whether a loop is filled whose patch lies on the mesh
+    fills_borders: bool = False  # whether a loop is filled whose patch lies on the mesh
     on_stage: Callable[[int, str], None] = lambda place, stage: None
 
     def __post_init__(self) -> None:
