@@ -74,9 +74,9 @@ class Filling:
             self.loops, places, keep_largest=choice.keep_largest, max_perimeter=choice.max_perimeter
         )
         if isinstance(choice.loop, BoundaryLoop):
-            given = choice.loop
-            own = {"points": given.points, "vertex_ids": given.vertex_ids, "corners": given.corners}
-            self.loops[places[0]] = replace(self.loops[places[0]], **own)
+            own, given = self.loops[places[0]], choice.loop
+            own = replace(own, points=given.points, vertex_ids=given.vertex_ids, corners=given.corners)
+            self.loops[places[0]] = own
         wanted = [place for place in range(len(self.loops)) if place not in reasons]
         self._joins, self._notes = planned_joins(mesh, self.loops, wanted, choice.islands, choice.bridge)
         joined = {place for first, others in self._joins.items() for place in (first, *others)}
