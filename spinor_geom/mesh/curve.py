@@ -61,7 +61,7 @@ class ClosedCurve:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoundaryCurve:
-    """A closed curve Γ(s) in space, s in [0, 1), of M polynomial pieces; piece i starts at vertex i of its loop.
+    """A closed curve Γ(s) in space, s in [0, 1), of M polynomial pieces; piece i starts at point i of its loop.
 
     s is taken mod 1 everywhere. Within piece i, Γ(s) = Σ_k coefficients[k, i] (s − breaks[i])^(d − k), d the degree.
 
@@ -72,6 +72,7 @@ class BoundaryCurve:
         coefficients: (d + 1, M, 3) of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
         corners: (M,) bool, at which vertices Γ′ jumps; elsewhere splines are d − 1 times continuously differentiable,
             other curves analytic but for rounding errors.
+        at_points: (M,) bool, which pieces start at points of the loop, where some do not: these divide long edges.
         slopes: coefficients of Γ′ where that comes from a formula: differentiated polynomials lose three digits.
     """
 
@@ -79,6 +80,7 @@ class BoundaryCurve:
     coefficients: Coefficients
     corners: Bool[np.ndarray, " m"]
     slopes: Coefficients | None = None
+    at_points: Bool[np.ndarray, " m"] | None = None
 
     def __repr__(self) -> str:
         degree, pieces, _ = self.coefficients.shape
@@ -167,8 +169,13 @@ class BoundaryCurve:
         coefficients = _from_the_end(self.coefficients, widths)
         coefficients[-1] = self.coefficients[-1][first]
         slopes = None if self.slopes is None else -_from_the_end(self.slopes, widths)
-        breaks, corners = 1 - self.breaks[::-1], self.corners[first]
-        return BoundaryCurve(breaks=breaks, coefficients=coefficients, corners=corners, slopes=slopes)
+        return BoundaryCurve(
+            breaks=1 - self.breaks[::-1],
+            coefficients=coefficients,
+            corners=self.corners[first],
+            slopes=slopes,
+            at_points=None if self.at_points is None else self.at_points[first],
+        )
 
     def smoothed(self, width: float) -> BoundaryCurve:
         """The cubic spline with the same breaks through vertices averaged along Γ, without corners.
@@ -194,11 +201,18 @@ class BoundaryCurve:
         return BoundaryCurve(breaks=self.breaks, coefficients=(1 - share) * first + share * last, corners=other.corners)
 
     def placed(self, points: Float[np.ndarray, "m 3"], scale: float) -> BoundaryCurve:
-        """The curve enlarged by `scale` and moved so that it goes through given points, to the last bit."""
-        coefficients = scale * self.coefficients
-        coefficients[-1] = points
+        """The curve enlarged by `scale` and moved so that it goes through its loop's points, to the last bit."""
+        coefficients, own = scale * self.coefficients, slice(None) if self.at_points is None else self.at_points
+        coefficients[-1] += points[0] - coefficients[-1][own][0]
+        coefficients[-1, own] = points
         slopes = None if self.slopes is None else scale * self.slopes
         return replace(self, coefficients=coefficients, slopes=slopes)
+
+    @property
+    def at_loop(self) -> Float[np.ndarray, " n"]:
+        """Parameters of the loop's points."""
+        starts = self.breaks[:-1]
+        return starts if self.at_points is None else starts[self.at_points]
 
     @property
     def degree(self) -> int:

@@ -10,6 +10,8 @@ from scipy.linalg import solve_banded
 from scipy.linalg.lapack import dposv, dtrtri
 
 from spinor_geom.mesh.arrays import shared
+from spinor_geom.mesh.boundary_loop import LARGEST_MISS
+from spinor_geom.mesh.spacing import are_long, graded_spacing
 
 Vertices = Float[np.ndarray, "m 3"]
 Breaks = Float[np.ndarray, " m_plus_1"]  # parameters from 0 to 1
@@ -33,6 +35,7 @@ AS_GOOD = 1.1  # so many times worse than arc length equal steps may predict: th
 NEARLY_EQUAL = 1e-3  # steps so nearly equal, as a share of one, that what is left out changes by their first order
 MOST_DENSE = 256  # points beyond which arcs are not tried: dense equations cost their cube, and splines are as near
 MOST_UNEVEN = 40.0  # edges of an analytic curve that differ by a larger factor leave it to splines
+SAMPLES_OF_LONG_EDGE = 8
 ANALYTIC_DEGREE = 11  # of the pieces of an analytic curve
 
 
@@ -45,15 +48,31 @@ def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[tuple[Breaks, Piec
     arcs = _arc_shares(breaks, cubics)
     degrees, errors = predicting_degree(points, arcs)
     curves = _analytic(points, arcs, errors)
+    may_swing = are_long(points).any(axis=1)
     for i, degree in enumerate(degrees.tolist()):
-        if i in curves:
+        if i in curves and not (may_swing[i] and _leaves_long_edges(points[i], *curves[i])):
             found[i] = curves[i]
         elif degree > DEGREES[0]:
             spline = make_interp_spline(arcs[i], np.vstack([points[i], points[i, :1]]), k=degree, bc_type="periodic")
             powers = [spline(arcs[i, :-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
             # the constant terms are the vertices themselves, to the last bit
-            found[i] = arcs[i], np.stack([*powers, points[i]])
+            curve = arcs[i], np.stack([*powers, points[i]])
+            if not (may_swing[i] and _leaves_long_edges(points[i], *curve)):
+                found[i] = curve
     return found
+
+
+def _leaves_long_edges(points: Vertices, breaks: Breaks, pieces: Pieces) -> bool:
+    """Whether a curve swings where points are far apart: it leaves a long edge by a quarter of the spacing there."""
+    spacing, edges = graded_spacing(points), np.roll(points, -1, axis=0) - points
+    long = np.flatnonzero(np.linalg.norm(edges, axis=1) > spacing)
+    share = np.arange(1, SAMPLES_OF_LONG_EDGE)[:, None] / SAMPLES_OF_LONG_EDGE
+    step = (share * np.diff(breaks)[long])[..., None]
+    away = np.zeros((*step.shape[:2], 3))
+    for power in pieces[:-1, long]:
+        away = (away + power) * step
+    away -= share[..., None] * edges[long]
+    return bool((np.linalg.norm(away, axis=2) > LARGEST_MISS / 2 * spacing[long]).any())
 
 
 def piecewise_cubic(
@@ -67,11 +86,14 @@ def piecewise_cubic(
         return periodic_cubics(points)
     breaks, count, places = _by_chords(points), len(points), np.flatnonzero(corners)
     coefficients = np.empty((4, *points.shape))
+    # not-a-knot would extrapolate the bends of short edges over a long one at the end of a side
+    ends = np.where(are_long(points), "natural", "not-a-knot").tolist()
     # separate splines between consecutive corners
     for first, last in zip(places, np.append(places[1:], places[0] + count), strict=True):
         vertices = np.arange(first, last + 1)
         parameters = breaks[vertices % count] + vertices // count
-        coefficients[:, vertices[:-1] % count] = CubicSpline(parameters, points[vertices % count]).c
+        conditions = ends[first], ends[(last - 1) % count]
+        coefficients[:, vertices[:-1] % count] = CubicSpline(parameters, points[vertices % count], bc_type=conditions).c
     return breaks, coefficients
 
 
@@ -80,10 +102,10 @@ def between_corners(points: Vertices, corners: Bool[np.ndarray, " m"]) -> tuple[
     breaks, cubics = piecewise_cubic(points, corners)
     count, places, highest = len(points), np.flatnonzero(corners), min(DEGREES)
     coefficients = np.concatenate([np.zeros((max(DEGREES) - highest, *points.shape)), cubics])
-    widths = np.diff(breaks)
+    widths, is_long = np.diff(breaks), are_long(points)
     for first, last in zip(places, np.append(places[1:], places[0] + count), strict=True):
         side, vertices = np.arange(first, last) % count, points[np.arange(first, last + 1) % count]
-        if len(vertices) < MIN_POINTS_FOR_HIGH_DEGREE:
+        if len(vertices) < MIN_POINTS_FOR_HIGH_DEGREE or is_long[side].any():
             continue
         arcs = _arc_shares(np.append(0.0, np.cumsum(widths[side])), cubics[:, side])
         degree = int(predicting_degree(vertices, arcs, is_closed=False)[0])

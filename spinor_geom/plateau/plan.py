@@ -22,7 +22,15 @@ from spinor_geom.plateau.omega import NodeDensity
 from spinor_geom.plateau.plane_route import lie_in_plane, plane_region
 from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.rims import RimsSolver, obstacle
-from spinor_geom.plateau.roughness import FEW_POINTS, ROUGH_TURN, corners_are_seen, is_rough, roughness, roundest
+from spinor_geom.plateau.roughness import (
+    FEW_POINTS,
+    ROUGH_TURN,
+    corners_are_seen,
+    is_rough,
+    roughness,
+    roundest,
+    shows_sides,
+)
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution, RimDisks
 from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable, lower_beside
 from spinor_geom.plateau.steps import Clock
@@ -131,10 +139,11 @@ def _plan_for_disk(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]
     if not options.is_free:
         return (Route.BY_NETWORK,)
     if loop.corners.any():
-        # kinks of Γ are singularities of p and q; those that are only seen may be none
+        # kinks of Γ are singularities of p and q; those that are only seen may be none, but between smooth sides
         may_be_none = options.between == "free" and len(loop) <= _MOST_POINTS and corners_are_seen(loop)
         through = (Route.THROUGH_POINTS,) if may_be_none and not in_plane else ()
-        return (*in_plane, Route.BY_NETWORK, *through)
+        by_network = () if through and not shows_sides(loop) else (Route.BY_NETWORK,)
+        return (*in_plane, *by_network, *through)
     if options.between == "free" and _shows_no_curve(loop, curve):
         return (*in_plane, Route.THROUGH_POINTS)
     if is_rough(loop, curve):  # unfoldings of rough loops pinch where their surfaces do not
@@ -163,11 +172,15 @@ def _plan_between(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
 def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
     """Whether no smooth curve is seen in the points of a loop."""
     n = len(loop)
-    if n > _MOST_POINTS or curve.degree > min(DEGREES):
+    if n > _MOST_POINTS:
+        return False
+    if detect_corners(loop.points).any():  # which somebody took from the loop: Γ bulges there, whatever its degree
+        return True
+    if curve.degree > min(DEGREES):
         return False
     # only of so few points, in which no analytic curve is looked for, any loop turns by as much
     turn = roughness(loop) - (roundest(n) if n < MIN_POINTS_FOR_HIGH_DEGREE else 0.0)
-    if n <= FEW_POINTS or turn > ROUGH_TURN or detect_corners(loop.points).any():
+    if n <= FEW_POINTS or turn > ROUGH_TURN:
         return True
     return NodeDensity(curve, points_of_domain(loop)).is_narrow
 

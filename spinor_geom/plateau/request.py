@@ -3,12 +3,12 @@
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from itertools import combinations, compress
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from spinor_geom.adapters import to_rims
 from spinor_geom.errors import LoopsMeetError, OptionError, SpinorGeomError
@@ -16,6 +16,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighb
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.intersections import crossings_between, is_star, require_simple
 from spinor_geom.mesh.polygons import Polygons
+from spinor_geom.mesh.spacing import with_long_edges_divided
 from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.misfit import BoundaryResidual, Misfit
@@ -133,6 +134,11 @@ class Request:
     def curve(self) -> BoundaryCurve:
         """That of a disk at unit size."""
         return self.curves[0]
+
+    @cached_property
+    def pinned(self) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
+        """The points of a disk's loop at unit size with more on its long edges, and which of them are its own."""
+        return with_long_edges_divided(self.unit.points)
 
     @property
     def allowed(self) -> float:

@@ -60,7 +60,7 @@ class RimMatch:
         s = np.concatenate([s - 1, s, s + 1])
         t = np.concatenate([t - 1, t, t + 1])
         keep = np.append(True, np.diff(np.maximum.accumulate(s)) > 0)
-        return self.boundary.point(PchipInterpolator(s[keep], t[keep])(self.curve.breaks[:-1]))
+        return self.boundary.point(PchipInterpolator(s[keep], t[keep])(self.curve.at_loop))
 
 
 # Numbers of the rims of each surface.

@@ -253,7 +253,7 @@ def _fit_together(answers: list[Planned | SpinorGeomError], seconds: float) -> N
     with deadline.time_limit(seconds * len(planned)):
         fits = HarmonicSolver.side_by_side([task.harmonic for _, task, _ in smooth])
         begin = time.perf_counter()
-        disks = first_disks([task.unit.points for _, task, _ in rough])
+        disks = first_disks([task.pinned[0] for _, task, _ in rough])
         share = (time.perf_counter() - begin) / max(1, len(rough))
     for (place, task, routes), fit in zip(smooth, fits, strict=True):
         answers[place] = replace(task, on_disk=fit), routes

@@ -1,9 +1,10 @@
 """The route for rough rims: the minimal surface through their points that is nearest to a discrete or a smooth one.
 
-Of a mesh's rim only the points are in the mesh, so between them Γ is the surface's own boundary. n points ask for 3n
-equations for the read-outs of p and q, fewer than there are. Of their solutions the one is taken that is nearest to p
-and q of a start, in the H¹ norm on ∂Ω: p and q hardly vary along an edge, and Γ keeps near to the rim's edges. Nothing
-slides, and two to six Newton steps are enough.
+Of a mesh's rim only the points are in the mesh, so between them Γ is the surface's own boundary. Long edges are kept
+straight by points on them: the surface's own boundary would bulge there by many of the edges beside them. n points ask
+for 3n equations for the read-outs of p and q, fewer than there are. Of their solutions the one is taken that is nearest
+to p and q of a start, in the H¹ norm on ∂Ω: p and q hardly vary along an edge, and Γ keeps near to the rim's edges.
+Nothing slides, and two to six Newton steps are enough.
 
 For one rim the start is a discrete minimal disk, and Ω that disk flattened with its boundary lengths kept. For several
 it is the smooth surface over averages of the rims, on a circular domain; where that comes nearest to each point, along
@@ -14,6 +15,7 @@ smooth: powers of the circles' coordinates would be too coarse where places crow
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -53,7 +55,7 @@ _FAR = 2.0
 def disk_through_points(request: Request, first: Disk | None = None) -> Found:
     """The minimal disk through the points of a rough loop, as nearly as they can be met, next to a discrete one."""
     loop, device, allowed = request.unit, request.options.device, request.allowed
-    points, clock = loop.points, request.clock
+    (points, are_own), clock = request.pinned, request.clock
     with clock.stage("first fill"):
         disk = first or first_disk(points)
     with clock.stage("flattening"):
@@ -81,6 +83,7 @@ def disk_through_points(request: Request, first: Disk | None = None) -> Found:
         with torch.no_grad():
             surface.constant.copy_(torch.tensor(points[0] + error[0] + at_root.real))
         found = _passed(surface, [rim], [points], [error], area=rim.area, near="the discrete one")
+        found = replace(found, curves=(replace(found.curves[0], at_points=are_own),))
         bulge = found.curves[0].bulge() / loop.mean_edge_length
         if not bulge <= _FAR:
             raise SurfaceError(
@@ -96,7 +99,7 @@ def _fitted(
     (rim,) = basis.rims
     start = rim.nearest_between(spinors)
     readout = start if raw is None else rim.norm.mH @ raw
-    wanted = torch.tensor(request.unit.points, device=start.device)
+    wanted = torch.tensor(request.pinned[0], device=start.device)
     here = Passing(basis=basis, points=(wanted,), raw=basis.raw(readout))
     in_edges = here.distance / request.unit.mean_edge_length
     if not in_edges <= _FAR:
