@@ -18,6 +18,7 @@ from torch import Tensor
 from spinor_geom.domain.delaunay import edge_codes, plane_coordinates
 from spinor_geom.domain.plane_domain import panel_breaks
 from spinor_geom.domain.triangulation import PlaneTriangulation
+from spinor_geom.errors import SingularMatrixError
 from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -26,6 +27,11 @@ Curvature: TypeAlias = tuple[float, float]
 # Distances, in diagonals, that a slide or a disk is moved from a stationary one in search of less energy.
 AMPLITUDES = tuple(0.2 * 0.6**k for k in range(8))
 _MOST_VERTICES = 5000  # vertices of a mesh beyond which none is refined: finer ones take seconds
+# A mesh resolves a surface where the normals turn by no more than this angle along the edges of its triangles, but for
+# this share of them: fits have wrinkles far below the meshes' size in corners. With twice the angle z¹⁶ is stable.
+_LARGEST_TURN, _UNRESOLVED = np.radians(60.0), 0.05
+_NO_CURVATURE = -1e-9  # ∫|K| dA of planes with rounding errors: less is none
+TINY = np.finfo(np.float64).tiny
 # Inner vertices up to which dense eigenvalues are found sooner; of more, relative error of the sparse ones.
 _MOST_DENSE, _EIGENVALUE_ERROR = 200, 1e-8
 
@@ -35,11 +41,13 @@ class Stability:
     """Whether a minimal surface is a local minimiser of area.
 
     Attributes:
-        verdict: "stable", "unstable", or "undecided" where the error of the computation leaves both possible.
+        verdict: "stable", "unstable", or "undecided" where the error of the computation leaves both possible: where the
+            finest mesh does not resolve the surface, or its p and q are not finite, too.
         eigenvalue: the smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary, n the Gauss map; above 1 the second
-            variation of area is positive. None where the total curvature alone decides.
+            variation of area is positive. None where the total curvature alone decides, and where no mesh resolves the
+            surface.
         index: Morse index, the number of μ below 1; None where the error leaves it open.
-        total_curvature: ∫|K| dA; below 2π every disk is stable.
+        total_curvature: ∫|K| dA; below 2π every disk is stable. None where neither ∂Ω's points nor a mesh resolve it.
 
     Source: Barbosa & do Carmo, "On the size of a stable minimal surface in R³", Amer. J. Math. 98 (1976).
     """
@@ -47,13 +55,14 @@ class Stability:
     verdict: Literal["stable", "unstable", "undecided"]
     eigenvalue: float | None
     index: int | None
-    total_curvature: float
+    total_curvature: float | None
 
 
 def stable_by_curvature(curvature: Curvature) -> Stability | None:
-    """The verdict of a total curvature that is surely below 2π; none of a larger one, which decides nothing."""
+    """The verdict of a total curvature that is surely below 2π; none of a larger one, or of one that is impossible."""
     total, error = curvature
-    if total + error >= 2 * np.pi:
+    # a sum that is NaN meets neither condition
+    if not (total >= _NO_CURVATURE and total + error < 2 * np.pi):
         return None
     return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=total)
 
@@ -68,22 +77,30 @@ def assess_stability(surface: SpinorSurface) -> Stability:
 
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976).
     """
-    if stable := stable_by_curvature(_boundary_curvature(surface)):
+    curvature = _boundary_curvature(surface)
+    if stable := stable_by_curvature(curvature):
         return stable
+    total = curvature[0] if np.isfinite(sum(curvature)) else None
+    undecided = Stability(verdict="undecided", eigenvalue=None, index=None, total_curvature=total)
     mesh = _Mesh.of(surface, surface.domain.triangulation, surface.domain.arcs[:, 0])
-    while True:
+    stability = undecided
+    while np.isfinite(mesh.spinors).all():
         mesh, coarse = mesh.refined(), mesh
-        if len(coarse.inner):
-            stability = _on_meshes(coarse, mesh)
-            if stability.index is not None or len(mesh.points) > _MOST_VERTICES:
-                return stability
+        if len(coarse.inner) and coarse.is_resolved:
+            try:
+                stability = _on_meshes(coarse, mesh)
+            except SingularMatrixError:  # triangles without area tell nothing
+                stability = undecided
+        if stability.index is not None or len(mesh.points) > _MOST_VERTICES:
+            break
+    return stability
 
 
 def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
     """The verdict of two meshes."""
-    curvatures = [float(mesh.curvature.sum()) for mesh in (coarse, fine)]
-    if max(curvatures) + abs(curvatures[1] - curvatures[0]) < 2 * np.pi:
-        return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=curvatures[1])
+    totals = [float(mesh.curvature.sum()) for mesh in (coarse, fine)]
+    if stable := stable_by_curvature((totals[1], max(totals) - totals[1] + abs(totals[1] - totals[0]))):
+        return stable
     count = 2
     while True:
         few = coarse.smallest_eigenpairs(count)[0]
@@ -101,7 +118,7 @@ def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
         verdict="unstable" if index else "stable" if counted else "undecided",
         eigenvalue=float((4 * many[0] - few[0]) / 3),
         index=index if counted else None,
-        total_curvature=curvatures[1],
+        total_curvature=totals[1],
     )
 
 
@@ -165,9 +182,26 @@ def _boundary_curvature(surface: SpinorSurface) -> Curvature:
         share = np.arange(2**level) / 2**level
         along = [b.point((breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel()) for b, breaks in rims]
         curvature, error = curvature_within([torch.from_numpy(surface.spinors(z)) for z in along]).tolist()
-        if abs(curvature - 2 * np.pi) > error:
+        turns = [(_turning(surface, z) * np.abs(np.roll(z, -1) - z)) for z in along]
+        is_resolved = _are_small(np.concatenate(turns))
+        if is_resolved and abs(curvature - 2 * np.pi) > error:
             break
-    return curvature, error
+    return curvature, error if is_resolved else np.inf
+
+
+def _turning(surface: SpinorSurface, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Twice |(p, q)′|/|(p, q)|: a bound of the normal's angle, and of the spinors' phase twice, per length in Ω.
+
+    Samples alone do not tell it: those of powers at equal steps may be as those of a constant.
+    """
+    spinors, slopes = surface.spinors(z), surface.spinor_derivatives(z)
+    size = np.maximum(np.linalg.norm(spinors, axis=1), TINY)
+    return np.asarray(2 * np.linalg.norm(slopes, axis=1) / size)
+
+
+def _are_small(turns: Float[np.ndarray, " n"]) -> bool:
+    """Whether angles between neighbours are small enough to be followed, but for a few; a NaN is not."""
+    return bool(np.mean(~(turns <= _LARGEST_TURN)) <= _UNRESOLVED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,6 +224,15 @@ class _Mesh:
     def curvature(self) -> Float[np.ndarray, " f"]:
         """∫|K| dA of each face."""
         return gauss_image_areas(self.spinors, self.faces)
+
+    @property
+    def is_resolved(self) -> bool:
+        """Whether the normals turn little along most edges, by their slopes: vertices alone would not tell it."""
+        (p, q), (dp, dq) = self.spinors.T, self.surface.spinor_derivatives(self.points).T
+        turning = 2 * np.abs(p * dq - q * dp) / np.maximum((np.abs(self.spinors) ** 2).sum(axis=1), TINY)
+        after = np.roll(self.faces, -1, axis=1)
+        lengths = np.abs(self.points[after] - self.points[self.faces])
+        return _are_small((lengths * (turning[after] + turning[self.faces]) / 2).max(axis=1))
 
     @property
     def inner(self) -> Int[np.ndarray, " k"]:
@@ -221,7 +264,11 @@ class _Mesh:
         return _Mesh(self.surface, curved, faces, spinors, np.concatenate([self.parameter, parameter]))
 
     def smallest_eigenpairs(self, count: int) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "i k"]]:
-        """The smallest μ of −Δu = μ|dn|²u for u = 0 outside the inner vertices, ascending, and u at these."""
+        """The smallest μ of −Δu = μ|dn|²u for u = 0 outside the inner vertices, ascending, and u at these.
+
+        Raises:
+            SingularMatrixError: faces have no area.
+        """
         stiffness = cotangent_laplacian(plane_coordinates(self.points), self.faces)
         # ∫ |dn|²uv of linear elements, |dn|² being constant on each face: twice the area of its Gauss image
         local = self.curvature[:, None, None] / 6 * (np.ones((3, 3)) + np.eye(3))
@@ -230,13 +277,20 @@ class _Mesh:
         inner = self.inner
         s, m = (csc_array(whole[inner][:, inner]) for whole in (stiffness, mass))
         count = min(count, len(inner))
-        # as M u = (1/μ) S u: S is always definite, M need not be
-        if len(inner) <= max(_MOST_DENSE, 2 * count):
-            inverse, functions = eigh(m.toarray(), s.toarray(), subset_by_index=[len(inner) - count, len(inner) - 1])
-        else:
-            solve = spl.LinearOperator(s.shape, matvec=factor_symmetric(s).solve, dtype=np.float64)
-            inverse, functions = spl.eigsh(
-                m, k=count, M=s, Minv=solve, which="LA", v0=np.ones(len(inner)), tol=_EIGENVALUE_ERROR
-            )
+        if not (np.isfinite(s.data).all() and np.isfinite(m.data).all()):
+            raise SingularMatrixError(size=len(inner))
+        # as M u = (1/μ) S u: S is definite where faces have area, M need not be
+        try:
+            if len(inner) <= max(_MOST_DENSE, 2 * count):
+                inverse, functions = eigh(
+                    m.toarray(), s.toarray(), subset_by_index=[len(inner) - count, len(inner) - 1]
+                )
+            else:
+                solve = spl.LinearOperator(s.shape, matvec=factor_symmetric(s).solve, dtype=np.float64)
+                inverse, functions = spl.eigsh(
+                    m, k=count, M=s, Minv=solve, which="LA", v0=np.ones(len(inner)), tol=_EIGENVALUE_ERROR
+                )
+        except (np.linalg.LinAlgError, spl.ArpackError) as error:
+            raise SingularMatrixError(size=len(inner)) from error
         order = np.argsort(inverse)[::-1]
-        return 1 / np.maximum(inverse[order], np.finfo(np.float64).tiny), functions[:, order]
+        return 1 / np.maximum(inverse[order], TINY), functions[:, order]

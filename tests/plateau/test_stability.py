@@ -1,13 +1,21 @@
 """The second variation against exact thresholds, on the gallery's own surfaces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import torch
 
 from spinor_geom import gallery
+from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import triangulate_polygon
+from spinor_geom.errors import SingularMatrixError
+from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.stability import assess_stability, gauss_image_areas, lowest_modes
+from spinor_geom.plateau.stability import assess_stability, gauss_image_areas, lowest_modes, stable_by_curvature
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from tests.loops import noisy_ellipse
 
 
@@ -129,3 +137,59 @@ def test_modes_of_the_hemisphere_are_spherical_harmonics():
     height = surface.normal(mesh.points)[:, 2]
     assert np.abs(u[:, 0] * np.sign(u[:, 0].sum()) - height).max() < 1e-2
     assert (u[:128] == 0).all()
+
+
+def power(degree: int, factor: float) -> SpinorSurface:
+    """p = 1 and q a power of z on the unit disk: its normals cover a cap of the sphere as many times."""
+    coefficients = torch.zeros(degree + 1, 2, dtype=torch.complex128)
+    coefficients[0, 0], coefficients[degree, 1] = 1, factor
+    return SpinorSurface(PowerSeries(coefficients), PlaneDomain.disk())
+
+
+@pytest.mark.parametrize("degree", [16, 63, 64, 128, 200, 255, 256, 257, 512, 1000, 1024])
+@pytest.mark.parametrize("factor", [1.0, 1.5])
+def test_powers_that_meshes_do_not_resolve_are_not_stable(degree: int, factor: float) -> None:
+    """Their normals cover a hemisphere or more; at as many equal steps as the degree they are those of a plane."""
+    stability = assess_stability(power(degree, factor))
+    assert stability.verdict != "stable"
+    assert stability.index != 0
+    assert stability.total_curvature is None or stability.total_curvature >= 2 * np.pi
+
+
+@pytest.mark.parametrize("degree", [1, 2, 5, 16, 63])
+def test_powers_over_small_caps_are_stable(degree: int) -> None:
+    """The first eigenvalue is that of the cap, whatever the number of sheets."""
+    assert assess_stability(power(degree, 0.3)).verdict == "stable"
+
+
+@pytest.mark.parametrize("curvature", [(np.nan, 0.0), (1.0, np.nan), (np.nan, np.nan), (-2.68, 0.1), (1.0, np.inf)])
+def test_impossible_curvature_decides_nothing(curvature: tuple[float, float]) -> None:
+    assert stable_by_curvature(curvature) is None
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_spinors_that_are_not_finite_leave_the_verdict_open(value: float) -> None:
+    surface = power(1, 0.3)
+    with torch.no_grad():
+        surface.model.coefficients[1, 1] = value
+    stability = assess_stability(surface)
+    assert (stability.verdict, stability.index, stability.eigenvalue) == ("undecided", None, None)
+
+
+def test_a_solve_that_is_cut_short_is_stable_only_with_a_possible_curvature() -> None:
+    """After few steps p and q of rough loops are far from those of a surface over them."""
+    for seed in range(6):
+        t = 2 * np.pi * np.arange(30) / 30
+        points = np.stack([np.cos(t), np.sin(t), 0.5 * np.cos(2 * t)], axis=1)
+        points += 0.1 * np.random.default_rng(seed).normal(size=points.shape)
+        solution = solve_plateau(BoundaryLoop.from_points(points), max_iterations=2, unstable="keep")
+        if solution.stability.verdict == "stable":
+            assert solution.stability.total_curvature >= -1e-9
+
+
+def test_meshes_without_area_are_a_typed_error_of_modes() -> None:
+    plane = gallery.plane_disk().surface
+    mesh = triangulate_polygon(np.exp(2j * np.pi * np.arange(24) / 24), lambda z: np.full(z.shape, 0.3))
+    flat = replace(mesh, points=np.where(np.arange(len(mesh.points)) < 24, mesh.points, 0))
+    with pytest.raises(SingularMatrixError):
+        lowest_modes(plane, flat, 1)
