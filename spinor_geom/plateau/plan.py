@@ -317,12 +317,7 @@ def _on_sides(task: Task) -> PlateauSolution:
     share = np.arange(PARTS_OF_A_SIDE)[:, None] / PARTS_OF_A_SIDE
     points = loop.points[:, None] + share * (np.roll(loop.points, -1, axis=0) - loop.points)[:, None]
     whole = BoundaryLoop.from_points(points.reshape(-1, 3), corners=PARTS_OF_A_SIDE * np.arange(len(loop)))
-    finer = replace(Task.of([whole], task.options), steps=steps)
+    finer = replace(Task.of([whole], task.options), steps=steps, parts=PARTS_OF_A_SIDE)
     solution = minimal_disk(finer, plan(finer))
-    residual = replace(
-        solution.boundary_residual,
-        mean_edge=loop.mean_edge_length,
-        max_per_local_edge=solution.boundary_residual.max_per_local_edge / PARTS_OF_A_SIDE,
-    )
     rim = replace(solution.rims[0], loop=loop, curve=task.curve.placed(loop.points, loop.diagonal))
-    return replace(solution, rims=(rim,), boundary_residual=residual)
+    return replace(solution, rims=(rim,))

@@ -42,6 +42,7 @@ class Request:
     options: Options  # of the call
     steps: Steps  # of all routes
     clock: Clock = field(default_factory=Clock)  # of their stages
+    parts: int = 1  # into which each edge was divided: residuals count in whole edges
 
     @classmethod
     def of(
@@ -156,8 +157,8 @@ class Request:
         residual = BoundaryResidual(
             rms=misfit.rms,
             max=misfit.max,
-            max_per_local_edge=misfit.max_per_local_edge,
-            mean_edge=_mean_edge(self.loops),
+            max_per_local_edge=misfit.max_per_local_edge / self.parts,
+            mean_edge=_mean_edge(self.loops) * self.parts,
             diagonal=scale,
         )
         converged, reason = residual.verdict(self.options.tolerance, steps=len(history), limit=found.limit)

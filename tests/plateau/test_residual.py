@@ -1,10 +1,16 @@
 """The reported residual equals an independent evaluation of the returned surface."""
 
+import re
+
 import numpy as np
 import pytest
 
+from spinor_geom import gallery
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
-from tests.loops import noisy_ellipse, ramp
+from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
+from tests.loops import noisy_ellipse, planar, ramp
+from tests.plateau.rims import circle, knoid
 from tests.plateau.solved import measured, recovered, spanned
 
 
@@ -39,3 +45,50 @@ def test_surface_passes_through_the_loop_points_within_the_residual():
     solution = spanned("tennis seam")
     gap = np.linalg.norm(solution.surface.position(solution.loop_points_in_domain()) - solution.loop.points, axis=1)
     assert gap.max() < 1e-4 * solution.loop.mean_edge_length
+
+
+TRIANGLE = BoundaryLoop.from_points([(0, 0, 0), (5, 0, 0), (0, 1, 0)], corners=range(3))
+HEXAGON = BoundaryLoop.from_points([(0, 0, 0), (1, 0, 0), (1, 1, 0), (1, 1, 1), (0, 1, 1), (0, 0, 1)], corners=range(6))
+QUADRILATERAL = BoundaryLoop.from_points([(0, 0, 0), (1, 0, 0), (1, 1, 0.6), (0, 1, 0)], corners=range(4))
+# a loop or several, options, and the route on which the surface is found
+ROUTES = {
+    "plane": (TRIANGLE, {}, "plane"),
+    "disk": (gallery.enneper(0.8).rim(24), {}, "disk"),
+    "series": (gallery.tennis_seam(0.6).sample(48), {"model": "series"}, "disk"),
+    "unfolded": (ramp(0.9, 80), {}, "unfolded"),
+    "flattened": (noisy_ellipse(40), {}, "flattened"),
+    "vertices": (noisy_ellipse(40), {"between": "free"}, "vertices"),
+    "sides": (HEXAGON, {}, "network"),
+    "quadrilateral": (QUADRILATERAL, {}, "network"),
+    "corners": (planar([(0, 0), (3, 0), (3, 1)], 10), {"model": "cauchy"}, "network"),
+    "network": (gallery.tennis_seam(0.6).sample(48), {"model": "cauchy"}, "network"),
+    "annulus": ([circle((0, 0, h), (0, 0, 1), 1.0, 24) for h in (0.0, 0.5)], {}, "annulus"),
+    "annular network": (
+        [circle((0, 0, h), (0, 0, 1), 1.0, 24) for h in (0.0, 0.5)],
+        {"model": "cauchy"},
+        "annular network",
+    ),
+    "circles": (knoid(3, 0.4, 32), {}, "circles"),
+}
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-6])
+@pytest.mark.parametrize("name", ROUTES)
+def test_flag_and_reason_say_what_the_residual_says(name: str, tolerance: float) -> None:
+    rims, options, route = ROUTES[name]
+    solution = solve_plateau(rims, tolerance=tolerance, max_iterations=20, **options)
+    residual = solution.boundary_residual
+    assert solution.route == route or tolerance < 1e-2
+    assert solution.tolerance == tolerance
+    is_met = residual.rms_per_edge <= tolerance and residual.max_per_local_edge <= LOCAL_TOLERANCES * tolerance
+    assert solution.converged == is_met
+    said = re.match(
+        r"residual (\S+) of the mean edge after \d+ steps(, above the tolerance (\S+):|, but|;|$)", solution.reason
+    )
+    # the sentence has two digits
+    assert float(said[1]) == float(f"{residual.rms_per_edge:.1e}")
+    assert said[3] is None or float(said[3]) == tolerance
+    assert ("above" in solution.reason) == (not is_met)
+    mean_edge = sum(rim.loop.perimeter for rim in solution.rims) / sum(len(rim.loop) for rim in solution.rims)
+    # sums of lengths in another order
+    assert abs(residual.mean_edge / mean_edge - 1) < 1e-12
