@@ -1,9 +1,11 @@
 """What every route to a minimal surface returns: it at unit size, and how near to Γ it came."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from jaxtyping import Float
 
 from spinor_geom.domain.plane_domain import PlaneDomain
@@ -16,6 +18,19 @@ from spinor_geom.surface.spinor_surface import SpinorSurface, Vector
 
 # What a way to a surface may fail at.
 FAILURES = (DomainError, FirstFillError, SingularMatrixError, SurfaceError)
+
+
+@contextmanager
+def typed_failures() -> Iterator[None]:
+    """Raises a SingularMatrixError for what numpy, scipy and torch raise where equations cannot be solved."""
+    try:
+        yield
+    except (np.linalg.LinAlgError, torch.linalg.LinAlgError) as error:
+        reason = str(error).splitlines()[0].rstrip(".")
+        raise SingularMatrixError(
+            f"equations for a surface over the loop cannot be solved ({reason}); check the loop for points that nearly "
+            "coincide, and for parts of it that nearly touch"
+        ) from error
 
 
 @dataclass(frozen=True, kw_only=True)

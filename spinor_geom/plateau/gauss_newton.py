@@ -87,9 +87,9 @@ def gauss_newton(
         fit, damping = _damped_step(problem, fit, linear, damping)
         if fit.energy < before:
             steps.take("Gauss-Newton", fit.residual)
-        # a linearisation costs many times what a step costs
-        if fit.energy > before / 2:
-            if fresh and (fit.energy <= allowed**2 or fit.energy > STALLED**2 * before):
+        # a linearisation costs many times what a step costs; an energy that is 0 or not finite falls no more
+        if not fit.energy < before / 2:
+            if fresh and (fit.energy <= allowed**2 or not fit.energy <= STALLED**2 * before):
                 break
             linear, fresh = _Linear.at(problem, fit), True
         else:

@@ -22,12 +22,12 @@ from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.errors import DomainError
+from spinor_geom.errors import DomainError, SingularMatrixError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energies, resampled, slide_downhill
-from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.found import Found, typed_failures
 from spinor_geom.plateau.lift import WORTHWHILE, Lift, domain_of, lifted_together, surface_of
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING
@@ -74,12 +74,12 @@ class HarmonicSolver:
         """The minimal disk of less area that an unstable one on the unit disk leads to; None where there is none."""
         slide = torch.tensor(matching[:, 1], device=self.request.options.device)
         # the cost of its directions is the number of nodes cubed
-        start = slide_downhill(self.exact, self._unit_disk, resampled(slide, min(len(slide), 2 * FEWEST_NODES)))
-        if start is None:
-            return None
+        few = resampled(slide, min(len(slide), 2 * FEWEST_NODES))
         try:
-            return self._fitted(self._fit(self._unit_disk, start), "disk")
-        except DomainError:
+            with typed_failures():
+                start = slide_downhill(self.exact, self._unit_disk, few)
+            return None if start is None else self._fitted(self._fit(self._unit_disk, start), "disk")
+        except (DomainError, SingularMatrixError):
             return None
 
     def unfolded(self) -> Found:

@@ -340,12 +340,15 @@ class _SampledBoundary:
 
 
 def _each_solved(matrices: Float[Tensor, "b n n"], right: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
-    """The solutions of systems; on a CPU each is the same to the last bit whatever others there are."""
-    solve: Callable[..., Tensor] = torch.linalg.solve
+    """The solutions of systems; on a CPU each is the same to the last bit whatever others there are.
+
+    A singular one, whose solution is arbitrary, does not keep the others from theirs.
+    """
+    solve = torch.linalg.solve_ex
     if matrices.is_cuda:
-        return solve(matrices, right)
+        return solve(matrices, right)[0]
     # a copy of each begins where memory is aligned: LAPACK rounds otherwise elsewhere
-    return torch.stack([solve(one.clone(), b) for one, b in zip(matrices, right, strict=True)])
+    return torch.stack([solve(one.clone(), b)[0] for one, b in zip(matrices, right, strict=True)])
 
 
 def _on(curves: CurveTensors, slides: Float[Tensor, "b m k"]) -> _OnCurves:

@@ -203,7 +203,7 @@ class NetworkSolver:
             if finer is None:
                 break
             again = self._fitted(finer, *finer.transferred(best.stage, best.fit))
-            if again.misfit.rms >= best.misfit.rms:
+            if not again.misfit.rms < best.misfit.rms:
                 break
             best = replace(again, rounds=best.rounds + 1, folds=best.folds)
         return best
@@ -228,7 +228,7 @@ class NetworkSolver:
             readout, slide = moved.transferred(stage, fit)
             stage = moved  # whatever the fit gained by the move, it is lost without it
             # below half of what is allowed only fast convergence goes on
-            stalls = fit.residual > (STALLED if fit.residual > allowed / 2 else 0.5) * last
+            stalls = not fit.residual <= (STALLED if fit.residual > allowed / 2 else 0.5) * last
             # Newton's method would move it by about the square of this move next
             if stalls or length**2 < _STILL * fit.residual or steps.are_spent:
                 break

@@ -15,10 +15,11 @@ from spinor_geom.errors import DomainError, FirstFillError, SpinorGeomError, Sur
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES, MIN_POINTS_FOR_HIGH_DEGREE
-from spinor_geom.plateau.found import FAILURES, Found, NoneBetweenError
+from spinor_geom.plateau.found import FAILURES, Found, NoneBetweenError, typed_failures
 from spinor_geom.plateau.harmonic_route import Fit, HarmonicSolver, points_of_domain
 from spinor_geom.plateau.network_route import PARTS_OF_A_SIDE, NetworkSolver, rim_indices
 from spinor_geom.plateau.omega import NodeDensity
+from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import lie_in_plane, plane_region
 from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.rims import RimsSolver, obstacle
@@ -202,7 +203,10 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
         if best is not None and best.route in ("unfolded", "flattened") and route is not Route.BY_NETWORK:
             continue  # a second Ω is for loops that the first leads to no surface of: it spends the steps
         try:
-            found = route.surface(task)
+            with typed_failures():
+                found = route.surface(task)
+            if not np.isfinite(found.misfit.rms):
+                raise SurfaceError("p and q of a surface overflow, so that its boundary is not finite; scale the loop")
         except FAILURES as failure:
             # what is known of a surface says more than that no domain was found
             error = error if isinstance(error, SurfaceError) else failure
@@ -280,8 +284,12 @@ def all_surfaces(task: Task) -> tuple[PlateauSolution, ...]:
             return _solution((Route.BY_NETWORK,), anew)
 
         return find_disks(task.rim, solve)
-    disks = _rim_disks(task)
-    solutions = [task.solution(task.rims.fitted(placed), disks) for placed in task.rims.all_critical()]
+    disks, critical = _rim_disks(task), task.rims.all_critical()
+    solutions = []
+    for placed in critical:
+        # each with the steps and the time of the search, and its own
+        own = replace(task, steps=task.steps.copied(), clock=task.clock.copied())
+        solutions.append(own.solution(own.rims.fitted(placed), disks))
     return tuple(sorted(solutions, key=lambda solution: solution.area))
 
 
@@ -292,16 +300,20 @@ def _solution(routes: tuple[Route, ...], task: Task) -> PlateauSolution:
 def _rim_disks(task: Task) -> RimDisks:
     """What a surface between loops is set against: disks over each and surfaces over some, of whatever model suits."""
     options = task.options if task.options.laurent is None else replace(task.options, model="auto")
+    return RimDisks(count=len(task.loops), surface_over=partial(_surface_over, task.loops, task.curves, options))
 
-    def surface_over(numbers: Sequence[int]) -> PlateauSolution | None:
-        try:
-            part = Task.over([task.loops[k] for k in numbers], [task.curves[k] for k in numbers], options)
+
+def _surface_over(
+    loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve], options: Options, numbers: Sequence[int]
+) -> PlateauSolution | None:
+    """The surface of least area over some of the loops; none where none is found."""
+    try:
+        with typed_failures():
+            part = Task.over([loops[k] for k in numbers], [curves[k] for k in numbers], options)
             answer = minimal_disk(part, plan(part)) if part.is_disk else surface_between(part)
-        except SpinorGeomError:
-            return None
-        return answer if isinstance(answer, PlateauSolution) else None
-
-    return RimDisks(count=len(task.loops), surface_over=surface_over)
+    except SpinorGeomError:
+        return None
+    return answer if isinstance(answer, PlateauSolution) else None
 
 
 def _lower_on_disk(task: Task, solution: PlateauSolution) -> PlateauSolution | None:

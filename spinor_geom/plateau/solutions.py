@@ -282,7 +282,10 @@ def _departures(solution: PlateauSolution, rim: Rim) -> Iterator[Iterator[Disk]]
     x = rim.positions(solution, mesh)
     normal = solution.surface.normal(mesh.points)
     normal[:m] = 0  # it may not exist at corners
-    _, modes = lowest_modes(solution.surface, mesh, solution.stability.index or 1)
+    try:
+        _, modes = lowest_modes(solution.surface, mesh, solution.stability.index or 1)
+    except SingularMatrixError:  # nor do triangles without area tell where to
+        return
     for mode in modes.T:
         # a mode's own sign is arbitrary
         mode = mode * np.sign(mode[np.abs(mode).argmax()])

@@ -19,6 +19,7 @@ from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import first_disks
 from spinor_geom.errors import ArgumentTypeError, OptionError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.plateau.found import typed_failures
 from spinor_geom.plateau.harmonic_route import BATCH_NODES, FEWEST_NODES, HarmonicSolver
 from spinor_geom.plateau.options import Cauchy, Model, Optimizer, Options, usable_device
 from spinor_geom.plateau.plan import Route, Task, all_surfaces, minimal_disk, plan, surface_between
@@ -159,7 +160,7 @@ def solve_plateau(
         raise OptionError("a surface spans at least one loop, got an empty sequence")
     if all_solutions:
         _require_model_for_all(model, is_disk=len(rims) == 1)
-    with one_thread():
+    with one_thread(), typed_failures():
         task = Task.of(rims, options, on_iteration)
         if all_solutions:
             return all_surfaces(task)
@@ -236,7 +237,8 @@ def _side_by_side(
 
 def _planned(task: Task | SpinorGeomError) -> Planned | SpinorGeomError:
     try:
-        return task if isinstance(task, SpinorGeomError) else (task, plan(task))
+        with typed_failures():
+            return task if isinstance(task, SpinorGeomError) else (task, plan(task))
     except SpinorGeomError as error:
         return error
 
@@ -266,6 +268,7 @@ def _fit_together(answers: list[Planned | SpinorGeomError], seconds: float) -> N
 def _solved(task: Task, routes: tuple[Route, ...], seconds: float) -> PlateauSolution | SpinorGeomError:
     with one_thread(), deadline.time_limit(seconds):
         try:
-            return minimal_disk(task, routes)
+            with typed_failures():
+                return minimal_disk(task, routes)
         except SpinorGeomError as error:
             return error

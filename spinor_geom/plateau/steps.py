@@ -1,9 +1,11 @@
 """The steps of all tries over a loop, and the time that their stages take."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from spinor_geom.deadline import is_out_of_time
@@ -49,6 +51,10 @@ class Steps:
         if self.on_iteration is not None:
             self.on_iteration(step)
 
+    def copied(self) -> Steps:
+        """As many more steps after those so far, which further ones of the other do not join."""
+        return replace(self, history=[*self.history])
+
     @property
     def left(self) -> int:
         """How many more may be taken."""
@@ -75,6 +81,12 @@ class Clock:
         finally:
             inside = sum(self.seconds.values()) - others
             self.add(name, time.perf_counter() - start - inside)
+
+    def copied(self) -> Clock:
+        """One that goes on from here by itself."""
+        clock = Clock()
+        clock.seconds.update(self.seconds)
+        return clock
 
     def add(self, name: str, seconds: float) -> None:
         """Counts time that was measured elsewhere."""
