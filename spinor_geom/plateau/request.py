@@ -262,8 +262,8 @@ def _mean_edge(loops: Sequence[BoundaryLoop]) -> float:
 
 
 def _extent(points: Float[np.ndarray, "n 3"]) -> float:
-    """Diagonal of their bounding box."""
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
+    """Diagonal of their bounding box, rounded as those of many loops."""
+    return float(Polygons(points=points[None]).diagonals[0])
 
 
 def _sampled(given: ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve]:
