@@ -13,9 +13,9 @@ _FIRST_PART, _GROWTH = 2.0, 1.0
 def graded_spacing(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b m"]:
     """The longest edge that the points of a closed polygon beside it explain, at each edge, in the points' unit.
 
-    Elsewhere it is the longest of three edges in a row, and it may double from each edge to the next. So an edge is
-    longer only if it is more than four times as long as three edges beside it. A short edge alone explains nothing, and
-    edges that grow gradually are explained.
+    Elsewhere it is the longest of three edges in a row, it may double from each edge to the next, and it is twice the
+    median edge at least. So an edge is longer only if it is more than four times as long as three edges beside it, and
+    more than twice as long as half of all edges. Few short edges explain nothing, and gradual growth is explained.
     """
     length = edge_lengths(points)
     spacing = _longest_of_three(length)
@@ -25,7 +25,7 @@ def graded_spacing(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b
         nearest = np.minimum(np.roll(spacing, step, axis=-1), np.roll(spacing, -step, axis=-1))
         spacing = np.minimum(spacing, LARGEST_GROWTH**step * nearest)
         step *= 2
-    return spacing
+    return np.maximum(spacing, LARGEST_GROWTH * np.median(length, axis=-1, keepdims=True))
 
 
 def are_long(points: Float[np.ndarray, "*b m k"]) -> Bool[np.ndarray, "*b m"]:
