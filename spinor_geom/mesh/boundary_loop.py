@@ -19,10 +19,6 @@ from spinor_geom.mesh.spacing import edge_lengths, graded_spacing
 MIN_CORNER_TURN = np.radians(35.0)
 MAX_NEIGHBOUR_TURN_RATIO = 0.25
 MIN_LOOP_WITH_CORNERS = 8
-# A long edge's end is a corner if the edge beside it, continued as far as the long one reaches, misses that one's other
-# end by this share of the graded spacing. With half of it one in ten unevenly sampled curves gets a corner, with twice
-# of it three gaps of 45° in a circle are filled.
-LARGEST_MISS = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -197,7 +193,8 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
     polygons have no such corners.
 
     An end of a long edge, one that exceeds the `graded_spacing`, is a corner if the polygon turns there by so much that
-    a smooth curve would leave the edge by about as much as the points beside it are apart: nothing shows such a bulge.
+    a smooth curve would leave the edge by about as much as the points beside it are apart, a quarter of that spacing:
+    nothing shows such a bulge.
 
     Polygons of fewer than 8 points are too coarse to tell and have no corners; so has a point beside an edge of length
     0.
@@ -206,9 +203,7 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
         return np.zeros(len(points), dtype=bool)
     turn = np.nan_to_num(turning_angles(points))
     length, spacing = edge_lengths(points), graded_spacing(points)
-    at_start, at_end = (
-        (length > spacing) & (length * angle > LARGEST_MISS * spacing) for angle in (turn, np.roll(turn, -1))
-    )
+    at_start, at_end = ((length > spacing) & (length * angle > spacing) for angle in (turn, np.roll(turn, -1)))
     corners: Bool[np.ndarray, " m"] = at_start | np.roll(at_end, 1)
     if np.median(turn) <= MIN_CORNER_TURN * MAX_NEIGHBOUR_TURN_RATIO:
         alone = turn >= MIN_CORNER_TURN

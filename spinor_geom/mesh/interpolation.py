@@ -10,7 +10,6 @@ from scipy.linalg import solve_banded
 from scipy.linalg.lapack import dposv, dtrtri
 
 from spinor_geom.mesh.arrays import shared
-from spinor_geom.mesh.boundary_loop import LARGEST_MISS
 from spinor_geom.mesh.spacing import are_long, graded_spacing
 
 Vertices = Float[np.ndarray, "m 3"]
@@ -63,7 +62,7 @@ def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[tuple[Breaks, Piec
 
 
 def _leaves_long_edges(points: Vertices, breaks: Breaks, pieces: Pieces) -> bool:
-    """Whether a curve swings where points are far apart: it leaves a long edge by a quarter of the spacing there."""
+    """Whether a curve swings where points are far apart: it leaves a long edge by more than `detect_corners` allows."""
     spacing, edges = graded_spacing(points), np.roll(points, -1, axis=0) - points
     long = np.flatnonzero(np.linalg.norm(edges, axis=1) > spacing)
     share = np.arange(1, SAMPLES_OF_LONG_EDGE)[:, None] / SAMPLES_OF_LONG_EDGE
@@ -72,7 +71,7 @@ def _leaves_long_edges(points: Vertices, breaks: Breaks, pieces: Pieces) -> bool
     for power in pieces[:-1, long]:
         away = (away + power) * step
     away -= share[..., None] * edges[long]
-    return bool((np.linalg.norm(away, axis=2) > LARGEST_MISS / 2 * spacing[long]).any())
+    return bool((np.linalg.norm(away, axis=2) > spacing[long] / 4).any())
 
 
 def piecewise_cubic(
