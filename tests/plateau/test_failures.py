@@ -1,0 +1,150 @@
+"""What cannot be solved is a typed error or ends: singular equations, and numbers that are not finite."""
+
+from __future__ import annotations
+
+import itertools
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+
+from spinor_geom import gallery
+from spinor_geom.errors import SingularMatrixError, SpinorGeomError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau import gauss_newton, plan, solve_plateau, solve_plateau_batch
+from spinor_geom.plateau.lift import _each_solved
+from spinor_geom.plateau.network import Discretisation
+from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.solution import NoConnectedSurface
+from spinor_geom.plateau.steps import Steps
+from tests.loops import noisy_ellipse
+from tests.plateau.rims import circle, coaxial, sampled
+from tests.plateau.test_residual import ROUTES
+from tests.strategies import SEEDS
+
+SMOOTH = gallery.enneper(0.8).rim(24)
+
+
+def singular(*_: object, **__: object) -> None:
+    raise np.linalg.LinAlgError("k-th leading minor of the array is not positive definite")
+
+
+def singular_in_torch(*_: object, **__: object) -> None:
+    torch.linalg.cholesky(torch.zeros(2, 2))
+
+
+@pytest.mark.parametrize("fail", [singular, singular_in_torch])
+def test_singular_equations_are_a_typed_error_and_other_routes_are_tried(
+    monkeypatch: pytest.MonkeyPatch, fail: Callable[..., None]
+) -> None:
+    surface = plan.Route.surface
+    failing = set(plan.Route) - {plan.Route.BY_NETWORK}
+    monkeypatch.setattr(plan.Route, "surface", lambda route, task: (fail if route in failing else surface)(route, task))
+    assert solve_plateau(SMOOTH).route == "network"
+    failing.add(plan.Route.BY_NETWORK)
+    with pytest.raises(SingularMatrixError, match=r"check the loop"):
+        solve_plateau(SMOOTH)
+    answers = list(solve_plateau_batch([SMOOTH, noisy_ellipse(40), SMOOTH], between="free"))
+    assert [type(answer) for answer in answers] == 3 * [SingularMatrixError]
+
+
+def test_a_surface_that_is_not_finite_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    surface = plan.Route.surface
+
+    def overflowing(route: plan.Route, task: plan.Task) -> object:
+        found = surface(route, task)
+        return replace(found, misfit=replace(found.misfit, rms=np.nan)) if route is plan.Route.ON_UNIT_DISK else found
+
+    monkeypatch.setattr(plan.Route, "surface", overflowing)
+    assert solve_plateau(SMOOTH).route != "disk"
+    with pytest.raises(SpinorGeomError, match="not finite"):
+        solve_plateau(SMOOTH, model="series")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
+def test_gauss_newton_ends_where_the_energy_is_not_finite(monkeypatch: pytest.MonkeyPatch, value: float) -> None:
+    rounds = itertools.count()
+    step = gauss_newton._damped_step
+
+    def counted(*args: Any) -> Any:
+        assert next(rounds) < 20
+        return step(*args)
+
+    monkeypatch.setattr(gauss_newton, "_damped_step", counted)
+    curve = CurveTensors.of(BoundaryCurve.from_loop(SMOOTH), torch.device("cpu"))
+    stage = Discretisation.first(
+        gallery.enneper(0.8).surface.domain, (curve,), (np.empty(0),), degree=8, offset=1.0, tolerance=1e-3
+    )
+    z = torch.from_numpy(stage.panels.z)
+    readout = stage.readout_of(torch.stack([torch.ones_like(z), z], dim=-1)) * value
+    slide = torch.from_numpy(np.sort(stage.panels.t % 1))
+    fit = gauss_newton.gauss_newton(stage.problem, readout, slide, allowed=1e-3, steps=Steps(limit=100))
+    assert not fit.residual < 1
+
+
+def test_a_singular_system_leaves_the_others_as_they_are() -> None:
+    matrices = torch.stack([torch.eye(3), torch.zeros(3, 3), 2 * torch.eye(3)]).double()
+    solved = _each_solved(matrices, torch.ones(3, 3).double())
+    assert solved[[0, 2]].tolist() == [3 * [1.0], 3 * [0.5]]
+
+
+@settings(max_examples=4)
+@given(seed=SEEDS)
+def test_cracks_hairs_and_coincident_points_raise_nothing_untyped(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    n = int(random.integers(12, 52))
+    t = 2 * np.pi * np.arange(n) / n
+    points = np.stack([np.cos(t), np.sin(t), random.uniform(0, 0.5) * np.cos(2 * t)], axis=1)
+    crack = points * [1, 10.0 ** random.uniform(-8, -3), 1]
+    place = int(random.integers(n))
+    hair = np.insert(points, place + 1, [1.5 * points[place], points[place] * (1 + 1e-8)], axis=0)
+    pairs = points.copy()
+    pairs[random.choice(n, 4)] = points[random.choice(n, 4)] + 1e-9 * random.normal(size=(4, 3))
+    loops = [
+        BoundaryLoop(points=p, vertex_ids=np.arange(len(p)), corners=np.zeros(len(p), bool))
+        for p in (crack, hair, pairs)
+    ]
+    # a second is enough for most, and what is cut short is typed too
+    for options in ({"between": "free"}, {"model": "cauchy"}, {"model": "series"}):
+        answers = list(solve_plateau_batch(loops, time_limit=1.0, max_iterations=20, **options))
+        assert len(answers) == len(loops)
+
+
+@pytest.mark.parametrize("name", ROUTES)
+def test_solutions_of_every_route_can_be_pickled(name: str) -> None:
+    rims, options, _ = ROUTES[name]
+    solution = solve_plateau(rims, tolerance=1e-2, **options)
+    again = pickle.loads(pickle.dumps(solution))
+    assert (again.area, again.route, again.reason) == (solution.area, solution.route, solution.reason)
+    # made by the copy itself
+    assert np.array_equal(again.surface.position(0.5 + 0.2j), solution.surface.position(0.5 + 0.2j), equal_nan=True)
+    if solution.annulus is not None:
+        assert again.annulus.disk_area == solution.annulus.disk_area
+
+
+def test_the_answer_that_there_is_no_surface_can_be_pickled() -> None:
+    answer = solve_plateau([circle((0, 0, height), (0, 0, 1), 1.0, 24) for height in (0.0, 1.5)])
+    assert isinstance(answer, NoConnectedSurface)
+    assert pickle.loads(pickle.dumps(answer)).area == answer.area
+
+
+def test_each_of_all_annuli_has_the_steps_and_the_time_of_its_own() -> None:
+    first, second = coaxial(0.5)
+    calls = []
+    solutions = solve_plateau(
+        (sampled(first, 12), sampled(second, 10)), all_solutions=True, tolerance=1e-9, on_iteration=calls.append
+    )
+    assert len(solutions) > 1
+    histories = [solution.history for solution in solutions]
+    search = sum(all(step is history[k] for history in histories) for k, step in enumerate(min(histories, key=len)))
+    # the search's steps, which all share, and those of each
+    assert sum(len(history) - search for history in histories) + search == len(calls)
+    assert sum(len(history) > search for history in histories) > 1
+    assert all([step.index for step in history] == list(range(1, len(history) + 1)) for history in histories)
+    assert len({solution.solve_timings["lift"] for solution in solutions}) == len(solutions)
