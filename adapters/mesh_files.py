@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Int
@@ -119,20 +119,26 @@ class MeshFile(Shown):
         """What was changed on the way from the file, a sentence each."""
         return self.contents.notes
 
-    def merged(self) -> MeshFile:
-        """The file with vertices of exactly equal position made one, as soups need; `notes` counts them.
+    def merged(self, within: float | Literal["rounding"] = 0.0) -> MeshFile:
+        """The file with vertices of equal position merged, as soups need; `notes` counts them.
+
+        `within` is the largest distance of such vertices, as for `TriangleMesh.merged`.
 
         Of each group the vertex of lowest index stays, with its attributes. Polygons lose corners that now repeat the
         one before, those of fewer than three corners (needles) are left out; curves stay whole. Such a file no longer
         follows the one that was read: it is written anew, without materials and what else is not in `contents`.
         """
         mesh, new_index = TriangleMesh(
-            self.contents.vertices, np.zeros((0, 3), dtype=np.int64), vertex_attributes=self.contents.attributes
-        ).merged()
+            self.contents.vertices,
+            self.contents.polygons.triangulated(self.contents.vertices)[0],
+            vertex_attributes=self.contents.attributes,
+        ).merged(within)
         polygons = self.contents.polygons.renumbered(new_index).without_repeats()
         before, after = len(new_index), len(mesh.vertices)
         needles = len(self.polygons) - len(polygons)
-        notes = [f"vertices of equal position are one: {before} became {after}"] if after < before else []
+        moved = float(np.linalg.norm(mesh.vertices[new_index] - self.contents.vertices, axis=1).max(initial=0.0))
+        up_to = f" up to {moved:.2g}" if moved else ""
+        notes = [f"vertices of equal position{up_to} were merged: {before} became {after}"] if after < before else []
         notes += [f"faces left out as two of their corners are one: {needles}"] if needles else []
         contents = replace(
             self.contents,
@@ -183,7 +189,8 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
 
     OBJ faces are read by position, so texture seams leave no trace; in PLY, OFF, GLB and VTK's formats, vertices that a
     renderer's format split along texture or normal seams are closed up again in `MeshFile.mesh`. STL, which cannot
-    share vertices, is read with those of equal position made one, as by `MeshFile.merged`. No other file is opened.
+    share vertices, is read with those of equal position, up to single precision, merged as by `MeshFile.merged`. No
+    other file is opened.
 
     Args:
         path: a file whose suffix is .obj, .ply, .stl, .off, .glb, .vtp, .vtk or .3mf, in any case.
@@ -210,7 +217,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
             raise malformed("", "is empty", "check that the file is complete")
         file = MeshFile.of_contents(FORMATS[suffix][0](data), path=source)
         if suffix == ".stl":
-            file = file.merged()
+            file = file.merged("rounding")
         if len(file.polygons) == 0 and not file.polylines:
             raise malformed("", "has vertices but no faces and no curves", "give a file with a surface in it")
         return file

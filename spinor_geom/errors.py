@@ -78,6 +78,13 @@ class DuplicateVertexError(MeshError):
     )
 
 
+def merge_advice(distance: float) -> str:
+    """How to merge vertices that are so far apart, in mesh units."""
+    # rounded up to two digits, and by one more of them
+    within = "" if not distance else f"{1.1 * distance:.1e}"
+    return f"fill_hole(mesh, merge={within or True}), or --merge{' ' * bool(within)}{within} on the command line"
+
+
 class LoopError(SpinorGeomError, ValueError):
     """A boundary loop cannot be used."""
 
@@ -104,17 +111,34 @@ class ZeroWidthSlitError(LoopError):
     """Both sides of the loop lie on each other."""
 
     sentence = (
-        "{fraction:.0%} of the loop is a zero-width slit (its two sides have the same positions, first at vertices "
-        "{vertices}); merge the vertices of equal position instead of filling it"
+        "{fraction:.0%} of the loop is a zero-width slit (its two sides have the same positions up to {distance:.2g}, "
+        "first at vertices {vertices}); merge the vertices of equal position instead of filling it ({advice})"
     )
+
+    def __init__(self, *, distance: float = 0.0, **fields: Any) -> None:
+        super().__init__(distance=distance, advice=merge_advice(distance), **fields)
 
 
 class SeamError(LoopError):
     """Edges of the loop lie on edges of another loop."""
 
     sentence = (
-        "{count} edges of the loop lie on edges of another loop, first {edge}: a seam between pieces that do not "
-        "share their vertices, not only a hole; merge the vertices of equal position first"
+        "{count} edges of the loop lie on edges of another loop, first {edge}, at most {distance:.2g} apart: a seam "
+        "between pieces that do not share their vertices, not only a hole; merge the vertices of equal position first "
+        "({advice})"
+    )
+
+    def __init__(self, *, distance: float = 0.0, **fields: Any) -> None:
+        super().__init__(distance=distance, advice=merge_advice(distance), **fields)
+
+
+class TJunctionError(LoopError):
+    """Vertices of a boundary lie on edges of a boundary: two sides of a seam that are divided differently."""
+
+    sentence = (
+        "the loop is a seam with T-junctions, not only a hole: {count} boundary vertices lie on boundary edges, first "
+        "vertex {vertex} on edge {edge}, at most {distance:.2g} off; divide those edges at these vertices, or name the "
+        "loop in loop= (--loop) to fill it all the same"
     )
 
 

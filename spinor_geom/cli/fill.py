@@ -115,9 +115,9 @@ def show_result(result: FillResult, *, quiet: bool) -> None:
         lines = [[cells[name] for name in columns] for cells in rows]
         show_table(columns, lines, piped=False, optional=_OPTIONAL)
     else:
-        show_lines("no boundary loops: the mesh is closed, nothing to fill", piped=False)
+        show_lines("no boundary loops: nothing to fill", piped=True)
     for note in result.notes:
-        show_lines(note, piped=False)
+        show_lines(note, piped=True)
     filled = sum(outcome.filled for outcome in result.loops)
     show_lines(
         f"{filled} of {len(result.loops)} loops filled, {len(result.extension.faces)} faces added, "

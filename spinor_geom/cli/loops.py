@@ -5,10 +5,11 @@ import json
 import math
 from typing import Any
 
-from spinor_geom.cli.console import ExitStatus, show_lines, show_table
+from spinor_geom.cli.console import ExitStatus, complain, show_lines, show_table
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.errors import require
 from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.mesh_notes import mesh_notes
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import loop_crossings
 
@@ -27,7 +28,9 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     elif loops:
         show_table(COLUMNS, [row(index, loop) for index, loop in enumerate(loops)], piped=True)
     else:
-        show_lines("no boundary loops: the mesh is closed", piped=True)
+        show_lines("no boundary loops", piped=True)
+    for note in mesh_notes(mesh.mesh, loops):
+        complain(note)
     if arguments.picture is not None:
         from spinor_geom.render.png import write_png
         from spinor_geom.render.portrait import loops_scene
@@ -49,6 +52,8 @@ def describe(index: int, loop: BoundaryLoop) -> dict[str, Any]:
         "normal": loop.plane.normal.tolist(),
         "slit_fraction": loop.slit_fraction,
         "seam_edges": len(loop.seam_edges),
+        "seam_distance": loop.seam_distance,
+        "junctions": len(loop.junctions),
         "crossings": len(loop_crossings(loop.points)),
         "obstacle": None if loop.obstacle is None else str(loop.obstacle),
         "remarks": list(loop.remarks),
@@ -63,6 +68,7 @@ def row(index: int, loop: BoundaryLoop) -> list[str]:
     remarks = [
         f"zero-width slit ({loop.slit_fraction:.0%})" if loop.slit_fraction else "",
         f"{len(loop.seam_edges)} edges on another loop" if len(loop.seam_edges) else "",
+        f"{len(loop.junctions)} T-junctions" if len(loop.junctions) else "",
         f"crosses or touches itself at {crossings} {'pair' if crossings == 1 else 'pairs'} of edges"
         if crossings
         else "",

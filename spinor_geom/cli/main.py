@@ -141,6 +141,7 @@ def _path(metavar: str) -> dict[str, Any]:
 
 _Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
 _positive = _checked(float, "a positive number", lambda x: 0 < x < math.inf)
+_from_zero = _checked(float, "a number from 0 on", lambda x: 0 <= x < math.inf)
 _FORMATS = "obj, ply, stl, off, glb, vtp, vtk, 3mf"
 _FLAG: dict[str, Any] = {"action": "store_true"}
 _LENGTH: dict[str, Any] = {"metavar": "LENGTH", "type": _positive}
@@ -200,7 +201,8 @@ def _add_quality(add: Callable[..., Any]) -> None:
 
 def _add_input(add: Callable[..., Any]) -> None:
     add("input", **_path("IN"), help=f"mesh file: {_FORMATS}")
-    add("--merge", **_FLAG, help="first merge vertices of equal position (those of STL files always are)")
+    near = "first merge vertices at most TOL apart, in mesh units; without TOL those of equal position up to rounding"
+    add("--merge", metavar="TOL", nargs="?", const=True, default=False, type=_from_zero, help=f"{near} (STL: always)")
 
 
 def _add_loops(commands: _Commands) -> None:
@@ -279,8 +281,7 @@ def _add_batch(commands: _Commands) -> None:
     add("--edge-length", **_LENGTH, help="edge length of the triangulations (default: each loop's mean edge)")
     _add_quality(add)
     near = "curves whose ends are at most so many mean edges apart are closed (default: %(default)s)"
-    from_zero = _checked(float, "a number from 0 on", lambda x: 0 <= x < math.inf)
-    add("--closing", metavar="T", type=from_zero, default=1e-3, help=near)
+    add("--closing", metavar="T", type=_from_zero, default=1e-3, help=near)
     add("--compare", **_FLAG, help="compare each surface with a discrete minimal surface")
     add("--device", default="cpu", help="of the batched linear algebra (default: %(default)s)")
     add("--resume", **_FLAG, help="go on with the run in OUT: do what is not complete")

@@ -7,15 +7,15 @@ from spinor_geom.adapters import MeshFile, read_mesh
 from spinor_geom.errors import MeshFileError
 
 
-def read_surface(path: Path, *, merge: bool) -> MeshFile:
-    """A mesh file, which must have faces; with `merge` vertices of equal position are one."""
+def read_surface(path: Path, *, merge: bool | float) -> MeshFile:
+    """A mesh file, which must have faces, with its vertices merged as by `merged`."""
     mesh = read_mesh(path)
     if not len(mesh.mesh.faces):
         raise MeshFileError(
             f"{path}: has no faces, so nothing to fill or to draw; 'spinor-geom batch' spans the curves of OBJ files",
             path=path,
         )
-    return mesh.merged() if merge else mesh
+    return mesh if merge is False else mesh.merged("rounding" if merge is True else merge)
 
 
 def require_writable(path: Path, *kept: Path) -> None:

@@ -14,11 +14,11 @@ from spinor_geom.errors import (
     SheetBorderError,
     SpinorGeomError,
     SurfaceError,
+    TJunctionError,
     ZeroWidthSlitError,
 )
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.mesh.operators import face_areas, graph_laplacian
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import require_few_points
@@ -75,19 +75,31 @@ def refuse_what_is_no_hole(loop: BoundaryLoop, surroundings: Surroundings) -> No
     """
     if loop.obstacle is not None:
         raise loop.obstacle
+    distance = loop.seam_distance
     if loop.slit_fraction > _WHOLE_SLIT:
-        # the first edge that lies on another one, run the other way
-        ends = np.roll(loop.points, -1, axis=0)
-        one, other = loop_crossings(loop.points).T
-        opposite = (loop.points[one] == ends[other]).all(axis=1) & (ends[one] == loop.points[other]).all(axis=1)
-        edge = np.roll(loop.vertex_ids, -one[np.argmax(opposite)])[:2]
-        raise ZeroWidthSlitError(fraction=loop.slit_fraction, vertices=edge.tolist())
+        if len(loop.junctions):
+            raise junction_error(loop)
+        # the first edge of the loop stands for all of them
+        raise ZeroWidthSlitError(fraction=loop.slit_fraction, vertices=loop.vertex_ids[:2].tolist(), distance=distance)
     if len(loop.seam_edges):
-        raise SeamError(edge=[int(v) for v in loop.seam_edges[0]], count=len(loop.seam_edges))
+        raise SeamError(edge=loop.seam_edges[0].tolist(), count=len(loop.seam_edges), distance=distance)
     face = surroundings.face_on(loop)
     if face is not None:
         raise LoneFaceError(face=face, vertices=[int(v) for v in loop.vertex_ids])
     refuse_empty(loop, loop.diagonal / loop.elongation)
+
+
+def refuse_junctions(loop: BoundaryLoop) -> None:
+    """Raises a TJunctionError where a loop is a seam whose two sides are divided differently."""
+    if len(loop.junctions):
+        raise junction_error(loop)
+
+
+def junction_error(loop: BoundaryLoop) -> TJunctionError:
+    """The error that describes the T-junctions of a loop that has some."""
+    vertex, *edge = loop.junctions[0].tolist()
+    count = len(np.unique(loop.junctions[:, 0]))
+    return TJunctionError(vertex=vertex, edge=edge, count=count, distance=loop.seam_distance)
 
 
 def refuse_empty(loop: BoundaryLoop, width: float) -> None:

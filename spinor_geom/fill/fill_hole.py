@@ -14,6 +14,8 @@ from spinor_geom.errors import ImperfectFillWarning
 from spinor_geom.fill.filling import Choice, Filling
 from spinor_geom.fill.loops import LoopChoice
 from spinor_geom.fill.many_loops import minimal_patches
+from spinor_geom.fill.merging import merged
+from spinor_geom.fill.mesh_notes import mesh_notes
 from spinor_geom.fill.one_loop import Clock, FillOptions
 from spinor_geom.fill.options import Continuity, Islands
 from spinor_geom.fill.result import FillResult, LoopOutcome
@@ -37,6 +39,7 @@ class _Rest(TypedDict, total=False):
     bridge: Sequence[int] | None
     islands: Islands
     continuity: Continuity
+    merge: bool | float
     keep_largest: bool
     max_perimeter: float | None
     target_edge_length: float | Literal["auto"]
@@ -70,6 +73,7 @@ def fill_hole(
     bridge: Sequence[int] | None = None,
     islands: Islands = "ignore",
     continuity: Continuity = "C0",
+    merge: bool | float = False,
     keep_largest: bool = False,
     max_perimeter: float | None = None,
     target_edge_length: float | Literal["auto"] = "auto",
@@ -103,6 +107,9 @@ def fill_hole(
             piece each by themselves; the report says which pieces lie in which holes.
         continuity: "C0" for the minimal surface over each rim; "C1" for a patch that goes on with the tangents and the
             curvature of the mesh around it, as the top of a sphere does, and a tube between two rims.
+        merge: merges vertices first. A number is the largest distance of vertices that are merged, in mesh units; True
+            merges those of equal position up to rounding to single precision. Works for paths, `MeshFile`,
+            `TriangleMesh` and pairs of numpy arrays; the result then follows the merged mesh.
         keep_largest: leaves the loop of longest perimeter open, such as the outer border of a scan.
         max_perimeter: leaves loops longer than this open, in mesh units.
         target_edge_length: of the patches, in mesh units; "auto" takes each loop's mean edge length.
@@ -144,6 +151,8 @@ def fill_hole(
     )
     clock = Clock()
     source = read_mesh(mesh) if isinstance(mesh, (str, os.PathLike)) else mesh
+    if merge is not False:
+        source = merged(source, merge)
     triangles = to_mesh(source)
     require_faces(triangles)
     clock.lap("read")
@@ -161,7 +170,7 @@ def fill_hole(
         original=triangles,
         extension=extension,
         loops=tuple(outcomes),
-        notes=source.notes if isinstance(source, MeshFile) else (),
+        notes=(*(source.notes if isinstance(source, MeshFile) else ()), *mesh_notes(triangles, loops)),
         watertight=watertight,
         timings=clock.laps(),
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spinor_geom.errors import OptionError, SpinorGeomError, require_positive
-from spinor_geom.fill.discrete_patch import refuse_long_border, refuse_what_is_no_hole
+from spinor_geom.fill.discrete_patch import refuse_junctions, refuse_long_border, refuse_what_is_no_hole
 from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open
 from spinor_geom.fill.many_loops import fill_loops, planned_joins
 from spinor_geom.fill.one_loop import Answer, FillOptions, unfilled
@@ -93,6 +93,7 @@ class Filling:
         try:
             refuse_what_is_no_hole(loop, self._surroundings)
             if not self._options.fills_borders:
+                refuse_junctions(loop)
                 refuse_long_border(self._surroundings, loop)
         except SpinorGeomError as error:
             return error

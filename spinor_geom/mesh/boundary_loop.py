@@ -45,6 +45,9 @@ class BoundaryLoop:
         slit_fraction: share of the perimeter whose edges coincide with another edge of the same loop run in the other
             direction, 0 to 1; 1 is a slit of zero width.
         seam_edges: (k, 2) int64 vertex ids, from and to, of the edges that coincide with an edge of another loop.
+        seam_distance: the largest distance between the two sides of slits and seams, in mesh units.
+        junctions: (k, 3) int64 vertex ids of T-junctions of this loop: a vertex, and the two ends of the boundary edge
+            on which it lies together with an edge beside it.
         obstacle: why no patch can be joined to the mesh along the loop; None where one can.
         remarks: what does not fit together among the faces that touch the loop, a sentence each.
 
@@ -59,6 +62,8 @@ class BoundaryLoop:
     corners: Bool[np.ndarray, " m"]
     slit_fraction: float = 0.0
     seam_edges: Int[np.ndarray, "k 2"] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
+    seam_distance: float = 0.0
+    junctions: Int[np.ndarray, "j 3"] = field(default_factory=lambda: np.empty((0, 3), dtype=np.int64))
     obstacle: MeshError | None = None
     remarks: tuple[str, ...] = ()
 
@@ -76,6 +81,7 @@ class BoundaryLoop:
             vertex_ids=frozen(self.vertex_ids, "integers", count, name="vertex_ids"),
             corners=frozen(self.corners, "truth values", count, name="corners"),
             seam_edges=frozen(self.seam_edges, "integers", None, 2, name="seam_edges"),
+            junctions=frozen(self.junctions, "integers", None, 3, name="junctions"),
         )
 
     @classmethod

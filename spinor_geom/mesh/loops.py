@@ -16,7 +16,8 @@ from jaxtyping import Bool, Float, Int
 
 from spinor_geom.errors import DuplicateVertexError, MeshError, NonManifoldEdgeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
-from spinor_geom.mesh.topology import HalfEdges, coincident_vertices, referenced_vertices
+from spinor_geom.mesh.seams import find_overlaps
+from spinor_geom.mesh.topology import HalfEdges, referenced_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 Points = Float[np.ndarray, "n 3"]
@@ -36,8 +37,8 @@ def find_boundary_loops(mesh: TriangleMesh) -> list[BoundaryLoop]:
     Faces that do not fit together matter where they touch a loop, and are told there (`BoundaryLoop.remarks`,
     `BoundaryLoop.obstacle`). Where the faces beside a loop run against each other, it goes with most of them.
 
-    Edges that lie on one another are told by `BoundaryLoop.slit_fraction` and `BoundaryLoop.seam_edges`. A closed mesh
-    has no loops.
+    `BoundaryLoop.slit_fraction`, `BoundaryLoop.seam_edges` and `BoundaryLoop.junctions` describe edges that lie on one
+    another, up to rounding. A closed mesh has no loops.
 
     Raises:
         DuplicateVertexError: more than half of all boundary edges lie on edges of other loops, and some of every loop:
@@ -48,23 +49,31 @@ def find_boundary_loops(mesh: TriangleMesh) -> list[BoundaryLoop]:
         return []
     rings = _boundary_rings(sheets)
     points = mesh.vertices[rings.vertices]
-    on_own, on_other = _find_overlaps(rings, points)
-    if on_other.mean() > SOUP_FRACTION and np.logical_or.reduceat(on_other, rings.starts[:-1]).all():
-        first = np.argmax(on_other)
+    overlaps = find_overlaps(
+        points, rings.successor, rings.numbers, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    )
+    on_other = (overlaps.other > 0) & overlaps.is_matched
+    is_equal = on_other & (overlaps.distance == 0)
+    if is_equal.mean() > SOUP_FRACTION and np.logical_or.reduceat(is_equal, rings.starts[:-1]).all():
+        first = np.argmax(is_equal)
         edge = rings.vertices[[first, rings.successor[first]]]
-        raise DuplicateVertexError(vertices=tuple(edge.tolist()), count=int(on_other.sum()))
+        raise DuplicateVertexError(vertices=tuple(edge.tolist()), count=int(is_equal.sum()))
     defects = FaceDefects(mesh.faces, sheets)
     loops = []
     for part in (slice(*ends) for ends in pairwise(rings.starts)):
         vertices, own = rings.vertices[part], points[part]
         lengths = np.linalg.norm(np.roll(own, -1, axis=0) - own, axis=1)
         perimeter = float(lengths.sum())
+        of_loop = ((overlaps.junctions >= part.start) & (overlaps.junctions < part.stop)).any(axis=1)
+        entry, edge = overlaps.junctions[of_loop].T
         loop = BoundaryLoop(
             points=own,
             vertex_ids=vertices,
             corners=detect_corners(own),
-            slit_fraction=float(lengths[on_own[part]].sum()) / perimeter if perimeter else 0.0,
+            slit_fraction=float(lengths @ overlaps.own[part]) / perimeter if perimeter else 0.0,
             seam_edges=np.stack([vertices, np.roll(vertices, -1)], axis=1)[on_other[part]],
+            seam_distance=float(overlaps.distance[part].max()),
+            junctions=rings.vertices[np.stack([entry, edge, rings.successor[edge]], axis=1)],
             obstacle=defects.obstacle(rings.half_edges[part]),
             remarks=tuple(defects.remarks(vertices, rings.half_edges[part])),
         )
@@ -79,6 +88,11 @@ class _Rings:
     vertices: Int[np.ndarray, " n"]
     half_edges: Int[np.ndarray, " n"]
     starts: Int[np.ndarray, " r"]
+
+    @property
+    def numbers(self) -> Int[np.ndarray, " n"]:
+        """The number of each entry's ring."""
+        return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
     @property
     def successor(self) -> Int[np.ndarray, " n"]:
@@ -143,31 +157,6 @@ def _simple_rings(vertices: list[int], ring: list[int]) -> list[list[int]]:
 def _from_lowest(vertices: list[int], ring: list[int]) -> list[int]:
     start = min(range(len(ring)), key=lambda place: (vertices[ring[place]], ring[place]))
     return ring[start:] + ring[:start]
-
-
-def _find_overlaps(rings: _Rings, points: Points) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Whether each ring edge lies on another of the same ring, run the other way, and whether on one of another."""
-    place = coincident_vertices(points)
-    start, end = place, place[rings.successor]
-    forward = start < end
-    pair = np.minimum(start, end) * len(points) + np.maximum(start, end)
-    on_edge = _group_sizes(pair)
-    # an edge of length 0 says nothing about two sides
-    shared = np.flatnonzero((on_edge > 1) & (start != end))
-    _, edge = np.unique(pair[shared], return_inverse=True)
-    count = len(rings.starts) - 1
-    edge_of_ring = edge * count + np.repeat(np.arange(count), np.diff(rings.starts))[shared]
-    on_ring = _group_sizes(edge_of_ring)
-    reversed_, other = np.zeros((2, len(points)), dtype=bool)
-    reversed_[shared] = on_ring > _group_sizes(edge_of_ring * 2 + forward[shared])
-    other[shared] = on_edge[shared] > on_ring
-    return reversed_, other
-
-
-def _group_sizes(keys: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """How many entries have each entry's value."""
-    _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    return counts[inverse]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -9,6 +9,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+# Vertices are never taken for one across more than this share of the edges there, so that fine parts of large meshes
+# stay as they are.
+SHARE_OF_EDGE = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,3 +137,45 @@ def coincident_vertices(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n
     representative = np.empty(len(points), dtype=np.int64)
     representative[order] = order[np.flatnonzero(new)][np.cumsum(new) - 1]
     return representative
+
+
+def near_vertices(
+    points: Float[np.ndarray, "n 3"], reach: Float[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"] | None = None
+) -> Int[np.ndarray, " n"]:
+    """As `coincident_vertices`, for points no farther apart than the reach of both, in mesh units, (n,) int64.
+
+    Groups are transitive. With `faces` no two different corners of a face come into one group: a group that has two is
+    divided at half the distance, and again, until it has none.
+    """
+    exact = coincident_vertices(points)
+    unique, number = np.unique(exact, return_inverse=True)
+    limit = float(reach.max(initial=0.0))
+    if limit == 0.0:
+        return exact
+    pairs = cKDTree(points[unique], balanced_tree=False).query_pairs(limit, output_type="ndarray")
+    apart = np.linalg.norm(points[unique[pairs[:, 0]]] - points[unique[pairs[:, 1]]], axis=1)
+    within = apart <= reach[unique[pairs]].min(axis=1)
+    pairs, apart = pairs[within], apart[within]
+    labels = linked(pairs, len(unique))
+    corners = number[np.zeros((0, 3), dtype=np.int64) if faces is None else faces]
+    sides = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    sides = sides[(sides[:, 0] != sides[:, 1]) & (labels[sides[:, 0]] == labels[sides[:, 1]])]
+    while len(sides):
+        is_torn = np.isin(labels, labels[sides[:, 0]])
+        limit /= 2
+        kept = ~is_torn[pairs[:, 0]] | (apart <= limit)
+        pairs, apart = pairs[kept], apart[kept]
+        labels = linked(pairs, len(unique))
+        sides = sides[labels[sides[:, 0]] == labels[sides[:, 1]]]
+    _, lowest = np.unique(labels, return_index=True)
+    return np.asarray(unique[lowest[labels]][number])
+
+
+def longest_sides(points: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " n"]:
+    """The length of the longest side of the faces at each vertex, 0 where there is none, (n,) float64."""
+    longest = np.zeros(len(points))
+    for start, end in ((0, 1), (1, 2), (2, 0)):
+        lengths = np.linalg.norm(points[faces[:, start]] - points[faces[:, end]], axis=1)
+        np.maximum.at(longest, faces[:, start], lengths)
+        np.maximum.at(longest, faces[:, end], lengths)
+    return longest

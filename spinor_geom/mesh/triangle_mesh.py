@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from spinor_geom.errors import MeshExtentError, NoFacesError, VertexIndexError
 from spinor_geom.mesh.arrays import freeze_attributes, freeze_points, frozen
-from spinor_geom.mesh.topology import coincident_vertices
+from spinor_geom.mesh.topology import SHARE_OF_EDGE, longest_sides, near_vertices
 from spinor_geom.shown import Shown, shortened
 
 COLOR = "color"
@@ -65,21 +66,38 @@ class TriangleMesh(Shown):
         attributes = freeze_attributes(given, vertices=len(points))
         self.__dict__.update(vertices=points, faces=corners, vertex_attributes=attributes, labels=frozenset(labels))
 
-    def merged(self) -> tuple[TriangleMesh, Int[np.ndarray, " v"]]:
-        """The same surface with vertices of exactly equal position made one.
+    def merged(self, within: float | Literal["rounding"] = 0.0) -> tuple[TriangleMesh, Int[np.ndarray, " v"]]:
+        """The same surface with vertices of equal position merged.
 
         Of each group the vertex of lowest index stays, with its attributes, and the order of those that stay is kept.
-        Faces are neither dropped nor reordered: one that had two corners at one place now names a vertex twice.
+        Faces are neither dropped nor reordered. One that had two corners at one place now names a vertex twice; corners
+        of a face at different places stay different.
+
+        Args:
+            within: the distance, in mesh units, up to which vertices are merged; "rounding" for `rounding_reach`.
 
         Returns:
             The merged mesh, and for every old vertex its index in the merged mesh, (V,) int64.
         """
-        representative = coincident_vertices(self.vertices)
+        points = self.vertices
+        reach = rounding_reach(points, self.faces) if within == "rounding" else np.full(len(points), float(within))
+        representative = near_vertices(points, reach, self.faces)
         kept = representative == np.arange(len(representative))
         new_index = (np.cumsum(kept) - 1)[representative]
         attributes = {name: values[kept] for name, values in self.vertex_attributes.items()}
         corners = new_index[self.faces]
         return TriangleMesh(self.vertices[kept], corners, vertex_attributes=attributes, labels=self.labels), new_index
+
+
+def rounding_reach(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " v"]:
+    """How far equal vertices may be apart after rounding to single precision, in mesh units, (V,) float64.
+
+    Two roundings of one position differ by one unit in the last place along each axis, less than twice the precision
+    times the largest coordinate. Near short edges, as far from the origin, it is at most 1 % of the longest edge there.
+    """
+    # text files are written from single precision, or with 6 to 9 digits, too
+    precision = 2 * float(np.finfo(np.float32).eps) * float(np.abs(vertices).max(initial=0.0))
+    return np.minimum(precision, SHARE_OF_EDGE * longest_sides(vertices, faces))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,0 +1,80 @@
+"""What is to be said of a whole mesh: that it is closed, not orientable, or that merging vertices would close loops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from jaxtyping import Int
+from scipy.spatial import cKDTree
+
+from spinor_geom.errors import SpinorGeomError, merge_advice
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.topology import SHARE_OF_EDGE, HalfEdges, face_components, linked
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+
+def mesh_notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> tuple[str, ...]:
+    """Notes on a mesh with its boundary loops, a sentence each."""
+    return tuple(_notes(mesh, loops)) if len(mesh.faces) else ()
+
+
+def _notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> Iterator[str]:
+    half_edges = HalfEdges.of(mesh.faces)
+    if not is_orientable(half_edges):
+        yield "the mesh is not orientable: it has one side only, so patches have no outside of their own"
+    elif not loops and (half_edges.counts == 2).all():
+        genus = [1 - euler // 2 for euler in _euler_characteristics(mesh.faces, half_edges)]
+        pieces = f"genus {genus[0]}" if len(genus) == 1 else f"{len(genus)} pieces of total genus {sum(genus)}"
+        yield f"the mesh is closed, {pieces}: {'a tunnel has no rim' if any(genus) else 'it has no hole'}"
+    if loops:
+        yield from _merge_note(mesh, loops)
+
+
+def is_orientable(half_edges: HalfEdges) -> bool:
+    """Whether faces can be turned over one by one so that all edges of two faces are run through both ways."""
+    a, b = half_edges.pairs.T
+    is_same_way = half_edges.origin[a] == half_edges.origin[b]
+    if not is_same_way.any():
+        return True
+    # both sides of each face, joined across its edges: on an orientable piece they stay apart
+    faces = len(half_edges.origin) // 3
+    first, second = a // 3, b // 3
+    turned = second + faces * is_same_way
+    sides = np.concatenate([np.stack([first, turned], 1), np.stack([first + faces, (turned + faces) % (2 * faces)], 1)])
+    labels = linked(sides, 2 * faces)
+    return not (labels[:faces] == labels[faces:]).any()
+
+
+def _euler_characteristics(faces: Int[np.ndarray, "f 3"], half_edges: HalfEdges) -> list[int]:
+    """V − E + F of each connected piece of a closed mesh; a vertex in which pieces touch counts for each."""
+    piece = face_components(faces)
+    count = int(piece.max()) + 1
+    edges = np.bincount(piece[half_edges.order[half_edges.starts[:-1]] // 3], minlength=count)
+    own = np.unique(np.repeat(piece, 3) * (int(faces.max()) + 1) + faces.ravel())
+    vertices = np.bincount(own // (int(faces.max()) + 1), minlength=count)
+    return [int(n) for n in vertices - edges + np.bincount(piece, minlength=count)]
+
+
+def _merge_note(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> Iterator[str]:
+    """How many loops would go if near vertices of the boundary were merged, where some would."""
+    points = np.concatenate([loop.points for loop in loops])
+    edge = np.concatenate([np.maximum(loop.edge_lengths, np.roll(loop.edge_lengths, 1)) for loop in loops])
+    ids = np.concatenate([loop.vertex_ids for loop in loops])
+    near, other = cKDTree(points).query(points, k=2, distance_upper_bound=SHARE_OF_EDGE * float(edge.max()))
+    is_near = np.isfinite(near[:, 1])
+    pair = np.stack([np.arange(len(points)), np.where(is_near, other[:, 1], 0)], axis=1)
+    is_near &= (near[:, 1] <= SHARE_OF_EDGE * edge[pair].min(axis=1)) & (ids[pair[:, 0]] != ids[pair[:, 1]])
+    if not is_near.any():
+        return
+    distance = float(near[is_near, 1].max())
+    try:
+        left = len(find_boundary_loops(mesh.merged(1.2 * distance)[0]))
+    except SpinorGeomError:
+        return
+    if left < len(loops):
+        yield (
+            f"merging vertices up to {distance:.2g} apart would leave {left} of the {len(loops)} loops: "
+            f"{merge_advice(distance)}"
+        )

@@ -1,0 +1,118 @@
+"""Where boundary edges lie on one another: slits, seams, and T-junctions, whose two sides are divided differently."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinor_geom.mesh.intersections import edges_with_near_boxes
+from spinor_geom.mesh.topology import SHARE_OF_EDGE, near_vertices
+
+Points = Float[np.ndarray, "n 3"]
+Numbers = Int[np.ndarray, " n"]
+
+# Points of a boundary are at one place if they are no farther apart than this share of the mesh's diagonal. Single
+# precision leaves 2e-7, and no hole that was meant is as narrow.
+SAME_PLACE = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Overlaps:
+    """What of each edge of some rings lies on other edges; edge i runs from entry i of the rings to the one after."""
+
+    own: Float[np.ndarray, " n"]  # share of its length on edges of its own ring, run the other way
+    other: Float[np.ndarray, " n"]  # and on edges of other rings
+    is_matched: Bool[np.ndarray, " n"]  # whether these edges have the same two ends
+    distance: Float[np.ndarray, " n"]  # by how much at most its ends are off those edges, in mesh units
+    # a row for each entry that lies inside an edge on which its own edges lie: the entry, and the edge
+    junctions: Int[np.ndarray, "k 2"]
+
+
+def find_overlaps(points: Points, successor: Numbers, ring: Numbers, size: float) -> Overlaps:
+    """The overlaps of rings of points of a mesh of a given size; each entry has its successor and its ring's number."""
+    lengths = np.linalg.norm(points[successor] - points, axis=1)
+    local = lengths.copy()
+    np.maximum.at(local, successor, lengths)
+    reach = np.minimum(SAME_PLACE * size, SHARE_OF_EDGE * local)
+    place = near_vertices(points, reach)
+    off = np.linalg.norm(points - points[place], axis=1)
+    start, end = place, place[successor]
+    own, other = _shared(start, end, ring)
+    is_matched = own | other
+    left = np.flatnonzero(~is_matched & (start != end))
+    edge, entry, along, height = _points_on_edges(points, successor, left, place, reach)
+    # each edge in pieces between the places on it
+    first = np.concatenate([left, edge])
+    order = np.lexsort((np.concatenate([np.zeros(len(left)), along]), first))
+    parent = first[order]
+    share, piece = (
+        np.concatenate([np.zeros(len(left)), along])[order],
+        np.concatenate([start[left], place[entry]])[order],
+    )
+    is_last = np.append(parent[1:] != parent[:-1], True)[: len(parent)]
+    following = np.where(is_last, end[parent], np.roll(piece, -1))
+    width = np.where(is_last, 1.0, np.roll(share, -1)) - share
+    own_piece, other_piece = _shared(piece, following, ring[parent])
+    own_share, other_share = own.astype(float), other.astype(float)
+    np.add.at(own_share, parent, np.where(own_piece, width, 0.0))
+    np.add.at(other_share, parent, np.where(other_piece, width, 0.0))
+    distance = np.maximum(off, off[successor])
+    np.maximum.at(distance, edge, height)
+    covered = (own_share > 0) | (other_share > 0)
+    before = np.empty_like(successor)
+    before[successor] = np.arange(len(successor))
+    meets = covered[edge] & (covered[entry] | covered[before[entry]])
+    return Overlaps(
+        own=own_share,
+        other=other_share,
+        is_matched=is_matched,
+        distance=np.where(covered, distance, 0.0),
+        junctions=np.stack([entry, edge], axis=1)[meets],
+    )
+
+
+def _shared(start: Numbers, end: Numbers, ring: Numbers) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Whether each edge joins the places of another of its ring, run the other way, and those of one of another."""
+    forward = start < end
+    count = int(max(start.max(initial=0), end.max(initial=0))) + 1
+    pair = np.minimum(start, end) * count + np.maximum(start, end)
+    on_edge = _group_sizes(pair)
+    # an edge of length 0 says nothing about two sides
+    shared = np.flatnonzero((on_edge > 1) & (start != end))
+    _, edge = np.unique(pair[shared], return_inverse=True)
+    edge_of_ring = edge * (int(ring.max(initial=0)) + 1) + ring[shared]
+    on_ring = _group_sizes(edge_of_ring)
+    reversed_, other = np.zeros((2, len(start)), dtype=bool)
+    reversed_[shared] = on_ring > _group_sizes(edge_of_ring * 2 + forward[shared])
+    other[shared] = on_edge[shared] > on_ring
+    return reversed_, other
+
+
+def _points_on_edges(
+    points: Points, successor: Numbers, edges: Numbers, place: Numbers, reach: Float[np.ndarray, " n"]
+) -> tuple[Numbers, Numbers, Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Where ends of some edges lie inside others of them: edge, entry, its share of the way, its distance."""
+    if not len(edges):
+        return edges, edges, np.zeros(0), np.zeros(0)
+    ends = successor[edges]
+    i, j = edges_with_near_boxes(points[edges], points[ends], float(reach.max()))
+    edge = np.concatenate([edges[i], edges[i], edges[j], edges[j]])
+    entry = np.concatenate([edges[j], ends[j], edges[i], ends[i]])
+    inside = (place[entry] != place[edge]) & (place[entry] != place[successor[edge]])
+    edge, entry = edge[inside], entry[inside]
+    side, aside = points[successor[edge]] - points[edge], points[entry] - points[edge]
+    along = np.einsum("ni,ni->n", side, aside) / np.einsum("ni,ni->n", side, side)
+    height = np.linalg.norm(aside - along[:, None] * side, axis=1)
+    on_edge = np.flatnonzero((along > 0) & (along < 1) & (height <= reach[entry]))
+    # of several entries of one ring at a place one is enough
+    key = edge[on_edge] * len(points) + place[entry[on_edge]]
+    kept = on_edge[np.unique(key, return_index=True)[1]]
+    return edge[kept], entry[kept], along[kept], height[kept]
+
+
+def _group_sizes(keys: Numbers) -> Numbers:
+    """How many entries have each entry's value."""
+    _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    return counts[inverse]
