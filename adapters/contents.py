@@ -32,6 +32,8 @@ class FileContents:
     color_scale: float = 1.0  # what full intensity is in "color": 1, 255 or 65535
     # the vertex that stands for the place of each: itself, and another at texture and normal seams only
     representatives: Int[np.ndarray, " v"]
+    # the place of the loop whose patch each polygon belongs to, −1 for those that were read; None where none was added
+    face_loops: Int[np.ndarray, " p"] | None = None
     # curves beside faces, of vertex indices; a closed one repeats its first
     polylines: tuple[Int[np.ndarray, " _"], ...] = ()
     first_nonfinite: str = ""  # where the first vertex stands that is NaN or infinite, as "line 12"; may be empty
@@ -40,6 +42,11 @@ class FileContents:
     suffix: str = ""  # the format of the file that the contents follow, as ".obj"; "" where they follow none
     # gives that file with new elements after those that were in it, which stay as they are
     appended: Callable[[MeshExtension], bytes] | None = None
+
+    @property
+    def loop_of_faces(self) -> Int[np.ndarray, " p"]:
+        """The place of each polygon's loop, −1 for those that were read."""
+        return np.full(len(self.polygons), -1) if self.face_loops is None else self.face_loops
 
     @classmethod
     def without_faces(cls, vertices: np.ndarray, *polylines: np.ndarray) -> FileContents:

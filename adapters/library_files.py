@@ -71,6 +71,8 @@ def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
     lines = [number for curve in contents.polylines for number in (len(curve), *curve.tolist())]
     faces = pyvista.CellArray.from_arrays(polygons.starts, polygons.corners)
     mesh = pyvista.PolyData(np.array(contents.vertices), faces=faces, lines=lines or None)
+    if contents.face_loops is not None and not lines:  # cell data would have to cover the lines too
+        mesh.cell_data["patch"] = contents.face_loops
     for name, values in contents.attributes.items():
         if name == "color":
             values = cast_values(values * (255.0 / contents.color_scale), np.dtype(np.uint8))

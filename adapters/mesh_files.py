@@ -109,6 +109,7 @@ class MeshFile(Shown):
             old,
             vertices=np.concatenate([old.vertices, extension.vertices]),
             polygons=old.polygons.followed_by(extension.faces),
+            face_loops=np.append(old.loop_of_faces, extension.face_loops),
             attributes=grown_attributes(old.attributes, extension, vertices=first),
             representatives=np.append(old.representatives, np.arange(first, first + len(extension.vertices))),
         )
@@ -146,6 +147,7 @@ class MeshFile(Shown):
             polygons=polygons,
             attributes=mesh.vertex_attributes,
             representatives=np.arange(len(mesh.vertices)),
+            face_loops=None,
             polylines=tuple(new_index[curve] for curve in self.contents.polylines),
             notes=(*self.notes, *notes),
             suffix="",
@@ -178,7 +180,7 @@ class MeshFile(Shown):
             MeshExtension(
                 vertices=self.contents.vertices[vertices:],
                 faces=new,
-                face_loops=np.zeros(len(new), dtype=np.int64),
+                face_loops=self.contents.loop_of_faces[faces:],
                 vertex_attributes={name: values[vertices:] for name, values in self.contents.attributes.items()},
             )
         )

@@ -11,7 +11,7 @@ import io
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import compress
+from itertools import compress, pairwise
 from typing import BinaryIO
 
 import numpy as np
@@ -357,10 +357,18 @@ def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
             all_indices = np.concatenate([text.corner_indices[name], np.arange(first, first + len(extension.vertices))])
             # a vertex in no face has none: any valid number will do
             corners.append(np.maximum(all_indices[extension.faces.ravel()], 0) + 1)
-    lines.append(f"g {GROUP}{newline}")
-    sizes = np.full(len(extension.faces), 3)
-    lines.append(_face_lines(corners, sizes, newline, skip_uv="uv" not in text.corner_indices))
+    for start, stop in runs_of(extension.face_loops):
+        lines.append(f"g {GROUP}_{extension.face_loops[start]}{newline}")
+        own = [numbers[3 * start : 3 * stop] for numbers in corners]
+        sizes = np.full(stop - start, 3)
+        lines.append(_face_lines(own, sizes, newline, skip_uv="uv" not in text.corner_indices))
     return text.ending + "".join(lines).encode("ascii")
+
+
+def runs_of(values: Int[np.ndarray, " n"]) -> list[tuple[int, int]]:
+    """Where runs of equal values start and stop."""
+    starts = np.flatnonzero(np.diff(values)) + 1
+    return list(pairwise([0, *starts.tolist(), len(values)])) if len(values) else []
 
 
 def read_obj(data: bytes) -> FileContents:
@@ -378,7 +386,11 @@ def encode_obj(contents: FileContents) -> bytes:
         if name in contents.attributes:
             lines.append(_number_lines(keyword, contents.attributes[name]))
             corners.append(contents.polygons.corners + 1)
-    lines.append(_face_lines(corners, contents.polygons.sizes, skip_uv="uv" not in contents.attributes))
+    starts, loops = contents.polygons.starts, contents.loop_of_faces
+    for first, last in runs_of(loops):
+        lines += [f"g {GROUP}_{loops[first]}\n"] if loops[first] >= 0 else []
+        own = [numbers[starts[first] : starts[last]] for numbers in corners]
+        lines.append(_face_lines(own, contents.polygons.sizes[first:last], skip_uv="uv" not in contents.attributes))
     lines += ["l " + " ".join(map(str, (curve + 1).tolist())) + "\n" for curve in contents.polylines]
     return "".join(lines).encode("ascii")
 

@@ -110,8 +110,7 @@ def refuse_empty(loop: BoundaryLoop, width: float) -> None:
 
 def refuse_long_border(surroundings: Surroundings, loop: BoundaryLoop) -> None:
     """Refuses, before anything is solved, a long loop whose discrete disk lies on the mesh, as `refuse_border` does."""
-    # 2π around a flat sheet, −2π around a hole in one
-    if len(loop) < _LONG or np.sum(np.pi - surroundings.angles[loop.vertex_ids]) <= 0:
+    if len(loop) < _LONG or not surroundings.is_outline(loop):
         return
     try:
         disk = first_disk(loop.points)

@@ -78,8 +78,13 @@ def fill_between(
         with time_limit(options.time_limit):
             solution = solve_plateau(rims, model=options.model, tolerance=options.tolerance, between="free")
         if isinstance(solution, NoConnectedSurface):
-            one_by_one = f"fill the {'two ' if len(places) == 2 else ''}loops one by one instead"
-            raise SurfaceError(f"{solution.reason}; {one_by_one}")
+            advice = f"fill the {'two ' if len(places) == 2 else ''}loops one by one instead"
+            if all(surroundings.is_outline(rim) for rim in rims):
+                advice = (
+                    "the loops are the outer borders of open sheets, and only parts of them face each other: join the "
+                    "sheets by a triangle at each end of the gap, and fill the hole between these"
+                )
+            raise SurfaceError(f"{solution.reason}; {advice}")
         # the outside of one rim would be joined to the inside of another
         if solution.annulus is not None and solution.annulus.reversed:
             raise TwistedRimsError(loops=places)

@@ -12,7 +12,7 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 
 def merged(mesh: Any, merge: bool | float) -> Any:
-    """A mesh with its vertices merged: those up to a distance apart, in mesh units, or with True those equal to rounding.
+    """A mesh with vertices merged: those up to a distance apart, in mesh units, or with True those equal to rounding.
 
     Raises:
         OptionError: no such distance, or a type whose vertices cannot be merged here.

@@ -168,7 +168,7 @@ def fill_loop(
     patch, is_planned = made.patch, made.solution is not None
     attributes = patch_attributes(surroundings.mesh, made.rim, patch, made.surface, is_planned=is_planned)
     clock.lap("attributes")
-    surroundings.join(patch, made.rim)
+    first_face = surroundings.join(patch, made.rim)
     outcome = LoopOutcome(
         index=place,
         loop=loop,
@@ -181,6 +181,7 @@ def fill_loop(
         joined_to=joined_to,
         vertices_added=len(patch.vertices) - patch.boundary_size,
         faces_added=len(patch.faces),
+        first_face=first_face,
         edges_split=made.edges_split,
         self_intersections=len(made.crossings.own),
         mesh_intersections=len(made.crossings.mesh),

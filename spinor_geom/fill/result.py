@@ -41,6 +41,7 @@ class LoopOutcome:
             for a loop that is filled by itself. The figures of a bridge stand with the first of its loops.
         vertices_added: new vertices of its patch.
         faces_added: new faces of its patch.
+        first_face: the number of its patch's first face among the triangles of the filled mesh; None without a patch.
         edges_split: patch edges that would have lain on an edge of the mesh and got a vertex in their middle instead.
         self_intersections: pairs of faces of its patch that cross.
         mesh_intersections: pairs of a face of its patch and one of the mesh that cross.
@@ -63,6 +64,7 @@ class LoopOutcome:
     joined_to: int | None = None
     vertices_added: int = 0
     faces_added: int = 0
+    first_face: int | None = None
     edges_split: int = 0
     self_intersections: int = 0
     mesh_intersections: int = 0
@@ -89,6 +91,11 @@ class LoopOutcome:
         if self.continuation is not None:
             return "smooth"
         return "discrete" if self.solution is None else "minimal"
+
+    @property
+    def face_range(self) -> tuple[int, int] | None:
+        """The faces of its patch, [start, stop) among the triangles of the filled mesh; None without a patch."""
+        return None if self.first_face is None else (self.first_face, self.first_face + self.faces_added)
 
     @property
     def converged(self) -> bool:
@@ -162,6 +169,7 @@ class LoopOutcome:
             "annulus": None if solution is None or solution.annulus is None else solution.annulus.to_dict(),
             "area_minimum": None if solution is None else bool(solution.is_area_minimum),
             **{name: getattr(self, name) for name in ("vertices_added", "faces_added", "edges_split", *_CROSSINGS)},
+            "face_range": None if self.face_range is None else list(self.face_range),
             "notes": list(self.notes),
             "timings": {**self.timings, **timings},
         }
@@ -176,7 +184,8 @@ class FillResult(Shown):
         original: the input as triangles.
         extension: the new vertices and faces.
         loops: one outcome for every boundary loop of the input, longest perimeter first.
-        notes: what was changed when a file was read, a sentence each.
+        notes: what was changed when a file was read, and what the whole mesh is (closed, not orientable, with loops that
+            merging vertices would close), a sentence each.
         watertight: whether every edge of the filled mesh has exactly two faces that run through it in opposite
             directions; computed from the faces, not concluded from the outcomes.
         timings: seconds by stage ("read", "loops", "fill", "stitch", "total").

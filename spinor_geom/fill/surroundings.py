@@ -154,6 +154,11 @@ class Surroundings:
         """Sum of the angles of the mesh's faces at each vertex, in radians."""
         return vertex_angles(self.mesh.vertices, self.mesh.faces)
 
+    def is_outline(self, loop: BoundaryLoop) -> bool:
+        """Whether the mesh lies inside a loop, as a flat sheet in its border, rather than around it."""
+        # the turns sum up to 2π around a flat sheet, to −2π around a hole in one
+        return bool(np.sum(np.pi - self.angles[loop.vertex_ids]) > 0)
+
     @cached_property
     def _mesh_piece(self) -> _Piece:
         return _Piece(self.mesh.vertices, self.mesh.faces, start=0)
@@ -172,8 +177,8 @@ class Surroundings:
         notes = tuple(_sentence(what, pairs, new) for what, pairs in found if len(pairs))
         return Crossings(own=own, mesh=mesh, patches=patches, notes=notes)
 
-    def join(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> None:
-        """Adds a patch whose boundary vertices are those of the mesh in `rim`."""
+    def join(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> int:
+        """Adds a patch whose boundary vertices are those of the mesh in `rim`; gives the number of its first face."""
         self._taken.update(self._keys(rim[patch_chords(patch)]))
         new = _Piece(patch.vertices, np.asarray(patch.faces), start=self._count)
         if len(self._patches) == len(self._boxes):
@@ -181,6 +186,7 @@ class Surroundings:
         self._boxes[len(self._patches)] = np.concatenate([new.low, new.high])
         self._patches.append(new)
         self._count += len(new.faces)
+        return new.start
 
 
 class _Piece:

@@ -37,7 +37,9 @@ def find_overlaps(points: Points, successor: Numbers, ring: Numbers, size: float
     np.maximum.at(local, successor, lengths)
     reach = np.minimum(SAME_PLACE * size, SHARE_OF_EDGE * local)
     place = near_vertices(points, reach)
-    off = np.linalg.norm(points - points[place], axis=1)
+    of_group = np.zeros(len(points))
+    np.maximum.at(of_group, place, np.linalg.norm(points - points[place], axis=1))
+    off = of_group[place]
     start, end = place, place[successor]
     own, other = _shared(start, end, ring)
     is_matched = own | other
@@ -58,11 +60,12 @@ def find_overlaps(points: Points, successor: Numbers, ring: Numbers, size: float
     own_share, other_share = own.astype(float), other.astype(float)
     np.add.at(own_share, parent, np.where(own_piece, width, 0.0))
     np.add.at(other_share, parent, np.where(other_piece, width, 0.0))
-    distance = np.maximum(off, off[successor])
-    np.maximum.at(distance, edge, height)
-    covered = (own_share > 0) | (other_share > 0)
     before = np.empty_like(successor)
     before[successor] = np.arange(len(successor))
+    distance = np.maximum(off, off[successor])
+    for beside in (edge, entry, before[entry]):
+        np.maximum.at(distance, beside, height)
+    covered = (own_share > 0) | (other_share > 0)
     meets = covered[edge] & (covered[entry] | covered[before[entry]])
     return Overlaps(
         own=own_share,

@@ -69,7 +69,7 @@ def test_quads_are_split_for_topology_and_stay_quads_in_the_file(tmp_path: Path)
     closed.write(tmp_path / "closed.obj")
     text = (tmp_path / "closed.obj").read_text()
     assert text.startswith(CUBE)
-    assert text[len(CUBE) :].splitlines()[:2] == ["v 0.5 0.5 1.3333333333333333", "g spinor_geom_fill"]
+    assert text[len(CUBE) :].splitlines()[:2] == ["v 0.5 0.5 1.3333333333333333", "g spinor_geom_fill_0"]
     assert is_closed(to_mesh(tmp_path / "closed.obj"))
     assert read_mesh(tmp_path / "closed.obj").polygons.sizes.tolist() == [4] * 5 + [3] * 4
 
