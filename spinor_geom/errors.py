@@ -115,9 +115,6 @@ class ZeroWidthSlitError(LoopError):
         "first at vertices {vertices}); merge the vertices of equal position instead of filling it ({advice})"
     )
 
-    def __init__(self, *, distance: float = 0.0, **fields: Any) -> None:
-        super().__init__(distance=distance, advice=merge_advice(distance), **fields)
-
 
 class SeamError(LoopError):
     """Edges of the loop lie on edges of another loop."""
@@ -127,9 +124,6 @@ class SeamError(LoopError):
         "between pieces that do not share their vertices, not only a hole; merge the vertices of equal position first "
         "({advice})"
     )
-
-    def __init__(self, *, distance: float = 0.0, **fields: Any) -> None:
-        super().__init__(distance=distance, advice=merge_advice(distance), **fields)
 
 
 class TJunctionError(LoopError):

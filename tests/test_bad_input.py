@@ -224,7 +224,7 @@ def test_a_hole_on_a_line_is_named_and_left_open() -> None:
     (_, _), report = fill_hole((vertices, faces), return_report=True)
     line = next(outcome for outcome in report.loops if len(outcome.loop) == 3)
     assert not line.filled
-    assert "no area" in line.reason
+    assert "vertex 4 on edge (1, 0)" in line.reason
 
 
 def test_a_seam_between_two_pieces_is_named_and_left_open() -> None:

@@ -16,6 +16,7 @@ from spinor_geom.errors import (
     SurfaceError,
     TJunctionError,
     ZeroWidthSlitError,
+    merge_advice,
 )
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -80,9 +81,19 @@ def refuse_what_is_no_hole(loop: BoundaryLoop, surroundings: Surroundings) -> No
         if len(loop.junctions):
             raise junction_error(loop)
         # the first edge of the loop stands for all of them
-        raise ZeroWidthSlitError(fraction=loop.slit_fraction, vertices=loop.vertex_ids[:2].tolist(), distance=distance)
+        raise ZeroWidthSlitError(
+            fraction=loop.slit_fraction,
+            vertices=loop.vertex_ids[:2].tolist(),
+            distance=distance,
+            advice=merge_advice(distance),
+        )
     if len(loop.seam_edges):
-        raise SeamError(edge=loop.seam_edges[0].tolist(), count=len(loop.seam_edges), distance=distance)
+        raise SeamError(
+            edge=loop.seam_edges[0].tolist(),
+            count=len(loop.seam_edges),
+            distance=distance,
+            advice=merge_advice(distance),
+        )
     face = surroundings.face_on(loop)
     if face is not None:
         raise LoneFaceError(face=face, vertices=[int(v) for v in loop.vertex_ids])

@@ -184,8 +184,8 @@ class FillResult(Shown):
         original: the input as triangles.
         extension: the new vertices and faces.
         loops: one outcome for every boundary loop of the input, longest perimeter first.
-        notes: what was changed when a file was read, and what the whole mesh is (closed, not orientable, with loops that
-            merging vertices would close), a sentence each.
+        notes: what was changed when a file was read, and what the whole mesh is (closed, not orientable, with loops
+            that merging vertices would close), a sentence each.
         watertight: whether every edge of the filled mesh has exactly two faces that run through it in opposite
             directions; computed from the faces, not concluded from the outcomes.
         timings: seconds by stage ("read", "loops", "fill", "stitch", "total").

@@ -15,6 +15,7 @@ from scipy.sparse import coo_array
 from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.boxes import edges_with_near_boxes
 
 Points = Float[np.ndarray, "k 3"]
 Chain = Float[np.ndarray, "m 3"]
@@ -29,7 +30,6 @@ Pairs = Int[np.ndarray, "k 2"]
 MEETING_PER_DIAGONAL = 1e-12  # edges of a polygon that come nearer than this share of its diagonal meet
 MIN_NORMAL_COSINE = 1e-3  # normals of a graph: so far from 90° to its direction that their round-off does not matter
 SEPARATION = 1e-12  # heights over a plane, in cubes of the extent of two triangles, whose sign needs no exact predicate
-BOXES_TO_START_FROM = 64
 # of a star's sides: the angle under which each is seen from its middle, and its distance from there per radius; their
 # product is far above the distance at which edges meet
 LEAST_ANGLE, LEAST_DISTANCE = 1e-4, 1e-6
@@ -259,32 +259,6 @@ def is_star(points: Float[np.ndarray, "*b m 3"]) -> Bool[np.ndarray, "*b"]:
     along = (flat * np.roll(flat, -1, axis=-2)).sum(axis=-1)
     winds_once = np.arctan2(sectors, along).sum(axis=-1) < 3 * np.pi
     return np.asarray((sectors > least).all(axis=-1) & winds_once)
-
-
-def edges_with_near_boxes(starts: Chain, ends: Chain, distance: float) -> tuple[Numbers, Numbers]:
-    """Pairs i < j of segments of a chain whose boxes come within a distance of each other along every axis.
-
-    Boxes of 2, 4, 8, … successive segments are small if the chain is one, whatever the segments' lengths are; pairs of
-    boxes are followed from the largest down.
-    """
-    low, high = np.minimum(starts, ends) - distance / 2, np.maximum(starts, ends) + distance / 2
-    levels = [(low, high)]
-    while len(low) > BOXES_TO_START_FROM:
-        if len(low) % 2:
-            # an empty box, which meets none
-            low, high = np.vstack([low, np.full(3, np.inf)]), np.vstack([high, np.full(3, -np.inf)])
-        low, high = np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2])
-        levels.append((low, high))
-    first, second = np.triu_indices(len(low))
-    for depth, (low, high) in enumerate(reversed(levels)):
-        if depth:
-            first = np.add.outer(2 * first, [0, 0, 1, 1]).ravel()
-            second = np.add.outer(2 * second, [0, 1, 0, 1]).ravel()
-            inside = (first <= second) & (second < len(low))
-            first, second = first[inside], second[inside]
-        near = ((low[first] <= high[second]) & (low[second] <= high[first])).all(axis=1)
-        first, second = first[near], second[near]
-    return first[first < second], second[first < second]
 
 
 def _segment_distances(a: Points, b: Points, c: Points, d: Points) -> Float[np.ndarray, " k"]:

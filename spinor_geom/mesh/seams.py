@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinor_geom.mesh.intersections import edges_with_near_boxes
+from spinor_geom.mesh.boxes import edges_with_near_boxes
 from spinor_geom.mesh.topology import SHARE_OF_EDGE, near_vertices
 
 Points = Float[np.ndarray, "n 3"]

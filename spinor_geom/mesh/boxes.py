@@ -1,0 +1,35 @@
+"""Which segments come near each other, by their boxes."""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+Points = Float[np.ndarray, "m 3"]
+Numbers = Int[np.ndarray, " k"]
+
+BOXES_TO_START_FROM = 64
+
+
+def edges_with_near_boxes(starts: Points, ends: Points, distance: float) -> tuple[Numbers, Numbers]:
+    """Pairs i < j of segments of a chain whose boxes come within a distance of each other along every axis.
+
+    Boxes of 2, 4, 8, … successive segments are small if the chain is one, whatever the segments' lengths are; pairs of
+    boxes are followed from the largest down.
+    """
+    low, high = np.minimum(starts, ends) - distance / 2, np.maximum(starts, ends) + distance / 2
+    levels = [(low, high)]
+    while len(low) > BOXES_TO_START_FROM:
+        if len(low) % 2:
+            # an empty box, which meets none
+            low, high = np.vstack([low, np.full(3, np.inf)]), np.vstack([high, np.full(3, -np.inf)])
+        low, high = np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2])
+        levels.append((low, high))
+    first, second = np.triu_indices(len(low))
+    for depth, (low, high) in enumerate(reversed(levels)):
+        if depth:
+            first = np.add.outer(2 * first, [0, 0, 1, 1]).ravel()
+            second = np.add.outer(2 * second, [0, 1, 0, 1]).ravel()
+            inside = (first <= second) & (second < len(low))
+            first, second = first[inside], second[inside]
+        near = ((low[first] <= high[second]) & (low[second] <= high[first])).all(axis=1)
+        first, second = first[near], second[near]
+    return first[first < second], second[first < second]

@@ -1,0 +1,304 @@
+"""Seams: vertices equal up to rounding, and T-junctions, around closed bodies of many kinds; real holes beside them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinor_geom.adapters import read_mesh
+from spinor_geom.cli.main import main
+from spinor_geom.errors import OptionError
+from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.mesh.topology import is_watertight, near_vertices
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+Mesh = tuple[np.ndarray, np.ndarray]
+
+
+def grid_patch(corner: np.ndarray, right: np.ndarray, up: np.ndarray, columns: int, rows: int) -> Mesh:
+    """A parallelogram of columns × rows squares, normal right × up."""
+    x, y = np.meshgrid(np.arange(columns + 1) / columns, np.arange(rows + 1) / rows)
+    vertices = corner + x.ravel()[:, None] * right + y.ravel()[:, None] * up
+    first = np.add.outer(np.arange(rows) * (columns + 1), np.arange(columns)).ravel()
+    a, b, c, d = first, first + 1, first + columns + 2, first + columns + 1
+    return vertices, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def joined(*pieces: Mesh) -> Mesh:
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in pieces)])
+    faces = [own + start for (_, own), start in zip(pieces, starts, strict=False)]
+    return np.concatenate([vertices for vertices, _ in pieces]), np.concatenate(faces)
+
+
+def box(lid: int, sides: int, *, size: float = 1.0) -> Mesh:
+    """A closed box, its top divided into lid × lid squares and each other side into sides × sides: two pieces."""
+    x, y, z = size * np.eye(3)
+    none = 0 * x
+    walls = [(none, x, z), (x, y, z), (x + y, -x, z), (y, -y, z), (none, y, x)]
+    body = TriangleMesh(*joined(*(grid_patch(*wall, sides, sides) for wall in walls))).merged(1e-9 * size)[0]
+    return joined((body.vertices, body.faces), grid_patch(z, x, y, lid, lid))
+
+
+def can(lid: int, wall: int) -> Mesh:
+    """A closed cylinder with 12 sides: each side of its lower ring in `wall` parts, of its lid in `lid`."""
+
+    def ring(parts: int, height: float) -> np.ndarray:
+        angle = np.arange(12) * np.pi / 6
+        corners = np.column_stack([np.cos(angle), np.sin(angle), np.full(12, height)])
+        along = np.arange(parts)[:, None] / parts
+        return np.concatenate([a + along * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])
+
+    count, low, high = 12 * wall, ring(wall, 0.0), ring(wall, 1.0)
+    a, b = np.arange(count), np.roll(np.arange(count), -1)
+    tube = np.concatenate([np.stack([a, b, b + count], axis=1), np.stack([a, b + count, a + count], axis=1)])
+    floor = np.stack([b, a, np.full(count, 2 * count)], axis=1)
+    body = (np.concatenate([low, high, [[0, 0, 0]]]), np.concatenate([tube, floor]))
+    c, d = np.arange(12 * lid), np.roll(np.arange(12 * lid), -1)
+    return joined(
+        body, (np.concatenate([ring(lid, 1.0), [[0, 0, 1]]]), np.stack([c, d, np.full(12 * lid, 12 * lid)], 1))
+    )
+
+
+def globe(rows: int) -> Mesh:
+    """A closed sphere of 16 meridians."""
+    theta = np.pi * np.arange(1, rows) / rows
+    phi = 2 * np.pi * np.arange(16) / 16
+    t, p = (grid.ravel() for grid in np.meshgrid(theta, phi, indexing="ij"))
+    rings = np.column_stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)])
+    j, i = (grid.ravel() for grid in np.meshgrid(np.arange(rows - 2), np.arange(16), indexing="ij"))
+    a, b = 16 * j + i, 16 * j + (i + 1) % 16
+    k = np.arange(16)
+    north, south = len(rings), len(rings) + 1
+    caps = [np.stack([0 * k + north, k, (k + 1) % 16], 1)]
+    last = 16 * (rows - 2)
+    caps.append(np.stack([0 * k + south, last + (k + 1) % 16, last + k], 1))
+    faces = [np.stack([a, a + 16, b + 16], 1), np.stack([a, b + 16, b], 1), *caps]
+    return np.concatenate([rings, [[0, 0, 1], [0, 0, -1]]]), np.concatenate(faces)
+
+
+def text_stl(mesh: Mesh, error: float, seed: int) -> str:
+    """A text STL in all digits whose equal corners differ by an error, as a share of the size."""
+    corners = mesh[0][mesh[1]]
+    size = np.linalg.norm(np.ptp(mesh[0], axis=0))
+    shift = np.random.default_rng(seed).uniform(-1, 1, size=corners.shape) * error * size / np.sqrt(12)
+    facets = (
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"vertex {x!r} {y!r} {z!r}\n" for x, y, z in facet)
+        + "endloop\nendfacet\n"
+        for facet in (corners + shift).tolist()
+    )
+    return f"solid a\n{''.join(facets)}endsolid a\n"
+
+
+BODIES = {"box": box(3, 3), "can": can(1, 1), "globe": globe(9), "shifted": (box(2, 2)[0] + [9, -5, 3], box(2, 2)[1])}
+
+
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("error", [1e-17, 1e-16, 1e-15, 1e-12, 1e-8])
+def test_text_stl_is_merged_within_rounding(tmp_path: Path, body: str, error: float) -> None:
+    path = tmp_path / "a.stl"
+    path.write_text(text_stl(BODIES[body], error, 7))
+    file = read_mesh(path)
+    assert boundary_loops(file) == []
+    assert is_watertight(file.mesh.faces)
+    assert "were merged" in file.notes[0]
+    # nothing collapsed
+    assert len(file.mesh.faces) == len(BODIES[body][1])
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_binary_stl_is_merged_within_units_in_the_last_place(tmp_path: Path, body: str) -> None:
+    vertices, faces = BODIES[body]
+    corners = vertices[faces].astype(np.float32)
+    away = np.random.default_rng(3).choice([-1.0, 1.0], size=corners.shape).astype(np.float32)
+    records = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("pad", "<u2")])
+    moved = np.random.default_rng(4).random(corners.shape) < 0.3
+    records["corners"] = np.where(moved & (corners != 0), np.nextafter(corners, away * np.inf), corners)
+    path = tmp_path / "a.stl"
+    path.write_bytes(b"\0" * 80 + np.uint32(len(faces)).tobytes() + records.tobytes())
+    file = read_mesh(path)
+    assert boundary_loops(file) == []
+    assert len(file.mesh.faces) == len(faces)
+
+
+def test_fine_parts_far_from_the_origin_are_not_merged(tmp_path: Path) -> None:
+    # single precision leaves 0.6 at 5e6: more than these edges
+    vertices, faces = globe(9)
+    path = tmp_path / "a.stl"
+    path.write_text(text_stl((vertices + np.array([5e6, 4e6, 100]), faces), 0.0, 0))
+    mesh = read_mesh(path).mesh
+    assert len(mesh.vertices) == len(vertices)
+    assert is_watertight(mesh.faces)
+
+
+@pytest.mark.parametrize("error", [1e-16, 1e-12, 1e-9])
+def test_near_seams_are_left_open_with_the_distance_and_merging_closes_them(error: float) -> None:
+    vertices, faces = box(3, 3, size=2.0)
+    shift = np.random.default_rng(1).uniform(-1, 1, size=(16, 3)) * error
+    near = np.concatenate([vertices[:-16], vertices[-16:] + shift])
+    _, report = fill_hole((near, faces), return_report=True)
+    assert len(report.extension.faces) == 0
+    for outcome in report.loops:
+        distance = outcome.loop.seam_distance
+        # a coordinate is rounded by as much again
+            assert 0 < distance <= 4 * error
+        assert f"{distance:.2g} apart" in outcome.reason
+        assert "--merge" in outcome.reason
+        assert not outcome.converged
+    assert any("would leave 0 of the 2 loops" in note for note in report.notes)
+    for merge in (True, 1.1 * max(outcome.loop.seam_distance for outcome in report.loops)):
+        merged, after = fill_hole((near, faces), merge=merge, return_report=True)
+        assert after.watertight
+        assert isinstance(merged, tuple)
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-15, 1e-11, 1e-8])
+def test_nothing_is_laid_into_a_slit_narrower_than_rounding(width: float) -> None:
+    plates = [
+        grid_patch(np.array([x, 0, 0]), np.array([w, 0, 0]), np.array([0, 3.0, 0]), n, 3)
+        for x, w, n in ((0.0, 1.0, 1), (1.0 + width, 2.0, 2))
+    ]
+    # the plates share the two ends of the line between them
+    mesh = TriangleMesh(*joined(*plates))
+    number = np.arange(len(mesh.vertices))
+    number[8], number[8 + 9] = 1, 7
+    vertices, faces = mesh.vertices, number[mesh.faces]
+    _, report = fill_hole((vertices, faces), return_report=True)
+    slit = next(outcome for outcome in report.loops if len(outcome.loop) == 6)
+    assert not slit.filled
+    assert "zero-width slit" in slit.reason
+    assert "--merge" in slit.reason
+    assert slit.loop.seam_distance <= 1.1 * width + 1e-15
+
+
+def test_no_two_corners_of_a_face_are_merged() -> None:
+    random = np.random.default_rng(0)
+    for scale in (0.02, 0.1, 0.5, 3.0):
+        points = random.uniform(size=(60, 3))
+        faces = np.stack([random.permutation(60)[:3] for _ in range(80)])
+        place = near_vertices(points, np.full(60, scale), faces)
+        corners = np.sort(place[faces], axis=1)
+        assert (np.diff(corners, axis=1) > 0).all()
+
+
+@pytest.mark.parametrize(("merge", "error"), [(-1.0, OptionError), (np.nan, OptionError), ("a", OptionError)])
+def test_a_distance_that_is_none_is_refused(merge: float, error: type[Exception]) -> None:
+    with pytest.raises(error, match="merge must be"):
+        fill_hole(box(1, 1), merge=merge)
+
+
+def test_merge_takes_a_distance_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    vertices, faces = box(2, 2)
+    vertices[-9:] += 1e-5
+    source, output = tmp_path / "a.obj", tmp_path / "b.obj"
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    source.write_text("\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist())]) + "\n")
+    assert main(["loops", str(source)]) == 0
+    assert "would leave 0 of the 2 loops" in capsys.readouterr().err
+    assert main(["fill", str(source), "-o", str(output), "--merge", "1e-4"]) == 0
+    assert "closed, genus 0" in capsys.readouterr().out
+    assert boundary_loops(output) == []
+
+
+SEAMS = {
+    "one vertex": box(1, 2),
+    "many vertices": box(1, 5),
+    "lid finer": box(4, 1),
+    "both sides": box(2, 3),
+    "can": can(1, 3),
+    "can, both": can(3, 2),
+}
+
+
+@pytest.mark.parametrize("seam", SEAMS)
+@pytest.mark.parametrize("off", [0.0, 1e-12, 1e-8, 5e-7])
+@pytest.mark.parametrize("continuity", ["C0", "C1"])
+def test_t_junctions_are_left_open(seam: str, off: float, continuity: str) -> None:
+    vertices, faces = SEAMS[seam]
+    vertices = vertices + np.random.default_rng(2).uniform(-1, 1, size=vertices.shape) * off / np.sqrt(12)
+    _, report = fill_hole((vertices, faces), return_report=True, continuity=continuity)
+    assert len(report.loops) == 2
+    assert len(report.extension.faces) == 0
+    for outcome in report.loops:
+        assert "T-junction" in outcome.reason
+        # the vertex lies on the edge that is named
+        for vertex, start, end in vertices[outcome.loop.junctions]:
+            side = end - start
+            assert np.linalg.norm(np.cross(vertex - start, side)) / np.linalg.norm(side) <= 3 * off + 1e-15
+
+
+def test_a_t_junction_is_filled_by_name() -> None:
+    _, report = fill_hole(box(1, 2), loop=0, return_report=True)
+    assert report.loops[0].filled
+
+
+def test_real_holes_beside_t_junctions_are_filled() -> None:
+    vertices, faces = box(1, 5)
+    # two faces of the side x = 1 that touch no other side
+    middle = vertices[faces].mean(axis=1)
+    hole = np.abs(middle - [1, 0.5, 0.5]).max(axis=1) < 0.1
+    assert hole.sum() == 2
+    _, report = fill_hole((vertices, faces[~hole]), return_report=True)
+    assert [outcome.filled for outcome in report.loops] == [False, False, True]
+
+
+def test_a_loop_that_is_partly_a_seam_is_left_open() -> None:
+    vertices, faces = box(2, 3)
+    lid = len(faces) - 8 + np.flatnonzero(vertices[faces[-8:]].mean(axis=1)[:, 0] < 0.5)
+    _, report = fill_hole((vertices, np.delete(faces, lid, axis=0)), return_report=True)
+    assert len(report.extension.faces) == 0
+    assert all("T-junction" in outcome.reason for outcome in report.loops)
+
+
+def test_vertices_on_edges_without_a_common_edge_are_no_seam() -> None:
+    # a triangle that stands with its tip on the border of a plate
+    plate = grid_patch(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), 1, 1)
+    tip = (np.array([[0.5, 1, 0], [0.8, 2, 0], [0.2, 2, 0]]), np.array([[0, 1, 2]]))
+    assert [len(loop.junctions) for loop in boundary_loops(joined(plate, tip))] == [0, 0]
+
+
+def test_closed_and_one_sided_meshes_are_named() -> None:
+    _, report = fill_hole(globe(6), return_report=True)
+    assert report.notes == ("the mesh is closed, genus 0: it has no hole",)
+    # a torus of 8 x 6 and a Möbius band of 12
+    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(8), np.arange(6), indexing="ij"))
+    a, b, c, d = i * 6 + j, (i + 1) % 8 * 6 + j, (i + 1) % 8 * 6 + (j + 1) % 6, i * 6 + (j + 1) % 6
+    u, v = i * np.pi / 4, j * np.pi / 3
+    torus = np.column_stack([(2 + np.cos(v)) * np.cos(u), (2 + np.cos(v)) * np.sin(u), np.sin(v)])
+    _, report = fill_hole((torus, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])), return_report=True)
+    assert report.notes == ("the mesh is closed, genus 1: a tunnel has no rim",)
+    n = np.arange(12)
+    t = n * np.pi / 6
+    low, high = (
+        np.column_stack([(2 + s * np.cos(t / 2)) * np.cos(t), (2 + s * np.cos(t / 2)) * np.sin(t), s * np.sin(t / 2)])
+        for s in (-0.5, 0.5)
+    )
+    after = (n + 1) % 12
+    turned = n == 11
+    p, q = np.where(turned, after + 12, after), np.where(turned, after, after + 12)
+    band = np.concatenate([np.stack([n, p, q], 1), np.stack([n, q, n + 12], 1)])
+    _, report = fill_hole((np.concatenate([low, high]), band), loop=0, return_report=True)
+    assert any("not orientable" in note for note in report.notes)
+
+
+def test_each_patch_has_its_range_of_faces_and_its_group(tmp_path: Path) -> None:
+    vertices, faces = globe(8)
+    open_ = faces[:-32]
+    (_, filled), report = fill_hole((vertices, open_), return_report=True)
+    assert len(report.loops) == 2
+    for outcome in report.loops:
+        assert outcome.face_range is not None
+        start, stop = outcome.face_range
+        own = report.extension.faces[report.extension.face_loops == outcome.index]
+        np.testing.assert_array_equal(filled[start:stop], own)
+        assert outcome.to_dict()["face_range"] == [start, stop]
+    source = tmp_path / "a.obj"
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    source.write_text("\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in (open_ + 1).tolist())]) + "\n")
+    done = fill_hole(source)
+    done.write(tmp_path / "b.obj")
+    groups = [line for line in (tmp_path / "b.obj").read_text().splitlines() if line.startswith("g ")]
+    assert groups == [f"g spinor_geom_fill_{index}" for index in range(2)]
