@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from spinor_geom.domain.delaunay import flat_coordinates
-from spinor_geom.mesh.intersections import crossings_between, edges_with_near_boxes
+from spinor_geom.mesh.boxes import edges_with_near_boxes
+from spinor_geom.mesh.intersections import crossings_between
 from spinor_geom.mesh.operators import winding_numbers
 
 

@@ -4,7 +4,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinor_geom.mesh.boundary_loop import turning_angles
-from spinor_geom.mesh.intersections import edges_with_near_boxes, is_star
+from spinor_geom.mesh.boxes import edges_with_near_boxes
+from spinor_geom.mesh.intersections import is_star
 
 Passed = Float[np.ndarray, " c"]  # where a polygon passes its crossings: edge number plus share of the edge
 

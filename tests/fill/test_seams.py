@@ -144,7 +144,7 @@ def test_near_seams_are_left_open_with_the_distance_and_merging_closes_them(erro
     for outcome in report.loops:
         distance = outcome.loop.seam_distance
         # a coordinate is rounded by as much again
-            assert 0 < distance <= 4 * error
+        assert 0 < distance <= 4 * error
         assert f"{distance:.2g} apart" in outcome.reason
         assert "--merge" in outcome.reason
         assert not outcome.converged
