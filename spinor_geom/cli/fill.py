@@ -117,7 +117,10 @@ def show_result(result: FillResult, *, quiet: bool) -> None:
     else:
         show_lines("no boundary loops: nothing to fill", piped=True)
     for note in result.notes:
-        show_lines(note, piped=True)
+        if result.loops and note not in result.mesh.notes:
+            complain(note)
+        else:
+            show_lines(note, piped=not result.loops)
     filled = sum(outcome.filled for outcome in result.loops)
     show_lines(
         f"{filled} of {len(result.loops)} loops filled, {len(result.extension.faces)} faces added, "
