@@ -170,7 +170,7 @@ def fill_hole(
         original=triangles,
         extension=extension,
         loops=tuple(outcomes),
-        notes=(*(source.notes if isinstance(source, MeshFile) else ()), *mesh_notes(triangles, loops)),
+        notes=(*(source.notes if isinstance(source, MeshFile) else ()), *mesh_notes(triangles, filling.loops)),
         watertight=watertight,
         timings=clock.laps(),
     )
