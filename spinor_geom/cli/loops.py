@@ -23,13 +23,14 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         require_writable(arguments.picture, arguments.input)
     mesh = read_surface(arguments.input, merge=arguments.merge)
     loops = boundary_loops(mesh)
+    notes = mesh_notes(mesh.mesh, loops)
     if arguments.json:
         show_lines(json.dumps([describe(index, loop) for index, loop in enumerate(loops)], indent=2), piped=True)
     elif loops:
         show_table(COLUMNS, [row(index, loop) for index, loop in enumerate(loops)], piped=True)
     else:
-        show_lines("no boundary loops", piped=True)
-    for note in mesh_notes(mesh.mesh, loops):
+        show_lines("\n".join(["no boundary loops", *notes]), piped=True)
+    for note in notes if loops or arguments.json else ():
         complain(note)
     if arguments.picture is not None:
         from spinor_geom.render.png import write_png
