@@ -25,7 +25,10 @@ class ConstrainedDelaunay:
     def __init__(
         self, points: Complex[np.ndarray, " n"], regions: Sequence[Rims], region: Int[np.ndarray, " n"] | None = None
     ) -> None:
-        """Takes the polygons' vertices, then points inside; DomainError where two are equal, or edges of one cross."""
+        """Takes the polygons' vertices, then points inside.
+
+        A point that is not finite, two equal points, or edges of a polygon that cross, are a DomainError.
+        """
         self.points, self.regions = points, tuple(regions)
         self.region = np.zeros(len(points), dtype=np.int64) if region is None else region
         self.boundary_size = sum(map(sum, regions))  # of all polygons
@@ -110,6 +113,10 @@ class _Region:
         self.across, self.inside = np.where(is_inside[across], across, -1), np.flatnonzero(is_inside)
 
     def _call(self, insert: Callable[[Any], None], what: np.ndarray) -> None:
+        if not np.isfinite(what).all():  # of these the library takes all memory
+            raise DomainError(
+                "a point of the plane domain is not finite; check the loop and the sizes", vertices=self._m
+            )
         try:
             insert(what)
         except RuntimeError as error:

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from spinor_geom.domain.delaunay import flat_coordinates
+from spinor_geom.domain.delaunay import cross, flat_coordinates
 from spinor_geom.mesh.boxes import edges_with_near_boxes
 from spinor_geom.mesh.intersections import crossings_between
 from spinor_geom.mesh.operators import winding_numbers
@@ -150,6 +150,33 @@ def lattices_inside(
     edge, row = edge[piece], row[piece]
     points = (column + shift[piece]) * spacing[edge] + 1j * (row * height[edge])
     return np.asarray(points), np.broadcast_to(region, len(polygons))[edge]
+
+
+def are_inside(
+    z: Complex[np.ndarray, " k"],
+    of: Int[np.ndarray, " k"],
+    polygons: Complex[np.ndarray, " m"],
+    after: Int[np.ndarray, " m"],
+    region: Int[np.ndarray, " m"],
+) -> Bool[np.ndarray, " k"]:
+    """Whether points lie inside the polygons of their regions, or between them; `polygons` are as in `lattices_inside`.
+
+    A ray from a point to the right crosses the edges an odd number of times. Takes time and memory in proportion to the
+    points and the crossings of the whole lines.
+    """
+    end = polygons[after]
+    # the edges' lower ends, then the upper ones, then the points: a line through a vertex meets one of its edges
+    heights = np.concatenate([np.minimum(polygons.imag, end.imag), np.maximum(polygons.imag, end.imag), z.imag])
+    order = np.lexsort((heights, np.concatenate([region, region, of])))
+    is_point = order >= 2 * len(polygons)
+    below = np.empty(len(order), dtype=np.int64)
+    below[order] = np.cumsum(is_point)
+    first, last = below[: len(polygons)], below[len(polygons) : 2 * len(polygons)]
+    edge, place = _ranges(first, last - first)
+    point = order[is_point][place] - 2 * len(polygons)
+    side = cross((end - polygons)[edge], z[point] - polygons[edge])
+    right = np.where((end.imag > polygons.imag)[edge], side > 0, side < 0)
+    return np.asarray(np.bincount(point[right], minlength=len(z)) % 2 == 1)
 
 
 def _ranges(

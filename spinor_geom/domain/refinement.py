@@ -14,6 +14,7 @@ from spinor_geom.domain.delaunay import (
     plane_coordinates,
     unique_edges,
 )
+from spinor_geom.domain.polygons import are_inside
 from spinor_geom.domain.sizes import NearestPoints, RegionSizes
 
 # of the angle below which a triangle is refined; above 30° the number of points grows quickly
@@ -25,6 +26,7 @@ _BATCH_SPACING = 0.8  # new points of one batch keep this share of the smaller o
 _BATCHES = 60  # a batch adds points in proportion to those there are, so the number of batches grows like a logarithm
 # no new point sees a boundary edge under more than 110°; a right angle leaves short edges beside long ones no room
 _WIDEST_VIEW = np.cos(np.radians(180 - 110))
+_FEW = 4  # edges near a point that are looked at first, and how many times as many next
 # an inner edge between two boundary vertices is split from this many wanted edge lengths on, sooner at a corner
 _LONGEST_BRIDGE, _LONGEST_EAR = 1.45, 1.05
 _ROUND_ENOUGH = 0.4  # smoothing may make a triangle less round only down to this (1: equilateral)
@@ -56,14 +58,22 @@ class Boundary:
         if len(z) == 0:
             return inside
         for tree, middle, half in self._groups:
-            reach = np.abs(half).max()
-            distance, index = tree.query(z, region, count=4, within=reach)
-            point, near = np.nonzero(distance < reach)
-            edge = index[point, near]
-            offset = z[point] - middle[edge]
-            seen = (offset + half[edge]) * np.conj(offset - half[edge])
-            inside[point[seen.real < -_WIDEST_VIEW * np.abs(seen)]] = True
+            reach, count, rest = np.abs(half).max(), _FEW, np.arange(len(z))
+            while len(rest):
+                distance, index = tree.query(z[rest], region[rest], count=count, within=reach)
+                place, near = np.nonzero(distance < reach)
+                edge, point = index[place, near], rest[place]
+                offset = z[point] - middle[edge]
+                seen = (offset + half[edge]) * np.conj(offset - half[edge])
+                inside[point[seen.real < -_WIDEST_VIEW * np.abs(seen)]] = True
+                # more edges may be near than were asked for
+                rest = rest[(distance[:, -1] < reach) & ~inside[rest] & (count < len(half))]
+                count *= _FEW
         return inside
+
+    def has_room(self, z: Places, region: Owners) -> Bool[np.ndarray, " k"]:
+        """Whether each point lies inside its region and is not too near to an edge."""
+        return are_inside(z, region, self.points, self.after, self.region) & ~self.too_near(z, region)
 
 
 def refine(
@@ -156,7 +166,7 @@ def long_bridges(mesh: ConstrainedDelaunay, boundary: Boundary, size: RegionSize
     long = length > np.where(ear, _LONGEST_EAR, _LONGEST_BRIDGE) * size(place, owner)
     place, length, owner = np.where(ear, tip + 1.1 * (place - tip), place)[long], length[long], owner[long]
     distance, _ = NearestPoints(points, mesh.region).query(place, owner)
-    free = (distance[:, 0] > 0.4 * length) & ~boundary.too_near(place, owner)
+    free = (distance[:, 0] > 0.4 * length) & boundary.has_room(place, owner)
     place, length, owner = place[free], length[free], owner[free]
     chosen = independent(place, owner, 0.5 * length, length)
     return place[chosen], owner[chosen]
@@ -167,8 +177,11 @@ def place_in_region(region: Owners) -> Owners:
     return np.asarray(np.arange(len(region)) - np.searchsorted(region, region))
 
 
-def smooth(mesh: ConstrainedDelaunay) -> None:
-    """Moves inner points to the mean of their neighbours, twice, where no face is flipped, and triangulates anew."""
+def smooth(mesh: ConstrainedDelaunay, boundary: Boundary) -> None:
+    """Moves inner points to the mean of their neighbours, twice, and triangulates anew.
+
+    Points that would come too near to the boundary stay, and those of faces that would be flipped or thin.
+    """
     points, faces, m = mesh.points, mesh.triangles, mesh.boundary_size
     n = len(points)
     if n == m:
@@ -179,12 +192,17 @@ def smooth(mesh: ConstrainedDelaunay) -> None:
         total = np.bincount(a, points.real[b], n) + 1j * np.bincount(a, points.imag[b], n)
         moved = points.copy()
         moved[m:] = total[m:] / degree
+        near = m + np.flatnonzero(boundary.too_near(moved[m:], mesh.region[m:]))
+        moved[near] = points[near]
         points = _held_back(mesh, points, moved)
     mesh.move(points, np.unique(mesh.region[m:]))
 
 
-def polish(mesh: ConstrainedDelaunay) -> None:
-    """Moves inner points of triangles with an angle below that of refinement to the best of a few places nearby."""
+def polish(mesh: ConstrainedDelaunay, boundary: Boundary) -> None:
+    """Moves inner points of triangles with an angle below that of refinement to the best of a few places nearby.
+
+    Places that are too near to the boundary do not count.
+    """
     for step in _POLISHING_STEPS:
         points, faces = mesh.points, mesh.triangles
         chosen = _worst_points(mesh, faces)
@@ -202,7 +220,9 @@ def polish(mesh: ConstrainedDelaunay) -> None:
         places = points[vertex][:, None] + step * reach[:, None] * _AROUND
         places = np.append(places, mean[:, None], axis=1)
         sines = smallest_sine(np.repeat(places, count, axis=0), p[:, None], q[:, None])
-        best = np.minimum.reduceat(sines, start, axis=0).argmax(axis=1)
+        quality = np.minimum.reduceat(sines, start, axis=0)
+        near = boundary.too_near(places.ravel(), np.repeat(mesh.region[vertex], places.shape[1]))
+        best = np.where(near.reshape(places.shape), -1.0, quality).argmax(axis=1)
         points = points.copy()
         points[vertex] = places[np.arange(len(vertex)), best]
         mesh.move(points, np.unique(mesh.region[vertex]))

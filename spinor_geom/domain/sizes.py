@@ -15,8 +15,9 @@ RegionSizes = Callable[[Places, Owners], Lengths]
 SizeBounds = Callable[[Places, Regions], tuple[Lengths, Lengths]]
 
 GROWTH = 0.35  # change of the edge length per unit of distance from the boundary, upwards
-# Regions are farther apart than any two points of one, in extents of the largest; they are kept apart by the half.
-_APART = 8.0
+# Distance between regions in a search tree, and how far a search goes: longer than any loop. A distance taken from the
+# points of one tree would hide these from whatever lies far outside them.
+_APART, _FARTHEST = 2.0**256, 2.0**255
 
 
 def graded_size(*polygons: Polygon, growth: float = GROWTH) -> SizeFunction:
@@ -63,26 +64,26 @@ def size_bounds(polygons: Sequence[Polygon], regions: Sequence[int] = (), *, gro
 class NearestPoints:
     """Finds the nearest of the points of a region.
 
-    Regions lie above each other. The tree is split between them before it is within one, so that what is found for one
-    does not depend on the others, down to the order of equal distances.
+    Regions lie above each other. The tree is split between them before it is within one, and holds them in order, so
+    that what is found for one does not depend on the others, down to the order of equal distances.
     """
 
     def __init__(self, points: Complex[np.ndarray, " n"], region: Regions = 0) -> None:
-        self._apart = 1.0
-        if len(points):
-            self._apart = _APART * max(float(np.ptp(points.real)), float(np.ptp(points.imag)), np.finfo(float).tiny)
-        self._tree = cKDTree(self._places(points, region), balanced_tree=False)
+        order = np.argsort(np.broadcast_to(region, len(points)), kind="stable")
+        self._numbers = np.append(order, len(points))
+        self._tree = cKDTree(_places(points, region)[order], balanced_tree=False)
 
     def query(
         self, z: Places, region: Regions = 0, *, count: int = 1, within: float = np.inf
     ) -> tuple[Float[np.ndarray, "k c"], Int[np.ndarray, "k c"]]:
         """Distances and numbers of so many points nearest to each z, in order; infinite and n where there are fewer."""
-        bound = min(within, 0.5 * self._apart)
         nearest = np.arange(1, min(count, max(self._tree.n, 1)) + 1)
-        distance, index = self._tree.query(self._places(z, region), k=nearest, distance_upper_bound=bound)
-        return np.asarray(distance), np.asarray(index)
+        bound = min(within, _FARTHEST)
+        distance, index = self._tree.query(_places(z, region), k=nearest, distance_upper_bound=bound)
+        return np.asarray(distance), self._numbers[np.asarray(index)]
 
-    def _places(self, z: Places, region: Regions) -> Float[np.ndarray, "k 3"]:
-        places = np.empty((len(z), 3))
-        places[:, 0], places[:, 1], places[:, 2] = z.real, z.imag, self._apart * np.asarray(region)
-        return places
+
+def _places(z: Places, region: Regions) -> Float[np.ndarray, "k 3"]:
+    places = np.empty((len(z), 3))
+    places[:, 0], places[:, 1], places[:, 2] = z.real, z.imag, _APART * np.asarray(region)
+    return places

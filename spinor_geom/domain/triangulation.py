@@ -138,8 +138,8 @@ def triangulate_regions(
         if len(middle) == 0:
             break
         mesh.insert(middle, of)
-    smooth(mesh)
-    polish(mesh)
+    smooth(mesh, edges)
+    polish(mesh, edges)
     points = mesh.points * scale[mesh.region] + centre[mesh.region]
     points[: mesh.boundary_size] = boundary
     return [
@@ -197,7 +197,7 @@ def _seeds(boundary: Boundary, size: RegionSizes, room: Int[np.ndarray, " r"]) -
     distance, _ = NearestPoints(points, owner).query(lattice, of)
     free = distance[:, 0] > _ROOM_AT_BOUNDARY * spacing[of]
     lattice, of = lattice[free], of[free]
-    free = ~boundary.too_near(lattice, of)
+    free = boundary.has_room(lattice, of)
     return lattice[free], of[free]
 
 
@@ -206,16 +206,18 @@ def _behind_a_row(
 ) -> tuple[Complex[np.ndarray, " j"], Int[np.ndarray, " j"], Float[np.ndarray, " j"]]:
     """The tips of equilateral triangles on the edges of polygons, and behind them the seeds that stand wide enough.
 
+    All of them lie inside their polygons and are not too near to an edge.
+
     Their regions, which ascend, and the sizes wanted there come with them. Edges that turn much have no room for tips.
     """
     polygon, owner, edge = boundary.points, boundary.region, boundary.edge
     tips, length = 0.5 * (polygon + polygon[boundary.after]) + 1j * np.sqrt(0.75) * edge, np.abs(edge)
     kept = np.bincount(owner[independent(tips, owner, _FROM_TIPS * length, length)], minlength=boundary.count)
-    free = (kept == np.bincount(owner))[owner] & ~boundary.too_near(tips, owner)
+    free = (kept == np.bincount(owner))[owner] & boundary.has_room(tips, owner)
     row = np.concatenate([tips[free], polygon])
     away = np.concatenate([_FROM_TIPS * length[free], _FROM_VERTICES * length])
     distance, nearest = NearestPoints(row, np.concatenate([owner[free], owner])).query(z, of)
-    clear = distance[:, 0] > away[nearest[:, 0]]
+    clear = (distance[:, 0] > away[nearest[:, 0]]) & boundary.has_room(z, of)
     z, spacing, of = z[clear], spacing[clear], of[clear]
     wanted = size(z, of)
     wide = spacing > _LEAST_SPACING * wanted

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from spinor_geom.domain.delaunay import ConstrainedDelaunay
 from spinor_geom.domain.sizes import graded_size, graded_sizes
 from spinor_geom.domain.triangulation import (
     PlaneTriangulation,
@@ -241,3 +242,74 @@ def test_what_cannot_be_made_is_an_error_of_its_own():
     assert [isinstance(one, DomainError) for one in made] == [False, True, False, True, False]
     assert [one.boundary_size for one in made[::2]] == [8, 12, 16]
     assert one_by_one_on_error(lambda some: [], []) == []
+
+
+def uneven_polygon(rng, most=60):
+    """A star-shaped polygon of 3 to `most` points, round or ragged, flattened or not, with edges of unlike length."""
+    n = int(rng.integers(3, most + 1))
+    gaps = rng.lognormal(0, rng.choice([0.0, 1.5]), n)
+    gaps[0] *= n ** rng.uniform(0, 1)
+    gaps = np.minimum(gaps / gaps.sum(), 0.45)
+    radius = 1 - rng.choice([0.0, 0.9]) * rng.uniform(0, 1, n)
+    z = radius * np.exp(2j * np.pi * np.cumsum(gaps) / gaps.sum())
+    return z.real + 10 ** rng.uniform(-1.5, 0) * 1j * z.imag
+
+
+def widest_view(result):
+    """The largest angle in degrees under which an inner point sees an edge of the boundary, in the faces beside it."""
+    m, widest = result.boundary_size, 0.0
+    for k in range(3):
+        a, b, c = np.roll(result.faces, -k, axis=1).T
+        beside = (a < m) & (b == (a + 1) % m) & (c >= m)
+        widest = max(widest, result.angles[beside, (k + 2) % 3].max(initial=0.0))
+    return widest
+
+
+@pytest.mark.parametrize("count", [400, pytest.param(16_000, marks=pytest.mark.slow)])
+def test_no_inner_point_sees_an_edge_under_more_than_the_largest_angle(count):
+    rng = np.random.default_rng(7)
+    done = 0
+    for _ in range(count):
+        boundary = uneven_polygon(rng)
+        try:
+            result = triangulate_polygon(boundary)
+        except DomainError:  # a polygon whose three points have no area
+            continue
+        done += 1
+        check_is_a_triangulation(result, boundary)
+        # 110° and the rounding of angles
+        assert widest_view(result) < 110 + 1e-6
+    assert done > 0.95 * count
+
+
+@pytest.mark.parametrize("bundles", [40, pytest.param(1500, marks=pytest.mark.slow)])
+def test_uneven_polygons_in_bundles_come_out_as_alone(bundles):
+    rng = np.random.default_rng(11)
+    for _ in range(bundles):
+        boundaries = [uneven_polygon(rng, 24) * 10 ** rng.uniform(-3, 3) for _ in range(int(rng.integers(2, 6)))]
+        alone = one_by_one_on_error(lambda some: [triangulate_polygon(b) for b in some], boundaries)
+        kept = [(b, one) for b, one in zip(boundaries, alone, strict=True) if isinstance(one, PlaneTriangulation)]
+        polygons = [b for b, _ in kept]
+        together = triangulate_regions([[b] for b in polygons], graded_sizes(polygons))
+        for (_, one), other in zip(kept, together, strict=True):
+            assert np.array_equal(one.points, other.points)
+            assert np.array_equal(one.faces, other.faces)
+
+
+@settings(max_examples=60)
+@given(st.integers(3, 30), st.integers(0, 10**6), st.floats(0.5, 3), st.floats(0.02, 0.3))
+def test_seeds_outside_the_polygon_are_left_out(n, seed, reach, spacing):
+    """Seeds are made for the surface's domain: chords of few points leave much of that outside."""
+    rng = np.random.default_rng(seed)
+    boundary = rng.uniform(0.2, 1.0, n) * np.exp(2j * np.pi * (np.arange(n) + rng.uniform(0, 0.9, n)) / n)
+    across = np.arange(-reach, reach, spacing)
+    seeds = (across[:, None] + 1j * across).ravel()
+    sizes = graded_sizes([boundary])
+    (result,) = triangulate_regions([[boundary]], sizes, seeds=[(seeds, np.full(len(seeds), spacing))])
+    check_is_a_triangulation(result, boundary)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_points_that_are_not_finite_are_refused(bad):
+    with pytest.raises(DomainError, match="not finite"):
+        ConstrainedDelaunay(np.array([0, 1, 1 + 1j, 1j, bad + 0.5j]), [(4,)])
