@@ -301,6 +301,15 @@ class ZeroOnContourError(SpinorGeomError):
     sentence = "the function has a zero on the boundary, or too near, by z = {z:.6g}; take a slightly different domain"
 
 
+class UnplacedZerosError(SpinorGeomError):
+    """A holomorphic function has zeros inside a domain that its values on the boundary do not place."""
+
+    sentence = (
+        "the function has {count} zeros in the domain, but its values on the boundary do not determine where; take a "
+        "smaller domain around them"
+    )
+
+
 class ImperfectFillWarning(UserWarning):
     """Holes that were asked for stay open, are closed by a discrete surface or not within the tolerance, or cross."""
 

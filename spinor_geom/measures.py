@@ -12,8 +12,6 @@ from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.operators import cotangent_laplacian, internal_angles, mass_matrix, vertex_normals
 from spinor_geom.mesh.topology import boundary_edges, referenced_vertices
 
-MAX_SUBDIVISIONS = 8
-
 
 @dataclass(frozen=True, kw_only=True)
 class OneSidedDistance:
@@ -86,7 +84,7 @@ class SurfaceSamples:
 
 def mesh_samples(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], count: int) -> SurfaceSamples:
     """The vertices of a mesh whose faces are divided into four, equally often, until it has at least `count` faces."""
-    times = int(np.clip(np.ceil(np.log(count / len(faces)) / np.log(4)), 1, MAX_SUBDIVISIONS))
+    times = max(0, int(np.ceil(np.log(count / len(faces)) / np.log(4))))
     fine, fine_faces = igl.upsample(*igl_arrays(vertices, faces), times)
     fine_faces = fine_faces.astype(np.int64)  # libigl's own kind of 64-bit integers is not numpy's int64
     used = np.unique(fine_faces)

@@ -186,8 +186,13 @@ def _candidates(
             yield from ((normal + strength * size, load) for strength in _STRENGTHS)
 
     for normal, load in systems():
-        factor = scipy.linalg.cho_factor(normal)
+        try:
+            factor = scipy.linalg.cho_factor(normal)
+        except np.linalg.LinAlgError:  # slivers: Λ is so large that rounding hides the size of u
+            continue
         u = scipy.linalg.cho_solve(factor, load)
+        if not np.abs(u).max() < _LARGEST_SCALE:
+            continue
         for _ in range(_CLOSING_STEPS if holes else 0):
             gap, slope = map(
                 np.concatenate, zip(*(_gap(u, edge, turning, matrix, hole) for hole in holes), strict=True)
@@ -250,7 +255,7 @@ def lay_out(edge: PerVertex, turning: PerVertex, log_scale: PerVertex) -> Comple
     direction = np.exp(1j * (np.cumsum(turning) - turning[0]))  # edge j runs after the turns at vertices 1 … j
     rows = np.stack([direction.real, direction.imag])
     gram = (rows * length) @ rows.T
-    if np.linalg.matrix_rank(gram) < 2:
+    if not np.isfinite(gram).all() or np.linalg.matrix_rank(gram) < 2:
         return None
     closed = length * (1 - rows.T @ np.linalg.solve(gram, rows @ length))
     if closed.min() <= 0:

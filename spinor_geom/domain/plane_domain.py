@@ -233,19 +233,27 @@ class PlaneDomain:
         return shared(np.concatenate([np.stack([t[:-1], t[1:]], axis=1) for t in ends]))
 
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """Points of ∂Ω."""
+        """Points of ∂Ω; a parameter of no boundary is an OptionError."""
         return self._on_boundaries("point", t)
 
     def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """dz/dt at points of ∂Ω."""
+        """dz/dt at points of ∂Ω; a parameter of no boundary is an OptionError."""
         return self._on_boundaries("derivative", t)
 
     def _on_boundaries(self, method: str, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        number = (np.asarray(t) // 2).astype(np.int64)
+        t = np.asarray(t)
+        known = (t >= 0) & (t < 2 * len(self.boundaries))
+        if not known.all():
+            wrong = t[~known].flat[0]
+            raise OptionError(
+                f"{wrong:.6g} is no parameter of this domain's boundary; give t in [0, 1) on the outer boundary, and "
+                "t + 2(k + 1) on that of hole k"
+            )
+        number = t // 2
         z = np.empty(number.shape, dtype=np.complex128)
         for k, boundary in enumerate(self.boundaries):
             here = number == k
-            z[here] = getattr(boundary, method)(np.asarray(t)[here] - 2 * k)
+            z[here] = getattr(boundary, method)(t[here] - 2 * k)
         return z
 
     @cached_property

@@ -10,6 +10,8 @@ from spinor_geom.mesh.boxes import edges_with_near_boxes
 from spinor_geom.mesh.intersections import crossings_between
 from spinor_geom.mesh.operators import winding_numbers
 
+_ROWS = 64  # pairs, or rows of a table of distances, that are looked at together
+
 
 def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
     """Pairs i < j of edges of a closed polygon that cross; neighbours count where one folds back onto the other."""
@@ -96,23 +98,31 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"]) -> float:
     edge = np.abs(b - a)
     local = (edge + np.roll(edge, 1)) / 2
     s = np.concatenate([[0.0], np.cumsum(edge)[:-1]])
-    along = np.abs(s[:, None] - s)
-    along = np.minimum(along, edge.sum() - along)
-    gap = np.abs(a[:, None] - a)
-    relative = gap / np.maximum(local[:, None], local)
-    i, j = np.nonzero(np.triu((relative < 8) & (along > 4 * gap + 6 * np.maximum(local[:, None], local))))
+
+    def near(rows: slice) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+        along = np.abs(s[rows, None] - s)
+        along = np.minimum(along, edge.sum() - along)
+        gap, longer = np.abs(a[rows, None] - a), np.maximum(local[rows, None], local)
+        relative = gap / longer
+        i, j = np.nonzero(np.triu((relative < 8) & (along > 4 * gap + 6 * longer), rows.start))
+        return relative[i, j], i + rows.start, j
+
+    # some rows at a time: all pairs of a long boundary take gigabytes
+    found = [near(slice(start, start + _ROWS)) for start in range(0, len(a), _ROWS)]
+    relative, i, j = (np.concatenate(parts) for parts in zip(*found, strict=True))
     if not len(i):
         return np.inf
-    order = np.argsort(relative[i, j])
-    i, j = i[order], j[order]
-    for start in range(0, len(i), 256):  # the smallest gaps first: the first that lies outside all along is the answer
-        block = slice(start, start + 256)
+    order = np.argsort(relative)
+    relative, i, j = relative[order], i[order], j[order]
+    # the smallest gaps first: the first that lies outside all along is the answer
+    for start in range(0, len(i), _ROWS):
+        block = slice(start, start + _ROWS)
         along_gap = a[i[block], None] + np.array([0.2, 0.5, 0.8]) * (a[j[block]] - a[i[block]])[:, None]
         d = a - along_gap[:, :, None]
         outside = (np.angle(np.roll(d, -1, axis=2) * np.conj(d)).sum(axis=2) < np.pi).all(axis=1)
         if outside.any():
             first = start + int(np.argmax(outside))
-            return float(relative[i[first], j[first]])
+            return float(relative[first])
     return np.inf
 
 

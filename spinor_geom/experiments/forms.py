@@ -14,7 +14,7 @@ from numpy.polynomial import polynomial
 
 from spinor_geom import gallery
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.errors import ZeroOnContourError
+from spinor_geom.errors import UnplacedZerosError, ZeroOnContourError
 from spinor_geom.experiments.experiment import Experiment, Outcome, kept_as
 from spinor_geom.experiments.paper_surfaces import boundary_distance, solved_by_network
 from spinor_geom.gallery import KnownCurve, KnownDisk
@@ -135,7 +135,7 @@ def branch_points(surface: SpinorSurface | WeierstrassSurface) -> tuple[BranchPo
     """The branch points in Ω; None where one is so near to ∂Ω that they cannot be counted."""
     try:
         return surface.branch_points()
-    except ZeroOnContourError:
+    except (UnplacedZerosError, ZeroOnContourError):
         return None
 
 

@@ -18,7 +18,7 @@ from scipy.interpolate import AAA
 from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.errors import ZeroOnContourError
+from spinor_geom.errors import UnplacedZerosError, ZeroOnContourError
 from spinor_geom.mesh.topology import linked
 
 HolomorphicFunction = Callable[[Complex[Tensor, " n"]], Complex[Tensor, " n"]]
@@ -51,8 +51,11 @@ def find_zeros(
     """All zeros of a function, holomorphic on Ω and its boundary, inside ∂Ω, with multiplicity.
 
     They are ordered by real and then imaginary part; simple and multiple ones are exact to round-off. Those nearer to
-    each other than the resolution, a share of the domain's diameter, are reported as one. A ZeroOnContourError tells of
-    a zero on ∂Ω, or so near to it that it cannot be placed.
+    each other than the resolution, a share of the domain's diameter, are reported as one.
+
+    Raises:
+        ZeroOnContourError: a zero lies on ∂Ω, or too near to it to be counted.
+        UnplacedZerosError: the zeros were counted, but not all of them were found.
     """
     count = round(float(_turning(function, domain).sum() / (2 * np.pi)))
     if count == 0:
@@ -67,7 +70,7 @@ def find_zeros(
             found = [zero for zero in zeros if zero.order]
             step = RESOLUTION * domain.diameter  # equal real parts differ by rounding
             return tuple(sorted(found, key=lambda zero: (round(zero.z.real / step), zero.z.imag)))
-    raise ZeroOnContourError(z=complex(domain.boundary.vertices[0]))
+    raise UnplacedZerosError(count=count)
 
 
 def zero_inside(function: HolomorphicFunction, centre: complex, radius: float) -> Zero:

@@ -23,6 +23,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.meshing.triangulate import Piece, piece_of, triangulate_pieces
 from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.plateau.threads import one_thread
 from spinor_geom.shown import Shown
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -127,7 +128,9 @@ def mesh_patches(
         planes = triangulate_pieces([_piece(solution, target_edge_length) for solution in some])
         return [_patch(solution, plane) for solution, plane in zip(some, planes, strict=True)]
 
-    return one_by_one_on_error(made, solutions)
+    # on several threads sums come out in another order, and patches are to be the same on all machines
+    with one_thread():
+        return one_by_one_on_error(made, solutions)
 
 
 def edge_length_over(loops: Sequence[BoundaryLoop], target: float | Literal["auto"]) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
@@ -30,8 +31,8 @@ class Cauchy:
 
     def __post_init__(self) -> None:
         """Checks the options."""
-        if self.degree < 1 or not self.pole_offset > 0:
-            raise OptionError(f"a Cauchy network needs degree ≥ 1 and pole_offset > 0, got {self}")
+        if self.degree < 1 or not 0 < self.pole_offset < math.inf:
+            raise OptionError(f"a Cauchy network needs degree ≥ 1 and a positive, finite pole_offset, got {self}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from spinor_geom.comparison import MOST_CURVATURE_POINTS
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
 from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates, rim_successors
-from spinor_geom.errors import SpinorGeomError, ZeroOnContourError
+from spinor_geom.errors import SpinorGeomError, UnplacedZerosError, ZeroOnContourError
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
@@ -234,7 +234,7 @@ def _zeros(surface: SpinorSurface) -> list[Complex[np.ndarray, " k"]]:
     """The zeros of p and those of q in Ω; none where p or q vanishes on its boundary, as on a plane."""
     try:
         return [np.array([zero.z for zero in zeros], dtype=np.complex128) for zeros in surface.spinor_zeros()]
-    except ZeroOnContourError:
+    except (UnplacedZerosError, ZeroOnContourError):
         return [np.zeros(0, dtype=np.complex128)] * 2
 
 

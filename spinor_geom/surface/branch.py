@@ -63,7 +63,7 @@ def branch_points(spinors: Functions, phi: Functions, domain: PlaneDomain) -> tu
 def with_invariants(zeros: Sequence[Zero], phi: Functions, domain: PlaneDomain) -> tuple[BranchPoint, ...]:
     """All zeros of φ in Ω as branch points, each with the invariant of a circle around it."""
     z = np.array([zero.z for zero in zeros])
-    apart = np.abs(z[:, None] - np.concatenate([z, domain.boundary.vertices]))
+    apart = np.abs(z[:, None] - np.concatenate([z, domain.vertices]))
     np.fill_diagonal(apart, np.inf)
     found = []
     for zero, radius in zip(zeros, (_RADIUS * apart.min(axis=1, initial=np.inf)).tolist(), strict=True):

@@ -198,20 +198,22 @@ class SpinorSurface(Shown, torch.nn.Module):
         return np.array([rim.at_breaks[-1] for rim in rims], dtype=np.complex128).reshape(-1, 3)
 
     def largest_period(self) -> float:
-        """The largest |Re ∮ φ dz| around a hole: the gap by which the surface does not close."""
-        return float(np.linalg.norm(self.periods().real, axis=1).max())
+        """The largest |Re ∮ φ dz| around a hole: the gap by which the surface does not close; 0 without holes."""
+        return float(np.linalg.norm(self.periods().real, axis=1).max(initial=0.0))
 
     def branch_points(self) -> tuple[branch.BranchPoint, ...]:
         """Common zeros of p and q in Ω, where the surface is not an immersion; empty for a regular surface.
 
-        A zero of a combination of p and q on ∂Ω, or too near to it, is a ZeroOnContourError.
+        A zero of a combination of p and q on ∂Ω, or too near to it, is a ZeroOnContourError; zeros that the values on
+        ∂Ω do not place are an UnplacedZerosError.
         """
         return branch.branch_points(self._on_cpu(self._single_valued), self._on_cpu(self._phi), self.domain)
 
     def spinor_zeros(self) -> tuple[tuple[Zero, ...], tuple[Zero, ...]]:
         """The zeros of p and those of q in Ω, with their orders: where n = −e₃, and where n = e₃ and g has its poles.
 
-        A zero on ∂Ω or too near to it, for example everywhere, is a ZeroOnContourError.
+        A zero on ∂Ω or too near to it, for example everywhere, is a ZeroOnContourError; zeros that the values on ∂Ω do
+        not place are an UnplacedZerosError.
         """
         p, q = (lambda z: self._single_valued(z)[:, 0]), (lambda z: self._single_valued(z)[:, 1])
         return find_zeros(self._on_cpu(p), self.domain), find_zeros(self._on_cpu(q), self.domain)

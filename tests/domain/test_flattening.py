@@ -1,5 +1,7 @@
 """Flattening: conformal, isometric on the boundary, closed, and simple."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -249,3 +251,20 @@ def test_strip_around_a_box_becomes_a_ring():
     top, bottom = np.insert(corners, 2, 0.3, axis=1), np.insert(corners[::-1], 2, -0.3, axis=1)
     plane, descent = discrete_annulus(top, bottom)
     assert len(flatten(descent.vertices, plane.faces, 8, holes=(4,)).rims) == 2
+
+
+@pytest.mark.parametrize("size", [1e20, 1e30])
+def test_a_matrix_that_rounding_makes_indefinite_is_no_raw_error(size):
+    """Slivers make Λ so large that rounding hides the rest: some straightenings cannot be solved for."""
+    m = 24
+    rng = np.random.default_rng(3)
+    slopes = rng.normal(size=(m, 3))
+    turning = np.full(m, 6 * np.pi / m)  # three times around: not simple
+    with suppress(DomainError):
+        assert is_simple(flatten_boundary(np.ones(m), turning, lambda: size * slopes @ slopes.T).boundary)
+
+
+def test_turning_that_is_not_finite_gives_no_polygon():
+    turning = np.full(6, np.pi / 3)
+    turning[2] = np.nan
+    assert lay_out(np.ones(6), turning, np.zeros(6)) is None

@@ -228,3 +228,12 @@ def test_divided_domain_has_the_same_boundary():
     np.testing.assert_array_equal(finer.vertices[::3], domain.vertices)
     np.testing.assert_array_equal(np.flatnonzero(finer.boundary.corners), 3 * np.flatnonzero(domain.boundary.corners))
     assert len(finer.log_scale) == len(finer.vertices)
+
+
+@pytest.mark.parametrize("t", [-0.1, 2.0, np.nan, np.inf])
+def test_parameters_of_no_boundary_are_refused(t):
+    for method in (PlaneDomain.disk().point, PlaneDomain.disk().derivative):
+        with pytest.raises(OptionError, match="no parameter"):
+            method(np.array([0.5, t]))
+    with pytest.raises(OptionError):
+        PlaneDomain.annulus(0.5).point(np.array(4.0))

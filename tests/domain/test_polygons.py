@@ -1,5 +1,7 @@
 """Closed plane polygons: crossings, lobes, clearance, and what several of them bound."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -147,3 +149,16 @@ def test_a_line_through_vertices_or_along_a_side_counts_once():
     none = np.zeros(4, dtype=np.int64)
     inside = are_inside(z, np.zeros(5, dtype=np.int64), square, np.array([1, 2, 3, 0]), none)
     assert inside.tolist() == [False, False, True, False, False]
+
+
+@pytest.mark.parametrize("start", [0, 1400])
+def test_clearance_of_a_long_boundary_takes_less_than_a_table_of_all_distances(start):
+    t = np.linspace(0.02, 2 * np.pi - 0.02, 2000)
+    horseshoe = np.roll(np.concatenate([1.2 * np.exp(1j * t), np.exp(1j * t)[::-1]]), start)
+    tracemalloc.start()
+    clearance = outer_clearance(horseshoe)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    # the ends are 0.2 thick, and face each other 2 sin 0.02 apart at radius 1; local edges there are half of 0.2
+    assert clearance == pytest.approx(2 * np.sin(0.02) / 0.1, rel=0.05)
+    assert peak < 8 * len(horseshoe) ** 2

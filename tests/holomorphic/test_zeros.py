@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.domain import PlaneDomain
-from spinor_geom.errors import ZeroOnContourError
+from spinor_geom.errors import UnplacedZerosError, ZeroOnContourError
 from spinor_geom.holomorphic.zeros import find_zeros, zero_inside
 
 DISK = PlaneDomain.disk()
@@ -102,3 +102,10 @@ def test_count_on_a_circle():
     assert zero_inside(function, 0.1 + 0j, 0.2).order == 2
     assert zero_inside(function, 0j, 0.9).order == 3
     assert zero_inside(function, -0.5 + 0j, 0.2).order == 0
+
+
+@pytest.mark.parametrize("count", [60, 100])
+def test_zeros_that_the_boundary_does_not_show_are_not_claimed_to_lie_on_it(count):
+    # on |z| = 1 the constant 2⁻⁶⁰ is lost in rounding
+    with pytest.raises(UnplacedZerosError, match=f"has {count} zeros in the domain"):
+        find_zeros(lambda z: z**count - 0.5**count, DISK)

@@ -4,7 +4,7 @@ import pymeshlab
 import pytest
 
 from spinor_geom.errors import OptionError
-from spinor_geom.measures import hausdorff_distance
+from spinor_geom.measures import hausdorff_distance, mesh_samples
 
 
 def square(n=2, height=0.0):
@@ -104,3 +104,8 @@ def test_mesh_without_faces_is_refused():
     vertices, faces = square(2)
     with pytest.raises(OptionError):
         hausdorff_distance(vertices, faces[:0], vertices, faces)
+
+
+@pytest.mark.parametrize(("times", "count", "points"), [(4, 2048, 1026), (4, 2049, 4098)])
+def test_faces_are_divided_only_as_often_as_is_asked_for(times, count, points):
+    assert len(mesh_samples(*sphere(times), count).points) == points

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from threadpoolctl import threadpool_limits
 
 from spinor_geom import BoundaryLoop, solve_plateau
 from spinor_geom.domain.sizes import graded_size
@@ -179,3 +180,14 @@ def test_patches_are_made_together_as_each_by_itself():
         alone = mesh_patch(solution)
         assert np.array_equal(patch.vertices, alone.vertices)
         assert np.array_equal(patch.faces, alone.faces)
+
+
+def test_patches_are_the_same_on_any_number_of_threads():
+    t = 2 * np.pi * np.arange(120) / 120
+    points = np.stack([2 * np.cos(t), np.sin(t), 0.3 * np.sin(3 * t)], axis=1)
+    solution = solve_plateau(BoundaryLoop.from_points(points))
+    made = []
+    for threads in (1, 2, 4):
+        with threadpool_limits(threads):
+            made.append(mesh_patch(solution).vertices.tobytes())
+    assert len(set(made)) == 1

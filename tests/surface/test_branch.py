@@ -9,7 +9,9 @@ from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError, ZeroOnContourError
 from spinor_geom.gallery import catenoid, enneper, plane_disk
 from spinor_geom.holomorphic import PowerSeries
+from spinor_geom.holomorphic.zeros import Zero
 from spinor_geom.surface import SpinorSurface, frames
+from spinor_geom.surface.branch import with_invariants
 from spinor_geom.surface.weierstrass import WeierstrassSurface, weierstrass_phi
 
 
@@ -131,3 +133,12 @@ def test_branch_points_are_the_same_after_a_rotation():
     rotation = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     moved = first.transform(rotation, 3.0, [1.0, 2.0, 3.0]).associate(0.7)
     np.testing.assert_allclose([p.z for p in moved.branch_points()], [p.z for p in first.branch_points()], atol=1e-12)
+
+
+def test_circles_around_branch_points_keep_clear_of_holes():
+    # φ has a pole in the hole, nearer to the zero than the outer circle is
+    def phi(z):
+        return weierstrass_phi((z - 0.56) ** 2 / (z - 0.45), 0.3 * z)
+
+    (point,) = with_invariants([Zero(z=0.56, order=2)], phi, PlaneDomain.annulus(0.5))
+    assert (point.order, point.invariant) == (2, 0)
