@@ -73,7 +73,8 @@ class Boundary:
 
     def has_room(self, z: Places, region: Owners) -> Bool[np.ndarray, " k"]:
         """Whether each point lies inside its region and is not too near to an edge."""
-        return are_inside(z, region, self.points, self.after, self.region) & ~self.too_near(z, region)
+        inside = are_inside(z, region, self.points, self.after, self.region)
+        return np.asarray(inside & ~self.too_near(z, region))
 
 
 def refine(
