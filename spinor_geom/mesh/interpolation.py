@@ -47,7 +47,7 @@ def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[tuple[Breaks, Piec
     arcs = _arc_shares(breaks, cubics)
     degrees, errors = predicting_degree(points, arcs)
     curves = _analytic(points, arcs, errors)
-    may_swing = are_long(points).any(axis=1)
+    may_swing = np.asarray(are_long(points).any(axis=1))
     for i, degree in enumerate(degrees.tolist()):
         if i in curves and not (may_swing[i] and _leaves_long_edges(points[i], *curves[i])):
             found[i] = curves[i]

@@ -25,7 +25,7 @@ def graded_spacing(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b
         nearest = np.minimum(np.roll(spacing, step, axis=-1), np.roll(spacing, -step, axis=-1))
         spacing = np.minimum(spacing, LARGEST_GROWTH**step * nearest)
         step *= 2
-    return np.maximum(spacing, LARGEST_GROWTH * np.median(length, axis=-1, keepdims=True))
+    return np.asarray(np.maximum(spacing, LARGEST_GROWTH * np.median(length, axis=-1, keepdims=True)))
 
 
 def are_long(points: Float[np.ndarray, "*b m k"]) -> Bool[np.ndarray, "*b m"]:
@@ -61,7 +61,7 @@ def with_long_edges_divided(
 
 def _longest_of_three(length: Float[np.ndarray, "*b m"]) -> Float[np.ndarray, "*b m"]:
     """The longest of each edge and its two neighbours."""
-    return np.maximum(length, np.maximum(np.roll(length, 1, axis=-1), np.roll(length, -1, axis=-1)))
+    return np.asarray(np.maximum(length, np.maximum(np.roll(length, 1, axis=-1), np.roll(length, -1, axis=-1))))
 
 
 def _graded_shares(length: float, start: float, end: float) -> Float[np.ndarray, " k"]:
