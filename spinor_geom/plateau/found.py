@@ -25,7 +25,7 @@ def typed_failures() -> Iterator[None]:
     """Raises a SingularMatrixError for what numpy, scipy and torch raise where equations cannot be solved."""
     try:
         yield
-    except (np.linalg.LinAlgError, torch.linalg.LinAlgError) as error:
+    except (np.linalg.LinAlgError, torch.linalg.LinAlgError) as error:  # type: ignore[attr-defined]
         reason = str(error).splitlines()[0].rstrip(".")
         raise SingularMatrixError(
             f"equations for a surface over the loop cannot be solved ({reason}); check the loop for points that nearly "

@@ -344,7 +344,7 @@ def _each_solved(matrices: Float[Tensor, "b n n"], right: Float[Tensor, "b n"]) 
 
     A singular one, whose solution is arbitrary, does not keep the others from theirs.
     """
-    solve = torch.linalg.solve_ex
+    solve: Callable[..., tuple[Tensor, Tensor]] = torch.linalg.solve_ex
     if matrices.is_cuda:
         return solve(matrices, right)[0]
     # a copy of each begins where memory is aligned: LAPACK rounds otherwise elsewhere
