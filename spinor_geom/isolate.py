@@ -15,12 +15,13 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Mapping
+from functools import partial
 from time import monotonic
 from typing import IO, Any, Literal, TypeAlias
 
 Event: TypeAlias = dict[str, Any]
 Tell: TypeAlias = Callable[[Event], None]
-Kind: TypeAlias = Literal["start", "death", "time", "memory"]
+Kind: TypeAlias = Literal["start", "death", "time", "memory", "closed"]
 
 START_LIMIT = 600.0  # seconds for the imports of a process, which are not the first job's fault
 LOOK = 0.05  # seconds between looks at its memory and the clock
@@ -33,12 +34,16 @@ START = (
 class FaultError(Exception):
     """A process ended before its job was done; what it told last, and the end of what it wrote during the job.
 
-    Its kind is "start" where it ended by itself before it could take a job, "death" where it died, else the limit.
+    Its kind is "start" where it ended by itself before it could take a job, "death" where it died, "closed" where
+    `Process.close` was called meanwhile, else the limit.
     """
 
     def __init__(self, reason: str, *, kind: Kind, last: Event, said: str) -> None:
         super().__init__(reason)
         self.kind, self.last, self.said = kind, last, said
+
+    def __reduce__(self) -> Any:
+        return partial(FaultError, str(self), kind=self.kind, last=self.last, said=self.said), ()
 
 
 class Process:
@@ -48,6 +53,7 @@ class Process:
         """Starts nothing yet; the variables are beside those of this process, which tells where packages are, too."""
         self._module, self._environment = module, {**(environment or {})}
         self._process: subprocess.Popen[str] | None = None
+        self._in_use, self._closed = threading.Lock(), False
 
     def run(
         self,
@@ -64,6 +70,10 @@ class Process:
         take so many. The memory is resident bytes, looked at by psutil where there is a limit. A FaultError tells that
         the process died, or was ended at a limit.
         """
+        with self._in_use:
+            return self._run(job, on_event, seconds, whole_seconds, memory)
+
+    def _run(self, job: Mapping[str, Any], on_event: Tell, seconds: float, whole_seconds: float, memory: float) -> str:
         self._last: Event = {}
         try:
             process = self._started()
@@ -94,6 +104,12 @@ class Process:
                         stream.close()
         self._process = None
 
+    def close(self) -> None:
+        """Ends the process for good, from any thread; a job in progress ends at once, by a FaultError."""
+        self._closed = True
+        with self._in_use:
+            self.end()
+
     def _started(self) -> subprocess.Popen[str]:
         if self._process is not None and self._process.poll() is None:
             return self._process
@@ -123,6 +139,8 @@ class Process:
         """The next thing that the process tells, within the limits."""
         deadline = monotonic() + seconds
         while True:
+            if self._closed:
+                raise self._fault("is not needed any more", "closed")
             now = monotonic()
             if now >= self._look:  # however much it tells
                 self._look = now + LOOK

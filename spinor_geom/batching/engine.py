@@ -1,13 +1,13 @@
-"""Hands the inputs of a batch to the workers of a Dask cluster: its own on this machine, or one that runs elsewhere."""
+"""Hands the inputs of a batch to its workers: threads of this process, or those of a Dask cluster."""
 
 from __future__ import annotations
 
 import json
-import logging
 import os
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -18,21 +18,16 @@ from typing import TYPE_CHECKING, Any, Literal
 from spinor_geom.batching.inputs import SMALL, Inputs, Source, listed
 from spinor_geom.batching.options import BatchOptions, Format, Limits, What
 from spinor_geom.batching.store import Store, log_line, opened_store
-from spinor_geom.batching.worker import run_block
+from spinor_geom.batching.worker import end_solvers, run_block
 from spinor_geom.errors import BatchError, OptionError, require, require_positive
 from spinor_geom.fill.options import Continuity
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client
+    from distributed.deploy import Cluster
 
 TOGETHER = 64  # most files whose loops are solved side by side
 WAITING = 2  # blocks that wait at each worker
-SETTINGS = {
-    # what the scheduler remembers of its own work, which nobody reads here
-    **dict.fromkeys(("distributed.admin.log-length", "distributed.admin.low-level-log-length"), 100),
-    # an interrupt of the terminal, which all processes hear, is for the driver
-    "distributed.worker.preload": ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +86,7 @@ def batch(
     what: What = "fill",
     format: Format = "obj",
     workers: int | None = None,
-    scheduler: str | None = None,
+    scheduler: str | Cluster | Client | None = None,
     edge_length: float | Literal["auto"] = "auto",
     tolerance: float = 1e-3,
     continuity: Continuity = "C0",
@@ -111,8 +106,6 @@ def batch(
     was cut off goes on with `resume=True`; the files that it leaves are the same byte for byte, however it was cut off
     and by however many workers they were made (on one kind of processor; of the records all but the seconds).
 
-    A script that calls this must do so under `if __name__ == "__main__":`, because the workers import it.
-
     Args:
         inputs: OBJ files, folders (searched with all below them), patterns, manifests (.csv with a column "path",
             .jsonl), and archives (.zip, .tar, packed or not), which are read without being unpacked. They are listed
@@ -121,8 +114,9 @@ def batch(
         what: "fill" for the triangulation of each loop, and of files with faces the filled mesh; "surface" for the
             triangulation and the spinor surface, to be read by `SpinorSurface.load`; "loops" for the loops alone.
         format: of the meshes: "obj", "ply", "glb" or "npz".
-        workers: processes that solve on this machine; as many as it has cores by default.
-        scheduler: address of a Dask cluster to use instead; all of it must see inputs and output under the same names.
+        workers: processes that solve on this machine; by default as many as there are cores for this process.
+        scheduler: a Dask cluster to use instead: its scheduler's address, the cluster object, or a client, whose TLS
+            settings are used. All its machines must see inputs and output under the same names.
         edge_length: of the triangulations, in mesh units; "auto" takes each loop's mean edge.
         tolerance: RMS distance of a surface's boundary from the curve through its loop, per mean edge.
         continuity: "C0" for minimal surfaces; "C1" for patches that go on with the tangents and the curvature of the
@@ -134,8 +128,8 @@ def batch(
         time_limit: for reading a file and for each of its loops, in seconds; a file as a whole may take 100 times as
             long. Also for each member of an archive that is listed.
         memory_limit: of the process that solves, and of the one that lists archives, in bytes.
-        retries: how often a file is tried again after its process or worker died (on a cluster given by its scheduler
-            that has a number of its own for workers: `distributed.scheduler.allowed-failures`).
+        retries: how often a file is tried again after its process died. A cluster has a number of its own for workers
+            that died: `distributed.scheduler.allowed-failures`.
         on_progress: is called now and then.
 
     Returns:
@@ -145,10 +139,12 @@ def batch(
         OptionError: an option has a value that is not allowed.
         BatchError: an input does not exist; the output folder is another run's or cannot be written to; the scheduler
             cannot be reached.
-        MissingPackageError: the packages of the extra `batch` are not installed.
+        MissingPackageError: the packages of the extra `batch` are not installed, or for a cluster those of `cluster`.
     """
-    for package in ("distributed", "pyarrow", "filelock", "psutil"):
+    for package in ("pyarrow", "filelock", "psutil"):
         require(package, extra="batch")
+    if scheduler is not None:
+        require("distributed", extra="cluster")
     options = BatchOptions(
         what=what,
         format=format,
@@ -177,13 +173,22 @@ def batch(
         left = run.incomplete(listed(file))
         first = next(left, None)
         if first is not None:
-            with _cluster(workers, scheduler, limits) as client:
-                run.solve(client, chain([first], left))
+            with _workers(workers, scheduler, store.token) as pool:
+                run.solve(pool, chain([first], left))
         from spinor_geom.batching.summary import write_summary  # pyarrow and numpy are not needed before
 
         progress = run.progress()
         paths = write_summary(store, listed(file), options, asdict(progress))
     return BatchResult(output=Path(store.output), progress=progress, log=store.log, **paths)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Workers:
+    """What does the blocks of a batch: this machine's threads, or a cluster."""
+
+    executor: Executor
+    count: Callable[[], int]  # how many blocks it works at at a time; clusters grow and shrink
+    killed: tuple[type[Exception], ...] = ()  # what the future of a block raises whose workers died
 
 
 @dataclass(frozen=True)
@@ -205,44 +210,41 @@ class _Run:
                 self.counts["files_before"] += 1
                 self._finish(one)
 
-    def solve(self, client: Client, sources: Iterator[Source]) -> None:
+    def solve(self, pool: Workers, sources: Iterator[Source]) -> None:
         """Has sources solved, a few blocks at a time; BatchError if nothing can be written, or the cluster is gone."""
-        from distributed import wait
-
         again: deque[list[Source]] = deque()
-        blocks = _blocks(sources, self.counts, client)
-        running: dict[Future, list[Source]] = {}
+        blocks = _blocks(sources, self.counts, pool)
+        running: dict[Future[dict[str, Any]], list[Source]] = {}
         while True:
-            while len(running) < WAITING * _threads(client):
+            while len(running) < WAITING * pool.count():
                 block = again.popleft() if again else next(blocks, None)
                 if block is None:
                     break
                 settings = {"options": asdict(self.options), "store": asdict(self.store)}
                 job = {"sources": [asdict(source) for source in block], **settings}
-                running[client.submit(run_block, job, self.limits, pure=False)] = block
+                running[pool.executor.submit(run_block, job, self.limits)] = block
             if not running:
                 return
-            for future in wait(list(running), return_when="FIRST_COMPLETED").done:
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
                 block = running.pop(future)
-                again.extend(self._taken(future, block))
-                future.release()
+                try:
+                    done = future.result()
+                except pool.killed:
+                    again.extend(self._left_of(block))
+                    continue
+                except CancelledError:
+                    problem = "the cluster was lost; what is finished is kept: resume the batch"
+                    raise BatchError(problem) from None
+                except Exception as error:
+                    problem = f"a worker cannot do its work ({error}); is the same version installed there?"
+                    raise BatchError(problem) from error
+                for one in done["finished"]:
+                    self._finish(one)
+                if done["stop"]:
+                    raise BatchError(done["stop"])
 
-    def _taken(self, future: Future, block: list[Source]) -> list[list[Source]]:
-        """Takes what a worker has done; gives what has to be tried again, file by file."""
-        from distributed import KilledWorker
-
-        if future.status == "finished":
-            done = future.result()
-            for one in done["finished"]:
-                self._finish(one)
-            if done["stop"]:
-                raise BatchError(done["stop"])
-            return []
-        if future.status != "error":
-            raise BatchError("the cluster was lost; what is finished is kept: resume the batch")
-        error = future.exception()
-        if not isinstance(error, KilledWorker):
-            raise BatchError(f"a worker cannot do its work ({error}); is the same version installed there?")
+    def _left_of(self, block: list[Source]) -> list[list[Source]]:
+        """What of the block of a worker that was killed has to be tried again, file by file."""
         tries = []
         for source in block:
             one = self.store.completed(source)  # what the workers had finished before they died need not be done again
@@ -268,7 +270,7 @@ class _Run:
         return BatchProgress(**self.counts, seconds=perf_counter() - self.start)
 
 
-def _blocks(sources: Iterator[Source], counts: Counter[str], client: Client) -> Iterator[list[Source]]:
+def _blocks(sources: Iterator[Source], counts: Counter[str], pool: Workers) -> Iterator[list[Source]]:
     """Sources in blocks to be solved together: small files, and fewer as the end comes near."""
     block: list[Source] = []
     handed = most = 0
@@ -278,44 +280,47 @@ def _blocks(sources: Iterator[Source], counts: Counter[str], client: Client) -> 
             handed += len(block)
             block = []
         if not block:
-            most = min(TOGETHER, (counts["files_total"] - counts["files_before"] - handed) // (2 * _threads(client)))
+            most = min(TOGETHER, (counts["files_total"] - counts["files_before"] - handed) // (2 * pool.count()))
         block.append(source)
     if block:
         yield block
 
 
-def _threads(client: Client) -> int:
-    """How many blocks the cluster works at at a time; clusters grow and shrink."""
-    return max(1, sum(map(int, client.nthreads().values())))
+@contextmanager
+def _workers(workers: int | None, scheduler: str | Cluster | Client | None, token: str) -> Iterator[Workers]:
+    """Threads, or the workers of a cluster; the processes that solve for them end with the block."""
+    if scheduler is not None:
+        with _cluster(scheduler, token) as pool:
+            yield pool
+        return
+    count = workers or (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+    with ThreadPoolExecutor(count) as executor:
+        try:
+            yield Workers(executor=executor, count=lambda: count)
+        finally:
+            executor.shutdown(wait=False, cancel_futures=True)
+            end_solvers(token)
 
 
 @contextmanager
-def _cluster(workers: int | None, scheduler: str | None, limits: Limits) -> Iterator[Client]:
-    """A client of this machine's own cluster, which ends with the block, or of one at an address, if it answers."""
-    import dask
-    from distributed import Client, LocalCluster
+def _cluster(scheduler: str | Cluster | Client, token: str) -> Iterator[Workers]:
+    from distributed import Client, KilledWorker
 
-    if scheduler is not None:
+    with ExitStack() as stack:
         try:
-            client = Client(scheduler, timeout="20s", set_as_default=False)
-        except (OSError, ValueError, RuntimeError) as error:
+            client = scheduler
+            if not isinstance(scheduler, Client):
+                client = stack.enter_context(Client(scheduler, timeout="20s", set_as_default=False))
+            threads = client.nthreads
+            threads()
+        except (OSError, ValueError, RuntimeError, TypeError, AttributeError) as error:
             raise BatchError(f"{scheduler}: no Dask scheduler answers there ({error}); check the address") from error
-        with client, client.as_current():
-            yield client
-        return
-    with (
-        dask.config.set({"distributed.scheduler.allowed-failures": limits.retries, **SETTINGS}),
-        LocalCluster(
-            n_workers=workers,  # or as many as there are cores for this process
-            threads_per_worker=1,
-            memory_limit=0,  # the processes that solve have a limit of their own
-            host="127.0.0.1",
-            dashboard_address=None,
-            # what is left of its web server takes a port that is free: there may be other batches
-            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster, set_as_default=False) as client,
-        client.as_current(),
-    ):
-        yield client
+        executor = client.get_executor(pure=False)
+        try:
+            yield Workers(
+                executor=executor, count=lambda: max(1, sum(map(int, threads().values()))), killed=(KilledWorker,)
+            )
+        finally:
+            with suppress(OSError, RuntimeError):  # it is gone, and they with it
+                executor.shutdown(wait=False)
+                client.run(end_solvers, token, on_error="ignore")

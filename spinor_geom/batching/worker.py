@@ -1,4 +1,4 @@
-"""What runs in a Dask worker: it keeps a process that solves, watches it, and ends it where a file asks too much."""
+"""What a worker does, a thread here or on a Dask cluster: it has a process that solves, and ends it at the limits."""
 
 import threading
 from collections import Counter, deque
@@ -12,10 +12,12 @@ from spinor_geom.isolate import Event, FaultError, Process
 
 SOLVER = "spinor_geom.batching.solver"
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1")
-# Bytes that the C library keeps instead of asking the system for them anew: Dask has its workers give back all of them,
-# and a fifth of the time went into that. These are the values that the library would come to by itself.
+# Bytes that the C library keeps instead of asking the system for them anew. Dask sets these variables such that its
+# workers give back all of them, which takes a fifth of the time; these are the values that the library comes to itself.
 KEPT = {"MALLOC_MMAP_THRESHOLD_": str(32 << 20), "MALLOC_TRIM_THRESHOLD_": str(64 << 20)}
-_own = threading.local()
+# the process of each thread, and the run that it last worked for; runs that have ended
+_solvers: dict[int, tuple[str, Process]] = {}
+_ended: set[str] = set()
 
 
 def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
@@ -27,6 +29,7 @@ def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
     done: list[dict[str, Any]] = []
     deaths: Counter[str] = Counter()
     blocks = deque([list(job["sources"])])
+    process = solver(job["store"]["token"])
 
     def on_event(event: Event) -> None:
         if "stop" in event:
@@ -39,8 +42,10 @@ def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
         while blocks:
             block, fault = blocks.popleft(), None
             try:
-                solver().run({**job, "sources": block}, on_event, memory=limits.memory, **times)
+                process.run({**job, "sources": block}, on_event, memory=limits.memory, **times)
             except FaultError as error:
+                if error.kind == "closed":
+                    raise BatchError("the batch has ended") from error
                 if error.kind == "start":
                     raise BatchError(f"the process that solves cannot start: {error}; see what is installed") from error
                 fault = error
@@ -67,9 +72,20 @@ def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
     return {"finished": done, "stop": ""}
 
 
-def solver() -> Process:
-    """The process that solves for this thread of the worker."""
-    if not hasattr(_own, "solver"):
-        _own.solver = Process(SOLVER, {**ONE_THREAD, **KEPT})
-    process: Process = _own.solver
+def solver(token: str) -> Process:
+    """The process that solves for this thread, which now works for the run of a token."""
+    _, process = _solvers.get(threading.get_ident(), (token, None))
+    process = process or Process(SOLVER, {**ONE_THREAD, **KEPT})
+    _solvers[threading.get_ident()] = token, process
+    if token in _ended:  # a block that was handed out just before
+        process.close()
     return process
+
+
+def end_solvers(token: str) -> None:
+    """Ends the processes of all threads that last worked for a run."""
+    _ended.add(token)
+    for thread, (last, process) in list(_solvers.items()):
+        if last == token:
+            del _solvers[thread]
+            process.close()

@@ -14,14 +14,16 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pyarrow.parquet as pq
 import pytest
 
 from spinor_geom import BatchProgress, BatchResult, batch
-from spinor_geom.batching.engine import TOGETHER, _blocks
+from spinor_geom.batching.engine import TOGETHER, Workers, _blocks
 from spinor_geom.batching.inputs import SMALL, Source
 from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.store import RUN, STAGING, opened_store
@@ -31,6 +33,17 @@ from tests.batching.files import circle, curve_text, holed_text, record, results
 
 PROGRAM = "import sys; from spinor_geom.cli.main import main; sys.exit(main(sys.argv[1:]))"
 CURVES = 40
+# of the sockets that listen on this machine (/proc/net/tcp) the inodes of those that take a connection
+CONNECT = """
+import socket
+for line in open("/proc/net/tcp").readlines()[1:]:
+    words = line.split()
+    if words[3] == "0A":
+        with socket.socket() as one:
+            one.settimeout(5)
+            if one.connect_ex(("127.0.0.1", int(words[1].split(":")[1], 16))) == 0:
+                print(words[9])
+"""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -87,6 +100,13 @@ def started(*arguments: object, limit_file: int | None = None) -> subprocess.Pop
     )
 
 
+def local_cluster(**options: Any) -> Any:
+    from distributed import LocalCluster
+
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", **options}
+    return LocalCluster(host="127.0.0.1", silence_logs=50, **options)
+
+
 def wait_until(condition: Callable[[], bool], seconds: float = 120.0) -> None:
     deadline = time.monotonic() + seconds
     while not condition():
@@ -98,18 +118,26 @@ def records(output: Path) -> list[Path]:
     return sorted((output / "files").rglob("record.json"))
 
 
-def processes_of(pid: int) -> tuple[list[psutil.Process], list[psutil.Process]]:
-    """The processes that solve for a driver, once they are there, and the workers that keep them."""
+def solvers_below(pid: int) -> list[psutil.Process]:
+    """The processes that solve below another one."""
+    found = []
+    for process in psutil.Process(pid).children(recursive=True):
+        with contextlib.suppress(psutil.Error):  # some come and go
+            if "spinor_geom.batching.solver" in process.cmdline():
+                found.append(process)
+    return found
+
+
+def solvers_of(pid: int) -> list[psutil.Process]:
+    """The processes that solve for a driver, once they are there."""
     solvers: list[psutil.Process] = []
 
     def found() -> bool:
-        with contextlib.suppress(psutil.Error):  # some come and go
-            below = psutil.Process(pid).children(recursive=True)
-            solvers[:] = [process for process in below if "spinor_geom.batching.solver" in process.cmdline()]
+        solvers[:] = solvers_below(pid)
         return bool(solvers)
 
     wait_until(found)
-    return solvers, [process.parent() for process in solvers]
+    return solvers
 
 
 def test_a_batch_counts_what_it_did(reference: BatchResult, seen: list[BatchProgress]) -> None:
@@ -160,12 +188,12 @@ def test_nothing_is_left_half_written(reference: BatchResult) -> None:
 def test_a_killed_driver_is_resumed_to_the_same_bytes(reference: BatchResult, corpus: Path, tmp_path: Path) -> None:
     output = tmp_path / "out"
     driver = started(corpus, "-o", output, "--workers", 1)
-    solvers, workers = processes_of(driver.pid)
+    solvers = solvers_of(driver.pid)
     wait_until(lambda: len(records(output)) > 3)
     driver.send_signal(signal.SIGKILL)
     driver.communicate()
-    psutil.wait_procs([*solvers, *workers], timeout=20)
-    assert not any(process.is_running() for process in [*solvers, *workers])
+    psutil.wait_procs(solvers, timeout=20)
+    assert not any(process.is_running() for process in solvers)
     before = {path: path.stat().st_ino for path in records(output)}
     assert 3 < len(before) < CURVES
     (output / STAGING / "half").mkdir(parents=True)
@@ -187,15 +215,13 @@ def test_a_killed_driver_is_resumed_to_the_same_bytes(reference: BatchResult, co
     assert {path: path.stat().st_ino for path in before} == before
 
 
-def test_killed_workers_cost_time_only(reference: BatchResult, corpus: Path, tmp_path: Path) -> None:
+def test_killed_processes_cost_time_only(reference: BatchResult, corpus: Path, tmp_path: Path) -> None:
     output = tmp_path / "out"
     driver = started(corpus, "-o", output, "--workers", 1)
-    solvers, workers = processes_of(driver.pid)
-    wait_until(lambda: len(records(output)) > 1)
-    solvers[0].kill()
-    count = len(records(output))
-    wait_until(lambda: len(records(output)) > count + 1)
-    workers[0].kill()
+    for _ in range(2):
+        count = len(records(output))
+        wait_until(lambda count=count: len(records(output)) > count + 1)
+        solvers_of(driver.pid)[0].kill()
     _, said = driver.communicate(timeout=120)
     assert driver.returncode == 1
     assert "2 of 45 files" in said
@@ -203,14 +229,75 @@ def test_killed_workers_cost_time_only(reference: BatchResult, corpus: Path, tmp
 
 
 def test_a_cluster_leaves_the_same_bytes(reference: BatchResult, corpus: Path, tmp_path: Path) -> None:
-    from distributed import LocalCluster
+    with local_cluster() as cluster:
+        killed = []
 
-    with LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0", silence_logs=50
-    ) as cluster:
-        result = batch(corpus, tmp_path / "out", scheduler=cluster.scheduler_address)
-        assert cluster.scheduler_address.startswith("tcp://127.0.0.1:")
+        def kill_a_worker(now: BatchProgress) -> None:
+            if now.files > 3 and not killed:
+                killed.append(psutil.Process(solvers_below(os.getpid())[0].ppid()))
+                killed[0].kill()
+
+        result = batch(corpus, tmp_path / "out", scheduler=cluster.scheduler_address, on_progress=kill_a_worker)
+        assert killed
+        # the workers go on, for others; what solved for this batch does not
+        assert len(cluster.scheduler_info["workers"]) > 0
+        assert solvers_below(os.getpid()) == []
     assert results(result.output) == results(reference.output)
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="makes a certificate")
+def test_a_cluster_with_tls_is_used_by_its_client_or_itself(tmp_path: Path) -> None:
+    from distributed import Client
+    from distributed.security import Security
+
+    key, certificate = str(tmp_path / "key.pem"), str(tmp_path / "certificate.pem")
+    made = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=batch"]
+    subprocess.run([*made, "-keyout", key, "-out", certificate], check=True, capture_output=True)
+    names = {f"tls_{role}_{kind}" for role in ("scheduler", "worker", "client") for kind in ("key", "cert")}
+    files = {name: key if name.endswith("key") else certificate for name in names}
+    security = Security(require_encryption=True, tls_ca_file=certificate, **files)
+
+    (path,) = write_curves(tmp_path / "in", 1)
+    with local_cluster(security=security, n_workers=1, protocol="tls") as cluster:
+        assert cluster.scheduler_address.startswith("tls://")
+        with pytest.raises(BatchError, match="no Dask scheduler answers there"):
+            batch(path, tmp_path / "unknown", scheduler=cluster.scheduler_address)
+        assert batch(path, tmp_path / "cluster", scheduler=cluster).complete
+        with Client(cluster, set_as_default=False) as client:
+            assert batch(path, tmp_path / "client", scheduler=client).complete
+            assert client.status == "running"
+
+
+def test_a_local_batch_listens_nowhere_and_ends_its_processes(corpus: Path, tmp_path: Path) -> None:
+    seen: dict[int, int] = {}
+
+    def look(now: BatchProgress) -> None:
+        if now.files % 10 == 1:
+            driver = psutil.Process()
+            for process in [driver, *driver.children(recursive=True)]:
+                for one in process.net_connections():
+                    if one.status == psutil.CONN_LISTEN:
+                        seen[one.laddr.port] = process.pid
+
+    before = {one.laddr.port for one in psutil.Process().net_connections() if one.status == psutil.CONN_LISTEN}
+    assert batch(corpus, tmp_path / "out", workers=2, on_progress=look).progress.files
+    assert seen.keys() <= before
+    assert solvers_below(os.getpid()) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can be another user")
+def test_another_user_finds_no_port_of_a_batch(corpus: Path, tmp_path: Path) -> None:
+    driver = started(corpus, "-o", tmp_path / "out", "--workers", 2)
+    solvers = solvers_of(driver.pid)
+    pids = [str(process.pid) for process in (psutil.Process(driver.pid), *solvers)]
+    inodes = {os.readlink(link) for pid in pids for link in Path("/proc", pid, "fd").iterdir()}
+    other = subprocess.run(
+        [sys.executable, "-c", CONNECT], capture_output=True, text=True, user=65534, group=65534, extra_groups=[]
+    )
+    driver.communicate(timeout=120)
+    assert other.returncode == 0, other.stderr
+    reached = {f"socket:[{inode}]" for inode in other.stdout.split()}
+    assert not inodes & reached
 
 
 @pytest.fixture
@@ -261,13 +348,13 @@ def test_an_interrupt_ends_all_processes_with_one_sentence(corpus: Path, tmp_pat
     for number in range(200):  # so many that it is not done before it is interrupted
         shutil.copy(corpus / "curve000.obj", many / f"{number}.obj")
     driver = started(many, "-o", output, "--workers", 1)
-    solvers, workers = processes_of(driver.pid)
+    solvers = solvers_of(driver.pid)
     wait_until(lambda: len(records(output)) > 1)
     os.killpg(driver.pid, signal.SIGINT)  # as a terminal does it
     _, said = driver.communicate(timeout=60)
     assert (driver.returncode, said) == (130, "spinor-geom: interrupted\n")
-    psutil.wait_procs([*solvers, *workers], timeout=20)
-    assert not any(process.is_running() for process in [*solvers, *workers])
+    psutil.wait_procs(solvers, timeout=20)
+    assert not any(process.is_running() for process in solvers)
 
 
 def test_two_runs_exclude_each_other(corpus: Path, tmp_path: Path) -> None:
@@ -340,25 +427,21 @@ def test_a_scheduler_that_is_not_there_is_said(corpus: Path, tmp_path: Path, mon
         batch(corpus, tmp_path / "out", scheduler="nonsense://here")
 
 
-class Cluster:
-    def __init__(self, threads: int) -> None:
-        self.threads = threads
-
-    def nthreads(self) -> dict[str, int]:
-        return {"worker": self.threads}
+def of_threads(count: int) -> Workers:
+    return Workers(executor=ThreadPoolExecutor(count), count=lambda: count)
 
 
 def test_a_million_inputs_are_taken_as_they_are_needed() -> None:
     taken = itertools.count()
     endless = (Source(key=str(number), path="", size=100) for number in taken)
-    blocks = list(itertools.islice(_blocks(endless, Counter(files_total=10**6), Cluster(2)), 50))
+    blocks = list(itertools.islice(_blocks(endless, Counter(files_total=10**6), of_threads(2)), 50))
     assert [len(block) for block in blocks] == [TOGETHER] * 50
     assert next(taken) <= 50 * TOGETHER + 1
 
 
 def test_the_last_files_are_shared_out_evenly() -> None:
     sources = [Source(key=str(number), path="", size=100) for number in range(40)]
-    blocks = list(_blocks(iter(sources), Counter(files_total=40), Cluster(4)))
+    blocks = list(_blocks(iter(sources), Counter(files_total=40), of_threads(4)))
     assert [source for block in blocks for source in block] == sources
     assert max(map(len, blocks)) == 5
     assert [len(block) for block in blocks[-4:]] == [1] * 4
@@ -367,6 +450,6 @@ def test_the_last_files_are_shared_out_evenly() -> None:
 def test_large_files_stand_alone() -> None:
     sizes = [100, SMALL + 1, SMALL + 1, 200, SMALL - 150, 30]
     sources = (Source(key=str(number), path="", size=size) for number, size in enumerate(sizes))
-    found = [[source.size for source in block] for block in _blocks(sources, Counter(files_total=6), Cluster(1))]
+    found = [[source.size for source in block] for block in _blocks(sources, Counter(files_total=6), of_threads(1))]
     assert all(sum(block) <= SMALL or len(block) == 1 for block in found)
     assert [size for block in found for size in block] == sizes

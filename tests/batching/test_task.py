@@ -339,7 +339,8 @@ def process(harmful_site: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
             return worker.run_block(job, replace(LIMITS, **changed))
 
     yield run
-    worker.solver().end()
+    for _, process in worker._solvers.values():
+        process.end()
 
 
 def test_harm_costs_only_the_file_that_does_it(process: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
@@ -377,7 +378,7 @@ def test_what_a_bundle_does_is_no_fault_of_the_last_file_read(tmp_path: Path, mo
                 solver.work(job, told.append, archives=ArchiveReader())
             raise FaultError("took too long", kind="time", last=told[-1], said="")
 
-    monkeypatch.setattr(worker, "solver", Solver)
+    monkeypatch.setattr(worker, "solver", lambda _: Solver())
     options, output = BatchOptions(), tmp_path / "out"
     with opened_store(output, options, resume=False) as store:
         sources = [asdict(source) for source in Inputs(write_curves(tmp_path / "in", 3), output=output, limits=LIMITS)]
