@@ -113,15 +113,24 @@ def _appended(data: bytes, pieces: Sequence[Piece], extension: MeshExtension) ->
     return container.encoded()
 
 
-def encode_glb(contents: FileContents) -> bytes:
-    """A new GLB file with one mesh: positions as float32, and those attributes that glTF has a place for."""
-    rows = {"POSITION": single_precision(contents.vertices)}
+def names_in_glb(contents: FileContents) -> dict[str, tuple[str]]:
+    """What each attribute is called in a new GLB file, in capitals; without those that have no place, or no own name."""
+    found: dict[str, tuple[str]] = {}
     for name, values in contents.attributes.items():
         semantic = next((key for key, own in NAMES.items() if own == name), name)
         if not semantic.startswith(("COLOR_", "NORMAL", "TEXCOORD_")):
             semantic = f"_{name.upper().lstrip('_')}"
-        if values.shape[1] > 4 or (name == "normal" and values.shape[1] != 3):
-            continue
+        fits = values.shape[1] <= 4 and (name != "normal" or values.shape[1] == 3)
+        if fits and (semantic,) not in found.values():
+            found[name] = (semantic,)
+    return found
+
+
+def encode_glb(contents: FileContents) -> bytes:
+    """A new GLB file with one mesh: positions as float32, and those attributes that glTF has a place for."""
+    rows = {"POSITION": single_precision(contents.vertices)}
+    for name, (semantic,) in names_in_glb(contents).items():
+        values = contents.attributes[name]
         if name == "uv":
             values = values[:, :2] * [1.0, -1.0] + [0.0, 1.0]
         rows[semantic] = single_precision(values / contents.color_scale if name == "color" else values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,11 +14,11 @@ import numpy as np
 from jaxtyping import Int
 
 from spinor_geom.adapters.contents import FileContents, grown_attributes, malformed, nonfinite_rows
-from spinor_geom.adapters.glb import encode_glb, read_glb
+from spinor_geom.adapters.glb import encode_glb, names_in_glb, read_glb
 from spinor_geom.adapters.library_files import LIBRARIES, encode_3mf, encode_vtk, read_3mf, read_vtk
 from spinor_geom.adapters.obj import encode_obj, read_obj
 from spinor_geom.adapters.off import encode_off, read_off
-from spinor_geom.adapters.ply import encode_ply, read_ply
+from spinor_geom.adapters.ply import encode_ply, names_in_ply, read_ply
 from spinor_geom.adapters.polygons import Polygons, close_seams
 from spinor_geom.adapters.stl import encode_stl, read_stl
 from spinor_geom.errors import (
@@ -44,6 +44,8 @@ FORMATS: dict[str, tuple[Callable[[bytes], FileContents], Callable[[FileContents
     ".vtk": (partial(read_vtk, suffix=".vtk"), partial(encode_vtk, suffix=".vtk")),
     ".3mf": (read_3mf, encode_3mf),
 }
+# which attributes a new file of a format that names them can hold, with their names there
+_NAMES: dict[str, Callable[[FileContents], Mapping[str, object]]] = {".ply": names_in_ply, ".glb": names_in_glb}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -154,25 +156,38 @@ class MeshFile(Shown):
         )
         return MeshFile.of_contents(contents, path=self.path)
 
-    def write(self, path: str | os.PathLike[str]) -> None:
+    def write(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
         """Write the file, in the format that the suffix of `path` names.
 
         The file appears complete or not at all, and after an error an old file of that name is as it was.
+
+        Returns:
+            A sentence for each attribute that was left out because PLY or GLB cannot write its name, or its width.
 
         Raises:
             MeshFileError: no known format, or the file cannot be written.
             MissingPackageError: the library of the format is not installed.
         """
         target = Path(path)
-        data = self._encoded(known_suffix(target))
+        suffix = known_suffix(target)
+        data, kept = self._encoded(suffix), self.contents.attributes.keys()
+        if suffix in _NAMES and not self._follows(suffix):
+            kept = _NAMES[suffix](self.contents).keys()
         try:
             with atomic_path(target) as temporary:
                 temporary.write_bytes(data)
         except OSError as error:
             raise MeshFileError(f"{target}: cannot be written ({error}); check the folder", path=target) from error
+        left_out = [name for name in self.contents.attributes if name not in kept]
+        advice = f"left out, as {suffix} files cannot hold its name, a second of that name, or so many columns; rename it"
+        return tuple(f"{target}: the attribute {name!r} is {advice}" for name in left_out)
+
+    def _follows(self, suffix: str) -> bool:
+        """Whether a file of a format is the one that was read, and what was appended."""
+        return self.contents.appended is not None and self.contents.suffix == suffix
 
     def _encoded(self, suffix: str) -> bytes:
-        if self.contents.appended is None or self.contents.suffix != suffix:
+        if self.contents.appended is None or not self._follows(suffix):
             return FORMATS[suffix][1](self.contents)
         vertices, faces = self.read_sizes
         new = self.contents.polygons.corners[self.contents.polygons.starts[faces] :].reshape(-1, 3)

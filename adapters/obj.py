@@ -1,4 +1,4 @@
-"""Wavefront OBJ read block by block, only the numbers in memory; and appended to without touching what the text says.
+"""Wavefront OBJ read block by block, and appended to without a change of its own bytes.
 
 `v`, `vt`, `vn`, `f` and `l` are read, capitals too, and of `o` and `g` the names. Nothing that a file names is opened
 or run: `mtllib`, `call` and the like are lines of text, which stay in the file.

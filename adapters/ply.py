@@ -155,29 +155,45 @@ def contents_of(records: Records, *, suffix: str) -> FileContents:
 def _appended(
     records: Records, groups: Mapping[str, tuple[str, ...]], corner_list: str, extension: MeshExtension
 ) -> bytes:
-    """The file with records added; properties of new faces get the value that occurs most often, other lists zeros."""
+    """The file with records added; new faces get the values that occur most often (a colour's together), and zeros in lists."""
     vertices = dict(zip("xyz", extension.vertices.T, strict=True))
     for attribute, names in groups.items() if len(extension.vertices) else ():
         vertices |= dict(zip(names, extension.vertex_attributes[attribute].T, strict=True))
     count = len(extension.faces)
     own = records.elements["face"]
-    faces = {name: np.repeat(most_frequent_row(values), count) for name, values in own.values.items()}
+    faces = {}
+    # those of a colour together: no face may have the most frequent red with the most frequent green
+    for names in (*_attribute_groups(own).values(), *((name,) for name in "xyz" if name in own.values)):
+        row = most_frequent_row(_table(own, names))
+        faces |= dict(zip(names, np.repeat(row, count, axis=0).T, strict=True))
     for name, lengths in own.lengths.items():
         faces[name] = np.zeros((count, int(most_frequent_row(lengths)[0])))
     return records.appended({"vertex": vertices, "face": faces | {corner_list: extension.faces}})
+
+
+def names_in_ply(contents: FileContents) -> dict[str, tuple[str, ...]]:
+    """The properties of each attribute in a new PLY file, of which names are ASCII and differ; without other ones."""
+    found: dict[str, tuple[str, ...]] = {}
+    taken = set("xyz")
+    for attribute, values in contents.attributes.items():
+        names = next((names for names in GROUPS.get(attribute, ()) if len(names) == values.shape[1]), None)
+        if names is None:
+            name, width = "_".join(attribute.split()) or "attribute", values.shape[1]
+            names = (name,) if width == 1 else tuple(f"{name}_{index}" for index in range(width))
+        names = tuple(f"property_{name}" if name in taken else name for name in names)
+        if "".join(names).isascii() and taken.isdisjoint(names):
+            found[attribute] = names
+            taken |= {*names}
+    return found
 
 
 def encode_ply(contents: FileContents) -> bytes:
     """A new binary PLY file: positions and attributes as float64, colours as bytes."""
     columns = dict(zip("xyz", contents.vertices.T, strict=True))
     types = dict.fromkeys("xyz", "double")
-    for attribute, values in contents.attributes.items():
-        names = next((names for names in GROUPS.get(attribute, ()) if len(names) == values.shape[1]), None)
-        is_color = attribute == "color" and names is not None
-        if names is None:
-            name, width = "_".join(attribute.split()) or "attribute", values.shape[1]
-            names = (name,) if width == 1 else tuple(f"{name}_{index}" for index in range(width))
-        names = tuple(f"property_{name}" if name in columns else name for name in names)
+    for attribute, names in names_in_ply(contents).items():
+        values = contents.attributes[attribute]
+        is_color = attribute == "color" and names in GROUPS["color"]
         types |= dict.fromkeys(names, "uchar" if is_color else "double")
         columns |= dict(zip(names, (values * (255.0 / contents.color_scale) if is_color else values).T, strict=True))
     properties = tuple(Property(name, np.dtype(f"<{TYPES[kind]}")) for name, kind in types.items())

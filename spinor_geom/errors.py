@@ -22,6 +22,16 @@ class SpinorGeomError(Exception):
         for name, value in self.fields.items():
             setattr(self, name, value)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # types differ in what makes them: pickling does not make the sentence anew
+        return _unpickled, (type(self), str(self)), self.__dict__
+
+
+def _unpickled(kind: type[SpinorGeomError], message: str) -> SpinorGeomError:
+    error = kind.__new__(kind)
+    super(SpinorGeomError, error).__init__(message)
+    return error
+
 
 def _tuples(value: Any) -> Any:
     """Lists, nested too, as tuples."""

@@ -1,4 +1,4 @@
-"""Files that are either completely written or not touched at all, and names that are harmless on every system."""
+"""Files that are either completely written or not touched at all, and names without characters that do harm."""
 
 import hashlib
 import json
@@ -111,6 +111,11 @@ def finite(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [finite(part) for part in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def printable(text: str) -> str:
+    """Text with ? for what a terminal may obey or cannot show: control characters, and bytes that are no text."""
+    return "".join(character if character.isprintable() else "?" for character in text)
 
 
 def safe_name(parts: Iterable[str]) -> str:

@@ -42,7 +42,7 @@ class FaultError(Exception):
         super().__init__(reason)
         self.kind, self.last, self.said = kind, last, said
 
-    def __reduce__(self) -> Any:
+    def __reduce__(self) -> tuple[Any, ...]:
         return partial(FaultError, str(self), kind=self.kind, last=self.last, said=self.said), ()
 
 

@@ -22,7 +22,7 @@ from spinor_geom.files import NUMBERED, safe_name
 from spinor_geom.isolate import Tell, serve
 
 SUFFIXES = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
-# A member of more bytes than this may not be so many times larger than it is packed: text packs 3 to 20 times.
+# A member, or all of them, of more bytes than this may not be so many times larger than packed: text packs 3 to 20 times.
 FREE_SIZE, MOST_RATIO = 1 << 24, 200
 MOST_ZIP_MEMBERS = 200_000  # the list of a zip archive's members is held in memory: half a kilobyte each
 # In bytes: of a member's name, and of what may stand in a tar archive's header of any length.
@@ -63,7 +63,7 @@ def members(path: Path) -> Iterator[Member]:
 
     Raises:
         ArchiveError: the archive is damaged or encrypted; or it holds links, devices, absolute names, names with ..,
-            names or headers of many pages, or files that unpack to more than 200 times their size.
+            names or headers of many pages, or a file, or files in all, that unpack to more than 200 times their size.
         OSError: it cannot be read.
     """
     with _damage_of(path):
@@ -123,9 +123,12 @@ def _zip_members(path: Path) -> Iterator[Member]:
         listed = archive.infolist()
         if len(listed) > MOST_ZIP_MEMBERS:
             raise _refused(path, f"{len(listed)} members", f"split it: {MOST_ZIP_MEMBERS} are the most")
+        total, packed = 0, path.stat().st_size
         for place, entry in enumerate(listed):
+            total += entry.file_size
             kind = stat.S_IFMT(entry.external_attr >> 16)
             _require_honest(path, entry.filename, entry.file_size, entry.compress_size)
+            _require_honest(path, entry.filename, total, packed)
             if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
                 raise _refused(path, f"'{entry.filename}', a link or device", "pack the files themselves")
             if entry.flag_bits & 1:
@@ -173,7 +176,7 @@ def _opened_tar(path: str) -> tarfile.TarFile:
 
 def _require_honest(path: Path, name: str, size: int, packed: int) -> None:
     if size > FREE_SIZE and size > MOST_RATIO * packed:
-        raise _refused(path, f"a bomb: {name} unpacks to over {MOST_RATIO} times its size", "do not use it")
+        raise _refused(path, f"a bomb: up to '{name}' it unpacks to over {MOST_RATIO} times its size", "do not use it")
     parts = name.replace("\\", "/").split("/")
     if len(os.fsencode(name)) > LONGEST_NAME:
         raise _refused(path, f"'{name[:60]}…', a name of more than {LONGEST_NAME} bytes", "do not use it")

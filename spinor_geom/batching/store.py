@@ -17,8 +17,8 @@ from typing import Any
 
 from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.options import BatchOptions
-from spinor_geom.errors import BatchError
-from spinor_geom.files import atomic_folder, atomic_path, json_text, write_json
+from spinor_geom.errors import BatchError, MeshFileError
+from spinor_geom.files import atomic_folder, atomic_path, json_text, printable, write_json
 from spinor_geom.version import program_version
 
 RUN, RECORD, LOCK, LOG = "run.json", "record.json", ".lock", "failures.log"
@@ -35,8 +35,7 @@ def failure(key: str, reason: str, *, status: str = "failed") -> dict[str, Any]:
     return {
         "source": key,
         "status": status,
-        # names of files may hold bytes that are no text, or that terminals obey
-        "reason": "".join(character if character.isprintable() else "?" for character in reason),
+        "reason": printable(reason),
         **dict.fromkeys(("vertices", "faces", "curves", "filled")),
         "loops": [],
         "version": program_version(),
@@ -90,8 +89,11 @@ class Store:
         record = self.record(source.key)
         if record is None or record.get("status") == "fault" or record.get("input") != stamp(source):
             return None
+        folder = Path(self.output, RESULTS, source.key)
         try:
-            return summary(record)
+            files = [name for loop in record["loops"] for name in loop["files"].values()]
+            files += [record["filled"]["file"]] if record["filled"] else []
+            return summary(record) if all((folder / name).is_file() for name in files) else None
         except (KeyError, TypeError):
             return None
 
@@ -104,9 +106,12 @@ class Store:
         """
         try:
             self._place(source, record, files)
-        except OSError as error:
-            self._require_room(error)
-            record = failure(source.key, f"its results cannot be written ({error}); see what is there", status="fault")
+        except (OSError, MeshFileError) as error:
+            reason = str(error)
+            if isinstance(error, OSError):
+                self._require_room(error)
+                reason = f"its results cannot be written ({error}); see what is there"
+            record = failure(source.key, reason, status="fault")
             with suppress(OSError):
                 self._place(source, record, {})
         return summary(record)
@@ -147,7 +152,7 @@ def stamp(source: Source) -> list[int | str]:
 def log_line(one: dict[str, Any]) -> str:
     """A failure as a line: what became of which source, and why."""
     parts = (one["status"], one["key"], one["reason"] or one["first"])
-    return "\t".join(" ".join(str(part).split()) for part in parts) + "\n"
+    return "\t".join(printable(" ".join(str(part).split())) for part in parts) + "\n"
 
 
 @contextmanager

@@ -1,12 +1,13 @@
 """One OBJ file: its loops, what is to be solved of it, and its results from the answers. Writes nothing by itself."""
 
 import shutil
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Any, BinaryIO, TypeAlias
+from typing import Any, BinaryIO, TypeAlias, cast
 
 import numpy as np
 
@@ -48,6 +49,7 @@ class OpenedFile:
 
     key: str
     stream: BinaryIO  # its bytes, to be copied
+    checksum: int  # of them, as they were read
     text: ObjText
     mesh: MeshFile  # of its faces, or a mesh without faces for its curves
     surroundings: Surroundings
@@ -62,10 +64,23 @@ class OpenedFile:
         return tuple(loop for loop in self.loops if loop.kind == "hole")
 
 
+class _Checked:
+    """A stream that is read once, and the checksum of what was read."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream, self.sum = stream, 0
+
+    def read(self, size: int) -> bytes:
+        data = self._stream.read(size)
+        self.sum = zlib.crc32(data, self.sum)
+        return data
+
+
 def open_file(stream: BinaryIO, key: str, options: BatchOptions) -> OpenedFile:
     """Reads a file and finds its loops; SpinorGeomError where it is no OBJ file, or malformed."""
     start = perf_counter()
-    text = read_obj_stream(stream)
+    checked = _Checked(stream)
+    text = read_obj_stream(cast(BinaryIO, checked))
     if not len(text.contents.polygons) and not text.contents.polylines:
         raise malformed("", "has vertices but no faces and no curves", "give a file with a surface or a curve in it")
     largest = float(np.abs(text.contents.vertices[np.isfinite(text.contents.vertices)]).max(initial=0.0))
@@ -77,6 +92,7 @@ def open_file(stream: BinaryIO, key: str, options: BatchOptions) -> OpenedFile:
     return OpenedFile(
         key=key,
         stream=stream,
+        checksum=checked.sum,
         text=text,
         mesh=mesh,
         surroundings=surroundings,
@@ -296,8 +312,11 @@ def _filled(opened: OpenedFile, extension: MeshExtension, files: dict[str, Write
 
 def _append(opened: OpenedFile, extension: MeshExtension, path: Path) -> None:
     opened.stream.seek(0)
+    checked = _Checked(opened.stream)
     with path.open("wb") as file:
-        shutil.copyfileobj(opened.stream, file, COPIED_AT_ONCE)
+        shutil.copyfileobj(checked, file, COPIED_AT_ONCE)
+        if checked.sum != opened.checksum:
+            raise malformed("", "the file changed while it was read", "resume the batch when it is complete")
         file.write(added_lines(opened.text, extension))
 
 

@@ -12,6 +12,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
+from spinor_geom.files import printable
+
 
 class ExitStatus(enum.IntEnum):
     """What the shell is told; 1 for a mesh that was written but deserves a look."""
@@ -30,11 +32,15 @@ def ended_by(error: BaseException) -> ExitStatus:
     try:  # what standard output does not take any more the interpreter would complain of once more as it closes it
         sys.stdout.flush()
     except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
     if isinstance(error, BrokenPipeError):
         return ExitStatus.DONE
     complain(sentence(error))
     return ExitStatus.BAD_INPUT
+
+
+def _discard_output() -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def sentence(error: BaseException) -> str:
@@ -47,7 +53,7 @@ def sentence(error: BaseException) -> str:
 def complain(text: str) -> None:
     """Says one sentence on standard error."""
     with suppress(OSError):  # nobody can be told
-        sys.stderr.write(f"spinor-geom: {text}\n")
+        sys.stderr.write(f"spinor-geom: {printable(text)}\n")
 
 
 def show_table(
@@ -81,10 +87,12 @@ def show_lines(text: str, *, piped: bool) -> None:
 
 
 def _write(text: str) -> None:
-    """Writes to standard output at once; an OSError names it."""
+    """Writes to standard output at once, until nobody reads it any more; another OSError names it."""
     try:
         sys.stdout.write(text)
         sys.stdout.flush()
+    except BrokenPipeError:
+        _discard_output()
     except OSError as error:
         error.filename = "standard output"
         raise

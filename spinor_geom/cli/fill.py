@@ -63,12 +63,11 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         )
     for path in outputs:
         path.parent.mkdir(parents=True, exist_ok=True)
-    filled.write(arguments.output)
+    left_out = filled.write(arguments.output)
     report = {"input": str(arguments.input), "output": str(arguments.output), **result.to_dict()}
     comparisons = add_comparisons(report, result, edge_length) if arguments.compare else {}
     if arguments.report is not None:
         write_json(arguments.report, report)
-    show_result(result, quiet=arguments.quiet)
     if arguments.picture is not None:
         from spinor_geom.render.png import write_png
         from spinor_geom.render.portrait import fill_scene
@@ -78,6 +77,12 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         from spinor_geom.render.report import report as write_page
 
         write_page(result, arguments.html, comparisons=comparisons)
+    # only when all files are there: standard output may be closed, or a full disk
+    for index, comparison in comparisons.items():
+        show_lines(f"loop {index}\n{comparison}", piped=True)
+    show_result(result, quiet=arguments.quiet)
+    for note in left_out:
+        complain(note)
     good = result.closed and result.intersection_free and (result.complete or not arguments.strict)
     return ExitStatus.DONE if good else ExitStatus.IMPERFECT
 
@@ -85,7 +90,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
 def add_comparisons(
     report: dict[str, Any], result: FillResult, edge_length: float | Literal["auto"]
 ) -> dict[int, Comparison]:
-    """Compares each fill with its discrete minimal surface: printed, and put under its loop in the report."""
+    """Compares each fill with its discrete minimal surface, by loop; the figures are put under it in the report."""
     from spinor_geom.comparison import compare
 
     comparisons = {}
@@ -100,7 +105,6 @@ def add_comparisons(
             continue
         comparisons[outcome.index] = comparison
         entry["comparison"] = comparison.to_dict()
-        show_lines(f"loop {outcome.index}\n{comparison}", piped=True)
     return comparisons
 
 

@@ -24,6 +24,12 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     mesh = read_surface(arguments.input, merge=arguments.merge)
     loops = boundary_loops(mesh)
     notes = mesh_notes(mesh.mesh, loops)
+    if arguments.picture is not None:
+        from spinor_geom.render.png import write_png
+        from spinor_geom.render.portrait import loops_scene
+
+        arguments.picture.parent.mkdir(parents=True, exist_ok=True)
+        write_png(loops_scene(mesh.mesh, loops), arguments.picture)
     if arguments.json:
         show_lines(json.dumps([describe(index, loop) for index, loop in enumerate(loops)], indent=2), piped=True)
     elif loops:
@@ -32,12 +38,6 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         show_lines("\n".join(["no boundary loops", *notes]), piped=True)
     for note in notes if loops or arguments.json else ():
         complain(note)
-    if arguments.picture is not None:
-        from spinor_geom.render.png import write_png
-        from spinor_geom.render.portrait import loops_scene
-
-        arguments.picture.parent.mkdir(parents=True, exist_ok=True)
-        write_png(loops_scene(mesh.mesh, loops), arguments.picture)
     return ExitStatus.DONE
 
 

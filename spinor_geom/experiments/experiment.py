@@ -1,5 +1,6 @@
 """What an experiment is, and runs of some: data, pictures, and one report."""
 
+import hashlib
 import importlib
 import json
 import os
@@ -17,11 +18,13 @@ from matplotlib.figure import Figure
 
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import NAMES
-from spinor_geom.files import atomic_path, finite, write_json, write_text
+from spinor_geom.files import atomic_path, finite, json_text, write_json, write_text
 from spinor_geom.render.page import cell, document, markdown, picture
+from spinor_geom.version import program_version
 from spinor_geom.training import LevenbergMarquardt, RMSprop
 
 REPORT, PAGE, DESCRIPTION = "report.md", "report.html", "data.json"
+SUFFIXES = (".png", ".pdf")  # of each picture
 TITLE = "The paper's experiments, measured anew"
 _RESOLUTION = 160  # pixels per inch of the PNGs
 _STYLE = "h2 { border-top: 1px solid var(--faint); padding-top: 1.5rem } img { display: block; max-height: 40rem }"
@@ -99,7 +102,8 @@ def reproduce(
 ) -> tuple[Done, ...]:
     """Runs experiments one after the other; each leaves its files, and its part of the report, as soon as it is done.
 
-    A run that was stopped goes on where it was: what it finished with the same settings is not measured again, and the
+    A run that was stopped goes on where it was: what the same version finished with the same settings, and nobody has
+    changed since, is not measured again, and the
     paper's trainings keep their states in the folder while they run. `on_done` hears of each, of those too.
     """
     chosen = {name: experiment(name) for name in names}
@@ -115,9 +119,9 @@ def reproduce(
 
 def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Done:
     """Measures and writes, unless it was done: the description, which is written last, tells that."""
-    asked = {"name": name, "quick": quick, "settings": one.description(quick=quick)}
+    asked = {"name": name, "quick": quick, "settings": one.description(quick=quick), "version": program_version()}
     path, states = folder / DESCRIPTION, folder / "states"
-    found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    found = _finished(path)
     if any(found.get(key) != value for key, value in asked.items()):
         begin = time.perf_counter()
         states.mkdir(parents=True, exist_ok=True)
@@ -135,14 +139,29 @@ def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Done:
             "seconds": time.perf_counter() - begin,
         }
         for picture_name, figure in outcome.pictures.items():
-            for suffix in (".png", ".pdf"):
+            for suffix in SUFFIXES:
                 with atomic_path(folder / f"{picture_name}{suffix}") as temporary:
                     figure.savefig(temporary, dpi=_RESOLUTION, bbox_inches="tight")
-        write_json(path, found)
+        write_json(path, {**found, "checksum": _checksum(found)})
     # also those of a run that was stopped between the description and here
     shutil.rmtree(states, ignore_errors=True)
     measured = {key: value for key, value in found.items() if key not in asked}
     return Done(name=name, experiment=one, **measured)
+
+
+def _finished(path: Path) -> dict[str, Any]:
+    """What an earlier run has written, as it wrote it and with all its pictures; else nothing."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        names = [path.with_name(f"{name}{suffix}") for name in found["pictures"] for suffix in SUFFIXES]
+        is_whole = found.pop("checksum") == _checksum(found) and all(map(Path.is_file, names))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+    return found if is_whole else {}
+
+
+def _checksum(found: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json_text(found).encode()).hexdigest()
 
 
 def report(done: Sequence[Done], *, quick: bool, shown: Callable[[str], str] | None = None) -> str:

@@ -72,6 +72,8 @@ def draw_apart(*job: Any, time_limit: float) -> None:
 def _explanation(fault: FaultError) -> str:
     if "bad X server" in fault.said:
         return "no window was opened: the display cannot be reached; check DISPLAY, or 'spinor-geom render' a picture"
+    if "died by SIGKILL" in str(fault):
+        return "no picture was drawn: its process was killed, as the system does where memory runs out; free some"
     if "died by" in str(fault) or any(name in fault.said for name in ("libGL", "EGL", "OpenGL", "OSMesa")):
         return (
             "no picture was drawn: no usable OpenGL library was found; install one "

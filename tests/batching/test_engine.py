@@ -35,7 +35,10 @@ PROGRAM = "import sys; from spinor_geom.cli.main import main; sys.exit(main(sys.
 CURVES = 40
 # of the sockets that listen on this machine (/proc/net/tcp) the inodes of those that take a connection
 CONNECT = """
-import socket
+import os, socket
+os.setgroups([])
+os.setgid(65534)
+os.setuid(65534)
 for line in open("/proc/net/tcp").readlines()[1:]:
     words = line.split()
     if words[3] == "0A":
@@ -291,9 +294,7 @@ def test_another_user_finds_no_port_of_a_batch(corpus: Path, tmp_path: Path) -> 
     solvers = solvers_of(driver.pid)
     pids = [str(process.pid) for process in (psutil.Process(driver.pid), *solvers)]
     inodes = {os.readlink(link) for pid in pids for link in Path("/proc", pid, "fd").iterdir()}
-    other = subprocess.run(
-        [sys.executable, "-c", CONNECT], capture_output=True, text=True, user=65534, group=65534, extra_groups=[]
-    )
+    other = subprocess.run([sys.executable, "-c", CONNECT], capture_output=True, text=True)
     driver.communicate(timeout=120)
     assert other.returncode == 0, other.stderr
     reached = {f"socket:[{inode}]" for inode in other.stdout.split()}

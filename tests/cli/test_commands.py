@@ -603,3 +603,31 @@ def test_nothing_is_suggested_where_nothing_is_near(capsys: pytest.CaptureFixtur
     with pytest.raises(SystemExit):
         main(["fill", "in.obj", "-o", "out.obj", "--zzz"])
     assert "did you mean" not in capsys.readouterr().err
+
+
+def test_a_reader_that_stops_costs_no_file_and_no_status(mesh_path: Path, tmp_path: Path) -> None:
+    # one loop is left open: that is status 1, whoever reads
+    files = [tmp_path / name for name in ("f.obj", "r.json", "p.html", "l.png")]
+    filled = ["fill", mesh_path, "-o", files[0], "--loop", "0", "--compare", "--report", files[1], "--html", files[2]]
+    listed = ["loops", mesh_path, "--picture", files[3]]
+    found = {}
+    for command in (filled, listed):
+        reading, writing = os.pipe()
+        os.close(reading)
+        done = run_alone(*command, stdout=writing)
+        os.close(writing)
+        found[command[0]] = done.returncode
+        assert "standard output" not in done.stderr
+    assert found == {"fill": main([str(part) for part in filled]), "loops": 0}
+    assert all(path.stat().st_size for path in files)
+
+
+def test_a_full_disk_for_the_table_costs_no_file(mesh_path: Path, tmp_path: Path) -> None:
+    report, page = tmp_path / "r.json", tmp_path / "p.html"
+    with open("/dev/full", "w") as full:
+        done = run_alone(
+            *("fill", mesh_path, "-o", tmp_path / "f.obj", "--compare", "--report", report, "--html", page), stdout=full
+        )
+    assert (done.returncode, "standard output: No space left" in done.stderr) == (2, True)
+    assert report.exists()
+    assert page.exists()

@@ -1,0 +1,95 @@
+"""Errors reach another process as they are: the same type, sentence and fields."""
+
+from __future__ import annotations
+
+import copy
+import importlib
+import pickle
+import pkgutil
+import string
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import spinor_geom
+from spinor_geom import TriangleMesh, boundary_loops, errors
+from spinor_geom.errors import (
+    MeshFileError,
+    NonFiniteVertexError,
+    SpinorGeomError,
+    UnknownMeshTypeError,
+)
+from spinor_geom.isolate import FaultError
+
+OWN = {  # what types with an `__init__` of their own are made of
+    NonFiniteVertexError: {"vertex": 3, "place": "line 4"},
+    UnknownMeshTypeError: {"found": "a.B", "known": ["c.D", "e.F"]},
+}
+
+
+class Value(int):
+    """A number that every sentence can show: its digits, and as a pair."""
+
+    def __getitem__(self, _: object) -> Value:
+        return self
+
+
+def all_types(base: type[SpinorGeomError] = SpinorGeomError) -> list[type[SpinorGeomError]]:
+    below = {one for kind in base.__subclasses__() for one in all_types(kind)}
+    return sorted({base, *below}, key=lambda kind: kind.__qualname__)
+
+
+def example(kind: type[SpinorGeomError]) -> SpinorGeomError:
+    if kind in OWN:
+        return kind(**OWN[kind])
+    names = {name.split("[")[0] for _, name, _, _ in string.Formatter().parse(kind.sentence) if name}
+    if names:
+        return kind(**{name: Value(number + 2) for number, name in enumerate(sorted(names))})
+    return kind("a sentence with {braces}", place="line 2", ids=[[1, 2], [3]], path=Path("a"))
+
+
+def test_the_types_in_the_module_of_errors_are_all_there_are() -> None:
+    for package in ("fill", "batching", "plateau", "adapters"):
+        for found in pkgutil.iter_modules(importlib.import_module(f"spinor_geom.{package}").__path__):
+            importlib.import_module(f"spinor_geom.{package}.{found.name}")
+    assert {kind.__module__ for kind in all_types()} == {errors.__name__}
+
+
+@pytest.mark.parametrize("kind", all_types(), ids=lambda kind: kind.__name__)
+def test_every_type_survives_pickling_and_copying(kind: type[SpinorGeomError]) -> None:
+    error = example(kind)
+    for protocol in range(2, pickle.HIGHEST_PROTOCOL + 1):
+        for again in (pickle.loads(pickle.dumps(error, protocol)), copy.copy(error)):
+            assert type(again) is kind
+            assert (str(again), again.args, again.fields) == (str(error), error.args, error.fields)
+            assert vars(again) == vars(error)
+
+
+def test_a_file_error_of_a_nan_survives(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises((MeshFileError, NonFiniteVertexError)) as raised:
+        spinor_geom.read_mesh(path)
+    assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)
+
+
+def test_the_end_of_a_process_survives() -> None:
+    fault = FaultError("its process died", kind="death", last={"reading": "a"}, said="x")
+    again = pickle.loads(pickle.dumps(fault))
+    assert (str(again), again.kind, again.last, again.said) == ("its process died", "death", {"reading": "a"}, "x")
+
+
+def loops_of(x: float) -> int:
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, x]])
+    return len(boundary_loops(TriangleMesh(vertices, np.array([[0, 1, 2]]))))
+
+
+def test_a_nan_in_a_process_pool_is_one_sentence() -> None:
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        found = [pool.submit(loops_of, x) for x in (np.nan, 0.0)]
+        with pytest.raises(NonFiniteVertexError, match="^vertex 2 has a NaN or infinite part; correct it$"):
+            found[0].result(timeout=120)
+        assert found[1].result(timeout=120) == 1
