@@ -18,6 +18,8 @@ from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # what some editors put before UTF-8 text
 LONGEST_PROBLEM = 240  # letters
 Value = TypeVar("Value")
+METRES = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
+"""The units of 3MF files, in metres."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,6 +38,7 @@ class FileContents:
     face_loops: Int[np.ndarray, " p"] | None = None
     # curves beside faces, of vertex indices; a closed one repeats its first
     polylines: tuple[Int[np.ndarray, " _"], ...] = ()
+    unit: str = ""  # of lengths, one of `METRES`, where the format says it
     first_nonfinite: str = ""  # where the first vertex stands that is NaN or infinite, as "line 12"; may be empty
     is_text_stl: bool = False  # whether it is to be a text STL file again, with all digits
     notes: tuple[str, ...] = ()  # what was changed on the way from the file, a sentence each

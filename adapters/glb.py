@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinor_geom.adapters.contents import (
+    METRES,
     FileContents,
     cast_values,
     malformed,
@@ -63,6 +64,7 @@ def read_glb(data: bytes) -> FileContents:
         attributes=attributes,
         color_scale=1.0 if color_dtype.kind == "f" else float(np.iinfo(color_dtype).max),
         representatives=_representatives(vertices, pieces),
+        unit="meter",
         suffix=".glb",
         appended=partial(_appended, data, pieces),
     )
@@ -114,7 +116,7 @@ def _appended(data: bytes, pieces: Sequence[Piece], extension: MeshExtension) ->
 
 
 def names_in_glb(contents: FileContents) -> dict[str, tuple[str]]:
-    """What each attribute is called in a new GLB file, in capitals; without those that have no place, or no own name."""
+    """What each attribute is called in a new GLB file, in capitals; without those that have no place or own name."""
     found: dict[str, tuple[str]] = {}
     for name, values in contents.attributes.items():
         semantic = next((key for key, own in NAMES.items() if own == name), name)
@@ -127,8 +129,9 @@ def names_in_glb(contents: FileContents) -> dict[str, tuple[str]]:
 
 
 def encode_glb(contents: FileContents) -> bytes:
-    """A new GLB file with one mesh: positions as float32, and those attributes that glTF has a place for."""
-    rows = {"POSITION": single_precision(contents.vertices)}
+    """A new GLB file with one mesh: positions as float32, in metres if the unit is known, and what attributes fit."""
+    scale = METRES.get(contents.unit, 1.0)
+    rows = {"POSITION": single_precision(contents.vertices * scale)}
     for name, (semantic,) in names_in_glb(contents).items():
         values = contents.attributes[name]
         if name == "uv":

@@ -9,11 +9,11 @@ from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import ZIP_DEFLATED, BadZipFile, ZipFile
 
 import numpy as np
 
-from spinor_geom.adapters.contents import FileContents, cast_values, malformed
+from spinor_geom.adapters.contents import METRES, FileContents, cast_values, malformed
 from spinor_geom.adapters.polygons import Polygons, appearance_of, seam_representatives
 from spinor_geom.adapters.pyvista_mesh import polygons_of
 from spinor_geom.adapters.registry import extend, to_mesh
@@ -60,7 +60,8 @@ def read_3mf(data: bytes) -> FileContents:
         unseen.discard(name)
     for name in sorted(unseen):  # what is not built would not be written again; trimesh leaves `update` untyped
         scene.graph.update(name, geometry=name, matrix=np.eye(4))  # type: ignore[no-untyped-call]
-    return _contents(scene, ".3mf")
+    unit = str(scene.metadata.get("units", "")).removesuffix("s")
+    return _contents(scene, ".3mf", unit if unit in METRES else "millimeter")
 
 
 def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
@@ -87,14 +88,15 @@ def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
 
 
 def encode_3mf(contents: FileContents) -> bytes:
-    """A new 3MF file of one mesh: positions and triangles alone."""
+    """A new 3MF file of one mesh: positions and triangles alone, in millimetres where the unit is not known."""
     import trimesh
 
     triangles, _ = contents.polygons.triangulated(contents.vertices)
-    return _encoded(trimesh.Scene([trimesh.Trimesh(contents.vertices, triangles, process=False)]), ".3mf")
+    scene = trimesh.Scene([trimesh.Trimesh(contents.vertices, triangles, process=False)])
+    return _encoded(scene, ".3mf", contents.unit or "millimeter")
 
 
-def _contents(held: Any, suffix: str) -> FileContents:
+def _contents(held: Any, suffix: str, unit: str = "") -> FileContents:
     mesh = to_mesh(held)
     polygons = Polygons.of_triangles(mesh.faces) if suffix == ".3mf" else polygons_of(held)
     return FileContents(
@@ -104,14 +106,21 @@ def _contents(held: Any, suffix: str) -> FileContents:
         labels=mesh.labels,
         color_scale=255.0,
         representatives=seam_representatives(mesh.vertices, polygons, appearance_of(mesh.vertex_attributes)),
+        unit=unit,
         suffix=suffix,
-        appended=lambda extension: _encoded(extend(held, extension), suffix),
+        appended=lambda extension: _encoded(extend(held, extension), suffix, unit),
     )
 
 
-def _encoded(held: Any, suffix: str) -> bytes:
+def _encoded(held: Any, suffix: str, unit: str = "") -> bytes:
     if suffix == ".3mf":
-        return bytes(held.export(file_type="3mf"))
+        written, changed = io.BytesIO(held.export(file_type="3mf")), io.BytesIO()
+        # trimesh calls all numbers millimetres
+        with ZipFile(written) as source, ZipFile(changed, "w", ZIP_DEFLATED) as target:
+            for name in source.namelist():
+                old, new = b'unit="millimeter"', f'unit="{unit}"'.encode()
+                target.writestr(name, source.read(name).replace(old, new, int(name.endswith(".model"))))
+        return changed.getvalue()
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"mesh{suffix}"
         held.save(path)

@@ -179,7 +179,7 @@ class MeshFile(Shown):
         except OSError as error:
             raise MeshFileError(f"{target}: cannot be written ({error}); check the folder", path=target) from error
         left_out = [name for name in self.contents.attributes if name not in kept]
-        advice = f"left out, as {suffix} files cannot hold its name, a second of that name, or so many columns; rename it"
+        advice = f"left out: {suffix} files cannot hold its name, a second of that name, or so many columns; rename it"
         return tuple(f"{target}: the attribute {name!r} is {advice}" for name in left_out)
 
     def _follows(self, suffix: str) -> bool:

@@ -155,13 +155,13 @@ def contents_of(records: Records, *, suffix: str) -> FileContents:
 def _appended(
     records: Records, groups: Mapping[str, tuple[str, ...]], corner_list: str, extension: MeshExtension
 ) -> bytes:
-    """The file with records added; new faces get the values that occur most often (a colour's together), and zeros in lists."""
+    """The file with records added; new faces get the values that occur most often, a colour as a whole; lists zeros."""
     vertices = dict(zip("xyz", extension.vertices.T, strict=True))
     for attribute, names in groups.items() if len(extension.vertices) else ():
         vertices |= dict(zip(names, extension.vertex_attributes[attribute].T, strict=True))
     count = len(extension.faces)
     own = records.elements["face"]
-    faces = {}
+    faces: dict[str, np.ndarray] = {}
     # those of a colour together: no face may have the most frequent red with the most frequent green
     for names in (*_attribute_groups(own).values(), *((name,) for name in "xyz" if name in own.values)):
         row = most_frequent_row(_table(own, names))

@@ -22,7 +22,7 @@ from spinor_geom.files import NUMBERED, safe_name
 from spinor_geom.isolate import Tell, serve
 
 SUFFIXES = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
-# A member, or all of them, of more bytes than this may not be so many times larger than packed: text packs 3 to 20 times.
+# What unpacks to more bytes than this, a member or all of them, may not do so by this factor: text packs 3 to 20 times.
 FREE_SIZE, MOST_RATIO = 1 << 24, 200
 MOST_ZIP_MEMBERS = 200_000  # the list of a zip archive's members is held in memory: half a kilobyte each
 # In bytes: of a member's name, and of what may stand in a tar archive's header of any length.

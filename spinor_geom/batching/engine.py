@@ -308,7 +308,7 @@ def _cluster(scheduler: str | Cluster | Client, token: str) -> Iterator[Workers]
 
     with ExitStack() as stack:
         try:
-            client = scheduler
+            client: Any = scheduler
             if not isinstance(scheduler, Client):
                 client = stack.enter_context(Client(scheduler, timeout="20s", set_as_default=False))
             threads = client.nthreads

@@ -70,7 +70,7 @@ class _Checked:
     def __init__(self, stream: BinaryIO) -> None:
         self._stream, self.sum = stream, 0
 
-    def read(self, size: int) -> bytes:
+    def read(self, size: int = -1, /) -> bytes:
         data = self._stream.read(size)
         self.sum = zlib.crc32(data, self.sum)
         return data

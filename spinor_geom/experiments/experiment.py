@@ -20,8 +20,8 @@ from spinor_geom.errors import OptionError
 from spinor_geom.experiments import NAMES
 from spinor_geom.files import atomic_path, finite, json_text, write_json, write_text
 from spinor_geom.render.page import cell, document, markdown, picture
-from spinor_geom.version import program_version
 from spinor_geom.training import LevenbergMarquardt, RMSprop
+from spinor_geom.version import program_version
 
 REPORT, PAGE, DESCRIPTION = "report.md", "report.html", "data.json"
 SUFFIXES = (".png", ".pdf")  # of each picture

@@ -12,6 +12,7 @@ import pyvista
 import trimesh
 
 from spinor_geom.adapters import read_mesh
+from spinor_geom.adapters.contents import METRES
 from spinor_geom.cli.main import main
 from spinor_geom.errors import MeshFileError, MissingPackageError, NonFiniteVertexError
 from spinor_geom.fill.fill_hole import fill_hole
@@ -183,3 +184,55 @@ def test_a_library_that_is_missing_is_named_with_what_installs_it(
     monkeypatch.setattr("spinor_geom.cli.fill.fill_hole", None)
     assert main(["fill", str(MESH), "-o", str(tmp_path / f"b{suffix}")]) == 2
     assert f"{package} is not installed" in capsys.readouterr().err
+
+
+def in_unit(path: Path, unit: str) -> Path:
+    trimesh.Scene([trimesh.Trimesh(*tube(), process=False)]).export(path)
+    with zipfile.ZipFile(path) as archive:
+        held = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in held.items():
+            archive.writestr(name, data.replace(b'unit="millimeter"', f'unit="{unit}"'.encode()))
+    return path
+
+
+@pytest.mark.parametrize(("unit", "metres"), list(METRES.items()))
+def test_3mf_keeps_its_unit_and_glb_is_in_metres(tmp_path: Path, unit: str, metres: float) -> None:
+    file = read_mesh(in_unit(tmp_path / "tube.3mf", unit))
+    assert file.contents.unit == unit
+    for number, one in enumerate((file, fill_hole(file), file.merged())):
+        one.write(tmp_path / f"{number}.3mf")
+        again = read_mesh(tmp_path / f"{number}.3mf")
+        assert again.contents.unit == unit
+        np.testing.assert_array_equal(again.mesh.vertices[:48], file.mesh.vertices)
+    file.write(tmp_path / "tube.glb")
+    # 32-bit numbers
+    np.testing.assert_allclose(read_mesh(tmp_path / "tube.glb").mesh.vertices, file.mesh.vertices * metres, rtol=1e-6)
+    read_mesh(tmp_path / "tube.glb").write(tmp_path / "back.3mf")
+    assert read_mesh(tmp_path / "back.3mf").contents.unit == "meter"
+    file.write(tmp_path / "tube.obj")
+    np.testing.assert_array_equal(read_mesh(tmp_path / "tube.obj").mesh.vertices, file.mesh.vertices)
+
+
+NAMED = {"H\u00f6he": (".ply",), "Temp": (), "temp": (".glb",), "a b": (), "a_b": (), "\u540d": (".ply",)}
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb"])
+def test_names_that_a_format_cannot_hold_are_left_out_and_named(
+    tmp_path: Path, suffix: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    held = pyvista.PolyData.from_regular_faces(*tube())
+    for number, name in enumerate(NAMED):
+        held.point_data[name] = np.arange(48.0) + 100 * number
+    held.save(tmp_path / "tube.vtp")
+    file = read_mesh(tmp_path / "tube.vtp")
+    notes = file.write(tmp_path / f"tube{suffix}")
+    missing = [name for name, formats in NAMED.items() if suffix in formats]
+    assert len(notes) == len(missing)
+    assert all(any(repr(name) in note for note in notes) for name in missing)
+    # every one that is there has its own values
+    found = [tuple(values[:, 0]) for values in read_mesh(tmp_path / f"tube{suffix}").mesh.vertex_attributes.values()]
+    wanted = [tuple(held.point_data[name]) for name in NAMED if name not in missing]
+    assert sorted(found) == sorted(wanted)
+    assert main(["fill", str(tmp_path / "tube.vtp"), "-o", str(tmp_path / f"filled{suffix}")]) == 0
+    assert all(repr(name) in capsys.readouterr().err for name in missing[:1])

@@ -15,6 +15,7 @@ from spinor_geom.adapters.mesh_files import naming
 from spinor_geom.adapters.ply import read_ply, read_records
 from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.mesh.topology import boundary_edges
+from spinor_geom.mesh.triangle_mesh import MeshExtension
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, lid_for, open_cube
 
 FORMATS = ["ascii", "binary_little_endian", "binary_big_endian"]
@@ -346,3 +347,38 @@ def test_faces_of_other_sizes_after_a_run_of_equal_ones_are_read_as_they_stand()
         10,
         11,
     ]
+
+
+@pytest.mark.parametrize("text", [True, False])
+@given(shares=st.lists(st.integers(1, 5), min_size=2, max_size=6, unique=True), seed=st.integers(0, 99))
+def test_new_faces_have_a_colour_that_a_face_has(text: bool, shares: list[int], seed: int) -> None:
+    random = np.random.default_rng(seed)
+    colours = random.integers(0, 2, size=(len(shares), 3)) * 255  # single channels occur more often than any colour
+    parts = random.integers(0, 3, size=len(shares))
+    rows = np.repeat(np.column_stack([colours, parts]), shares, axis=0)
+    header = [f"ply\nformat {'ascii' if text else 'binary_little_endian'} 1.0\nelement vertex 4"]
+    header += [f"property float {axis}" for axis in "xyz"] + [f"element face {len(rows)}"]
+    header += ["property list uchar int vertex_indices"]
+    header += [f"property uchar {name}" for name in ("red", "green", "blue", "part")] + ["end_header\n"]
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype="<f4")
+    if text:
+        body = "".join(f"{x} {y} {z}\n" for x, y, z in points) + "".join(
+            f"3 0 1 2 {' '.join(map(str, row))}\n" for row in rows.tolist()
+        )
+        data = "\n".join(header).encode() + body.encode()
+    else:
+        faces = b"".join(b"\3" + np.array([0, 1, 2], "<i4").tobytes() + bytes(row) for row in rows.tolist())
+        data = "\n".join(header).encode() + points.tobytes() + faces
+    contents = read_ply(data)
+    assert contents.appended is not None
+    new = np.array([[0, 1, 3], [1, 2, 3]])
+    grown = contents.appended(
+        MeshExtension(
+            vertices=np.zeros((0, 3)), faces=new, face_loops=np.zeros(2, dtype=np.int64), vertex_attributes={}
+        )
+    )
+    held = read_records(grown).elements["face"].values
+    added = np.column_stack([held[name] for name in ("red", "green", "blue")])[-2:]
+    kinds, counts = np.unique(rows[:, :3], axis=0, return_counts=True)
+    best = kinds[counts == counts.max()]
+    assert all((best == row).all(axis=1).any() for row in added)

@@ -454,3 +454,27 @@ def test_large_files_stand_alone() -> None:
     found = [[source.size for source in block] for block in _blocks(sources, Counter(files_total=6), of_threads(1))]
     assert all(sum(block) <= SMALL or len(block) == 1 for block in found)
     assert [size for block in found for size in block] == sizes
+
+
+def test_results_that_are_gone_are_made_again(tmp_path: Path) -> None:
+    write_curves(tmp_path / "in", 1)
+    (tmp_path / "in" / "roof.obj").write_bytes(holed_text().encode())
+    output = tmp_path / "out"
+    made = results(batch(tmp_path / "in", output, workers=1).output)
+    gone = [path for path in (output / "files").rglob("*.obj") if path.is_file()]
+    assert any(path.name == "filled.obj" for path in gone)
+    for path in gone:
+        path.unlink()
+        again = batch(tmp_path / "in", output, workers=1, resume=True)
+        assert (again.complete, again.progress.files_before) == (True, 1)
+        assert results(output) == made
+
+
+def test_names_that_terminals_obey_do_not_reach_the_log(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.obj").write_text("g \x1b[31mred\x1b]0;x\x07\n" + curve_text(circle(9), closed=False))
+    result = batch(tmp_path / "a.obj", tmp_path / "out", workers=1)
+    log = result.log.read_text()
+    assert "?[31mred" in log
+    assert all(character.isprintable() or character in "\t\n" for character in log)
+    assert main(["fill", str(tmp_path / "no\x1b[2J.obj"), "-o", str(tmp_path / "f.obj")]) == 2
+    assert "\x1b" not in capfd.readouterr().err

@@ -503,3 +503,11 @@ def test_a_damaged_member_is_an_error_of_its_own(tmp_path: Path) -> None:
     # that the file is gone is no damage: it may come back
     with pytest.raises(FileNotFoundError):
         ArchiveReader().open(str(path), member)
+
+
+@pytest.mark.parametrize("suffix", [".zip", ".tar.gz"])
+def test_many_members_that_are_a_bomb_together_are_refused(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"bomb{suffix}"
+    entries = [(f"part{number}.obj", bytes(2 << 20)) for number in range(10)]
+    (packed_zip if suffix == ".zip" else packed_tar)(path, [GOOD, *entries])
+    assert "a bomb" in problem(path)

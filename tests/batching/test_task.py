@@ -497,3 +497,21 @@ def test_records_are_json_without_nan(mixed: Path, tmp_path: Path) -> None:
     solved([mixed], tmp_path / "out")
     for path in (tmp_path / "out" / "files").rglob("record.json"):
         json.loads(path.read_text(), parse_constant=lambda name: pytest.fail(name))
+
+
+def test_a_file_that_changes_between_its_two_readings_is_a_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(solver, "SMALL", 10)  # so that it is read from the disk once more, as large files are
+    path = tmp_path / "roof.obj"
+    path.write_bytes(holed_text().encode())
+    results_of = solver.results_of
+
+    def changing(*arguments: Any) -> Any:
+        path.write_bytes(path.read_bytes().replace(b"0.5 0.5 1", b"0.5 0.5 2"))
+        return results_of(*arguments)
+
+    monkeypatch.setattr(solver, "results_of", changing)
+    (told,) = [one["finished"] for one in solved([path], tmp_path / "out") if "finished" in one]
+    assert (told["status"], "changed while it was read" in told["reason"]) == ("fault", True)
+    assert not list((tmp_path / "out").rglob("*.obj/*.obj"))

@@ -26,6 +26,7 @@ from spinor_geom.experiments import (
     quadrature,
     trainings,
 )
+from spinor_geom.experiments import experiment as experiments_run
 from spinor_geom.experiments.experiment import Done, Outcome, experiment, report, reproduce
 from spinor_geom.experiments.trainings import DOUGLAS, OURS, PAPER
 from spinor_geom.holomorphic import PowerSeries
@@ -420,3 +421,28 @@ def test_the_command_runs_an_experiment(tmp_path, capsys):
     assert main(["reproduce", "catenoid", "--quick", "-o", str(tmp_path)]) == 0
     assert capsys.readouterr().out == ""  # quiet when piped
     assert (tmp_path / "report.md").exists()
+
+
+def test_results_of_other_versions_and_edited_ones_are_measured_anew(tmp_path, monkeypatch):
+    counted = []
+
+    def measured(**_):
+        counted.append(1)
+        return Outcome(rows=[{"a": 1.5}], holds=False, verdict="No.", pictures={"p": Figure()})
+
+    monkeypatch.setitem(quadrature.EXPERIMENTS, "catenoid", replace(experiment("catenoid"), measure=measured))
+
+    def run():
+        reproduce(["catenoid"], tmp_path, quick=True)
+        return len(counted)
+
+    assert [run(), run()] == [1, 1]
+    path = tmp_path / "catenoid" / "data.json"
+    path.write_text(path.read_text().replace('"holds": false', '"holds": true'))
+    assert [run(), run()] == [2, 2]
+    path.write_text("[]")
+    assert [run(), run()] == [3, 3]
+    (tmp_path / "catenoid" / "p.png").unlink()
+    assert [run(), run()] == [4, 4]
+    monkeypatch.setattr(experiments_run, "program_version", lambda: "another")
+    assert [run(), run()] == [5, 5]

@@ -79,6 +79,7 @@ DRAWING = "import {}; from spinor_geom.isolate import serve; serve(lambda *_: ex
         ("os", "raise ImportError('libGL.so.1: cannot open shared object file')", "no usable OpenGL library"),
         ("os", "raise MemoryError('out of memory')", "MemoryError: out of memory"),
         ("os", "os._exit(1)", "status 1"),
+        ("os", "os.kill(os.getpid(), 9)", "its process was killed"),
         ("time", "time.sleep(100)", "took longer than 0.5 s"),
     ],
 )
