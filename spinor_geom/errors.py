@@ -150,9 +150,9 @@ class SheetBorderError(LoopError):
     """A patch over the loop would lie on the mesh: it is the border of a sheet."""
 
     sentence = (
-        "it is the border of a sheet rather than a hole: along {folded:.0%} of it a patch would turn back over the "
-        "faces beside it, and it would cross the mesh in {crossed} pairs of faces; to fill it all the same name it in"
-        " loop= (--loop)"
+        "it is the border of a sheet rather than a hole: along it the mean angle between the mesh and a disk over the "
+        "loop is {angle:.0f}° (less than {least:.0f}°), so a patch would lie on the mesh; to fill it all the same name "
+        "it in loop= (--loop)"
     )
 
 

@@ -6,12 +6,11 @@ from jaxtyping import Int
 from spinor_geom.deadline import time_limit
 from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.discrete.first_fill import disk_without_inner_points
-from spinor_geom.discrete.minimal_surface import discrete_minimal_surface, first_disk
+from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
 from spinor_geom.errors import (
     LoneFaceError,
     NoAreaError,
     SeamError,
-    SheetBorderError,
     SpinorGeomError,
     SurfaceError,
     TJunctionError,
@@ -24,14 +23,8 @@ from spinor_geom.mesh.operators import face_areas, graph_laplacian
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import require_few_points
 
-# A patch that crosses the mesh and turns back over it, along so much of its rim, lies on it: the rim of a sheet.
-_MOST_FOLDED_BACK = 0.5
-# A coarse disk crosses more than the exact patch: of its faces as many as this share of the rim's edges must cross.
-# 0.3 and more do along borders of scans, 0.08 where the lid of a shallow bowl touches it.
-_MOST_CROSSING = 0.15
 MIN_WIDTH_PER_EDGE = 1e-6  # of a loop's mean edge: far above round-off, far below any hole that was meant
 _WHOLE_SLIT = 1 - 1e-9
-_LONG = 60  # the patch itself tells of loops with fewer points: their surfaces take little longer than such a disk
 
 
 def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tuple[Patch, str]:
@@ -117,26 +110,3 @@ def refuse_empty(loop: BoundaryLoop, width: float) -> None:
     """Raises a `NoAreaError` where the width of a loop's hole, in mesh units, is below 1e-6 of its mean edge."""
     if width <= MIN_WIDTH_PER_EDGE * loop.mean_edge_length:
         raise NoAreaError(width=width, mean_edge=loop.mean_edge_length)
-
-
-def refuse_long_border(surroundings: Surroundings, loop: BoundaryLoop) -> None:
-    """Refuses, before anything is solved, a long loop whose discrete disk lies on the mesh, as `refuse_border` does."""
-    if len(loop) < _LONG or not surroundings.is_outline(loop):
-        return
-    try:
-        disk = first_disk(loop.points)
-        patch = over_disk(disk.vertices, disk.faces, len(loop))
-    except SpinorGeomError:
-        return  # nothing is known of its patch: it is solved as others are
-    refuse_border(surroundings, loop.vertex_ids, patch, most_crossing=_MOST_CROSSING * len(loop))
-
-
-def refuse_border(
-    surroundings: Surroundings, rim: Int[np.ndarray, " m"], patch: Patch, *, most_crossing: float = 0.0
-) -> None:
-    """Raises a SheetBorderError where a patch lies on the mesh; so many of its faces may cross it."""
-    folded = surroundings.share_folded_back(rim, patch)
-    if folded > _MOST_FOLDED_BACK:
-        pairs = surroundings.crossings(patch).mesh
-        if len(np.unique(pairs[:, 0])) > most_crossing:
-            raise SheetBorderError(folded=folded, crossed=len(pairs))

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spinor_geom.errors import OptionError, SpinorGeomError, require_positive
-from spinor_geom.fill.discrete_patch import refuse_junctions, refuse_long_border, refuse_what_is_no_hole
+from spinor_geom.fill.borders import refuse_border
+from spinor_geom.fill.discrete_patch import refuse_junctions, refuse_what_is_no_hole
 from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open
 from spinor_geom.fill.many_loops import fill_loops, planned_joins
 from spinor_geom.fill.one_loop import Answer, FillOptions, unfilled
@@ -68,7 +69,7 @@ class Filling:
     def __init__(self, mesh: TriangleMesh, choice: Choice, options: FillOptions) -> None:
         """Finds the loops; raises as `find_boundary_loops` and `Choice.places`."""
         self.mesh, self.loops = mesh, find_boundary_loops(mesh)
-        self._options = replace(options, fills_borders=choice.names_loops)
+        self._options, self._names_loops = options, choice.names_loops
         places = choice.places(self.loops)
         reasons = reasons_to_leave_open(
             self.loops, places, keep_largest=choice.keep_largest, max_perimeter=choice.max_perimeter
@@ -92,9 +93,9 @@ class Filling:
         """Why nothing is tried for a loop, or None."""
         try:
             refuse_what_is_no_hole(loop, self._surroundings)
-            if not self._options.fills_borders:
+            if not self._names_loops:
                 refuse_junctions(loop)
-                refuse_long_border(self._surroundings, loop)
+                refuse_border(self._surroundings, loop)
         except SpinorGeomError as error:
             return error
         return None

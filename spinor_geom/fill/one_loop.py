@@ -28,7 +28,7 @@ from spinor_geom.errors import (
 )
 from spinor_geom.fill.attributes import patch_attributes
 from spinor_geom.fill.continuation import Continuation, Start, bend_across, collar_of, continue_patch
-from spinor_geom.fill.discrete_patch import discrete_patch, refuse_border, refuse_empty
+from spinor_geom.fill.discrete_patch import discrete_patch, refuse_empty
 from spinor_geom.fill.options import CONTINUITY, Continuity
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.surroundings import NOTHING, Crossings, LoopPatch, Surroundings
@@ -96,7 +96,6 @@ class FillOptions:
     tolerance: float
     time_limit: float = math.inf
     continuity: Continuity = "C0"
-    fills_borders: bool = False  # whether a loop is filled whose patch lies on the mesh
     on_stage: Callable[[int, str], None] = lambda place, stage: None
 
     def __post_init__(self) -> None:
@@ -152,8 +151,6 @@ def fill_loop(
         options.on_stage(place, "crossings")
         made = replace(made, crossings=surroundings.crossings(made.patch))
         clock.lap("crossings")
-        if not options.fills_borders and len(made.crossings.mesh):
-            refuse_border(surroundings, made.rim, made.patch)
         if options.continuity == "C1":
             options.on_stage(place, "continuation")
             with time_limit(options.time_limit):

@@ -13,13 +13,11 @@ from scipy.sparse import csr_array
 from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, is_graph, self_intersections
-from spinor_geom.mesh.loops import away_from_edges
 from spinor_geom.mesh.operators import vertex_angles
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-_FOLDED_BACK = np.cos(np.radians(45))
 NO_PAIRS = np.zeros((0, 2), dtype=np.int64)
 
 
@@ -71,15 +69,13 @@ class Surroundings:
     def __init__(self, mesh: TriangleMesh, loops: Iterable[BoundaryLoop] = ()) -> None:
         """Starts with the mesh alone; `loops` are those that may be filled."""
         self.mesh = mesh
-        on_loop = np.zeros(len(mesh.vertices), dtype=bool)
+        self._loops_at = np.zeros(len(mesh.vertices), dtype=np.int64)
         for loop in loops:
-            on_loop[loop.vertex_ids] = True
-        on_loop = on_loop[mesh.faces]
-        # backwards: of several faces on an edge the first counts
-        sides = np.flatnonzero(on_loop & on_loop[:, [1, 2, 0]])[::-1]
-        start, end, opposite = mesh.faces[sides // 3, [sides % 3, (sides + 1) % 3, (sides + 2) % 3]]
-        self._opposite = dict(zip(self._keys(np.stack([start, end], axis=1)), opposite.tolist(), strict=True))
-        self._taken = set(self._opposite)
+            self._loops_at[loop.vertex_ids] += 1
+        on_loop = (self._loops_at > 0)[mesh.faces]
+        sides = np.flatnonzero(on_loop & on_loop[:, [1, 2, 0]])
+        ends = np.stack([mesh.faces[sides // 3, sides % 3], mesh.faces[sides // 3, (sides + 1) % 3]], axis=1)
+        self._taken = set(self._keys(ends))
         within = np.flatnonzero(on_loop.all(axis=1))
         corners = np.sort(mesh.faces[within], axis=1)
         self._faces = dict(zip(map(tuple, corners[::-1].tolist()), within[::-1].tolist(), strict=True))
@@ -100,21 +96,6 @@ class Surroundings:
     def face_on(self, loop: BoundaryLoop) -> int | None:
         """The mesh's face on just the vertices of a loop of three: then the loop is that face's own outline."""
         return self._faces.get(tuple(sorted(loop.vertex_ids.tolist())))
-
-    def share_folded_back(self, rim: Int[np.ndarray, " m"], patch: Patch) -> float:
-        """The share of a rim (its mesh vertices) along which a patch and the face beside it are less than 45° apart."""
-        sides = np.asarray(patch.faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-        apexes = np.roll(patch.faces, -2, axis=1).reshape(-1)
-        on_rim = np.flatnonzero((sides < patch.boundary_size).all(axis=1))
-        on_rim = on_rim[rim_successors(patch.rims)[sides[on_rim, 0]] == sides[on_rim, 1]]
-        sides = sides[on_rim]
-        opposite = np.array([self._opposite.get(key, -1) for key in self._keys(rim[sides])])
-        start, end = patch.vertices[sides.T]
-        lengths = np.linalg.norm(end - start, axis=1)
-        corners = (patch.vertices[apexes[on_rim]], self.mesh.vertices[opposite])
-        away = [away_from_edges(start, end, corner) for corner in corners]
-        folded = (opposite >= 0) & (np.einsum("ei,ei->e", *away) > _FOLDED_BACK)
-        return float(lengths[folded].sum() / lengths.sum())
 
     def fitted(
         self, patch: Patch, rim: Int[np.ndarray, " m"], surface: SpinorSurface | None = None
@@ -150,14 +131,20 @@ class Surroundings:
         return np.unique(self._faces_of_vertices[vertices].indices)
 
     @cached_property
-    def angles(self) -> Float[np.ndarray, " n"]:
-        """Sum of the angles of the mesh's faces at each vertex, in radians."""
+    def _angles(self) -> Float[np.ndarray, " n"]:
         return vertex_angles(self.mesh.vertices, self.mesh.faces)
+
+    def turning(self, loop: BoundaryLoop) -> float:
+        """The total geodesic curvature of a loop, in radians: 2π around a flat sheet, −2π around a hole in one.
+
+        Vertices on several loops are left out: the mesh has no single angle there.
+        """
+        alone = loop.vertex_ids[self._loops_at[loop.vertex_ids] == 1]
+        return float(np.sum(np.pi - self._angles[alone]))
 
     def is_outline(self, loop: BoundaryLoop) -> bool:
         """Whether the mesh lies inside a loop, as a flat sheet in its border, rather than around it."""
-        # the turns sum up to 2π around a flat sheet, to −2π around a hole in one
-        return bool(np.sum(np.pi - self.angles[loop.vertex_ids]) > 0)
+        return self.turning(loop) > 0
 
     @cached_property
     def _mesh_piece(self) -> _Piece:
