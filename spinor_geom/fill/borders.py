@@ -16,7 +16,7 @@ from spinor_geom.mesh.operators import face_areas, vertex_normals
 
 # Borders of terrains and of range scans have angles of up to 26°; ragged spherical caps of polar angle 45° have 33° and
 # more, as the mean over the collar is less than the angle at the rim.
-_LEAST_ANGLE = np.radians(29.0)
+_LEAST_ANGLE = np.radians(27.5)
 # The share of the mesh beside a loop that has to agree on the direction: 0.6 and more on sheets and on shells, 0.25
 # around a Möbius strip, whose disk leaves it to either side.
 _LEAST_AGREEMENT = 0.45
@@ -37,7 +37,7 @@ def refuse_border(surroundings: Surroundings, loop: BoundaryLoop) -> None:
     angles, too. It depends neither on how the faces are cut along the loop nor on their orientation.
 
     Raises:
-        SheetBorderError: the angle is below 29°.
+        SheetBorderError: the angle is below 27.5°.
     """
     if surroundings.turning(loop) <= 0:
         return  # most holes, at no cost

@@ -128,7 +128,7 @@ def test_edge_length_sets_the_size_of_the_patch() -> None:
 
 def test_a_hole_of_four_vertices_with_a_taken_diagonal_closes() -> None:
     for vertices, faces in (folded_quad(), (folded_quad()[0], folded_quad()[1][:, ::-1])):
-        (_, new_faces), report = fill_hole((vertices, faces), return_report=True)
+        (_, new_faces), report = fill_hole((vertices, faces), 0, return_report=True)
         assert report.watertight
         validate(TriangleMesh(report.mesh[0], new_faces))
 
@@ -141,7 +141,7 @@ def test_a_hole_of_three_vertices_gets_one_face() -> None:
 
 
 def test_a_closed_mesh_comes_back_as_it_is() -> None:
-    closed = fill_hole(folded_quad())
+    closed = fill_hole(folded_quad(), 0)
     again, report = fill_hole(closed, return_report=True)
     np.testing.assert_array_equal(again[0], closed[0])
     np.testing.assert_array_equal(again[1], closed[1])
