@@ -135,7 +135,7 @@ def test_a_hole_of_four_vertices_with_a_taken_diagonal_closes() -> None:
 
 def test_a_hole_of_three_vertices_gets_one_face() -> None:
     vertices, _ = folded_quad()
-    (_, faces), report = fill_hole((vertices, np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])), return_report=True)
+    (_, faces), report = fill_hole((vertices, np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])), 0, return_report=True)
     assert report.watertight
     assert len(faces) == 4
 
