@@ -40,7 +40,7 @@ from spinor_geom.plateau.solution import RouteName
 _FEWEST_POINTS, _POINTS = 32, 128  # points that Ω is made from: the cost of Λ on it is their number cubed
 # Nodes of the loops that are fitted as one batch, and held in memory: half as many take an eighth longer.
 BATCH_NODES = 16384
-_MOST_PER_EDGE = 64  # most nodes for each edge: beyond rough loops take minutes, and smooth ones gain nothing
+_MOST_PER_EDGE = 16  # most nodes for each edge, of Ω and of the slide: loops that want more are left to other routes
 _MORE_ON_ANALYTIC = (
     3  # times as many nodes are tried next on analytic curves, where few do not suffice; twice on others
 )
@@ -121,7 +121,9 @@ class HarmonicSolver:
         with self.request.clock.stage("flattening"):
             # points that stand for single vertices are to be followed
             is_fine = self.is_rough and len(unit) <= self._density.points
-            shape, form = resolved(polygon, t, self._density, is_fine, count=points_of_domain(unit), device=device)
+            shape, form = resolved(
+                polygon, t, self._density, is_fine, count=points_of_domain(unit), most=self.most_nodes, device=device
+            )
         start = torch.tensor(self._density.slide(np.arange(shape.steps) / shape.steps), device=device)
         with self.request.clock.stage("slide"):
             curve = self.exact
@@ -133,7 +135,7 @@ class HarmonicSolver:
                 form,
                 start[None],
                 tolerances=[COARSE],
-                max_steps=[self.request.steps.left],
+                max_steps=[min(MOST_STEPS, self.request.steps.left)],
                 negligible=[self.negligible_energy],
                 on_step=[self.take],
             )

@@ -137,6 +137,11 @@ class Discretisation:
         """Whether no more poles may be added."""
         return self.degree + len(self.poles.positions) + 2 > _MAX_FEATURES
 
+    @property
+    def room(self) -> float:
+        """How many times as many features there may be."""
+        return _MAX_FEATURES / self.network.mixing.shape[1]
+
     def share_at_corners(self, energy: Float[np.ndarray, " panels"]) -> float:
         """Share of a residual on the edges of ∂Ω that end at its corners."""
         middle = self.panels.ends.mean(axis=1)

@@ -205,8 +205,19 @@ class NetworkSolver:
             again = self._fitted(finer, *finer.transferred(best.stage, best.fit))
             if not again.misfit.rms < best.misfit.rms:
                 break
-            best = replace(again, rounds=best.rounds + 1, folds=best.folds)
+            before, best = best, replace(again, rounds=best.rounds + 1, folds=best.folds)
+            if not self._may_meet(before, best):
+                break
         return best
+
+    def _may_meet(self, before: Fitted, now: Fitted) -> bool:
+        """Whether as many features as there may be meet the tolerance, if the distance from Γ falls on as it did.
+
+        The cost of a round grows with the cube of the number of features.
+        """
+        more = before.stage.room / now.stage.room
+        order = math.log(before.misfit.rms / now.misfit.rms) / math.log(more) if more > 1 else 0.0
+        return self.request.excess(now.misfit) <= now.stage.room**order
 
     def _with_right_moduli(
         self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]
@@ -266,7 +277,7 @@ class NetworkSolver:
                 f"the loop is rough: one point in ten turns by more than {np.degrees(max(map(roughness, loops))):.0f}°"
             )
         else:
-            where = "more units bring it no nearer"
+            where = "more units would not bring it near enough"
         if stage.is_full:
             return f"the network has as many features as it may have, {features}, and {where}"
         return f"a network of {features} features follows the boundary no better: {where}"

@@ -111,6 +111,7 @@ def resolved(
     is_fine: bool,
     *,
     count: int,
+    most: int,
     device: torch.device,
 ) -> tuple[Shape, DirichletForm]:
     """The smooth Ω next to a polygon with parameters t, as coarse as it may be, and its Λ.
@@ -121,7 +122,8 @@ def resolved(
     for steps, rounding in _SHAPES[is_fine or density.is_narrow :]:
         shape = Shape(density=density, count=count, steps=steps * n, width=rounding / n)
         try:
-            return shape, resolved_form(rounded_boundary(polygon, t, shape), shape.steps, device)
+            boundary = rounded_boundary(polygon, t, shape)
+            return shape, resolved_form(boundary, shape.steps, device, most=min(most, _MOST_STEPS))
         except DomainError as error:
             failure = error
     raise failure
@@ -137,11 +139,13 @@ def rounded_boundary(polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " 
     return FourierBoundary(coefficients * np.exp(-0.5 * (2 * np.pi * k * shape.width) ** 2), shape.count)
 
 
-def resolved_form(boundary: FourierBoundary, n: int, device: torch.device) -> DirichletForm:
+def resolved_form(
+    boundary: FourierBoundary, n: int, device: torch.device, *, most: int = _MOST_STEPS
+) -> DirichletForm:
     """Λ on ∂Ω, by a DomainError refused where that crosses itself, or so many steps are not enough or too many."""
-    if n > _MOST_STEPS:
+    if n > most:
         raise DomainError(
-            f"the domain is so narrow somewhere that it asks for {n} steps around it, at most {_MOST_STEPS} are tried",
+            f"the domain is so narrow somewhere that it asks for {n} steps around it, at most {most} are tried",
             vertices=len(boundary.vertices),
         )
     polygon = boundary.grid(n)[0]

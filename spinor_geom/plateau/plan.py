@@ -147,10 +147,15 @@ def _plan_for_disk(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]
         return (*in_plane, *by_network, *through)
     if options.between == "free" and _shows_no_curve(loop, curve):
         return (*in_plane, Route.THROUGH_POINTS)
-    if is_rough(loop, curve):  # unfoldings of rough loops pinch where their surfaces do not
-        return (*in_plane, Route.ON_FLATTENING, Route.ON_UNFOLDING, Route.BY_NETWORK)
     on_disk = (Route.ON_UNIT_DISK,) if loop.elongation < _DISK_ELONGATION else ()
-    return (*in_plane, *on_disk, Route.ON_UNFOLDING, Route.ON_FLATTENING, Route.BY_NETWORK)
+    on_domain: tuple[Route, ...] = (Route.ON_UNFOLDING, Route.ON_FLATTENING)
+    if is_rough(loop, curve):  # unfoldings of rough loops pinch where their surfaces do not
+        on_disk, on_domain = (), on_domain[::-1]
+    if options.between == "free" and len(loop) <= _MOST_POINTS:
+        # the cost of a slide on a narrow Ω grows with the cube of its nodes, that through the points does not
+        is_narrow = NodeDensity(curve, points_of_domain(loop)).is_narrow
+        on_domain = (Route.THROUGH_POINTS, *on_domain) if is_narrow else (*on_domain, Route.THROUGH_POINTS)
+    return (*in_plane, *on_disk, *on_domain, Route.BY_NETWORK)
 
 
 def _plan_between(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
@@ -200,7 +205,8 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
     for route in routes:
         if is_out_of_time() and route is not Route.IN_PLANE:  # which needs no time
             break
-        if best is not None and best.route in ("unfolded", "flattened") and route is not Route.BY_NETWORK:
+        is_other = route in (Route.THROUGH_POINTS, Route.BY_NETWORK)
+        if best is not None and best.route in ("unfolded", "flattened") and not is_other:
             continue  # a second Ω is for loops that the first leads to no surface of: it spends the steps
         try:
             with typed_failures():

@@ -279,6 +279,8 @@ def _departures(solution: PlateauSolution, rim: Rim) -> Iterator[Iterator[Disk]]
     except DomainError:  # points that slid together make no polygon: there is no mesh to move
         return
     m = mesh.boundary_size
+    if len(mesh.points) == m:  # nothing that could move
+        return
     x = rim.positions(solution, mesh)
     normal = solution.surface.normal(mesh.points)
     normal[:m] = 0  # it may not exist at corners

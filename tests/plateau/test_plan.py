@@ -49,6 +49,14 @@ def finger() -> BoundaryLoop:
     return BoundaryLoop.from_points(np.concatenate([ring[:100], out, out[::-1] * [1, -1, 1], ring[101:]]), corners=())
 
 
+def narrow() -> BoundaryLoop:
+    """A smooth loop of 40 points that nearly touches itself: its waist is a third of an edge wide."""
+    t = 2 * np.pi * np.arange(40) / 40
+    return BoundaryLoop.from_points(
+        np.column_stack([np.cos(t), np.sin(t) * (0.03 + np.cos(t) ** 2), 0.2 * np.sin(2 * t)]), corners=()
+    )
+
+
 def task_of(loop, *, model="auto", between="auto", tolerance=1e-3, on_iteration=None) -> Task:
     loops = [loop] if isinstance(loop, (BoundaryLoop, ClosedCurve)) else loop
     return Task.of(loops, Options(model=model, tolerance=tolerance, between=between), on_iteration)
@@ -58,9 +66,12 @@ def task_of(loop, *, model="auto", between="auto", tolerance=1e-3, on_iteration=
 
 HARMONIC = (Route.ON_UNFOLDING, Route.ON_FLATTENING, Route.BY_NETWORK)
 ROUGH = (Route.ON_FLATTENING, Route.ON_UNFOLDING, Route.BY_NETWORK)
+FREE = (Route.ON_UNFOLDING, Route.ON_FLATTENING, Route.THROUGH_POINTS, Route.BY_NETWORK)
+NARROW = (Route.THROUGH_POINTS, Route.ON_UNFOLDING, Route.ON_FLATTENING, Route.BY_NETWORK)
 PLANS = {
     "smooth": (SMOOTH, {}, (Route.ON_UNIT_DISK, *HARMONIC)),
-    "smooth, free": (SMOOTH, {"between": "free"}, (Route.ON_UNIT_DISK, *HARMONIC)),
+    "smooth, free": (SMOOTH, {"between": "free"}, (Route.ON_UNIT_DISK, *FREE)),
+    "smooth, free, narrow": (narrow(), {"between": "free"}, (Route.ON_UNIT_DISK, *NARROW)),
     "a curve in formulas": (gallery.tennis_seam(0.8), {}, (Route.ON_UNIT_DISK, *HARMONIC)),
     "long": (gallery.ellipse(4.0, 0.3).sample(64), {}, HARMONIC),
     "rough": (noisy_ellipse(100), {}, ROUGH),
