@@ -13,6 +13,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
 
 from spinor_geom.adapters import to_rims
+from spinor_geom.deadline import require_time
 from spinor_geom.discrete.area_descent import Disk, descend_area, descend_from_plane, harmonic_extension
 from spinor_geom.discrete.first_fill import disk_without_inner_points, unfolded_loop
 from spinor_geom.discrete.strip import discrete_annulus
@@ -206,10 +207,16 @@ def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, t
 
 
 def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:
-    """A disk over a closed curve that is minimal to about three digits: enough to flatten it; or a FirstFillError."""
+    """A disk over a closed curve that is minimal to about three digits: enough to flatten it.
+
+    Raises:
+        FirstFillError: the curve's least-area triangulation does not unfold.
+        OutOfTimeError: the time limit cut it short.
+    """
     (disk,) = first_disks([points])
     if isinstance(disk, SpinorGeomError):
         raise disk
+    require_time()
     return disk
 
 

@@ -18,7 +18,7 @@ from scipy.sparse import csc_array, diags_array
 
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import unique_edges
-from spinor_geom.errors import DomainError, SingularMatrixError
+from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.operators import Bending, crossing_angles, factor_symmetric, mollified_laplacian, vertex_angles
 from spinor_geom.mesh.topology import HalfEdges
@@ -213,7 +213,10 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
         if again is not None and (again.folds, not again.converged) <= (moved.folds, not moved.converged):
             moved, is_conformal = replace(again, steps=moved.steps + again.steps, remeshed=True), True
     if moved.stretch > _MOST_STRETCHED and is_conformal and not is_out_of_time():
-        finer = remesh(moved.patch, target)
+        try:
+            finer = remesh(moved.patch, target)
+        except OutOfTimeError:
+            return moved
         if len(finer.vertices) > finer.boundary_size:
             again = _at_rest(finer, collar)
             moved = replace(again, steps=moved.steps + again.steps, remeshed=True)
@@ -225,7 +228,7 @@ def _at_rest_over_angles(patch: Patch, collar: Collar, target: float) -> Moved |
     beside = vertex_angles(collar.vertices, collar.faces)[: collar.boundary_size]
     try:
         start = over_domain_of_angles(patch, 2 * np.pi - beside, target)
-    except (DomainError, SingularMatrixError):
+    except (DomainError, OutOfTimeError, SingularMatrixError):
         return None
     return _at_rest(start, collar) if len(start.vertices) > start.boundary_size else None
 

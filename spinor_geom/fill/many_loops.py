@@ -11,7 +11,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TwistedRimsError
 from spinor_geom.fill.discrete_patch import refuse_what_is_no_hole
 from spinor_geom.fill.loops import free_rim
@@ -75,8 +74,9 @@ def fill_between(
         for place in places:
             refuse_what_is_no_hole(loops[place], surroundings)
         rims = [loops[place] for place in places]
-        with time_limit(options.time_limit):
-            solution = solve_plateau(rims, model=options.model, tolerance=options.tolerance, between="free")
+        solution = solve_plateau(
+            rims, model=options.model, tolerance=options.tolerance, between="free", time_limit=options.time_limit
+        )
         if isinstance(solution, NoConnectedSurface):
             advice = f"fill the {'two ' if len(places) == 2 else ''}loops one by one instead"
             if all(surroundings.is_outline(rim) for rim in rims):

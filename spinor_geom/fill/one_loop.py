@@ -19,6 +19,7 @@ from spinor_geom.discrete.strip import ruled_annulus
 from spinor_geom.errors import (
     NoAreaError,
     OptionError,
+    OutOfTimeError,
     SheetBorderError,
     SingularMatrixError,
     SpinorGeomError,
@@ -238,7 +239,7 @@ def exact_patches(found: Sequence[tuple[BoundaryLoop, Solved, float]], options: 
     """What `fill_loop` takes, for loops with what was found and the seconds until it was there: all meshed together."""
     begin = perf_counter()
     usable = [_usable(loop, one) for loop, one, _ in found]
-    meshed = iter(mesh_patches([one for one in usable if isinstance(one, PlateauSolution)], options.target_edge_length))
+    meshed = iter(_meshed([one for one in usable if isinstance(one, PlateauSolution)], options))
     made = [_made(one, next(meshed)) if isinstance(one, PlateauSolution) else one for one in usable]
     share = (perf_counter() - begin) / max(1, len(found))
     answers = []
@@ -247,6 +248,20 @@ def exact_patches(found: Sequence[tuple[BoundaryLoop, Solved, float]], options: 
         seconds = sum(one.timings.values()) if isinstance(one, PlateauSolution) else waited
         answers.append(Answer(one, patch, {"solve": seconds, "mesh": share}))
     return answers
+
+
+def _meshed(solutions: Sequence[PlateauSolution], options: FillOptions) -> list[Patch | SpinorGeomError]:
+    """The meshes of surfaces, each within its time limit; what is not finished together is tried alone."""
+    if not solutions:
+        return []
+    with time_limit(options.time_limit * len(solutions)):
+        patches = mesh_patches(solutions, options.target_edge_length)
+    if len(solutions) == 1:
+        return patches
+    return [
+        _meshed([solution], options)[0] if isinstance(patch, OutOfTimeError) else patch
+        for solution, patch in zip(solutions, patches, strict=True)
+    ]
 
 
 def _usable(loop: BoundaryLoop, found: Solved) -> Solved:

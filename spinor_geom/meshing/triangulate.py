@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
+from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.polygons import lattice_inside
 from spinor_geom.domain.sizes import GROWTH, NearestPoints, RegionSizes, size_bounds
@@ -97,6 +98,7 @@ def size_field(pieces: Sequence[Piece]) -> RegionSizes:
     log_factor = np.concatenate([*(_log_factor(piece.factor) for piece in pieces), [0.0]])
 
     def size(z: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        require_time()  # it is asked for before each batch of new points
         shortest, longest = bounds(z, region)
         distance, index = tree.query(z, region, count=NEIGHBOURS)
         weight = 1 / np.maximum(distance, TINY**0.25) ** 2

@@ -45,8 +45,8 @@ def minimise_dirichlet_energies(
     negligible: Sequence[float],
     near: bool = False,
     on_step: Sequence[Callable[[float], None]] = (),
-) -> tuple[HarmonicDisk, ...]:
-    """The slides of several curves by `stationary`, all of it by fast Fourier transforms.
+) -> tuple[HarmonicDisk | None, ...]:
+    """The slides of several curves by `stationary`, all of it by fast Fourier transforms; None if cut short by time.
 
     The energy is E(s) = π/n Σ Γ(s)·ΛΓ(s). Conformal maps of Ω onto itself, the gauge, leave it as it is: on the disk
     steps are orthogonal, by arc length, to what those maps move, along which the error of the samples would lead
@@ -68,7 +68,7 @@ def minimise_dirichlet_energies(
     for numbers, over in found:
         for place, (number, crowded) in enumerate(zip(numbers, over.is_over.tolist(), strict=True)):
             disks[number] = HarmonicDisk(slide=over.slide[place], points=over.points[place], crowded=crowded)
-    return tuple(disks[number] for number in range(len(slides)))
+    return tuple(map(disks.get, range(len(slides))))
 
 
 def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Tensor, " n"]) -> Float[Tensor, " n"] | None:

@@ -11,6 +11,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.linalg.blas import dsyrk, zherk
 from torch import Tensor
 
+from spinor_geom.deadline import require_time
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.steps import STALLED, Steps
 
@@ -78,11 +79,15 @@ def gauss_newton(
     The residual is projected on the two directions normal to Γ'(s), which eliminates s from the linear system; s then
     moves along the tangent and back onto the increasing sequences. Below an RMS residual of `allowed` only fast
     convergence goes on.
+
+    Raises:
+        OutOfTimeError: the time limit cut it short.
     """
     fit = Fit.at(problem, readout, slide)
     damping = _FIRST_DAMPING
     linear, fresh = _Linear.at(problem, fit), True
-    while not steps.are_spent:
+    while steps.left:
+        require_time()
         before = fit.energy
         fit, damping = _damped_step(problem, fit, linear, damping)
         if fit.energy < before:

@@ -18,11 +18,12 @@ from jaxtyping import Complex, Float, Int
 from scipy.fft import next_fast_len
 from torch import Tensor
 
+from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.errors import DomainError, SingularMatrixError
+from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.dirichlet import DirichletForm
@@ -36,6 +37,7 @@ from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 from spinor_geom.plateau.solution import RouteName
+from spinor_geom.plateau.steps import SPENT
 
 _FEWEST_POINTS, _POINTS = 32, 128  # points that Ω is made from: the cost of Λ on it is their number cubed
 # Nodes of the loops that are fitted as one batch, and held in memory: half as many take an eighth longer.
@@ -139,6 +141,8 @@ class HarmonicSolver:
                 negligible=[self.negligible_energy],
                 on_step=[self.take],
             )
+        if disk is None:
+            raise OutOfTimeError
         if disk.crowded:
             raise DomainError("the nodes crowd on the domain's boundary", vertices=len(unit))
         with self.request.clock.stage("flattening"):
@@ -160,6 +164,8 @@ class HarmonicSolver:
         """The minimal disk with as many nodes as the tolerance asks for, or as help."""
         fit_together([fit])
         if fit.best is None:
+            if not fit.limit:
+                raise OutOfTimeError
             raise DomainError(f"no minimal disk was found on this domain: {fit.limit}", vertices=len(self.request.unit))
         lift, disk = fit.best
         with self.request.clock.stage("surface"):
@@ -173,7 +179,7 @@ class HarmonicSolver:
             misfit=lift.misfit,
             area=lift.area,
             route=route,
-            limit=fit.limit,
+            limit=fit.limit or SPENT,
             curvature=lift.curvature,
         )
 
@@ -243,7 +249,7 @@ class Fit:
     slide: Float[Tensor, " n"]  # to start from, then the last one that was found
     nodes: int  # to begin with, then those that are tried next
     best: tuple[Lift, HarmonicDisk] | None = None  # the nearest surface so far, and what it was lifted from
-    limit: str = ""  # why it is over, as the end of a sentence; "" while it is not
+    limit: str = ""  # why it is over, as the end of a sentence; "" while it is not, as where time cut it short
     attempt: int = 0  # number of those before
 
     def take(self, disk: HarmonicDisk, lift: Lift | None) -> None:
@@ -265,8 +271,8 @@ class Fit:
             self.limit = "more nodes on the domain's boundary do not help"
         elif self.nodes >= self.solver.most_nodes:
             self.limit = f"{self.nodes} nodes are the most that are tried"
-        elif self.solver.request.steps.are_spent:
-            self.limit = "the limit on steps or on time was reached"
+        elif not self.solver.request.steps.left:
+            self.limit = SPENT
         else:
             self.attempt += 1
             more = _MORE_ON_ANALYTIC if self.solver.is_analytic else 2
@@ -280,9 +286,9 @@ class Fit:
 
 
 def fit_together(fits: Sequence[Fit]) -> None:
-    """Goes on with fits until they are over, those on the unit disk with as many nodes as one batch."""
+    """Goes on with fits until they are over or time is, those on the unit disk with as many nodes as one batch."""
     left = list(fits)
-    while left := [fit for fit in left if not fit.limit]:
+    while (left := [fit for fit in left if not fit.limit]) and not is_out_of_time():
         alike: dict[tuple[object, ...], list[Fit]] = defaultdict(list)
         for fit in left:
             alike["disk" if fit.form.is_disk else id(fit.form), fit.nodes, fit.attempt > 0].append(fit)
@@ -308,17 +314,18 @@ def _advance(fits: Sequence[Fit]) -> None:
         on_step=[fit.solver.take for fit in fits],
     )
     middle = time.perf_counter()
-    whole = [i for i, disk in enumerate(disks) if not disk.crowded]
+    whole = {i: disk for i, disk in enumerate(disks) if disk is not None and not disk.crowded}
     lifts: dict[int, Lift | None] = {}
     if whole:
         of_whole = curves if len(whole) == len(fits) else CurveTensors.batch([fits[i].solver.exact for i in whole])
-        found = lifted_together([disks[i] for i in whole], form, of_whole, allowed=[fits[i].near_enough for i in whole])
+        found = lifted_together([*whole.values()], form, of_whole, allowed=[fits[i].near_enough for i in whole])
         lifts = dict(zip(whole, found, strict=True))
     end = time.perf_counter()
     for i, (fit, disk) in enumerate(zip(fits, disks, strict=True)):
         fit.solver.request.clock.add("slide", (middle - begin) / len(fits))
         fit.solver.request.clock.add("lift", (end - middle) / len(fits))
-        fit.take(disk, lifts.get(i))
+        if disk is not None:
+            fit.take(disk, lifts.get(i))
 
 
 def even(nodes: int) -> int:

@@ -15,13 +15,14 @@ import torch
 from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
+from spinor_geom.deadline import require_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
 from spinor_geom.discrete.strip import discrete_annulus, runs_back
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks, sampled
 from spinor_geom.domain.quadrature import Panels
-from spinor_geom.errors import DomainError, SingularMatrixError
+from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -33,7 +34,7 @@ from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.request import Request
 from spinor_geom.plateau.roughness import is_rough, roughness
 from spinor_geom.plateau.start import images_in_plane, lifted_spinors
-from spinor_geom.plateau.steps import STALLED
+from spinor_geom.plateau.steps import SPENT, STALLED
 from spinor_geom.plateau.through_points import PointEquations
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up
@@ -99,9 +100,12 @@ class NetworkSolver:
         rims = [side.curve.point(side.knots[:-1]) for side in self._sides]
         with self.request.clock.stage("first fill"):
             if len(rims) > 1:
-                return discrete_annulus(*rims)[1]
-            disk = first_disk(*rims)
-            return finer_disk(disk, *self._sizes) if self._is_rough else disk
+                surface = discrete_annulus(*rims)[1]
+            else:
+                surface = first_disk(*rims)
+                surface = finer_disk(surface, *self._sizes) if self._is_rough else surface
+        require_time()  # a descent that was cut short leads elsewhere
+        return surface
 
     @property
     def _sizes(self) -> tuple[int, ...]:
@@ -146,7 +150,11 @@ class NetworkSolver:
             with self.request.clock.stage("first fill"):
                 finer = finer_disk(disk, *self._sizes)
             return min(fitted, self._fitted_from(finer), key=lambda one: one.misfit.rms)
-        except (DomainError, SingularMatrixError):  # what a second try fails at must not cost the first one's result
+        except (
+            DomainError,
+            SingularMatrixError,
+            OutOfTimeError,
+        ):  # what a second try fails at must not cost the first one's result
             return fitted
 
     def _fitted_from(self, start: Disk) -> Fitted:
@@ -202,7 +210,10 @@ class NetworkSolver:
             finer = best.stage.refined(best.energy, best.misfit.rms / self.request.excess(best.misfit))
             if finer is None:
                 break
-            again = self._fitted(finer, *finer.transferred(best.stage, best.fit))
+            try:
+                again = self._fitted(finer, *finer.transferred(best.stage, best.fit))
+            except OutOfTimeError:  # the rounds so far are not lost
+                break
             if not again.misfit.rms < best.misfit.rms:
                 break
             before, best = best, replace(again, rounds=best.rounds + 1, folds=best.folds)
@@ -263,7 +274,7 @@ class NetworkSolver:
         stage, loops = fitted.stage, self.request.units
         features = stage.network.mixing.shape[1]
         if self.request.steps.are_spent:
-            return "the limit on steps or on time was reached"
+            return SPENT
         if fitted.folds:
             return (
                 "the domain would fold if its corners moved to where conformal moduli let them meet the loop's; "

@@ -76,7 +76,7 @@ def stationary(
     from the beginning, by a share that falls: many rough places that each want another step do not hold each other up.
 
     Each of b stops at the gradient that is tolerated, after most steps, or at a fall of the least energy over several
-    steps that is negligible. Starts that are near to solutions take plain Newton steps at once; where saddles are
+    steps that is negligible; those that a time limit cuts short are left out. Starts that are near to solutions take plain Newton steps at once; where saddles are
     sought as well no others, while each halves the gradient at least. `on_step`, one for each or none, is called with
     the size of the gradient at the start of a step.
 
@@ -105,8 +105,6 @@ def stationary(
         level = energies.amax(-1) - energies.amin(-1) < ROUNDING * here.energy
         still = (size > SMALL) & (level | (lowest[:, 0] - lowest[:, -1] < falls))
         finished = (size <= limits) | stays | (still & (not saddles)) | stuck | here.is_over | (steps >= most)
-        if is_out_of_time():
-            finished[:] = True
         if finished.any():
             over = finished.nonzero()[:, 0]
             found.append((number[over].tolist(), here.at(over)))
@@ -116,6 +114,8 @@ def stationary(
             here, number, limits, most, falls = here.at(rest), number[rest], limits[rest], most[rest], falls[rest]
             size, damping, recent = size[rest], damping[rest], recent[rest]
             energies, lowest = energies[rest], lowest[rest]
+        if is_out_of_time():
+            break
         if on_step:
             for i, value in zip(number.tolist(), size.tolist(), strict=True):
                 on_step[i](value)

@@ -139,9 +139,7 @@ def rounded_boundary(polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " 
     return FourierBoundary(coefficients * np.exp(-0.5 * (2 * np.pi * k * shape.width) ** 2), shape.count)
 
 
-def resolved_form(
-    boundary: FourierBoundary, n: int, device: torch.device, *, most: int = _MOST_STEPS
-) -> DirichletForm:
+def resolved_form(boundary: FourierBoundary, n: int, device: torch.device, *, most: int = _MOST_STEPS) -> DirichletForm:
     """Λ on ∂Ω, by a DomainError refused where that crosses itself, or so many steps are not enough or too many."""
     if n > most:
         raise DomainError(

@@ -11,7 +11,7 @@ import numpy as np
 
 from spinor_geom.deadline import is_out_of_time, require_time
 from spinor_geom.discrete.area_descent import Disk
-from spinor_geom.errors import DomainError, FirstFillError, SpinorGeomError, SurfaceError
+from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError, SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES, MIN_POINTS_FOR_HIGH_DEGREE
@@ -213,6 +213,8 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
                 found = route.surface(task)
             if not np.isfinite(found.misfit.rms):
                 raise SurfaceError("p and q of a surface overflow, so that its boundary is not finite; scale the loop")
+        except OutOfTimeError:
+            break
         except FAILURES as failure:
             # what is known of a surface says more than that no domain was found
             error = error if isinstance(error, SurfaceError) else failure
@@ -317,6 +319,9 @@ def _surface_over(
         with typed_failures():
             part = Task.over([loops[k] for k in numbers], [curves[k] for k in numbers], options)
             answer = minimal_disk(part, plan(part)) if part.is_disk else surface_between(part)
+            require_time()  # what a time limit cut short is not kept as the answer
+    except OutOfTimeError:
+        raise
     except SpinorGeomError:
         return None
     return answer if isinstance(answer, PlateauSolution) else None

@@ -12,9 +12,8 @@ from scipy.interpolate import BPoly, PPoly
 from scipy.optimize import brentq
 from torch import Tensor
 
-from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary
-from spinor_geom.errors import SurfaceError
+from spinor_geom.errors import OutOfTimeError, SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -32,6 +31,7 @@ from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_be
 from spinor_geom.plateau.rims_energy import DENSE, HarmonicSurface, RimsProblem
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 from spinor_geom.plateau.solution import RimMatch
+from spinor_geom.plateau.steps import SPENT
 from spinor_geom.plateau.vertex_route import surface_through
 
 # Fewest nodes on each rim where a surface is sought, and most of all.
@@ -154,7 +154,6 @@ class RimsSolver:
         problem, n, fallen = self._problem(start), start.surface.slides.shape[1], 0
         while True:
             lower = problem.stationary(problem.resampled(start.surface, n), tolerance=SMALL)
-            require_time()
             if not lower.falls_apart and lower.size <= _SETTLED:
                 return replace(start, surface=lower)
             n, fallen = 2 * n, fallen + lower.falls_apart
@@ -254,7 +253,8 @@ class RimsSolver:
                 break
             before = lift.misfit.rms
         else:
-            limit = f"{_MOST_NODES} nodes on each rim are the most that are tried"
+            are_spent = self.request.steps.are_spent
+            limit = SPENT if are_spent else f"{_MOST_NODES} nodes on each rim are the most that are tried"
         with self.request.clock.stage("surface"):
             domain = domain_of(lift, *self._circles(placed, harmonic.domain))
         return Found(
@@ -279,12 +279,14 @@ class RimsSolver:
                     surface = self._stationary(self._problem(placed, step), surface, n, saddles=saddles)
         while True:
             yield surface
-            require_time()
             n = even(2 * surface.slides.shape[1])
-            if n > _MOST_NODES or not self.request.steps.left:
+            if n > _MOST_NODES or self.request.steps.are_spent:
                 return
-            with self.request.clock.stage("slides"):
-                surface = self._stationary(problem, surface, n, saddles=saddles)
+            try:
+                with self.request.clock.stage("slides"):
+                    surface = self._stationary(problem, surface, n, saddles=saddles)
+            except OutOfTimeError:  # the surfaces so far are not lost
+                return
 
     def _stationary(self, problem: RimsProblem, surface: HarmonicSurface, n: int, *, saddles: bool) -> HarmonicSurface:
         edges = max(map(len, self.request.units))

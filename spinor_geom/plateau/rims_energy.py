@@ -16,6 +16,7 @@ import torch
 from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
+from spinor_geom.errors import OutOfTimeError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.plateau.dirichlet import CirclesForm, derivative, without_highest
@@ -325,8 +326,12 @@ class RimsProblem:
         near: bool = True,
         saddles: bool = False,
     ) -> HarmonicSurface:
-        """The surface that the energy falls to, or the critical point next to a start: see `newton.stationary`."""
-        ((_, found),) = stationary(
+        """The surface that the energy falls to, or the critical point next to a start: see `newton.stationary`.
+
+        Raises:
+            OutOfTimeError: the time limit cut it short.
+        """
+        finished = stationary(
             start,
             tolerances=[tolerance],
             max_steps=[max_steps],
@@ -335,6 +340,9 @@ class RimsProblem:
             saddles=saddles,
             on_step=[self.on_step],
         )
+        if not finished:
+            raise OutOfTimeError
+        ((_, found),) = finished
         return found
 
     def resampled(self, surface: HarmonicSurface, n: int) -> HarmonicSurface:

@@ -14,12 +14,13 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.interpolate import LinearNDInterpolator
 
+from spinor_geom.deadline import is_out_of_time, require_time
 from spinor_geom.discrete.area_descent import Disk, descend_area, harmonic_extension
 from spinor_geom.discrete.minimal_surface import FINE_CHANGE, first_disk
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
-from spinor_geom.errors import DomainError, SingularMatrixError, SpinorGeomError
+from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.plateau.found import FAILURES
@@ -108,8 +109,13 @@ def leave_unstable(
     `lower` finds a disk of less area than an unstable one, or none; `where` it looks is the end of a sentence.
     """
     left: list[float] = []
+    if is_out_of_time():
+        return replace(solution, reason=f"{solution.reason}; time was over before its stability was examined")
     while solution.stability.verdict == "unstable" and len(left) < _MOST_STARTS:
-        better = lower(solution)
+        try:
+            better = lower(solution)
+        except OutOfTimeError:
+            better, where = None, "within the time that was allowed"
         if better is None:
             break
         left.append(solution.area)
@@ -202,11 +208,11 @@ class _Search:
     def start(self, make_disk: Callable[[], Disk]) -> PlateauSolution | None:
         """The solution from a disk that is yet to be made, kept if it converged and is new; None if there is none."""
         self.starts += 1
-        if self.starts > _MOST_STARTS:
+        if self.starts > _MOST_STARTS or is_out_of_time():
             return None
         try:
             solution = self.solve(make_disk())
-        except FAILURES as error:
+        except (*FAILURES, OutOfTimeError) as error:
             self.errors.append(error)
             return None
         if not solution.converged:
@@ -269,6 +275,7 @@ class _Search:
             return tuple(sorted((entry.solution for entry in different), key=lambda solution: solution.area))
         if self.poor:
             return (min(self.poor, key=lambda solution: solution.boundary_residual.rms),)
+        require_time()
         raise self.errors[0]
 
 

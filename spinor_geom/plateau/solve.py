@@ -17,7 +17,7 @@ from spinor_geom import deadline
 from spinor_geom.adapters import Rim, to_rims
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import first_disks
-from spinor_geom.errors import ArgumentTypeError, OptionError, SpinorGeomError
+from spinor_geom.errors import ArgumentTypeError, OptionError, SpinorGeomError, require_positive
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.found import typed_failures
 from spinor_geom.plateau.harmonic_route import BATCH_NODES, FEWEST_NODES, HarmonicSolver
@@ -46,6 +46,7 @@ class _Rest(TypedDict, total=False):
     max_iterations: int
     unstable: Literal["leave", "keep"]
     between: Literal["auto", "smooth", "free"]
+    time_limit: float
     device: str | torch.device
     on_iteration: Callable[[Iteration], None] | None
 
@@ -77,6 +78,7 @@ def solve_plateau(
     unstable: Literal["leave", "keep"] = "leave",
     between: Literal["auto", "smooth", "free"] = "auto",
     all_solutions: bool = False,
+    time_limit: float = math.inf,
     device: str | torch.device = "cpu",
     on_iteration: Callable[[Iteration], None] | None = None,
 ) -> PlateauSolution | NoConnectedSurface | tuple[PlateauSolution, ...]:
@@ -124,6 +126,8 @@ def solve_plateau(
             with a model that is chosen by name it is "smooth".
         all_solutions: look for several disks over the loop, as Cauchy networks, or for annuli, as Laurent series,
             unstable ones too; see `find_disks`. It takes several times as long, and more may exist than are found.
+        time_limit: seconds after which the best surface so far is returned: `converged` and `reason` say what it lacks,
+            and with `all_solutions` others may be missing. A step that is under way is finished first.
         device: where the linear algebra runs; the surface is returned there.
         on_iteration: called after each step.
 
@@ -142,6 +146,7 @@ def solve_plateau(
         RepeatedPointError: two neighbouring points of the loop are equal.
         SingularMatrixError: the discrete disk over the loop is degenerate.
         SurfaceError: the annulus that was found is branched.
+        OutOfTimeError: no surface was found within the time limit.
 
     Source: Sun & Chern (2026) for the representation; Douglas, "Solution of the problem of Plateau" (1931).
     """
@@ -160,7 +165,8 @@ def solve_plateau(
         raise OptionError("a surface spans at least one loop, got an empty sequence")
     if all_solutions:
         _require_model_for_all(model, is_disk=len(rims) == 1)
-    with one_thread(), typed_failures():
+    require_positive("time_limit", time_limit, finite=False)
+    with one_thread(), typed_failures(), deadline.time_limit(time_limit):
         task = Task.of(rims, options, on_iteration)
         if all_solutions:
             return all_surfaces(task)
@@ -221,6 +227,7 @@ def solve_plateau_batch(
         between=between,
         device=usable_device(device),
     )
+    require_positive("time_limit", time_limit, finite=False)
     return _side_by_side(iter(loops), options, time_limit)
 
 
@@ -257,12 +264,13 @@ def _fit_together(answers: list[Planned | SpinorGeomError], seconds: float) -> N
         begin = time.perf_counter()
         disks = first_disks([task.pinned[0] for _, task, _ in rough])
         share = (time.perf_counter() - begin) / max(1, len(rough))
+        are_whole = not deadline.is_out_of_time()
     for (place, task, routes), fit in zip(smooth, fits, strict=True):
         answers[place] = replace(task, on_disk=fit), routes
     for (place, task, routes), disk in zip(rough, disks, strict=True):
         task.clock.add("first fill", share)
-        # one that there is none of says so where it is asked for
-        answers[place] = replace(task, start=disk if isinstance(disk, Disk) else None), routes
+        # where there is none, or its descent was cut short, the task makes its own
+        answers[place] = replace(task, start=disk if are_whole and isinstance(disk, Disk) else None), routes
 
 
 def _solved(task: Task, routes: tuple[Route, ...], seconds: float) -> PlateauSolution | SpinorGeomError:

@@ -13,6 +13,7 @@ from spinor_geom.deadline import is_out_of_time
 # Share of the distance from Γ at which a step with a new linearisation is the last one: what is gained slower is not
 # worth its cost.
 STALLED = 0.98
+SPENT = "the limit on steps or on time was reached"  # why a surface comes no nearer to Γ, as the end of a sentence
 
 Method = Literal["Newton", "Gauss-Newton", "Douglas-Newton", "distillation", "polishing", "RMSprop"]
 

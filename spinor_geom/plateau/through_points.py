@@ -15,6 +15,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
+from spinor_geom.deadline import require_time
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features, sign_changing
@@ -133,7 +134,7 @@ class Basis:
         ways: Sequence[tuple[Complex[np.ndarray, "_"], Complex[np.ndarray, "_"]]] = (),
         branches: Complex[Tensor, " b"] | None = None,
     ) -> Basis:
-        """The features on the rims of Ω."""
+        """The features on the rims of Ω; an OutOfTimeError where the time limit cuts it short."""
         outer = polygons[0]
         branches = outer[:0] if branches is None else branches
         positions = torch.as_tensor(np.concatenate([each.positions for each in poles]), device=outer.device)
@@ -149,7 +150,9 @@ class Basis:
         for number, polygon in enumerate(polygons):
             z = nodes_on_edges(polygon, nodes)
             sign = sign_changing(z, branches)
+            require_time()  # of thousands of points features and products take seconds each
             features = raw_features(z, hessenberg, positions, scales)
+            require_time()
             own = slice(*ends[number : number + 2])
             root = _norm_of_edge(nodes, outer.device).to(features) * shares(polygon).sqrt()[:, None, None]
             matrix = gram((root @ features[..., own]).flatten(0, 1))
@@ -286,9 +289,14 @@ def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
 def nearest_through(
     here: Passing, readout: Complex[Tensor, "k 2"], *, start: Complex[Tensor, "k 2"], allowed: float, steps: Steps
 ) -> Complex[Tensor, "k 2"]:
-    """Newton's method for the read-outs nearest to a start that meet all points, to half of the distance allowed."""
+    """Newton's method for the read-outs nearest to a start that meet all points, to half of the distance allowed.
+
+    Raises:
+        OutOfTimeError: the time limit cut it short.
+    """
     linear: PointEquations | None = None
-    while here.distance > allowed / 2 and not steps.are_spent:
+    while here.distance > allowed / 2 and steps.left:
+        require_time()
         fresh = linear is None
         if linear is None:
             linear = here.linearised()

@@ -29,7 +29,7 @@ from spinor_geom.domain.flattening import Flattening, flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.domain.quadrature import cumulative_matrix
 from spinor_geom.domain.triangulation import PlaneTriangulation
-from spinor_geom.errors import DomainError, SurfaceError
+from spinor_geom.errors import DomainError, OutOfTimeError, SurfaceError
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.poles import Poles, polygon_poles
 from spinor_geom.holomorphic.series import power_sums
@@ -65,11 +65,16 @@ def disk_through_points(request: Request, first: Disk | None = None) -> Found:
         spinors = lifted_spinors(disk.vertices, disk.faces, images, (len(points),), device)
     raw: Complex[Tensor, "k 2"] | None = None
     for nodes in (NODES, 2 * NODES):
-        with clock.stage("features"):
-            polygon = torch.as_tensor(flat.boundary, device=device)
-            basis = Basis.on([polygon], [polygon_poles(flat.boundary)], nodes=nodes)
-        with clock.stage("fit"):
-            raw = _fitted(basis, spinors, raw, request)
+        try:
+            with clock.stage("features"):
+                polygon = torch.as_tensor(flat.boundary, device=device)
+                basis = Basis.on([polygon], [polygon_poles(flat.boundary)], nodes=nodes)
+            with clock.stage("fit"):
+                raw = _fitted(basis, spinors, raw, request)
+        except OutOfTimeError:
+            if raw is None:
+                raise
+            break  # the surface by fewer nodes is there
         with clock.stage("surface"):
             surface = SpinorSurface(basis.network(raw), domain).to(device)
             (rim,) = surface.rim_primitives(2 * nodes)

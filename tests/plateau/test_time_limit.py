@@ -1,0 +1,151 @@
+"""Whenever time runs out: a typed error while there is no surface, and from then on surfaces that get no worse.
+
+The clock counts how often it is read, so that each place in which time can run out is tried on any machine.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from spinor_geom import BoundaryLoop, deadline, gallery, solve_plateau, solve_plateau_batch
+from spinor_geom.errors import OptionError, OutOfTimeError
+from spinor_geom.meshing.embed import mesh_patches
+from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
+    """Makes each look at the clock last a second, and tells how many there were."""
+    counter = itertools.count()
+    monkeypatch.setattr(deadline, "perf_counter", lambda: float(next(counter)))
+    return lambda: next(counter)
+
+
+def noisy(n: int, amount: float, seed: int = 0) -> BoundaryLoop:
+    t = 2 * np.pi * np.arange(n) / n
+    ring = np.column_stack([np.cos(t), np.sin(t), 0.3 * np.cos(2 * t)])
+    noise = amount * 2 * np.pi / n * np.random.default_rng(seed).normal(size=(n, 3))
+    return BoundaryLoop.from_points(ring + noise, corners=())
+
+
+def folded(n: int = 24) -> BoundaryLoop:
+    """Harmonics of one size: nodes crowd on the unit disk, and other routes follow."""
+    t = 2 * np.pi * np.arange(n) / n
+    rng = np.random.default_rng(5)
+    waves = sum(rng.normal(size=3) * np.cos(k * t[:, None] + rng.uniform(0, 2 * np.pi, 3)) / k for k in range(1, 5))
+    return BoundaryLoop.from_points(np.asarray(waves), corners=())
+
+
+def box(n: int, seed: int) -> BoundaryLoop:
+    return BoundaryLoop.from_points(np.random.default_rng(seed).uniform(-1, 1, (n, 3)))
+
+
+def rims(distance: float) -> list[BoundaryLoop]:
+    t = 2 * np.pi * np.arange(24) / 24
+    return [
+        BoundaryLoop.from_points(np.column_stack([np.cos(t), np.sin(t), 0.1 * np.cos(2 * t) + z]))
+        for z in (0.0, distance)
+    ]
+
+
+CASES = {
+    "smooth": (gallery.tennis_seam(0.8).sample(32), {}),
+    "unstable, and left": (gallery.enneper(1.3).rim(32), {}),
+    "crowded": (folded(), {}),
+    "crowded, free": (folded(), {"between": "free"}),
+    "noisy": (noisy(24, 0.2), {}),
+    "noisy, free": (noisy(60, 0.3), {"between": "free"}),
+    "a polygon": (box(7, 3), {}),
+    "a polygon, free": (box(12, 4), {"between": "free"}),
+    "corners": (BoundaryLoop.from_points(np.array([[0, 0, 0], [1, 0, 1], [1, 1, 0], [0, 1, 1.0]])), {}),
+    "between two": (rims(0.4), {}),
+    "between two, noisy": ([noisy(20, 0.1), BoundaryLoop.from_points(noisy(20, 0.1, 1).points + [0, 0, 0.4])], {}),
+}
+
+
+def cuts(looks: int) -> list[int]:
+    """All places, or of many some that are spread evenly and the last ones."""
+    return sorted({*np.linspace(1, looks, min(looks, 10)).astype(int).tolist(), *range(max(1, looks - 3), looks + 1)})
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_is_found_is_not_lost_when_time_is_over(name: str, clock: Callable[[], int]) -> None:
+    loop, options = CASES[name]
+    before = clock()
+    whole = solve_plateau(loop, **options)
+    looks = clock() - before
+    best = np.inf
+    for cut in cuts(looks):
+        try:
+            found = solve_plateau(loop, time_limit=cut, **options)
+        except OutOfTimeError:
+            assert best == np.inf, f"cut {cut} of {looks} loses what an earlier one found"
+            continue
+        assert isinstance(found, PlateauSolution)
+        assert found.converged or found.reason
+        residual = found.boundary_residual.rms_per_edge
+        # among those that meet the tolerance the one of less area is better, not the one that is nearer to Γ
+        assert residual <= max(best * (1 + 1e-9), found.tolerance), f"cut {cut} of {looks} is worse than one before"
+        best = min(best, residual)
+    last = solve_plateau(loop, time_limit=looks + 10, **options)
+    assert not isinstance(whole, NoConnectedSurface)
+    assert last.area == whole.area  # time that is enough changes no bit
+
+
+def test_bundles_keep_what_is_found_too(clock: Callable[[], int]) -> None:
+    loops = [gallery.tennis_seam(0.8).sample(32), noisy(24, 0.2), folded(), box(7, 3)]
+    before = clock()
+    whole = list(solve_plateau_batch(loops))
+    looks = clock() - before
+    found = [False] * len(loops)
+    for cut in np.linspace(1, looks, 16).astype(int).tolist():
+        for number, answer in enumerate(solve_plateau_batch(loops, time_limit=cut)):
+            assert isinstance(answer, PlateauSolution) or (isinstance(answer, OutOfTimeError) and not found[number])
+            found[number] |= isinstance(answer, PlateauSolution)
+    assert all(found)
+    assert all(isinstance(answer, PlateauSolution) for answer in whole)
+
+
+def test_all_solutions_are_those_that_were_found_in_time(clock: Callable[[], int]) -> None:
+    loop = gallery.enneper(1.3).rim(32)
+    before = clock()
+    whole = solve_plateau(loop, all_solutions=True)
+    looks = clock() - before
+    most = 0
+    for cut in np.linspace(1, looks + 5, 12).astype(int).tolist():
+        try:
+            found = solve_plateau(loop, all_solutions=True, time_limit=cut)
+        except OutOfTimeError:
+            assert not most
+            continue
+        assert len(found) >= most
+        most = len(found)
+    assert most == len(whole) > 1
+
+
+def test_a_verdict_that_time_cut_short_is_not_kept() -> None:
+    (first, second) = rims(0.4)
+    solution = solve_plateau([first, second])
+    with deadline.time_limit(-1.0), pytest.raises(OutOfTimeError):
+        _ = solution.is_area_minimum
+    assert solution.is_area_minimum
+
+
+def test_meshes_are_made_within_the_limit() -> None:
+    solution = solve_plateau(gallery.tennis_seam(0.8).sample(32))
+    with deadline.time_limit(-1.0):
+        (patch,) = mesh_patches([solution], 0.01)
+    assert isinstance(patch, OutOfTimeError)
+
+
+@pytest.mark.parametrize("seconds", [0, -1.0, float("nan")])
+def test_a_limit_is_positive(seconds: float) -> None:
+    loop = gallery.tennis_seam(0.8).sample(32)
+    with pytest.raises(OptionError, match="time_limit"):
+        solve_plateau(loop, time_limit=seconds)
+    with pytest.raises(OptionError, match="time_limit"):
+        solve_plateau_batch([loop], time_limit=seconds)
