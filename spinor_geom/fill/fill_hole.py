@@ -117,8 +117,8 @@ def fill_hole(
         tolerance: root mean square distance between a patch's boundary and the curve through its loop, per mean edge
             of the loop; a fill that misses it is kept and reported as not converged, and so is one that misses a part
             of the loop by more than a hundred times as many of the edges there.
-        time_limit: seconds in which each loop's exact surface has to be found, then its mesh made, its discrete surface if
-            there is no exact one, and its continuation.
+        time_limit: seconds in which each loop's exact surface has to be found, then its mesh made, its discrete surface
+            where there is no exact one, and its continuation.
         return_report: also returns a `FillResult`.
         on_loop: is called after each requested loop with its outcome and the number of requested loops.
         on_stage: is called before each stage of a loop with its place and what comes: "exact surface" (of small loops

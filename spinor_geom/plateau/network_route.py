@@ -228,7 +228,7 @@ class NetworkSolver:
         """
         more = before.stage.room / now.stage.room
         order = math.log(before.misfit.rms / now.misfit.rms) / math.log(more) if more > 1 else 0.0
-        return self.request.excess(now.misfit) <= now.stage.room**order
+        return bool(self.request.excess(now.misfit) <= now.stage.room**order)
 
     def _with_right_moduli(
         self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]

@@ -76,9 +76,9 @@ def stationary(
     from the beginning, by a share that falls: many rough places that each want another step do not hold each other up.
 
     Each of b stops at the gradient that is tolerated, after most steps, or at a fall of the least energy over several
-    steps that is negligible; those that a time limit cuts short are left out. Starts that are near to solutions take plain Newton steps at once; where saddles are
-    sought as well no others, while each halves the gradient at least. `on_step`, one for each or none, is called with
-    the size of the gradient at the start of a step.
+    steps that is negligible; those that a time limit cuts short are left out. Starts that are near to solutions take
+    plain Newton steps at once; where saddles are sought as well no others, while each halves the gradient at least.
+    `on_step`, one for each or none, is called with the size of the gradient at the start of a step.
 
     Source: Grippo, Lampariello & Lucidi, "A nonmonotone line search technique for Newton's method", SIAM J. Numer.
     Anal. 23 (1986).

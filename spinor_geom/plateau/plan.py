@@ -34,7 +34,7 @@ from spinor_geom.plateau.roughness import (
 )
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution, RimDisks
 from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable, lower_beside
-from spinor_geom.plateau.steps import Clock
+from spinor_geom.plateau.steps import SPENT, Clock
 from spinor_geom.plateau.vertex_route import disk_through_points
 
 # A loop longer than so many times its width crowds on the disk: at 2.4 it is met to 1e-8 edges, at 4 no more.
@@ -226,7 +226,7 @@ def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
     if best is None:
         require_time()
         raise error or FirstFillError("no route to a minimal surface was tried")
-    return best
+    return replace(best, limit=SPENT) if is_out_of_time() and task.excess(best.misfit) > 1 else best
 
 
 def minimal_disk(task: Task, routes: tuple[Route, ...]) -> PlateauSolution:

@@ -172,7 +172,10 @@ def find_disks(rim: Rim, solve: Solve) -> tuple[PlateauSolution, ...]:
     for pair in search.open_pairs():
         search.start(partial(search.ridge, *pair))
         search.leave_all()
-    return search.result()
+    found = search.result()
+    if not is_out_of_time():
+        return found
+    return tuple(replace(one, reason=f"{one.reason}; time was over before all starts were tried") for one in found)
 
 
 @dataclass(kw_only=True, eq=False)

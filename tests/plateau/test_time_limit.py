@@ -25,9 +25,9 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     return lambda: next(counter)
 
 
-def noisy(n: int, amount: float, seed: int = 0) -> BoundaryLoop:
+def noisy(n: int, amount: float, *, seed: int = 0, height: float = 0.0) -> BoundaryLoop:
     t = 2 * np.pi * np.arange(n) / n
-    ring = np.column_stack([np.cos(t), np.sin(t), 0.3 * np.cos(2 * t)])
+    ring = np.column_stack([np.cos(t), np.sin(t), height + 0.3 * np.cos(2 * t)])
     noise = amount * 2 * np.pi / n * np.random.default_rng(seed).normal(size=(n, 3))
     return BoundaryLoop.from_points(ring + noise, corners=())
 
@@ -63,7 +63,7 @@ CASES = {
     "a polygon, free": (box(12, 4), {"between": "free"}),
     "corners": (BoundaryLoop.from_points(np.array([[0, 0, 0], [1, 0, 1], [1, 1, 0], [0, 1, 1.0]])), {}),
     "between two": (rims(0.4), {}),
-    "between two, noisy": ([noisy(20, 0.1), BoundaryLoop.from_points(noisy(20, 0.1, 1).points + [0, 0, 0.4])], {}),
+    "between two, noisy": ([noisy(20, 0.1), noisy(20, 0.1, seed=1, height=0.4)], {}),
 }
 
 
@@ -86,7 +86,7 @@ def test_what_is_found_is_not_lost_when_time_is_over(name: str, clock: Callable[
             assert best == np.inf, f"cut {cut} of {looks} loses what an earlier one found"
             continue
         assert isinstance(found, PlateauSolution)
-        assert found.converged or found.reason
+        assert found.converged or "time was reached" in found.reason or not whole.converged
         residual = found.boundary_residual.rms_per_edge
         # among those that meet the tolerance the one of less area is better, not the one that is nearer to Γ
         assert residual <= max(best * (1 + 1e-9), found.tolerance), f"cut {cut} of {looks} is worse than one before"
