@@ -1,0 +1,86 @@
+"""No loop takes far more work than others of its size: what costs too much is left for the next route."""
+
+from __future__ import annotations
+
+import contextlib
+
+import numpy as np
+import pytest
+
+from spinor_geom import BoundaryLoop, solve_plateau
+from spinor_geom.errors import SpinorGeomError
+from spinor_geom.plateau import network_route
+from spinor_geom.plateau.dirichlet import DirichletForm
+from spinor_geom.plateau.solution import PlateauSolution
+
+
+def waist(n: int, width: float) -> BoundaryLoop:
+    """A smooth loop that nearly touches itself."""
+    t = 2 * np.pi * np.arange(n) / n
+    lobes = np.column_stack([np.cos(t), np.sin(t) * (width + np.cos(t) ** 2), 0.2 * np.sin(2 * t)])
+    return BoundaryLoop.from_points(lobes, corners=())
+
+
+def star(n: int, seed: int) -> BoundaryLoop:
+    """Spikes of random lengths and heights."""
+    rng = np.random.default_rng(seed)
+    t = 2 * np.pi * np.arange(n) / n
+    radius, height = rng.uniform(0.4, 1.6, n), 0.3 * rng.normal(size=n)
+    return BoundaryLoop.from_points(np.column_stack([radius * np.cos(t), radius * np.sin(t), height]))
+
+
+@pytest.mark.parametrize("width", [0.1, 0.03, 0.01, 0.003])
+@pytest.mark.parametrize("between", ["smooth", "free"])
+def test_domains_have_at_most_16_steps_a_point(width: float, between: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    loop, steps = waist(36, width), [0]
+    make = DirichletForm.of.__func__
+    monkeypatch.setattr(
+        DirichletForm,
+        "of",
+        classmethod(lambda cls, boundary, n, device: steps.append(n) or make(cls, boundary, n, device)),
+    )
+    solution = solve_plateau(loop, between=between)
+    assert max(steps) <= 1024  # as few do for any loop
+    if between == "free":
+        assert solution.converged
+
+
+def test_narrow_loops_go_through_their_points_at_once() -> None:
+    solution = solve_plateau(waist(28, 0.01), between="free")
+    assert solution.route == "vertices"
+    assert solution.converged
+    assert len(solution.history) < 20
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_networks_that_cannot_meet_the_tolerance_do_not_grow_on(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The work of a linearisation is the number of features cubed; as many as there may be take seconds."""
+    fit, work = network_route.gauss_newton, []
+
+    def counted(problem, readout, slide, **options):
+        before = options["steps"].left
+        found = fit(problem, readout, slide, **options)
+        work.append(len(readout) ** 3 * (before - options["steps"].left))
+        return found
+
+    monkeypatch.setattr(network_route, "gauss_newton", counted)
+    solution = solve_plateau(star(40, seed))
+    assert not solution.converged
+    assert sum(work) < 3 * 420**3  # three steps with all features
+
+
+@pytest.mark.parametrize("n", range(4, 9))
+def test_small_random_polygons_raise_nothing_raw(n: int) -> None:
+    for seed in range(3):
+        loop = BoundaryLoop.from_points(np.random.default_rng(seed).uniform(-1, 1, (n, 3)))
+        with contextlib.suppress(SpinorGeomError):
+            assert isinstance(solve_plateau(loop, max_iterations=60), PlateauSolution)
+
+
+def test_an_unstable_disk_without_inner_points_stays() -> None:
+    """Its mesh of eight points has nothing that could move along an eigenvector."""
+    rng = np.random.default_rng(1019)
+    rng.uniform()
+    loop = BoundaryLoop.from_points(rng.uniform(-1, 1, (8, 3)))
+    solution = solve_plateau(loop)
+    assert "unstable" in solution.reason or solution.stability.verdict != "unstable"
