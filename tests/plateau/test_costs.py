@@ -6,11 +6,15 @@ import contextlib
 
 import numpy as np
 import pytest
+import torch
 
 from spinor_geom import BoundaryLoop, solve_plateau
-from spinor_geom.errors import SpinorGeomError
+from spinor_geom.domain.plane_domain import FourierBoundary
+from spinor_geom.errors import DomainError, SpinorGeomError
 from spinor_geom.plateau import network_route
-from spinor_geom.plateau.dirichlet import DirichletForm
+from spinor_geom.plateau.omega import resolved_form
+from spinor_geom.plateau.options import Options
+from spinor_geom.plateau.plan import Task
 from spinor_geom.plateau.solution import PlateauSolution
 
 
@@ -29,20 +33,16 @@ def star(n: int, seed: int) -> BoundaryLoop:
     return BoundaryLoop.from_points(np.column_stack([radius * np.cos(t), radius * np.sin(t), height]))
 
 
-@pytest.mark.parametrize("width", [0.1, 0.03, 0.01, 0.003])
-@pytest.mark.parametrize("between", ["smooth", "free"])
-def test_domains_have_at_most_16_steps_a_point(width: float, between: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    loop, steps = waist(36, width), [0]
-    make = DirichletForm.of.__func__
-    monkeypatch.setattr(
-        DirichletForm,
-        "of",
-        classmethod(lambda cls, boundary, n, device: steps.append(n) or make(cls, boundary, n, device)),
-    )
-    solution = solve_plateau(loop, between=between)
-    assert max(steps) <= 1024  # as few do for any loop
-    if between == "free":
-        assert solution.converged
+@pytest.mark.parametrize("n", [28, 100, 400])
+def test_slides_and_domains_have_at_most_16_nodes_a_point(n: int) -> None:
+    # short loops have as many as are quick for any
+    assert Task.of([waist(n, 0.03)], Options()).harmonic.most_nodes <= max(1024, 1.01 * 16 * n)
+
+
+def test_narrow_domains_are_left_to_other_routes_before_they_are_made() -> None:
+    circle = FourierBoundary.circle(1.0, 28)
+    with pytest.raises(DomainError, match="asks for 2688 steps around it, at most 1024"):
+        resolved_form(circle, 2688, torch.device("cpu"), most=1024)
 
 
 def test_narrow_loops_go_through_their_points_at_once() -> None:
