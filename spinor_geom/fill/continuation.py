@@ -8,6 +8,7 @@ patch, a rough one's does not.
 Source: Schneider & Kobbelt (2001), Geometric fairing of irregular meshes for free-form surface design, for ΔH = 0.
 """
 
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, TypeAlias
@@ -20,14 +21,25 @@ from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import unique_edges
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
 from spinor_geom.fill.surroundings import Surroundings
-from spinor_geom.mesh.operators import Bending, crossing_angles, factor_symmetric, mollified_laplacian, vertex_angles
+from spinor_geom.mesh.operators import (
+    Bending,
+    crossing_angles,
+    factor_symmetric,
+    internal_angles,
+    mollified_laplacian,
+    vertex_angles,
+)
 from spinor_geom.mesh.topology import HalfEdges
-from spinor_geom.meshing.embed import Patch, over_domain_of_angles, remesh
+from spinor_geom.meshing.embed import Patch, over_domain_of_angles, over_own_domain, remesh
 
 # Newton's method starts after so many linear solves at most; a dome that is not found after few is not after many.
 _STARTS, _MOST_STEPS = 3, 40
 _MOST_STRETCHED = 2.0  # edges that are longer by more leave triangles that are too coarse for the bulge
-_AT_REST = 3e-3  # at rest: the next step is shorter than this share of an edge, as a mean
+_AT_REST = 0.01  # at rest: the next step moves no vertex by more than this share of an edge
+_SMALLEST_ANGLE = 10.0  # degrees: a patch with thinner triangles inside is meshed anew
+_MOST_BENT = 3.0  # a patch that bends by so many times as much as the mesh around it is a ripple or a fold
+_LEAST_BEND = 5.0  # degrees: what a nearly plane mesh counts as bending
+MOST_AREA = 2.0  # times the film's: half a sphere over its disk; a larger patch is reported
 _QUICK = 0.5  # a factor serves on while each step is so much shorter than the one before
 _SHORTEST = 0.05  # where no longer share of a step brings the next one down, the linear problem is no guide
 
@@ -38,6 +50,7 @@ _CONSTANT = 1e-3  # share of the rings' mean curvature, and of one edge's, that 
 _LONGEST = 100.0  # edges over which the curvature of the smoothest mesh changes
 
 Start: TypeAlias = Literal["minimal", "discrete", "strip"]
+Order: TypeAlias = Literal["curvature", "thin plate"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,9 +73,14 @@ class Continuation:
         started_from: what the patch was before: a minimal surface, a discrete one, or straight lines between two rims.
         before: its bend across the rim then.
         after: its bend across the rim now.
+        order: what it is: "curvature" minimizes ∫H² + ℓ²|∇H|², "thin plate" the integral of |Δx|² over the film.
+        lowered: why it is a thin plate; empty where it is not.
         steps: Newton's steps.
         remeshed: whether it was meshed anew because its triangles were stretched.
-        converged: whether it is at rest.
+        converged: whether it is at rest: the next step would move no vertex by more than 0.01 of an edge.
+        next_step: the largest displacement of a vertex in the next step, in mean edges of the patch.
+        area_ratio: its area by that of the surface it started from.
+        smallest_angle: of its triangles without rim vertices, in degrees; None where it has none.
         correlation_length: ℓ, over which the mean curvature of the mesh around changes, in mesh units.
         roughness: share of the variance of that curvature between neighbours: 0 on a smooth mesh, 1 and more in noise,
             none of which goes on.
@@ -72,9 +90,14 @@ class Continuation:
     started_from: Start
     before: Bend
     after: Bend
+    order: Order
+    lowered: str
     steps: int
     remeshed: bool
     converged: bool
+    next_step: float
+    area_ratio: float
+    smallest_angle: float | None
     correlation_length: float
     roughness: float
     creased: int
@@ -82,7 +105,21 @@ class Continuation:
     @property
     def reason(self) -> str:
         """Why it is not at rest; empty where it is."""
-        return "" if self.converged else f"Newton's method did not come to rest in {self.steps} steps"
+        if self.converged:
+            return ""
+        return f"after {self.steps} steps the next would still move a vertex by {self.next_step:.2g} of an edge"
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the caller should know of its order, area and triangles, a sentence each."""
+        found = []
+        if self.lowered:
+            found.append(f"the patch is a thin plate, as the continuation of the mean curvature {self.lowered}")
+        if self.area_ratio > MOST_AREA:
+            found.append(f"the patch has {self.area_ratio:.2g} times the area of the surface it started from")
+        if self.smallest_angle is not None and self.smallest_angle < _SMALLEST_ANGLE:
+            found.append(f"the smallest angle of the patch's inner triangles is {self.smallest_angle:.2g}°")
+        return tuple(found)
 
     def to_dict(self) -> dict[str, Any]:
         """The figures in JSON's types."""
@@ -187,15 +224,54 @@ class Moved:
 
     patch: Patch
     steps: int
-    converged: bool
+    next_step: float  # largest displacement of a vertex, in mean edges
     stretch: float
     remeshed: bool = False
+    order: Order = "curvature"
+    lowered: str = ""
+
+    @property
+    def converged(self) -> bool:
+        """Whether the next step moves no vertex by more than a hundredth of an edge."""
+        return self.next_step <= _AT_REST
+
+    @cached_property
+    def _angles(self) -> tuple[HalfEdges, Float[np.ndarray, " h"]]:
+        half_edges = HalfEdges.of(np.asarray(self.patch.faces))
+        return half_edges, crossing_angles(half_edges, self.patch.vertices)
 
     @cached_property
     def folds(self) -> int:
         """Half-edges across which the patch's normal turns by more than a right angle."""
-        angles = crossing_angles(HalfEdges.of(np.asarray(self.patch.faces)), self.patch.vertices)
-        return int((angles > np.pi / 2).sum())
+        return int((self._angles[1] > np.pi / 2).sum())
+
+    @cached_property
+    def smallest_angle(self) -> float | None:
+        """Of the triangles without rim vertices, in degrees; None where it has none."""
+        faces = np.asarray(self.patch.faces)
+        inner = faces[(faces >= self.patch.boundary_size).all(axis=1)]
+        return float(np.degrees(internal_angles(self.patch.vertices, inner).min())) if len(inner) else None
+
+    @property
+    def is_thin(self) -> bool:
+        """Whether it has inner triangles with too small an angle."""
+        return self.smallest_angle is not None and self.smallest_angle < _SMALLEST_ANGLE
+
+    def defect(self, collar: Collar) -> str:
+        """Why a patch of lower order is better; empty where none is."""
+        if not self.converged:
+            return f"did not come to rest: the next step would move a vertex by {self.next_step:.2g} of an edge"
+        if self.folds:
+            return "is folded"
+        half_edges, angles = self._angles
+        m = self.patch.boundary_size
+        inside = angles[(half_edges.origin >= m) & (half_edges.target >= m)]
+        around = HalfEdges.of(collar.faces)
+        beside = crossing_angles(around, collar.vertices)[around.twin >= 0]
+        bend, usual = (float(np.degrees(np.sqrt(np.mean(a**2)))) if len(a) else 0.0 for a in (inside, beside))
+        if bend > _MOST_BENT * max(usual, _LEAST_BEND):
+            return f"bends by {bend:.2g}° (RMS) between its triangles, and the mesh around it by {usual:.2g}°"
+        return ""
 
 
 def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal: bool) -> Moved:
@@ -203,8 +279,10 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
 
     Where it does not come to rest or is folded, a patch over one loop starts again, over a domain that has the angles
     which the mesh leaves at the loop: those of a minimal surface are others where it turns back over the mesh. A patch
-    whose edges have become more than twice as long is meshed anew for edges of the target length and goes on, once its
-    domain has its shape (`is_conformal`). A SingularMatrixError tells that its triangles are degenerate.
+    whose edges have become more than twice as long, or that has inner angles below 10°, is meshed anew for edges of the
+    target length and goes on. Where the result is still not at rest, is folded, or bends far more than the mesh around
+    it, it is replaced by the thin plate, if that has no such defect. A SingularMatrixError tells that its triangles are
+    degenerate.
     """
     moved = _at_rest(patch, collar)
     is_poor = moved.folds or not moved.converged or (moved.stretch > _MOST_STRETCHED and not is_conformal)
@@ -212,15 +290,52 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
         again = _at_rest_over_angles(patch, collar, target)
         if again is not None and (again.folds, not again.converged) <= (moved.folds, not moved.converged):
             moved, is_conformal = replace(again, steps=moved.steps + again.steps, remeshed=True), True
-    if moved.stretch > _MOST_STRETCHED and is_conformal and not is_out_of_time():
-        try:
-            finer = remesh(moved.patch, target)
-        except OutOfTimeError:
-            return moved
-        if len(finer.vertices) > finer.boundary_size:
-            again = _at_rest(finer, collar)
-            moved = replace(again, steps=moved.steps + again.steps, remeshed=True)
+    moved = _meshed_anew(moved, collar, target, is_conformal=is_conformal)
+    defect = moved.defect(collar)
+    if defect and not is_out_of_time():
+        plate = replace(_thin_plate(patch, collar), lowered=defect)
+        if plate.is_thin:
+            plate = _meshed_anew(plate, collar, target, is_conformal=is_conformal)
+        if not plate.defect(collar):
+            return replace(plate, steps=moved.steps)
     return moved
+
+
+def _meshed_anew(moved: Moved, collar: Collar, target: float, *, is_conformal: bool) -> Moved:
+    """The patch with triangles of its present shape, again moved; itself where these are good, or no others better."""
+    if not (moved.stretch > _MOST_STRETCHED or moved.is_thin) or is_out_of_time():
+        return moved
+    domains = [moved.patch] if is_conformal else []
+    if not moved.patch.hole_sizes:
+        with suppress(DomainError, SingularMatrixError):
+            domains.insert(0, over_own_domain(moved.patch))
+    best = moved
+    for domain in domains:
+        finer = remesh(domain, target)
+        if len(finer.vertices) == finer.boundary_size:
+            continue
+        if moved.order == "thin plate":
+            again = replace(_thin_plate(finer, collar), lowered=moved.lowered)
+        else:
+            again = _at_rest(finer, collar)
+        again = replace(again, steps=best.steps + again.steps, remeshed=True)
+        if _rank(again) <= _rank(best):
+            best = again
+        if best is again and not best.is_thin:
+            break
+    return best
+
+
+def _rank(moved: Moved) -> tuple[bool, bool, bool]:
+    return bool(moved.folds), not moved.converged, moved.is_thin
+
+
+def _thin_plate(patch: Patch, collar: Collar) -> Moved:
+    """Where ∫|Δx|² is least, Δ being that of the patch: a linear problem."""
+    m = collar.boundary_size
+    problem = _Problem(np.asarray(patch.faces), collar, len(patch.vertices))
+    x = problem.smoothed(np.concatenate([patch.vertices[m:], collar.vertices]))
+    return replace(_moved(patch, x[: problem.free], 0, 0.0), order="thin plate")
 
 
 def _at_rest_over_angles(patch: Patch, collar: Collar, target: float) -> Moved | None:
@@ -236,18 +351,26 @@ def _at_rest_over_angles(patch: Patch, collar: Collar, target: float) -> Moved |
 def _at_rest(patch: Patch, collar: Collar) -> Moved:
     m, steps = collar.boundary_size, 0
     problem = _Problem(np.asarray(patch.faces), collar, len(patch.vertices))
-    near = np.concatenate([patch.vertices[m:], collar.vertices])
-    for _ in range(_STARTS):
-        near = problem.smoothed(near)
-        x, more, converged = problem.rest(near)
+    start = near = np.concatenate([patch.vertices[m:], collar.vertices])
+    best, least = near, np.inf
+    for attempt in range(_STARTS + 1):
+        # last from the patch itself: one meshed anew lies nearer than its linear problem leads
+        near = problem.smoothed(near) if attempt < _STARTS else start
+        x, more, left = problem.rest(near)
         steps += more
-        if converged or is_out_of_time():
+        if left < least:
+            best, least = x, left
+        if least <= _AT_REST or is_out_of_time():
             break
-    vertices = np.concatenate([patch.vertices[:m], x[: problem.free]])
+    return _moved(patch, best[: problem.free], steps, least)
+
+
+def _moved(patch: Patch, inner: Float[np.ndarray, "k 3"], steps: int, next_step: float) -> Moved:
+    vertices = np.concatenate([patch.vertices[: patch.boundary_size], inner])
     edges = unique_edges(np.asarray(patch.faces), len(vertices))
     before, after = (np.linalg.norm(v[edges[:, 0]] - v[edges[:, 1]], axis=1) for v in (patch.vertices, vertices))
     stretch = float((after / np.maximum(before, np.finfo(np.float64).tiny)).max())
-    return Moved(patch=replace(patch, vertices=vertices), steps=steps, converged=converged, stretch=stretch)
+    return Moved(patch=replace(patch, vertices=vertices), steps=steps, next_step=next_step, stretch=stretch)
 
 
 class _Problem:
@@ -273,17 +396,20 @@ class _Problem:
         moved = factor_symmetric(bilaplacian[:, :n]).solve(-(bilaplacian[:, n:] @ x[n:]))
         return np.concatenate([moved, x[n:]])
 
-    def rest(self, x: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "v 3"], int, bool]:
-        """Newton's steps until the next is too short to matter: where they end, their number, whether it rests."""
+    def rest(self, x: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "v 3"], int, float]:
+        """Newton's steps until the next is too short to matter: where they end, their number, the next one's length.
+
+        That is the largest displacement of a vertex, in mean edges.
+        """
         n, steps, share = self.free, 0, 1.0
         bending = Bending.of(x, self._faces)
         edge = float(np.sqrt(bending.areas[:n].mean()))
         factor = factor_symmetric(self._stiffness(x, bending))
         step = -factor.solve(self._imbalance(x, bending))
         length = float(np.sqrt(np.mean(step**2)))
-        while length > _AT_REST * edge:
+        while np.abs(step).max() > _AT_REST * edge:
             if steps == _MOST_STEPS or share < _SHORTEST or is_out_of_time():
-                return x, steps, False
+                break
             moved = x.copy()
             moved[:n] += share * step[:, None] * bending.normals[:n]
             there = Bending.of(moved, self._faces)
@@ -298,9 +424,11 @@ class _Problem:
                 following = -factor.solve(self._imbalance(moved, there))
                 following_length = float(np.sqrt(np.mean(following**2)))
             x, bending, step, length, share = moved, there, following, following_length, 1.0
-        x = x.copy()
-        x[:n] += step[:, None] * bending.normals[:n]
-        return x, steps, True
+        left = float(np.abs(step).max() / edge)
+        if left <= _AT_REST:
+            x = x.copy()
+            x[:n] += step[:, None] * bending.normals[:n]
+        return x, steps, left
 
     def _slope(self, bending: Bending) -> csc_array:
         """L/A from the inside vertices that bend to the free ones."""

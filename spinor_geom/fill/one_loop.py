@@ -28,7 +28,7 @@ from spinor_geom.errors import (
     require_positive,
 )
 from spinor_geom.fill.attributes import patch_attributes
-from spinor_geom.fill.continuation import Continuation, Start, bend_across, collar_of, continue_patch
+from spinor_geom.fill.continuation import MOST_AREA, Continuation, Start, bend_across, collar_of, continue_patch
 from spinor_geom.fill.discrete_patch import discrete_patch, refuse_empty
 from spinor_geom.fill.options import CONTINUITY, Continuity
 from spinor_geom.fill.result import LoopOutcome
@@ -301,21 +301,30 @@ def continued(first: MadePatch, target: float, surroundings: Surroundings) -> Ma
     except (SingularMatrixError, TooManyPointsError) as error:
         return _staying(first, str(error))
     before, after = bend_across(collar, first.patch), bend_across(collar, moved.patch)
-    if not moved.converged and after.rms >= before.rms:
+    ratio = moved.patch.area / first.patch.area
+    if not moved.converged and (after.rms >= before.rms or ratio > MOST_AREA):
         steps = f"{moved.steps} steps left a bend of {after.rms:.3g}° (RMS)"
-        return _staying(first, f"{steps} across the rim, where it has {before.rms:.3g}°")
+        return _staying(
+            first, f"{steps} across the rim, where it has {before.rms:.3g}°, and {ratio:.2g} times its area"
+        )
     continuation = Continuation(
         started_from=first.start,
         before=before,
         after=after,
+        order=moved.order,
+        lowered=moved.lowered,
         steps=moved.steps,
         remeshed=moved.remeshed,
         converged=moved.converged,
+        next_step=moved.next_step,
+        area_ratio=ratio,
+        smallest_angle=moved.smallest_angle,
         correlation_length=collar.length,
         roughness=collar.roughness,
         creased=collar.creased,
     )
     smooth = replace(first, patch=moved.patch, reason=continuation.reason, continuation=continuation)
+    smooth = replace(smooth, remarks=continuation.remarks)
     smooth = smooth.joinable(surroundings)
     crossings = surroundings.crossings(smooth.patch)
     if len(crossings) > len(first.crossings):

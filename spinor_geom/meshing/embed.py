@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -13,14 +13,20 @@ from jaxtyping import Complex, Float, Int
 
 from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, relaxed_surface
-from spinor_geom.domain.delaunay import Rims, flat_coordinates, plane_coordinates
+from spinor_geom.domain.delaunay import Rims, cross, flat_coordinates, plane_coordinates
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.triangulation import PlaneTriangulation, one_by_one_on_error
 from spinor_geom.errors import DomainError, OptionError, SpinorGeomError, SurfaceError, require_positive, require_type
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
+from spinor_geom.mesh.operators import (
+    cotangent_laplacian,
+    face_areas,
+    intrinsic_laplacian,
+    mollified_edge_lengths,
+    vertex_angles,
+)
 from spinor_geom.meshing.triangulate import Piece, piece_of, triangulate_pieces
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.threads import one_thread
@@ -227,13 +233,37 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
     Source: Sawhney & Crane (2018), Boundary First Flattening, ACM TOG 37, for domains of given angles.
     """
     m, rim = patch.boundary_size, patch.vertices[: patch.boundary_size]
+    boundary = _boundary_of_angles(patch, angles)
+    piece = Piece(rims=[boundary], samples=boundary, factor=np.ones(m), target=target, area=patch.area)
+    (plan,) = triangulate_pieces([piece])
+    vertices = harmonic_extension(cotangent_laplacian(plane_coordinates(plan.points), plan.faces), rim)
+    return Patch.over(plan, vertices)
+
+
+def over_own_domain(patch: Patch) -> Patch:
+    """The same mesh of one loop over a domain of its present shape, whatever it had before.
+
+    The domain has the loop's edge lengths and the patch's angles, as in `over_domain_of_angles`; the inner vertices lie
+    there by the harmonic map, with positive weights. A DomainError says that no simple domain was found or that the
+    map folds triangles over, a SingularMatrixError that the patch's triangles are degenerate.
+    """
+    faces = np.asarray(patch.faces)
+    boundary = _boundary_of_angles(patch, vertex_angles(patch.vertices, faces)[: patch.boundary_size])
+    lengths, delaunay = igl.intrinsic_delaunay_triangulation(mollified_edge_lengths(patch.vertices, faces), faces)[:2]
+    points = harmonic_extension(intrinsic_laplacian(lengths, delaunay), plane_coordinates(boundary)) @ [1.0, 1.0j]
+    a, b, c = points[faces].T
+    if not (cross(b - a, c - a) > 0).all():
+        raise DomainError("the harmonic map of the patch folds triangles over")
+    return replace(patch, points=points)
+
+
+def _boundary_of_angles(patch: Patch, angles: Float[np.ndarray, " m"]) -> Complex[np.ndarray, " m"]:
+    """A simple polygon with the edge lengths of a patch's loop and given angles, as nearly as it closes."""
+    m = patch.boundary_size
+    rim = patch.vertices[:m]
     edge = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1)
     share = (edge + np.roll(edge, 1)) / (2 * edge.sum())
     turning = np.pi - angles
     turning += (2 * np.pi - turning.sum()) * share
     neumann, _ = dirichlet_to_neumann(patch.vertices, np.asarray(patch.faces), m)
-    boundary = flatten_boundary(edge, turning, neumann).boundary
-    piece = Piece(rims=[boundary], samples=boundary, factor=np.ones(m), target=target, area=patch.area)
-    (plan,) = triangulate_pieces([piece])
-    vertices = harmonic_extension(cotangent_laplacian(plane_coordinates(plan.points), plan.faces), rim)
-    return Patch.over(plan, vertices)
+    return flatten_boundary(edge, turning, neumann).boundary
