@@ -36,7 +36,8 @@ from spinor_geom.meshing.embed import Patch, over_domain_of_angles, over_own_dom
 _STARTS, _MOST_STEPS = 3, 40
 _MOST_STRETCHED = 2.0  # edges that are longer by more leave triangles that are too coarse for the bulge
 _AT_REST = 0.01  # at rest: the next step moves no vertex by more than this share of an edge
-_SMALLEST_ANGLE = 10.0  # degrees: a patch with thinner triangles inside is meshed anew
+_ROUNDS = 4  # of new meshes: what is not at rest after so many is not after more
+_SMALLEST_ANGLE = 10.0  # degrees: a patch with thinner triangles is meshed anew
 _MOST_BENT = 3.0  # a patch that bends by so many times as much as the mesh around it is a ripple or a fold
 _LEAST_BEND = 5.0  # degrees: what a nearly plane mesh counts as bending
 MOST_AREA = 2.0  # times the film's: half a sphere over its disk; a larger patch is reported
@@ -81,6 +82,7 @@ class Continuation:
         next_step: the largest displacement of a vertex in the next step, in mean edges of the patch.
         area_ratio: its area by that of the surface it started from.
         smallest_angle: of its triangles without rim vertices, in degrees; None where it has none.
+        smallest_rim_angle: of all its triangles; those at the rim have the rim's edges and, at two of them, its angle.
         correlation_length: ℓ, over which the mean curvature of the mesh around changes, in mesh units.
         roughness: share of the variance of that curvature between neighbours: 0 on a smooth mesh, 1 and more in noise,
             none of which goes on.
@@ -98,6 +100,7 @@ class Continuation:
     next_step: float
     area_ratio: float
     smallest_angle: float | None
+    smallest_rim_angle: float
     correlation_length: float
     roughness: float
     creased: int
@@ -246,16 +249,17 @@ class Moved:
         return int((self._angles[1] > np.pi / 2).sum())
 
     @cached_property
-    def smallest_angle(self) -> float | None:
-        """Of the triangles without rim vertices, in degrees; None where it has none."""
+    def smallest_angles(self) -> tuple[float | None, float]:
+        """Of the triangles without rim vertices, None where there are none, and of all, in degrees."""
         faces = np.asarray(self.patch.faces)
-        inner = faces[(faces >= self.patch.boundary_size).all(axis=1)]
-        return float(np.degrees(internal_angles(self.patch.vertices, inner).min())) if len(inner) else None
+        angles = np.degrees(internal_angles(self.patch.vertices, faces).min(axis=1))
+        inner = angles[(faces >= self.patch.boundary_size).all(axis=1)]
+        return float(inner.min()) if len(inner) else None, float(angles.min())
 
     @property
     def is_thin(self) -> bool:
-        """Whether it has inner triangles with too small an angle."""
-        return self.smallest_angle is not None and self.smallest_angle < _SMALLEST_ANGLE
+        """Whether it has a triangle with too small an angle."""
+        return self.smallest_angles[1] < _SMALLEST_ANGLE
 
     def defect(self, collar: Collar) -> str:
         """Why a patch of lower order is better; empty where none is."""
@@ -279,7 +283,7 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
 
     Where it does not come to rest or is folded, a patch over one loop starts again, over a domain that has the angles
     which the mesh leaves at the loop: those of a minimal surface are others where it turns back over the mesh. A patch
-    whose edges have become more than twice as long, or that has inner angles below 10°, is meshed anew for edges of the
+    whose edges have become more than twice as long, or that has angles below 10°, is meshed anew for edges of the
     target length and goes on. Where the result is still not at rest, is folded, or bends far more than the mesh around
     it, it is replaced by the thin plate, if that has no such defect. A SingularMatrixError tells that its triangles are
     degenerate.
@@ -302,32 +306,46 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
 
 
 def _meshed_anew(moved: Moved, collar: Collar, target: float, *, is_conformal: bool) -> Moved:
-    """The patch with triangles of its present shape, again moved; itself where these are good, or no others better."""
-    if not (moved.stretch > _MOST_STRETCHED or moved.is_thin) or is_out_of_time():
-        return moved
-    domains = [moved.patch] if is_conformal else []
+    """The patch with triangles of its present shape, again moved, as often as that is needed and better."""
+    for _ in range(_ROUNDS):
+        if not (moved.stretch > _MOST_STRETCHED or moved.is_thin or not moved.converged) or is_out_of_time():
+            break
+        better = _next_mesh(moved, collar, target, is_conformal=is_conformal)
+        if better is None:
+            break
+        moved, is_conformal = better, False
+    return moved
+
+
+def _next_mesh(moved: Moved, collar: Collar, target: float, *, is_conformal: bool) -> Moved | None:
+    """Meshed once over a domain of its present shape, or else its own, and moved; None where neither is better."""
+    domains = []
     if not moved.patch.hole_sizes:
         with suppress(DomainError, SingularMatrixError):
-            domains.insert(0, over_own_domain(moved.patch))
-    best = moved
+            domains.append(over_own_domain(moved.patch))
+    if is_conformal:
+        domains.append(moved.patch)
+    best = None
     for domain in domains:
         finer = remesh(domain, target)
         if len(finer.vertices) == finer.boundary_size:
             continue
-        if moved.order == "thin plate":
-            again = replace(_thin_plate(finer, collar), lowered=moved.lowered)
-        else:
-            again = _at_rest(finer, collar)
-        again = replace(again, steps=best.steps + again.steps, remeshed=True)
-        if _rank(again) <= _rank(best):
+        is_plate = moved.order == "thin plate"
+        again = _thin_plate(finer, collar) if is_plate else _at_rest(finer, collar)
+        again = replace(again, steps=moved.steps + again.steps, remeshed=True, lowered=moved.lowered)
+        was = best or moved
+        is_finer = was is moved and moved.stretch > _MOST_STRETCHED
+        if _rank(again) < _rank(was) or (is_finer and _rank(again)[:2] <= _rank(was)[:2]):
             best = again
-        if best is again and not best.is_thin:
+        if best is not None and best.converged and not best.folds and not best.is_thin:
             break
     return best
 
 
-def _rank(moved: Moved) -> tuple[bool, bool, bool]:
-    return bool(moved.folds), not moved.converged, moved.is_thin
+def _rank(moved: Moved) -> tuple[bool, float, float]:
+    """What is better comes first: no folds, at rest or nearer to it, no thin triangles."""
+    left = 0.0 if moved.converged else moved.next_step
+    return bool(moved.folds), left, -min(moved.smallest_angles[1], _SMALLEST_ANGLE)
 
 
 def _thin_plate(patch: Patch, collar: Collar) -> Moved:

@@ -302,7 +302,9 @@ def continued(first: MadePatch, target: float, surroundings: Surroundings) -> Ma
         return _staying(first, str(error))
     before, after = bend_across(collar, first.patch), bend_across(collar, moved.patch)
     ratio = moved.patch.area / first.patch.area
-    if not moved.converged and (after.rms >= before.rms or ratio > MOST_AREA):
+    is_second_best = bool(moved.lowered) or not moved.converged
+    # a patch that still turns back over the mesh, as a mean, is no continuation
+    if is_second_best and (after.rms >= min(before.rms, 90) or ratio > MOST_AREA or moved.folds):
         steps = f"{moved.steps} steps left a bend of {after.rms:.3g}° (RMS)"
         return _staying(
             first, f"{steps} across the rim, where it has {before.rms:.3g}°, and {ratio:.2g} times its area"
@@ -318,7 +320,8 @@ def continued(first: MadePatch, target: float, surroundings: Surroundings) -> Ma
         converged=moved.converged,
         next_step=moved.next_step,
         area_ratio=ratio,
-        smallest_angle=moved.smallest_angle,
+        smallest_angle=moved.smallest_angles[0],
+        smallest_rim_angle=moved.smallest_angles[1],
         correlation_length=collar.length,
         roughness=collar.roughness,
         creased=collar.creased,
