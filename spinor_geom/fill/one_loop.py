@@ -28,7 +28,8 @@ from spinor_geom.errors import (
     require_positive,
 )
 from spinor_geom.fill.attributes import patch_attributes
-from spinor_geom.fill.continuation import MOST_AREA, Continuation, Start, bend_across, collar_of, continue_patch
+from spinor_geom.fill.collar import bend_across, collar_of
+from spinor_geom.fill.continuation import MOST_AREA, Continuation, Start, continue_patch
 from spinor_geom.fill.discrete_patch import discrete_patch, refuse_empty
 from spinor_geom.fill.options import CONTINUITY, Continuity
 from spinor_geom.fill.result import LoopOutcome

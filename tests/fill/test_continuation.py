@@ -13,7 +13,8 @@ from scipy.spatial import ConvexHull
 
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, SingularMatrixError
-from spinor_geom.fill.continuation import Moved, bend_across, collar_of, continue_patch
+from spinor_geom.fill.collar import bend_across, collar_of
+from spinor_geom.fill.continuation import Moved, continue_patch
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.fill.result import LoopOutcome
@@ -260,7 +261,7 @@ def test_a_continuation_that_is_not_found_leaves_the_film(monkeypatch: pytest.Mo
     mesh = without(icosphere(2), centres(icosphere(2))[:, 2] > 0.7)
 
     def stuck(patch: Patch, *_: object, **__: object) -> Moved:
-        return Moved(patch=patch, steps=7, converged=False, stretch=1.0)
+        return Moved(patch=patch, steps=7, next_step=0.5, stretch=1.0)
 
     def broken(*_: object, **__: object) -> Moved:
         raise SingularMatrixError(size=5)

@@ -1,0 +1,123 @@
+"""The rings of faces around a patch: how the mesh bends there, and how a patch bends away from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.mesh.operators import Bending, crossing_angles
+from spinor_geom.mesh.topology import HalfEdges
+from spinor_geom.meshing.embed import Patch
+
+CREASE = np.radians(40)  # nothing goes on across an edge with a larger angle between its faces' normals
+# Rings of faces whose curvature is compared, and edges between them below which there is nothing to be compared.
+_RINGS, _FEWEST_EDGES = 3, 12
+_CONSTANT = 1e-3  # share of the rings' mean curvature, and of one edge's, that is rounding and triangles, not shape
+_LONGEST = 100.0  # edges over which the curvature of the smoothest mesh changes
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bend:
+    """The angle between the normals of a patch and of the mesh along their common edges, in degrees; RMS by length."""
+
+    largest: float
+    rms: float
+
+    def to_dict(self) -> dict[str, float]:
+        """The figures in JSON's types."""
+        return {"largest_degrees": self.largest, "rms_degrees": self.rms}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Collar:
+    """The first ring of faces around a patch, and how the mesh bends there.
+
+    The vertices are the patch's boundary, in its order, then those of the ring beyond it.
+    """
+
+    vertices: Float[np.ndarray, "v 3"]  # (m + r, 3) positions
+    faces: Int[np.ndarray, "f 3"]  # those of the mesh that touch the boundary
+    boundary_size: int  # m
+    bends: Bool[np.ndarray, " v"]  # which have a mean curvature: not on another border, at a crease, at loose faces
+    curvature: Float[np.ndarray, " r"]  # H at the vertices beyond the boundary; 0 where they have none
+    length: float  # ℓ, after which the correlation of H has fallen by e; 0 for noise, and where H does not change
+    roughness: float  # share of the variance of H between neighbours: 0 on a smooth mesh, 1 and more in noise
+    creased: int  # number of boundary vertices at creases
+
+
+def collar_of(surroundings: Surroundings, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
+    """The collar of a patch that has no edge which the mesh has too, other than the rim's; `rim` are mesh vertices."""
+    mesh, m = surroundings.mesh, len(rim)
+    rings = [surroundings.faces_at(rim)]
+    for _ in range(1, _RINGS):
+        rings.append(np.setdiff1d(surroundings.faces_at(np.unique(mesh.faces[rings[-1]])), np.concatenate(rings)))
+    first = np.setdiff1d(mesh.faces[rings[0]], rim)
+    beyond = np.setdiff1d(mesh.faces[np.concatenate(rings)], np.concatenate([rim, first]))
+    ids = np.concatenate([rim, first, beyond])
+    order = np.argsort(ids, kind="stable")
+    faces = [order[np.searchsorted(ids[order], mesh.faces[ring])] for ring in rings]
+    vertices = mesh.vertices[ids]
+    together = np.concatenate(faces)
+    # the patch's inner vertices come last; it closes the rim
+    numbers = np.concatenate([np.arange(m), np.arange(len(ids), len(ids) + len(patch.vertices) - m)])
+    closed = HalfEdges.of(np.concatenate([together, numbers[patch.faces]]))
+    bends = ~closed.unclosed(len(ids) + len(patch.vertices) - m)[: len(ids)]
+    half_edges = HalfEdges.of(together)
+    creased = np.zeros(len(ids), dtype=bool)
+    creased[half_edges.origin[crossing_angles(half_edges, vertices) > CREASE]] = True
+    bends &= ~creased
+    bending = Bending.of(vertices, together)
+    length, roughness = _correlation(bending, half_edges, bends & (np.arange(len(ids)) >= m), vertices)
+    size = m + len(first)
+    return Collar(
+        vertices=vertices[:size],
+        faces=faces[0],
+        boundary_size=m,
+        bends=bends[:size],
+        curvature=np.where(bends, bending.curvature, 0.0)[m:size],
+        length=length,
+        roughness=roughness,
+        creased=int(creased[:m].sum()),
+    )
+
+
+def bend_across(collar: Collar, patch: Patch) -> Bend:
+    """How a patch bends away from the mesh along its rim."""
+    m, ring = collar.boundary_size, len(collar.vertices)
+    vertices = np.concatenate([collar.vertices, patch.vertices[m:]])
+    numbers = np.concatenate([np.arange(m), np.arange(ring, ring + len(patch.vertices) - m)])
+    faces = np.concatenate([numbers[patch.faces], collar.faces])
+    half_edges = HalfEdges.of(faces)
+    angles = crossing_angles(half_edges, vertices)
+    here = np.arange(3 * len(patch.faces))
+    across = here[half_edges.twin[here] >= len(here)]
+    if not len(across):
+        return Bend(largest=0.0, rms=0.0)
+    length = np.linalg.norm(vertices[half_edges.origin[across]] - vertices[half_edges.target[across]], axis=1)
+    angle = np.degrees(angles[across])
+    return Bend(largest=float(angle.max()), rms=float(np.sqrt(length @ angle**2 / length.sum())))
+
+
+def _correlation(
+    bending: Bending, half_edges: HalfEdges, bends: Bool[np.ndarray, " n"], vertices: Float[np.ndarray, "n 3"]
+) -> tuple[float, float]:
+    """The length over which H changes, and the share of its variance between neighbours."""
+    edges = np.stack([half_edges.origin, half_edges.target], axis=1)
+    edges = edges[bends[edges].all(axis=1) & (edges[:, 0] < edges[:, 1])]
+    if len(edges) < _FEWEST_EDGES:
+        return 0.0, 0.0
+    edge = float(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1).mean())
+    curvature = bending.curvature
+    weight = np.where(bends, bending.areas, 0.0)
+    mean = weight @ curvature / weight.sum()
+    variance = float(weight @ (curvature - mean) ** 2 / weight.sum())
+    if variance <= (_CONSTANT * max(abs(mean), 1 / edge)) ** 2:
+        return 0.0, 0.0
+    between = float(np.mean((curvature[edges[:, 0]] - curvature[edges[:, 1]]) ** 2) / 2)
+    correlation = 1 - between / variance
+    if correlation <= 0:
+        return 0.0, between / variance
+    return edge / max(-float(np.log(correlation)), 1 / _LONGEST), between / variance

@@ -1,0 +1,169 @@
+"""Continuations over generated kinds of holes: at rest, no thin triangles, no new crossings, their area reported."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from spinor_geom.fill.collar import collar_of
+from spinor_geom.fill.continuation import Moved, _Problem, continue_patch
+from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.result import LoopOutcome
+from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.mesh.operators import internal_angles
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from tests.fill.shapes import cylinder, rounds_and_rows
+
+Mesh = tuple[np.ndarray, np.ndarray]
+
+
+def cut(vertices: np.ndarray, faces: np.ndarray, removed: np.ndarray) -> Mesh:
+    used, rest = np.unique(faces[~removed], return_inverse=True)
+    return vertices[used], rest.reshape(-1, 3)
+
+
+def jittered(mesh: Mesh, amount: float, rng: np.random.Generator) -> Mesh:
+    """A mesh whose vertices are off by a share of the mean edge, as a standard deviation."""
+    edge = trimesh.Trimesh(*mesh, process=False).edges_unique_length.mean()
+    return mesh[0] + amount * edge * rng.normal(size=mesh[0].shape), mesh[1]
+
+
+def bowl(noise: float, rng: np.random.Generator) -> Mesh:
+    """A sphere with a hole of less than its equator, cut along its triangles in a random place."""
+    ball = trimesh.creation.icosphere(3)
+    turn = trimesh.transformations.random_rotation_matrix(rng.uniform(size=3))[:3, :3]
+    vertices, faces = jittered((np.asarray(ball.vertices) @ turn.T, np.asarray(ball.faces)), noise, rng)
+    return cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > -np.cos(np.radians(rng.uniform(45, 85))))
+
+
+def sheet(rng: np.random.Generator, *, waves: bool) -> Mesh:
+    x, y = (k.ravel() for k in np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-1, 1, 41), indexing="ij"))
+    wide, high = rng.uniform(3, 7), rng.uniform(0.05, 0.15)
+    z = high * np.sin(wide * x) * np.cos(wide * y) if waves else rng.uniform(0.3, 1.2) * (x * x - y * y)
+    grid = np.arange(41 * 41).reshape(41, 41)
+    a, b, c, d = (k.ravel() for k in (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]))
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    vertices, _ = jittered((np.stack([x, y, z], 1), faces), rng.uniform(0, 0.05), rng)
+    return cut(vertices, faces, np.hypot(*vertices[faces].mean(axis=1).T[:2]) < rng.uniform(0.2, 0.5))
+
+
+def finger(rng: np.random.Generator) -> Mesh:
+    """A stem that widens into two bulbs with a narrow neck between them, cut off beyond the neck."""
+    rows = np.linspace(0.2, rng.uniform(1.7, 2.5), 40)
+    vertices, faces = rounds_and_rows(
+        lambda a, t: (
+            *(0.8 * np.sin(t) * (1 + 0.4 * np.cos(3 * t)) * np.array([np.cos(a), np.sin(a)])),
+            -3 * np.cos(t),
+        ),
+        36,
+        rows,
+    )
+    return jittered((vertices, faces), rng.uniform(0, 0.05), rng)
+
+
+def creased_box(rng: np.random.Generator) -> Mesh:
+    box = trimesh.creation.box()
+    for _ in range(4):
+        box = box.subdivide()
+    middle = rng.choice([[0.5, 0.5, 0.0], [0.5, 0.5, 0.5], [0.5, 0.0, 0.0]])
+    vertices, faces = np.asarray(box.vertices), np.asarray(box.faces)
+    return cut(vertices, faces, np.linalg.norm(vertices[faces].mean(axis=1) - middle, axis=1) < rng.uniform(0.15, 0.4))
+
+
+def capless_tube(rng: np.random.Generator) -> Mesh:
+    return jittered(cylinder(40, int(rng.integers(25, 45))), rng.uniform(0, 0.1), rng)
+
+
+KINDS = {
+    "bowl": lambda rng: bowl(0.0, rng),
+    "noisy bowl": lambda rng: bowl(rng.uniform(0, 0.1), rng),
+    "saddle": lambda rng: sheet(rng, waves=False),
+    "wavy sheet": lambda rng: sheet(rng, waves=True),
+    "finger": finger,
+    "box": creased_box,
+    "tube": capless_tube,
+}
+
+
+def patched(mesh: Mesh, **options: float) -> tuple[LoopOutcome, LoopOutcome]:
+    """The outcomes of the hole nearest to the top of a mesh, or in the middle of a sheet: continued, and a film."""
+    loops = boundary_loops(mesh)
+    sheets = abs(mesh[0][:, 2]).max() < 1.5 and len(loops) == 2
+    place = 1 if sheets else max(range(len(loops)), key=lambda k: loops[k].centroid[2])
+    smooth, film = (
+        fill_hole(mesh, place, continuity=continuity, return_report=True, **options)[1].loops[place]  # type: ignore[call-overload]
+        for continuity in ("C1", "C0")
+    )
+    return smooth, film
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("kind", KINDS)
+def test_continuations_come_to_rest_without_thin_triangles(kind: str, seed: int) -> None:
+    smooth, film = patched(KINDS[kind](np.random.default_rng([seed, 7])))
+    told = smooth.continuation
+    assert told is not None
+    assert (smooth.kind, smooth.converged, smooth.reason) == ("smooth", True, "")
+    assert told.next_step <= 0.01
+    assert smooth.intersections <= film.intersections
+    assert smooth.patch is not None
+    faces = np.asarray(smooth.patch.faces)
+    inner = faces[(faces >= smooth.patch.boundary_size).all(axis=1)]
+    assert np.degrees(internal_angles(smooth.patch.vertices, inner)).min() >= 10
+    assert told.area_ratio == pytest.approx(smooth.patch.area / film.patch.area, rel=1e-9)  # type: ignore[union-attr]
+    assert (told.area_ratio > 2) == any("times the area" in remark for remark in smooth.remarks)
+
+
+@pytest.mark.parametrize("opening", [80, 60, 45])
+def test_steep_bowls_are_closed_as_spheres_and_their_area_is_reported(opening: float) -> None:
+    ball = trimesh.creation.icosphere(3)
+    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
+    height = -np.cos(np.radians(opening))
+    mesh = cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > height)
+    smooth, _ = patched(mesh)
+    assert smooth.converged
+    assert smooth.patch is not None
+    # the whole sphere's triangles and the rim's teeth: the hole has 2π(1 − height)
+    assert smooth.patch.area == pytest.approx(2 * np.pi * (1 - height), rel=0.03)
+    new = smooth.patch.vertices[smooth.patch.boundary_size :]
+    # new triangles are as large as the rim's edges: a vertex is off by a small share of one of 0.15
+    assert np.sqrt(np.mean((np.linalg.norm(new, axis=1) - 1) ** 2)) < 0.02
+    assert any("times the area of the surface it started from" in said for said in smooth.shortcomings)
+
+
+def test_what_does_not_come_to_rest_is_a_thin_plate_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    ball = trimesh.creation.icosphere(3)
+    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
+    mesh = cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > 0.7)
+    monkeypatch.setattr(_Problem, "rest", lambda _, x: (x, 3, 0.2))
+    smooth, _ = patched(mesh)
+    told = smooth.continuation
+    assert told is not None
+    assert (told.order, smooth.converged) == ("thin plate", True)
+    assert "0.2 of an edge" in told.lowered
+    assert any("the patch is a thin plate, as" in said for said in smooth.shortcomings)
+    entry = json.loads(json.dumps(smooth.to_dict()))["continuation"]
+    assert (entry["order"], entry["lowered"]) == ("thin plate", told.lowered)
+    assert entry["smallest_angle"] > 10
+    assert entry["area_ratio"] > 1
+
+
+def test_a_patch_that_bends_far_more_than_the_mesh_has_a_defect() -> None:
+    ball = trimesh.creation.icosphere(3)
+    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
+    mesh = cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > 0.5)
+    loop = boundary_loops(mesh)[0]
+    film = fill_hole(mesh, return_report=True)[1].loops[0].patch
+    assert film is not None
+    collar = collar_of(Surroundings(TriangleMesh(*mesh)), loop.vertex_ids, film)
+    moved = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True)
+    assert moved.defect(collar) == ""
+    rng = np.random.default_rng(0)
+    rough = moved.patch.vertices.copy()
+    rough[len(loop) :] *= 1 + 0.03 * rng.normal(size=(len(rough) - len(loop), 1))
+    rippled = type(film)(vertices=rough, faces=moved.patch.faces, boundary_size=len(loop), points=moved.patch.points)
+    assert "between its triangles" in Moved(patch=rippled, steps=0, next_step=0.0, stretch=1.0).defect(collar)
