@@ -227,8 +227,9 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
 
     The domain has the loop's edge lengths too, as nearly as a simple polygon can; what the angles lack to close it, as
     those of a curved patch do, is spread over its length. Where it must be straightened, it is so by the patch's shape.
-    The new patch is the harmonic map of it. A DomainError tells that no simple domain was found, a SingularMatrixError
-    that the patch's triangles are degenerate, a TooManyPointsError that there would be too many vertices.
+    The new patch is the harmonic map of it. A DomainError tells that an angle is not finite or that no simple domain was
+    found, a SingularMatrixError that the patch's triangles are degenerate, a TooManyPointsError that there would be too
+    many vertices.
 
     Source: Sawhney & Crane (2018), Boundary First Flattening, ACM TOG 37, for domains of given angles.
     """
@@ -263,6 +264,8 @@ def _boundary_of_angles(patch: Patch, angles: Float[np.ndarray, " m"]) -> Comple
     rim = patch.vertices[:m]
     edge = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1)
     share = (edge + np.roll(edge, 1)) / (2 * edge.sum())
+    if not np.isfinite(angles).all():
+        raise DomainError("a triangle at the loop has no area and so no angles; merge or move its vertices")
     turning = np.pi - angles
     turning += (2 * np.pi - turning.sum()) * share
     neumann, _ = dirichlet_to_neumann(patch.vertices, np.asarray(patch.faces), m)

@@ -167,3 +167,15 @@ def test_a_patch_that_bends_far_more_than_the_mesh_has_a_defect() -> None:
     rough[len(loop) :] *= 1 + 0.03 * rng.normal(size=(len(rough) - len(loop), 1))
     rippled = type(film)(vertices=rough, faces=moved.patch.faces, boundary_size=len(loop), points=moved.patch.points)
     assert "between its triangles" in Moved(patch=rippled, steps=0, next_step=0.0, stretch=1.0).defect(collar)
+
+
+@pytest.mark.parametrize("subdivisions", [1, 2, 3])
+def test_a_repeated_position_on_the_rim_is_no_raw_error(subdivisions: int) -> None:
+    ball = trimesh.creation.icosphere(subdivisions)
+    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
+    mesh = cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > 0.2)
+    rim = boundary_loops(mesh)[0].vertex_ids
+    # a triangle without area lies at the rim: its angles are no numbers
+    mesh[0][rim[0]] = mesh[0][rim[1]]
+    (outcome,) = fill_hole(mesh, continuity="C1", return_report=True)[1].loops
+    assert outcome.filled
