@@ -227,9 +227,12 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
 
     The domain has the loop's edge lengths too, as nearly as a simple polygon can; what the angles lack to close it, as
     those of a curved patch do, is spread over its length. Where it must be straightened, it is so by the patch's shape.
-    The new patch is the harmonic map of it. A DomainError says that an angle is not finite or that no simple domain
-    was found, a SingularMatrixError that the patch's triangles are degenerate, a TooManyPointsError that there would be too
-    many vertices.
+    The new patch is the harmonic map of it.
+
+    Raises:
+        DomainError: An angle is not finite, or no simple domain was found.
+        SingularMatrixError: The patch's triangles are degenerate.
+        TooManyPointsError: There would be too many vertices.
 
     Source: Sawhney & Crane (2018), Boundary First Flattening, ACM TOG 37, for domains of given angles.
     """
