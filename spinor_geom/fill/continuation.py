@@ -211,13 +211,16 @@ def _next_mesh(moved: Moved, collar: Collar, target: float, *, is_conformal: boo
     """Meshed once over a domain of its present shape, or else its own, and moved; None where neither is better."""
     domains = []
     if not moved.patch.hole_sizes:
-        with suppress(DomainError, SingularMatrixError):
+        with suppress(DomainError, OutOfTimeError, SingularMatrixError):
             domains.append(over_own_domain(moved.patch))
     if is_conformal:
         domains.append(moved.patch)
     best = None
     for domain in domains:
-        finer = remesh(domain, target)
+        try:
+            finer = remesh(domain, target)
+        except OutOfTimeError:
+            break
         if len(finer.vertices) == finer.boundary_size:
             continue
         is_plate = moved.order == "thin plate"
