@@ -28,6 +28,7 @@ from spinor_geom.errors import (
     require_positive,
 )
 from spinor_geom.fill.attributes import patch_attributes
+from spinor_geom.fill.clearance import cleared
 from spinor_geom.fill.collar import bend_across, collar_of
 from spinor_geom.fill.continuation import MOST_AREA, Continuation, Start, continue_patch
 from spinor_geom.fill.discrete_patch import discrete_patch, refuse_empty
@@ -79,6 +80,12 @@ class MadePatch:
         """The patch with its edges split that the mesh or another patch has."""
         patch, split = surroundings.fitted(self.patch, self.rim, self.surface)
         return replace(self, patch=patch, edges_split=self.edges_split + split)
+
+    def clear_of(self, surroundings: Surroundings) -> MadePatch:
+        if not len(self.crossings):
+            return self
+        c = cleared(surroundings, self.rim, self.patch, self.crossings, self.surface)
+        return replace(self, patch=c.patch, crossings=c.crossings, edges_split=self.edges_split + c.edges_split)
 
 
 class Answer(NamedTuple):
@@ -158,6 +165,8 @@ def fill_loop(
             with time_limit(options.time_limit):
                 made = continued(made, edge_length_over(made.rims, options.target_edge_length), surroundings)
             clock.lap("continuation")
+        made = made.clear_of(surroundings)
+        clock.lap("clearance")
     except SpinorGeomError as error:
         if isinstance(error, TooManyPointsError) and options.target_edge_length != "auto":
             raise

@@ -59,6 +59,23 @@ def patch_chords(patch: Patch) -> Int[np.ndarray, "c 2"]:
     return np.asarray(sides[np.lexsort(sides.T[::-1])])
 
 
+def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], surface: SpinorSurface | None = None) -> Patch:
+    """A patch with a new vertex in the middle of each of some chords, which divides its two triangles.
+
+    The new vertices come last. On a surface that the patch is a mesh of, the middle is halfway in Ω.
+    """
+    faces, points = np.asarray(patch.faces), patch.points[chords].mean(axis=1)
+    middles = patch.vertices[chords].mean(axis=1) if surface is None else np.asarray(surface.position(points))
+    for count, chord in enumerate(chords):
+        middle = len(patch.vertices) + count
+        beside = np.isin(faces, chord).sum(axis=1) == 2
+        # both ends of the chord turn into the middle, once each: a triangle splits in two of the same orientation
+        halves = [np.where(faces[beside] == end, middle, faces[beside]) for end in chord]
+        faces = np.concatenate([faces[~beside], *halves])
+    vertices, points = np.concatenate([patch.vertices, middles]), np.concatenate([patch.points, points])
+    return replace(patch, vertices=vertices, faces=faces, points=points)
+
+
 class Surroundings:
     """A mesh and the patches joined to it so far: their faces, numbered as in the filled mesh, and their rim edges.
 
@@ -82,7 +99,7 @@ class Surroundings:
         self._patches: list[_Piece] = []
         # their boxes, with room for as many again: rows are low and high corners
         self._boxes = np.empty((16, 6))
-        self._count = len(mesh.faces)
+        self.count = len(mesh.faces)
 
     def _keys(self, edges: Int[np.ndarray, "e 2"]) -> list[int]:
         low, high = np.sort(edges, axis=1).T
@@ -109,16 +126,7 @@ class Surroundings:
         chords = chords[self.are_taken(rim[chords])]
         if not len(chords):
             return patch, 0
-        faces, points = np.asarray(patch.faces), patch.points[chords].mean(axis=1)
-        middles = patch.vertices[chords].mean(axis=1) if surface is None else np.asarray(surface.position(points))
-        for count, chord in enumerate(chords):
-            middle = len(patch.vertices) + count
-            beside = np.isin(faces, chord).sum(axis=1) == 2
-            # both ends of the chord turn into the middle, once each: a triangle splits in two of the same orientation
-            halves = [np.where(faces[beside] == end, middle, faces[beside]) for end in chord]
-            faces = np.concatenate([faces[~beside], *halves])
-        vertices, points = np.concatenate([patch.vertices, middles]), np.concatenate([patch.points, points])
-        return replace(patch, vertices=vertices, faces=faces, points=points), len(chords)
+        return split_chords(patch, chords, surface), len(chords)
 
     @cached_property
     def _faces_of_vertices(self) -> csr_array:
@@ -152,7 +160,7 @@ class Surroundings:
 
     def crossings(self, patch: Patch) -> Crossings:
         """What a patch would cross of itself and of all that is there."""
-        new = _Piece(patch.vertices, np.asarray(patch.faces), start=self._count)
+        new = _Piece(patch.vertices, np.asarray(patch.faces), start=self.count)
         own = NO_PAIRS
         if patch.hole_sizes or not is_graph(new.vertices, new.faces, patch.boundary_size):
             own = self_intersections(new.vertices, new.faces) + new.start
@@ -167,12 +175,12 @@ class Surroundings:
     def join(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> int:
         """Adds a patch whose boundary vertices are those of the mesh in `rim`; gives the number of its first face."""
         self._taken.update(self._keys(rim[patch_chords(patch)]))
-        new = _Piece(patch.vertices, np.asarray(patch.faces), start=self._count)
+        new = _Piece(patch.vertices, np.asarray(patch.faces), start=self.count)
         if len(self._patches) == len(self._boxes):
             self._boxes = np.concatenate([self._boxes, np.empty_like(self._boxes)])
         self._boxes[len(self._patches)] = np.concatenate([new.low, new.high])
         self._patches.append(new)
-        self._count += len(new.faces)
+        self.count += len(new.faces)
         return new.start
 
 
