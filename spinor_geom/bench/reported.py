@@ -32,7 +32,9 @@ def bowl(opening: float, ball: Ball = "icosphere-4", *, rim: Rim = "ragged", noi
     """
     rng = np.random.default_rng(seed)
     name, _, count = ball.rpartition("-")
-    sphere = trimesh.creation.icosphere(int(count)) if name == "icosphere" else trimesh.creation.uv_sphere([int(count)] * 2)
+    sphere = (
+        trimesh.creation.icosphere(int(count)) if name == "icosphere" else trimesh.creation.uv_sphere([int(count)] * 2)
+    )
     points, faces = _turned(np.array(sphere.vertices), rng), np.array(sphere.faces)
     height = -np.cos(np.radians(opening))
     if rim == "smooth":

@@ -1,163 +1,157 @@
-"""Keeps the mesh of a patch clear of the mesh around it, where it crosses that beside a ragged or steep rim."""
+"""Moves the vertices of a patch that crosses the mesh around it to the patch's own side of the mesh.
+
+Beside a ragged rim of a steep wall the patch runs along the wall, and its triangles, which are chords of the surface,
+cross those of the wall. Patch triangles without a vertex that can move are split first.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array, csr_array
+from jaxtyping import Float, Int
+from scipy.sparse import coo_array, csr_array, diags_array
+from scipy.spatial import cKDTree
 
-from spinor_geom.domain.delaunay import rim_successors
+from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.fill.surroundings import Crossings, Surroundings, patch_chords, split_chords
-from spinor_geom.mesh.operators import face_normals
+from spinor_geom.mesh.operators import face_normals, vertex_normals
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-CLEARANCE = 0.05
-ROUNDS = 12
-WIDTH = 6
+_CLEARANCE = 0.05  # height over the mesh's faces that vertices are moved to, in edges of the patch
+_LONGEST_STEP = 0.5  # in one round, in edges of the patch: what lies deeper does not cross beside its rim
+_LEAST_SLOPE = 0.3  # cosine between a face's normal and the mean one along which vertices are moved
+_ROUNDS = 16
+_SPREAD = 3  # rings of neighbours that follow a moved vertex
+_WALL_RINGS, _BULK_RINGS = 3, 6  # over which normals of the mesh and positions of the patch are averaged
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cleared:
+    """A patch that crosses less than before, or the one it was."""
+
     patch: Patch
     crossings: Crossings
-    edges_split: int
+    edges_split: int = 0
+    displacement: float = 0.0  # largest of a vertex, in mesh units; new vertices count from the middle of their edge
 
 
-def cleared(surroundings, rim, patch, crossings, surface=None):
-    best = Cleared(patch=patch, crossings=crossings, edges_split=0)
-    split = 0
-    n0 = len(surroundings.mesh.faces)
-    wall = None
-    for _ in range(ROUNDS):
-        pairs = crossings.mesh
-        if not len(pairs):
-            break
-        start = surroundings.count
-        new, old = pairs[:, 0] - start, pairs[:, 1]
-        faces = np.asarray(patch.faces)
+def cleared(
+    surroundings: Surroundings,
+    rim: Int[np.ndarray, " m"],
+    patch: Patch,
+    crossings: Crossings,
+    surface: SpinorSurface | None = None,
+) -> Cleared:
+    """The patch that crosses least among those of some rounds of splits and moves; its rim is not moved.
+
+    `rim` are the mesh's vertices around it, `surface` the one that the patch is a mesh of, for new vertices.
+    """
+    best = Cleared(patch=patch, crossings=crossings)
+    if not len(crossings.mesh):
+        return best
+    wall, split, start = _Wall(surroundings, rim, patch, crossings.mesh[:, 1]), 0, patch.vertices
+    for _ in range(_ROUNDS):
+        faces, count = np.asarray(patch.faces), len(patch.vertices)
+        new, old = crossings.mesh[:, 0] - surroundings.count, crossings.mesh[:, 1]
         chords = patch_chords(patch)
-        inface = np.isin(chords[:, 0] * len(patch.vertices) + chords[:, 1], _edges(faces[np.unique(new)], len(patch.vertices)))
-        if inface.any():
-            patch = split_chords(patch, chords[inface], surface)
-            split += int(inface.sum())
+        sides = np.sort(faces[new][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        chords = chords[np.isin(chords @ [count, 1], sides @ [count, 1])]
+        if len(chords):
+            patch = split_chords(patch, chords, surface)
+            split += len(chords)
+            start = np.concatenate([start, patch.vertices[count:]])
         else:
-            if wall is None: wall = _Wall.of(surroundings, rim, patch, np.unique(old))
-            patch = _pushed(patch, new, old, surroundings, wall)
+            own = np.unique(faces[crossings.own.ravel() - surroundings.count])
+            patch = _moved(patch, wall.steps(patch, new, old), own[own >= patch.boundary_size])
         crossings = surroundings.crossings(patch)
         if len(crossings) < len(best.crossings):
-            best = Cleared(patch=patch, crossings=crossings, edges_split=split)
+            displacement = float(np.linalg.norm(patch.vertices - start, axis=1).max())
+            best = Cleared(patch=patch, crossings=crossings, edges_split=split, displacement=displacement)
+        if not len(crossings.mesh) and not len(crossings.own):
+            break
     return best
 
 
-def _edges(faces, n):
-    a, b = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).T
-    return np.minimum(a, b) * n + np.maximum(a, b)
-
-
-def _adjacency(faces, n):
-    a, b = faces[:, [0, 1, 2, 1, 2, 0]].ravel(), faces[:, [1, 2, 0, 0, 1, 2]].ravel()
-    m = coo_array((np.ones(len(a)), (a, b)), shape=(n, n)).tocsr()
-    m.data[:] = 1
-    return m
-
-
-def _averaging(m):
-    n = m.shape[0]
-    d = m.sum(axis=1) + 1
-    from scipy.sparse import diags_array, eye_array
-    return csr_array(diags_array(1 / d) @ (m + eye_array(n)))
-
-
 class _Wall:
-    @classmethod
-    def of(cls, s, rim, patch, crossed):
-        self = cls()
-        mesh = s.mesh
-        self.mesh = mesh
-        self.normals_cache = {}
-        self.rim_points = patch.vertices[: patch.boundary_size]
-        ids = np.unique(np.concatenate([rim, mesh.faces[crossed].ravel()]))
-        for _ in range(3):
-            near = s.faces_at(ids)
+    """The mesh beside a patch, and on which side of it the patch lies."""
+
+    def __init__(
+        self, surroundings: Surroundings, rim: Int[np.ndarray, " m"], patch: Patch, crossed: Int[np.ndarray, " k"]
+    ) -> None:
+        """Averages the mesh's normals around the rim and the crossed faces."""
+        self._mesh = mesh = surroundings.mesh
+        ids = np.concatenate([rim, mesh.faces[crossed].ravel()])
+        for _ in range(_WALL_RINGS):
+            near = surroundings.faces_at(ids)
             ids = np.unique(mesh.faces[near])
-        self.ids = ids
-        local = np.searchsorted(ids, mesh.faces[near])
-        v = mesh.vertices[ids]
-        a, b, c = (v[local[:, k]] for k in range(3))
-        area = np.cross(b - a, c - a)
-        n = np.zeros((len(ids), 3))
-        for k in range(3):
-            np.add.at(n, local[:, k], area)
-        A = _averaging(_adjacency(local, len(ids)))
-        for _ in range(3):
-            n = A @ n
-        n /= np.maximum(np.linalg.norm(n, axis=1), 1e-300)[:, None]
-        self.normals = n
-        # side
-        P = _averaging(_adjacency(np.asarray(patch.faces), len(patch.vertices)))
-        y = patch.vertices
-        succ = rim_successors(patch.rims)
-        m = len(succ)
-        R = _averaging(coo_array((np.ones(2 * m), (np.r_[np.arange(m), succ], np.r_[succ, np.arange(m)])), shape=(m, m)).tocsr())
-        r = patch.vertices[:m]
-        for _ in range(WIDTH):
-            y, r = P @ y, R @ r
-        bulk = y[:m] - r
-        side = np.einsum("ij,ij->i", n[np.searchsorted(ids, rim)], bulk)
-        for _ in range(WIDTH):
-            side = R @ side
-        self.sign = np.where(side > 0, 1.0, -1.0)
-        from scipy.spatial import cKDTree
-        self.tree = cKDTree(self.rim_points)
-        return self
+        faces = np.searchsorted(ids, mesh.faces[near])
+        normals = vertex_normals(mesh.vertices[ids], faces)
+        around = _averaging(unique_edges(faces, len(ids)), len(ids))
+        for _ in range(_WALL_RINGS):
+            normals = around @ normals
+        self._ids, self._normals = ids, normals
+        # the patch's middle as seen from the middle of the rim, around each point of the rim
+        after = rim_successors(patch.rims)
+        along = _averaging(np.stack([np.arange(len(after)), after], axis=1), len(after))
+        inside = _averaging(unique_edges(np.asarray(patch.faces), len(patch.vertices)), len(patch.vertices))
+        bulk, edge = patch.vertices, patch.vertices[: len(after)]
+        for _ in range(_BULK_RINGS):
+            bulk, edge = inside @ bulk, along @ edge
+        side = np.einsum("md,md->m", normals[np.searchsorted(ids, rim)], bulk[: len(after)] - edge)
+        for _ in range(_BULK_RINGS):
+            side = along @ side
+        self._side = np.where(side > 0, 1.0, -1.0)
+        self._rim = cKDTree(patch.vertices[: len(after)])
 
-    def directions(self, faces):
-        """smoothed free direction and raw free normal for wall faces"""
-        mesh = self.mesh
-        tri = mesh.faces[faces]
-        pos = np.minimum(np.searchsorted(self.ids, tri), len(self.ids) - 1)
-        ok = (self.ids[pos] == tri)
-        raw = face_normals(mesh.vertices, tri)
-        smooth = (self.normals[pos] * ok[..., None]).sum(axis=1)
-        lacking = ~ok.any(axis=1)
-        smooth[lacking] = raw[lacking]
-        smooth /= np.maximum(np.linalg.norm(smooth, axis=1), 1e-300)[:, None]
-        sign = self.sign[self.tree.query(mesh.vertices[tri].mean(axis=1))[1]][:, None]
-        return sign * smooth, sign * raw
+    def steps(self, patch: Patch, new: Int[np.ndarray, " k"], old: Int[np.ndarray, " k"]) -> Float[np.ndarray, "n 3"]:
+        """What moves the vertices of patch faces `new` over the mesh's faces `old` that these cross."""
+        corners = self._mesh.faces[old]
+        near = np.minimum(np.searchsorted(self._ids, corners), len(self._ids) - 1)
+        known = self._ids[near] == corners
+        normals = face_normals(self._mesh.vertices, corners)
+        towards = (self._normals[near] * known[..., None]).sum(axis=1)
+        towards = np.where(known.any(axis=1)[:, None], towards, normals)
+        towards /= np.maximum(np.linalg.norm(towards, axis=1), np.finfo(np.float64).tiny)[:, None]
+        side = self._side[self._rim.query(self._mesh.vertices[corners].mean(axis=1))[1]][:, None]
+        towards, normals = side * towards, side * normals
+        vertices, length = np.asarray(patch.faces)[new], _edge_lengths(patch)
+        clearance = _CLEARANCE * length[vertices]
+        height = np.einsum("kcd,kd->kc", patch.vertices[vertices] - self._mesh.vertices[corners[:, :1]], normals)
+        slope = np.maximum(np.einsum("kd,kd->k", towards, normals), _LEAST_SLOPE)[:, None]
+        missing = np.clip((clearance - height) / slope, 0, _LONGEST_STEP * length[vertices])
+        missing = np.where(missing > 0, missing, clearance).ravel()  # high enough, and its face crosses nevertheless
+        # of several steps of a vertex the longest, which is written last
+        order = np.argsort(missing, kind="stable")
+        steps = np.zeros_like(patch.vertices)
+        steps[vertices.ravel()[order]] = (missing[:, None] * np.repeat(towards, 3, axis=0))[order]
+        steps[: patch.boundary_size] = 0
+        return steps
 
 
-def _pushed(patch, new, old, s, wall):
-    faces, m = np.asarray(patch.faces), patch.boundary_size
-    d, n = wall.directions(old)
-    centre = s.mesh.vertices[s.mesh.faces[old, 0]]
-    length = _scale(patch)
-    v = faces[new]
-    x = patch.vertices[v]
-    h = np.einsum("kij,kj->ki", x - centre[:, None], n)
-    slope = np.maximum(np.einsum("kj,kj->k", d, n), 0.3)[:, None]
-    delta = CLEARANCE * length[v]
-    need = np.clip((delta - h) / slope, 0, 0.5 * length[v])
-    need = np.where(need == 0, delta, need)
-    need = np.where(v < m, 0, need)
-    flat, amount = v.ravel(), need.ravel()
-    order = np.argsort(amount, kind="stable")
-    step = np.zeros((len(patch.vertices), 3))
-    step[flat[order]] = (amount[:, None] * np.repeat(d, 3, axis=0))[order]
-    step[:m] = 0
-    return replace(patch, vertices=patch.vertices + step)
+def _moved(patch: Patch, steps: Float[np.ndarray, "n 3"], folded: Int[np.ndarray, " k"]) -> Patch:
+    """A patch after some steps, which neighbours follow; `folded` vertices go to the middle of their neighbours."""
+    around = _averaging(unique_edges(np.asarray(patch.faces), len(steps)), len(steps))
+    following = ~steps.any(axis=1)
+    following[: patch.boundary_size] = False
+    for _ in range(_SPREAD):
+        steps = np.where(following[:, None], around @ steps, steps)
+    vertices = patch.vertices + steps
+    vertices[folded] = (around @ vertices)[folded]
+    return replace(patch, vertices=vertices)
 
 
-def _scale(patch):
-    f = np.asarray(patch.faces)
-    x = patch.vertices
-    n = len(x)
-    tot, cnt = np.zeros(n), np.zeros(n)
-    for k in range(3):
-        a, b = f[:, k], f[:, (k + 1) % 3]
-        l = np.linalg.norm(x[a] - x[b], axis=1)
-        tot += np.bincount(a, l, n) + np.bincount(b, l, n)
-        cnt += np.bincount(a, minlength=n) + np.bincount(b, minlength=n)
-    return tot / np.maximum(cnt, 1)
+def _averaging(edges: Int[np.ndarray, "e 2"], count: int) -> csr_array:
+    """The matrix that replaces values of vertices by the means of their own and their neighbours'."""
+    ends = np.concatenate([edges, edges[:, ::-1], np.repeat(np.arange(count)[:, None], 2, axis=1)])
+    graph = coo_array((np.ones(len(ends)), ends.T), shape=(count, count)).tocsr()
+    return csr_array(diags_array(1 / graph.sum(axis=1)) @ graph)
+
+
+def _edge_lengths(patch: Patch) -> Float[np.ndarray, " n"]:
+    """Mean length of the edges at each vertex, in mesh units."""
+    ends = unique_edges(np.asarray(patch.faces), len(patch.vertices))
+    length = np.repeat(np.linalg.norm(patch.vertices[ends[:, 0]] - patch.vertices[ends[:, 1]], axis=1), 2)
+    count = len(patch.vertices)
+    return np.bincount(ends.ravel(), length, count) / np.bincount(ends.ravel(), minlength=count)

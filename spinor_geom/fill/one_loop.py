@@ -55,6 +55,7 @@ class MadePatch:
     solution: PlateauSolution | None
     reason: str
     edges_split: int = 0
+    displacement: float = 0.0
     crossings: Crossings = NOTHING
     continuation: Continuation | None = None
     remarks: tuple[str, ...] = ()
@@ -82,10 +83,17 @@ class MadePatch:
         return replace(self, patch=patch, edges_split=self.edges_split + split)
 
     def clear_of(self, surroundings: Surroundings) -> MadePatch:
+        """The patch moved off the mesh where it crosses that; it stays as it is where it crosses nothing."""
         if not len(self.crossings):
             return self
-        c = cleared(surroundings, self.rim, self.patch, self.crossings, self.surface)
-        return replace(self, patch=c.patch, crossings=c.crossings, edges_split=self.edges_split + c.edges_split)
+        clear = cleared(surroundings, self.rim, self.patch, self.crossings, self.surface)
+        return replace(
+            self,
+            patch=clear.patch,
+            crossings=clear.crossings,
+            edges_split=self.edges_split + clear.edges_split,
+            displacement=clear.displacement,
+        )
 
 
 class Answer(NamedTuple):
@@ -191,6 +199,7 @@ def fill_loop(
         faces_added=len(patch.faces),
         first_face=first_face,
         edges_split=made.edges_split,
+        displacement=made.displacement,
         self_intersections=len(made.crossings.own),
         mesh_intersections=len(made.crossings.mesh),
         patch_intersections=len(made.crossings.patches),

@@ -42,14 +42,17 @@ class LoopOutcome:
         vertices_added: new vertices of its patch.
         faces_added: new faces of its patch.
         first_face: the number of its patch's first face among the triangles of the filled mesh; None without a patch.
-        edges_split: patch edges that would have lain on an edge of the mesh and got a vertex in their middle instead.
+        edges_split: patch edges that would have lain on an edge of the mesh and got a vertex in their middle instead,
+            or were chords of faces that crossed the mesh.
+        displacement: the largest distance, in mesh units, by which a vertex of the patch was moved to keep its faces
+            from crossing the mesh: so far the mesh leaves the surface at most. 0 where nothing was moved.
         self_intersections: pairs of faces of its patch that cross.
         mesh_intersections: pairs of a face of its patch and one of the mesh that cross.
         patch_intersections: pairs of a face of its patch and one of an earlier loop's patch that cross.
         remarks: where those crossings are, which islands lie in the hole, and why a patch was not continued as asked,
             a sentence each. Faces are numbered as the triangles of the filled mesh.
-        timings: seconds by stage ("solve", "mesh", "crossings", "continuation", "attributes", or "failed" for the stage
-            that was not finished).
+        timings: seconds by stage ("solve", "mesh", "crossings", "continuation", "clearance", "attributes", or "failed"
+            for the stage that was not finished).
     """
 
     index: int
@@ -66,6 +69,7 @@ class LoopOutcome:
     faces_added: int = 0
     first_face: int | None = None
     edges_split: int = 0
+    displacement: float = 0.0
     self_intersections: int = 0
     mesh_intersections: int = 0
     patch_intersections: int = 0
@@ -170,6 +174,7 @@ class LoopOutcome:
             "area_minimum": None if solution is None else bool(solution.is_area_minimum),
             **{name: getattr(self, name) for name in ("vertices_added", "faces_added", "edges_split", *_CROSSINGS)},
             "face_range": None if self.face_range is None else list(self.face_range),
+            "displacement": self.displacement,
             "notes": list(self.notes),
             "timings": {**self.timings, **timings},
         }

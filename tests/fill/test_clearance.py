@@ -1,0 +1,55 @@
+"""Patches over ragged rims of steep walls keep clear of the walls."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spinor_geom.bench.cases import Hole
+from spinor_geom.bench.reported import BALLS, bowl, cut_tube
+from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.mesh.intersections import intersections_between, self_intersections
+
+STEEP = [
+    *(bowl(opening, ball, seed=seed) for seed, (opening, ball) in enumerate(zip((50, 60, 70, 80), BALLS, strict=True))),
+    bowl(80, "icosphere-4", noise=0.005, seed=4),
+    bowl(60, "uv-sphere-32", noise=0.01, seed=5),
+    cut_tube(0.0, 16),
+    cut_tube(18, 32, seed=10),
+]
+
+
+@pytest.mark.parametrize("continuity", ["C0", "C1"])
+@pytest.mark.parametrize("hole", STEEP, ids=lambda hole: hole.name)
+def test_no_patch_crosses_a_steep_wall(hole: Hole, continuity: str) -> None:
+    every = list(range(len(hole.loops)))
+    (vertices, faces), report = fill_hole((hole.vertices, hole.faces), every, continuity=continuity, return_report=True)  # type: ignore[call-overload]
+    assert report.watertight
+    assert report.intersection_free
+    np.testing.assert_array_equal(vertices[: len(hole.vertices)], hole.vertices)
+    np.testing.assert_array_equal(faces[: len(hole.faces)], hole.faces)
+    # counted anew, not as reported
+    patches = faces[len(hole.faces) :]
+    assert not len(self_intersections(vertices, patches))
+    assert not len(intersections_between(vertices, patches, hole.vertices, hole.faces))
+
+
+@pytest.mark.parametrize("hole", STEEP, ids=lambda hole: hole.name)
+def test_the_report_has_the_distance_from_the_exact_surface(hole: Hole) -> None:
+    _, report = fill_hole((hole.vertices, hole.faces), list(range(len(hole.loops))), return_report=True)
+    for outcome in report.loops:
+        assert outcome.to_dict()["displacement"] == outcome.displacement
+        # a few steps of at most half an edge: no vertex leaves the rim's surroundings
+        assert 0 <= outcome.displacement < 2 * outcome.loop.mean_edge_length
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_patch_that_crosses_nothing_is_not_moved(seed: int) -> None:
+    hole = bowl(30 + 10 * seed, rim="smooth", seed=seed)
+    _, report = fill_hole((hole.vertices, hole.faces), 0, return_report=True)
+    (outcome,) = report.loops
+    assert outcome.intersections == 0
+    assert outcome.displacement == 0
+    surface, patch = outcome.solution.surface, outcome.patch
+    inner = patch.points[patch.boundary_size :]
+    np.testing.assert_array_equal(patch.vertices[patch.boundary_size :], surface.positions_inside(inner))
