@@ -38,11 +38,12 @@ def bowl(opening: float, ball: Ball = "icosphere-4", *, rim: Rim = "ragged", noi
     points, faces = _turned(np.array(sphere.vertices), rng), np.array(sphere.faces)
     height = -np.cos(np.radians(opening))
     if rim == "smooth":
-        cut = trimesh.intersections.slice_mesh_plane(
-            trimesh.Trimesh(points, faces), np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, height])
+        points, faces, _ = trimesh.intersections.slice_faces_plane(
+            points, faces, plane_normal=np.array([0.0, 0.0, -1.0]), plane_origin=np.array([0.0, 0.0, height])
         )
-        cut.merge_vertices()
-        points, faces = np.array(cut.vertices), np.array(cut.faces)
+        # a cut edge has a point for each of its faces
+        _, first, same = np.unique(points.round(9), axis=0, return_index=True, return_inverse=True)
+        points, faces = _largest(points[first], same.reshape(-1)[faces])
     else:
         centroids = points[faces].mean(axis=1)
         points, faces = _largest(points, faces[centroids[:, 2] < height * np.linalg.norm(centroids, axis=1)])

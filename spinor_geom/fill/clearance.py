@@ -133,8 +133,7 @@ class _Wall:
 def _moved(patch: Patch, steps: Float[np.ndarray, "n 3"], folded: Int[np.ndarray, " k"]) -> Patch:
     """A patch after some steps, which neighbours follow; `folded` vertices go to the middle of their neighbours."""
     around = _averaging(unique_edges(np.asarray(patch.faces), len(steps)), len(steps))
-    following = ~steps.any(axis=1)
-    following[: patch.boundary_size] = False
+    following = (np.arange(len(steps)) >= patch.boundary_size) & ~steps.any(axis=1)
     for _ in range(_SPREAD):
         steps = np.where(following[:, None], around @ steps, steps)
     vertices = patch.vertices + steps
