@@ -1,7 +1,7 @@
 """Generated meshes of the kinds that people report as hard to close: steep bowls and tubes cut along triangles."""
 
 from collections.abc import Iterator
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import trimesh
@@ -33,12 +33,15 @@ def bowl(opening: float, ball: Ball = "icosphere-4", *, rim: Rim = "ragged", noi
     rng = np.random.default_rng(seed)
     name, _, count = ball.rpartition("-")
     sphere = (
-        trimesh.creation.icosphere(int(count)) if name == "icosphere" else trimesh.creation.uv_sphere([int(count)] * 2)
+        trimesh.creation.icosphere(int(count))
+        if name == "icosphere"
+        else trimesh.creation.uv_sphere(count=[int(count)] * 2)
     )
     points, faces = _turned(np.array(sphere.vertices), rng), np.array(sphere.faces)
     height = -np.cos(np.radians(opening))
     if rim == "smooth":
-        points, faces, _ = trimesh.intersections.slice_faces_plane(
+        slice_faces: Any = trimesh.intersections.slice_faces_plane
+        points, faces, _ = slice_faces(
             points, faces, plane_normal=np.array([0.0, 0.0, -1.0]), plane_origin=np.array([0.0, 0.0, height])
         )
         # a cut edge has a point for each of its faces
