@@ -8,8 +8,9 @@ from typing import Any
 
 from spinor_geom.bench.cases import known_kind
 from spinor_geom.bench.cut_outs import CUT, HEIGHTS, NOISY
-from spinor_geom.bench.fillers import OUR_FILLERS, OURS, SMOOTH
+from spinor_geom.bench.fillers import CLEAREST, OUR_FILLERS, OURS, SMOOTH
 from spinor_geom.bench.machine import Record
+from spinor_geom.bench.reports import LEFT_OPEN
 from spinor_geom.bench.solves import SUITES as SOLVED
 from spinor_geom.bench.solves import Kind, Limit, solves
 
@@ -63,6 +64,7 @@ def claims(records: Sequence[Record]) -> list[Figure]:
         found += _nearer("odd", case, joined)
     found += _continued(_of(done, "cut-outs"))
     found += _ragged([r for r in _of(done, "ragged") if r["method"] == OURS])
+    found += _reports(_of(done, "reports"))
     found += _meshes([r for r in _of(done, "meshes") if r["method"] == OURS and "within_1e-2" in r])
     for record in records:
         # what ours refuses is a promise missed
@@ -196,7 +198,7 @@ def _continued(done: list[Record]) -> Iterator[Figure]:
 
 def _ragged(ours: list[Record]) -> Iterator[Figure]:
     rims = [r for r in ours if r["case"] in CUT]
-    clean = [not (r.get("crossings") or r.get("mesh_crossings")) for r in rims]
+    clean = [not _crossings(r) for r in rims]
     yield from share("ragged", "cut", "no patch crosses anything", clean)
     for name, sharp, least in (("milder rims", False, 0.95), ("sharper rims", True, 0.6)):
         residuals = [r.get("residual_per_edge") for r in rims if (r["sharpness"] >= SHARP) == sharp]
@@ -210,6 +212,22 @@ def _ragged(ours: list[Record]) -> Iterator[Figure]:
         allowed = WITHIN if noise < 0.2 else 1e-2
         yield judged(Limit("residual_per_edge", "RMS residual, in mean edges,", allowed), record)
         yield judged(Limit("seconds", "seconds", NOISY_SECONDS[points], "time"), record)
+
+
+def _reports(done: list[Record]) -> Iterator[Figure]:
+    """What is promised of holes as people report them, beside what other tools' patches cross."""
+    for method, here in ((name, [r for r in done if r["method"] == name]) for name in OUR_FILLERS):
+        clear = {r["case"] for r in done if r["method"] in CLEAREST and _closed(r) and not _crossings(r)}
+        text = "no patch crosses anything where one of CGAL's or PyMeshFix's does not"
+        yield from share("reports", method, text, [not _crossings(r) for r in here if r["case"] in clear])
+        steep = [_closed(r) for r in here if r["case"].startswith(("bowl", "tube"))]
+        yield from share("reports", method, "every bowl and tube is closed, the mesh kept bit-equal", steep)
+        kept = [not r.get("patches") for r in here if r["expected"] == LEFT_OPEN]
+        yield from share("reports", method, "nothing is laid where nothing is missing", kept)
+
+
+def _crossings(record: Record) -> int:
+    return (record.get("crossings") or 0) + (record.get("mesh_crossings") or 0)
 
 
 def _meshes(ours: list[Record]) -> Iterator[Figure]:

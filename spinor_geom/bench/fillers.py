@@ -25,6 +25,9 @@ SMOOTHEST = (
     *("meshlib-nicely", "meshlib-nicely-fine", "meshlib-nicely-natural", "cgal-fair", "cgal-fair-2"),
     *("meshlab-close-smoothed", "pymeshfix-refined"),
 )
+# those whose patches ours are to cross no more than, and what fills them
+CLEAREST = ("cgal", "cgal-fair", "pymeshfix", "pymeshfix-refined")
+REPORTED = (*OUR_FILLERS, "meshlib-nicely", *CLEAREST)
 _EVERY_SIZE = 1e6  # radius of holes for tools that cannot tell ours from the others by it
 _CGAL_DENSITY = 2**0.5  # CGAL's own default, which its bindings ask for before the continuity
 

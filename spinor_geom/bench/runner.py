@@ -17,8 +17,9 @@ from spinor_geom.bench.batches import BATCHES
 from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind, mesh_files, odd_holes
 from spinor_geom.bench.claims import REFERENCE, REFERENCE_CASE
 from spinor_geom.bench.cut_outs import CAPS, CUT, NOISY, WINDOWS, scan_names
-from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, OURS, SMOOTHEST
+from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, OURS, REPORTED, SMOOTHEST
 from spinor_geom.bench.machine import Record, Task, machine, stamp
+from spinor_geom.bench.reports import reported_holes
 from spinor_geom.bench.solves import QUICK as QUICK_SOLVES
 from spinor_geom.bench.solves import SUITES as SOLVED
 from spinor_geom.bench.solves import solves
@@ -147,6 +148,11 @@ def _ragged(settings: Settings, _: Path) -> Iterator[Task]:
     yield from _each("ragged", cases, (OURS, REFERENCE), 1)
 
 
+def _reports(settings: Settings, _: Path) -> Iterator[Task]:
+    cases = list(reported_holes())
+    yield from _each("reports", cases[:: len(cases) // 8] if settings.few else cases, REPORTED, 1)
+
+
 def _solves(suite: str, settings: Settings, _: Path) -> Iterator[Task]:
     cases = [c.name for c in solves().values() if c.suite == suite and (c.name in QUICK_SOLVES or not settings.few)]
     return _each(suite, cases, ("spinor",), 0 if suite == "curves" else settings.repeat)
@@ -165,6 +171,7 @@ SUITES: Mapping[str, Callable[[Settings, Path], Iterator[Task]]] = {
     "cut-outs": _cut_outs,
     "meshes": _meshes,
     "ragged": _ragged,
+    "reports": _reports,
     **{suite: partial(_solves, suite) for suite in SOLVED},
     "batch": _batch,
 }

@@ -23,6 +23,7 @@ from spinor_geom.bench.claims import LEAST_POINTS
 from spinor_geom.bench.cut_outs import CutOut, named_cut_out, ragged_hole
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, Answer, Filled, Mesh
 from spinor_geom.bench.machine import Record, Task
+from spinor_geom.bench.reports import reported_holes
 from spinor_geom.bench.solves import solve_figures, solves
 from spinor_geom.comparison import exact_curvature
 from spinor_geom.errors import SpinorGeomError
@@ -100,6 +101,8 @@ def _fill(task: Task) -> Record:
     elif task["suite"] == "meshes":
         mesh = read_mesh(name).mesh
         hole = all_rims(Path(name).name, mesh.vertices, mesh.faces)
+    elif task["suite"] == "reports":
+        hole = reported_holes()[name]
     else:
         hole = odd_holes()[name] if task["suite"] == "odd" else ragged_hole(name)
     timed, answer, finish = _timed(lambda: FILLERS[task["method"]].prepare(hole), task["repeat"])

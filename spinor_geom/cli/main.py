@@ -252,7 +252,7 @@ def _add_bench(commands: _Commands) -> None:
     ).add_argument
     add("-o", "--output", **_path("DIR"), required=True, help="folder of the run")
     add("--quick", **_FLAG, help="a few cases of each suite, every tool once: less than three minutes")
-    beside, alone = "disks, fills, odd, cut-outs, meshes, ragged", "curves, rims, speed, paper, batch"
+    beside, alone = "disks, fills, odd, cut-outs, meshes, ragged, reports", "curves, rims, speed, paper, batch"
     suites = f"{beside}: ours beside others; {alone}: ours alone (default: all)"
     add("--suite", dest="suites", **_NAMES, help=suites)
     which = "which of their cases, also by patterns as of files, for instance 'icosphere-*' (default: all)"
