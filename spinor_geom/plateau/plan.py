@@ -18,7 +18,7 @@ from spinor_geom.mesh.interpolation import DEGREES, MIN_POINTS_FOR_HIGH_DEGREE
 from spinor_geom.plateau.found import FAILURES, Found, NoneBetweenError, typed_failures
 from spinor_geom.plateau.harmonic_route import Fit, HarmonicSolver, points_of_domain
 from spinor_geom.plateau.network_route import PARTS_OF_A_SIDE, NetworkSolver, rim_indices
-from spinor_geom.plateau.omega import NodeDensity
+from spinor_geom.plateau.omega import has_narrow_place
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import lie_in_plane, plane_region
 from spinor_geom.plateau.request import Request
@@ -153,7 +153,7 @@ def _plan_for_disk(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]
         on_disk, on_domain = (), on_domain[::-1]
     if options.between == "free" and len(loop) <= _MOST_POINTS:
         # the cost of a slide on a narrow Ω grows with the cube of its nodes, that through the points does not
-        is_narrow = NodeDensity(curve, points_of_domain(loop)).is_narrow
+        is_narrow = has_narrow_place(curve, points_of_domain(loop))
         on_domain = (Route.THROUGH_POINTS, *on_domain) if is_narrow else (*on_domain, Route.THROUGH_POINTS)
     return (*in_plane, *on_disk, *on_domain, Route.BY_NETWORK)
 
@@ -188,7 +188,7 @@ def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
     turn = roughness(loop) - (roundest(n) if n < MIN_POINTS_FOR_HIGH_DEGREE else 0.0)
     if n <= FEW_POINTS or turn > ROUGH_TURN:
         return True
-    return NodeDensity(curve, points_of_domain(loop)).is_narrow
+    return has_narrow_place(curve, points_of_domain(loop))
 
 
 def nearest_surface(routes: Sequence[Route], task: Task) -> Found:
