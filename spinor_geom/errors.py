@@ -278,6 +278,15 @@ class SingularMatrixError(SpinorGeomError, ValueError):
     sentence = "a Laplacian of {size} inner vertices is singular, as faces have no area; check the loop for crossings"
 
 
+class UnsolvableError(SingularMatrixError):
+    """Equations for a surface have no solution in double precision."""
+
+    sentence = (
+        "equations for a surface over the loop cannot be solved ({reason}); check the loop for points that nearly "
+        "coincide, and for parts of it that nearly touch"
+    )
+
+
 class DtypeError(SpinorGeomError, TypeError):
     """A tensor has the wrong dtype."""
 

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SurfaceError
+from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SurfaceError, UnsolvableError
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.solution import RouteName
@@ -22,15 +22,11 @@ FAILURES = (DomainError, FirstFillError, SingularMatrixError, SurfaceError)
 
 @contextmanager
 def typed_failures() -> Iterator[None]:
-    """Raises a SingularMatrixError for what numpy, scipy and torch raise where equations cannot be solved."""
+    """Raises an UnsolvableError for what numpy, scipy and torch raise where equations cannot be solved."""
     try:
         yield
     except (np.linalg.LinAlgError, torch.linalg.LinAlgError) as error:  # type: ignore[attr-defined]
-        reason = str(error).splitlines()[0].rstrip(".")
-        raise SingularMatrixError(
-            f"equations for a surface over the loop cannot be solved ({reason}); check the loop for points that nearly "
-            "coincide, and for parts of it that nearly touch"
-        ) from error
+        raise UnsolvableError(reason=str(error).splitlines()[0].rstrip(".")) from error
 
 
 @dataclass(frozen=True, kw_only=True)

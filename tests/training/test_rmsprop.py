@@ -145,7 +145,7 @@ def test_a_file_of_something_else_is_refused(tmp_path, whole):
     for name, write in {
         "nothing": lambda path: path.write_bytes(b""),
         "bytes": lambda path: path.write_bytes(b"nonsense" * 9),
-        "surface": whole.surface.save,
+        "surface.safetensors": whole.surface.save,
         "module": lambda path: torch.save(whole.surface.state_dict(), path),
     }.items():
         write(tmp_path / name)
