@@ -20,7 +20,7 @@ from scipy.sparse import csc_array, diags_array
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import unique_edges
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
-from spinor_geom.fill.collar import Bend, Collar
+from spinor_geom.fill.collar import Bend, Collar, bend_across
 from spinor_geom.mesh.operators import (
     Bending,
     crossing_angles,
@@ -182,7 +182,7 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
     is_poor = moved.folds or not moved.converged or (moved.stretch > _MOST_STRETCHED and not is_conformal)
     if is_poor and not patch.hole_sizes and not is_out_of_time():
         again = _at_rest_over_angles(patch, collar, target)
-        if again is not None and (again.folds, not again.converged) <= (moved.folds, not moved.converged):
+        if again is not None and _poorness(again, collar) <= _poorness(moved, collar):
             moved, is_conformal = replace(again, steps=moved.steps + again.steps, remeshed=True), True
     moved = _meshed_anew(moved, collar, target, is_conformal=is_conformal)
     defect = moved.defect(collar)
@@ -233,6 +233,12 @@ def _next_mesh(moved: Moved, collar: Collar, target: float, *, is_conformal: boo
         if best is not None and best.converged and not best.folds and not best.is_thin:
             break
     return best
+
+
+def _poorness(moved: Moved, collar: Collar) -> tuple[int, float]:
+    """How many of two defects it has, folds and no rest, and with any the RMS bend across the rim, in degrees."""
+    defects = bool(moved.folds) + (not moved.converged)
+    return defects, bend_across(collar, moved.patch).rms if defects else 0.0
 
 
 def _rank(moved: Moved) -> tuple[bool, float, float]:
