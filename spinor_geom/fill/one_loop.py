@@ -30,7 +30,7 @@ from spinor_geom.errors import (
 from spinor_geom.fill.attributes import patch_attributes
 from spinor_geom.fill.clearance import cleared
 from spinor_geom.fill.collar import bend_across, collar_of
-from spinor_geom.fill.continuation import MOST_AREA, Continuation, Start, continue_patch
+from spinor_geom.fill.continuation import MOST_AREA, Continuation, Moved, Start, continue_patch
 from spinor_geom.fill.discrete_patch import discrete_patch, refuse_empty
 from spinor_geom.fill.options import CONTINUITY, Continuity
 from spinor_geom.fill.result import LoopOutcome
@@ -321,13 +321,13 @@ def continued(first: MadePatch, target: float, surroundings: Surroundings) -> Ma
         return _staying(first, str(error))
     before, after = bend_across(collar, first.patch), bend_across(collar, moved.patch)
     ratio = moved.patch.area / first.patch.area
+    no_continuation = (
+        f"{moved.steps} steps left a bend of {after.rms:.3g}° (RMS) across the rim, where it has {before.rms:.3g}°, and "
+        f"{ratio:.2g} times its area"
+    )
     is_second_best = bool(moved.lowered) or not moved.converged
-    # a patch that still turns back over the mesh, as a mean, is no continuation
-    if is_second_best and (after.rms >= min(before.rms, 90) or ratio > MOST_AREA or moved.folds):
-        steps = f"{moved.steps} steps left a bend of {after.rms:.3g}° (RMS)"
-        return _staying(
-            first, f"{steps} across the rim, where it has {before.rms:.3g}°, and {ratio:.2g} times its area"
-        )
+    if is_second_best and (after.rms >= before.rms or ratio > MOST_AREA):
+        return _staying(first, no_continuation)
     continuation = Continuation(
         started_from=first.start,
         before=before,
@@ -351,6 +351,16 @@ def continued(first: MadePatch, target: float, surroundings: Surroundings) -> Ma
     crossings = surroundings.crossings(smooth.patch)
     if len(crossings) > len(first.crossings):
         return _staying(first, ", ".join(crossings.notes), link=", as then")
+    # a patch that turns back over the mesh, as a mean, or over itself is better only than another that crosses more
+    if is_second_best and (after.rms >= 90 or moved.folds):
+        was = Moved(patch=first.patch, steps=0, next_step=0.0, stretch=1.0)
+        if len(crossings) == len(first.crossings) or not (before.rms >= 90 or was.folds):
+            return _staying(first, no_continuation)
+        remark = (
+            "the patch is folded or turns back over the mesh, and so is the surface it started from, which crosses "
+            f"{len(first.crossings)} pairs of faces, and the patch {len(crossings)}"
+        )
+        smooth = replace(smooth, remarks=(*smooth.remarks, remark))
     return replace(smooth, crossings=crossings)
 
 

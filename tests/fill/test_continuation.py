@@ -274,6 +274,35 @@ def test_a_continuation_that_is_not_found_leaves_the_film(monkeypatch: pytest.Mo
         assert told in outcome.remarks[0]
 
 
+@pytest.mark.parametrize("is_crossed", [True, False])
+def test_of_two_patches_that_turn_back_the_one_that_crosses_less_is_kept(
+    monkeypatch: pytest.MonkeyPatch, is_crossed: bool
+) -> None:
+    # less than half a sphere, cut along a circle: the film lies over it as a lid, at z = -0.7
+    mesh = rounds_and_rows(
+        lambda a, t: (np.sin(t) * np.cos(a), np.sin(t) * np.sin(a), -np.cos(t)), 32, np.linspace(0.15, 0.8, 8)
+    )
+    needle = np.array([[0.0, 0, -0.75], [0.05, 0, -0.6], [0, 0.05, -0.6]])
+    if is_crossed:
+        mesh = np.concatenate([mesh[0], needle]), np.concatenate([mesh[1], [len(mesh[0]) + np.arange(3)]])
+
+    def low_dome(patch: Patch, *_: object, **__: object) -> Moved:
+        x = patch.vertices.copy()
+        m = patch.boundary_size
+        x[m:, 2] += 0.5 * (np.hypot(*x[:m, :2].T).mean() - np.hypot(*x[m:, :2].T))
+        return Moved(patch=replace(patch, vertices=x), steps=7, next_step=0.5, stretch=1.0)
+
+    monkeypatch.setattr("spinor_geom.fill.one_loop.continue_patch", low_dome)
+    _, outcome = continued(mesh, loop=0)
+    assert not outcome.intersections
+    if is_crossed:
+        assert (outcome.kind, outcome.converged) == ("smooth", False)
+        assert any("which crosses" in remark for remark in outcome.remarks)
+    else:
+        assert (outcome.kind, outcome.converged) == ("minimal", True)
+        assert "7 steps left a bend of" in outcome.remarks[0]
+
+
 def test_a_finer_mesh_without_inner_vertices_has_nothing_to_move(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > -0.4)
     loop = boundary_loops(mesh)[0]

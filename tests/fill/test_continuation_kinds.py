@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -114,7 +115,8 @@ def test_continuations_come_to_rest_without_thin_triangles(kind: str, seed: int)
     faces = np.asarray(smooth.patch.faces)
     inner = faces[(faces >= smooth.patch.boundary_size).all(axis=1)]
     assert np.degrees(internal_angles(smooth.patch.vertices, inner)).min() >= 10
-    assert told.area_ratio == pytest.approx(smooth.patch.area / film.patch.area, rel=1e-9)  # type: ignore[union-attr]
+    # both may have been moved off the mesh since, by shares of an edge beside the rim
+    assert told.area_ratio == pytest.approx(smooth.patch.area / film.patch.area, rel=1e-2)  # type: ignore[union-attr]
     assert (told.area_ratio > 2) == any("times the area" in remark for remark in smooth.remarks)
 
 
@@ -179,3 +181,28 @@ def test_a_repeated_position_on_the_rim_is_no_raw_error(subdivisions: int) -> No
     mesh[0][rim[0]] = mesh[0][rim[1]]
     (outcome,) = fill_hole(mesh, continuity="C1", return_report=True)[1].loops
     assert outcome.filled
+
+
+def test_a_start_over_other_angles_that_rests_is_taken_for_one_that_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With one defect each, a fold or no rest, that is kept which goes on with the mesh more nearly."""
+    ball = trimesh.creation.icosphere(3)
+    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
+    mesh = cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > 0.5)
+    loop = boundary_loops(mesh)[0]
+    film = fill_hole(mesh, return_report=True)[1].loops[0].patch
+    assert film is not None
+    collar = collar_of(Surroundings(TriangleMesh(*mesh)), loop.vertex_ids, film)
+    dome = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True).patch.vertices.copy()
+    inner = np.arange(len(loop), len(dome))
+    # over its neighbours, which leaves folds far from the rim
+    dome[inner[np.argmax(dome[inner, 2])]] += [0.5, 0, 0]
+    unrested = Moved(patch=film, steps=1, next_step=5.0, stretch=1.0)
+    folded = Moved(patch=replace(film, vertices=dome), steps=1, next_step=0.0, stretch=1.0)
+    assert folded.folds
+    monkeypatch.setattr("spinor_geom.fill.continuation._at_rest", lambda *_: unrested)
+    monkeypatch.setattr("spinor_geom.fill.continuation._at_rest_over_angles", lambda *_: folded)
+    monkeypatch.setattr("spinor_geom.fill.continuation._thin_plate", lambda *_: unrested)
+    monkeypatch.setattr("spinor_geom.fill.continuation._next_mesh", lambda *_, **__: None)
+    moved = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True)
+    np.testing.assert_array_equal(moved.patch.vertices, dome)
+    assert moved.remeshed
