@@ -88,10 +88,14 @@ class DuplicateVertexError(MeshError):
     )
 
 
+def advised_distance(distance: float) -> float:
+    """The distance that merges vertices so far apart, in mesh units: with two digits, and larger by one of the last."""
+    return float(f"{1.1 * distance:.1e}")
+
+
 def merge_advice(distance: float) -> str:
     """How to merge vertices that are so far apart, in mesh units."""
-    # rounded up to two digits, and by one more of them
-    within = "" if not distance else f"{1.1 * distance:.1e}"
+    within = f"{advised_distance(distance):.1e}" if distance else ""
     return f"fill_hole(mesh, merge={within or True}), or --merge{' ' * bool(within)}{within} on the command line"
 
 

@@ -13,10 +13,7 @@ from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 
 CREASE = np.radians(40)  # nothing goes on across an edge with a larger angle between its faces' normals
-# Rings of faces whose curvature is compared, and edges between them below which there is nothing to be compared.
-_RINGS, _FEWEST_EDGES = 3, 12
-_CONSTANT = 1e-3  # share of the rings' mean curvature, and of one edge's, that is rounding and triangles, not shape
-_LONGEST = 100.0  # edges over which the curvature of the smoothest mesh changes
+_RINGS = 3  # rings of faces whose curvature is compared
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,17 +104,20 @@ def _correlation(
     """The length over which H changes, and the share of its variance between neighbours."""
     edges = np.stack([half_edges.origin, half_edges.target], axis=1)
     edges = edges[bends[edges].all(axis=1) & (edges[:, 0] < edges[:, 1])]
-    if len(edges) < _FEWEST_EDGES:
+    if not len(edges):
         return 0.0, 0.0
     edge = float(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1).mean())
     curvature = bending.curvature
     weight = np.where(bends, bending.areas, 0.0)
     mean = weight @ curvature / weight.sum()
     variance = float(weight @ (curvature - mean) ** 2 / weight.sum())
-    if variance <= (_CONSTANT * max(abs(mean), 1 / edge)) ** 2:
+    # by which H differs where vertices are rounded to single precision: less is no change
+    rounding = float(np.finfo(np.float32).eps) * float(np.ptp(vertices, axis=0).max()) / edge**2
+    if variance <= rounding**2:
         return 0.0, 0.0
     between = float(np.mean((curvature[edges[:, 0]] - curvature[edges[:, 1]]) ** 2) / 2)
     correlation = 1 - between / variance
     if correlation <= 0:
         return 0.0, between / variance
-    return edge / max(-float(np.log(correlation)), 1 / _LONGEST), between / variance
+    # from so many edges a correlation cannot be told from one that is nearer to 1
+    return edge / max(-float(np.log(correlation)), 1 / len(edges)), between / variance

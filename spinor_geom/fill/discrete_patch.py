@@ -1,5 +1,7 @@
 """Patches of loops without an exact surface, discrete minimal ones or triangles; and which loops are no holes."""
 
+import math
+
 import numpy as np
 from jaxtyping import Int
 
@@ -24,7 +26,6 @@ from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import require_few_points
 
 MIN_WIDTH_PER_EDGE = 1e-6  # of a loop's mean edge: far above round-off, far below any hole that was meant
-_WHOLE_SLIT = 1 - 1e-9
 
 
 def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tuple[Patch, str]:
@@ -70,7 +71,7 @@ def refuse_what_is_no_hole(loop: BoundaryLoop, surroundings: Surroundings) -> No
     if loop.obstacle is not None:
         raise loop.obstacle
     distance = loop.seam_distance
-    if loop.slit_fraction > _WHOLE_SLIT:
+    if math.isclose(loop.slit_fraction, 1.0):
         if len(loop.junctions):
             raise junction_error(loop)
         # the first edge of the loop stands for all of them

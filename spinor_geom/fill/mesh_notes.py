@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 from scipy.spatial import cKDTree
 
-from spinor_geom.errors import SpinorGeomError, merge_advice
+from spinor_geom.errors import SpinorGeomError, advised_distance, merge_advice
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import SHARE_OF_EDGE, HalfEdges, face_components, linked
@@ -70,7 +70,7 @@ def _merge_note(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> Iterator[s
         return
     distance = float(near[is_near, 1].max())
     try:
-        left = len(find_boundary_loops(mesh.merged(1.2 * distance)[0]))
+        left = len(find_boundary_loops(mesh.merged(advised_distance(distance))[0]))
     except SpinorGeomError:
         return
     if left < len(loops):

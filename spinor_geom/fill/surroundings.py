@@ -98,7 +98,7 @@ class Surroundings:
         self._faces = dict(zip(map(tuple, corners[::-1].tolist()), within[::-1].tolist(), strict=True))
         self._patches: list[_Piece] = []
         # their boxes, with room for as many again: rows are low and high corners
-        self._boxes = np.empty((16, 6))
+        self._boxes = np.empty((1, 6))
         self.count = len(mesh.faces)
 
     def _keys(self, edges: Int[np.ndarray, "e 2"]) -> list[int]:

@@ -147,6 +147,14 @@ def test_pieces_elsewhere_are_no_islands() -> None:
         assert find_islands(mesh, find_boundary_loops(mesh)) == {}
 
 
+@pytest.mark.parametrize(("height", "is_in"), [(0.3, True), (0.5, True), (0.65, False), (1.0, False)])
+def test_a_piece_is_in_a_round_hole_up_to_a_fifth_of_the_diagonal(height: float, is_in: bool) -> None:
+    # of the hole's box, which is 2.8
+    circle = ring(1.0, 2.0)[0][:SIDES]
+    hole, piece = (BoundaryLoop.from_points(points) for points in (circle, 0.4 * circle + [0, 0, height]))
+    assert _lies_in(piece, hole) == is_in
+
+
 def test_a_piece_that_touches_the_hole_is_no_island() -> None:
     # seen from its shared corner the L lies in three quarters of all directions
     hole = BoundaryLoop.from_points([(0, 0, 0), (2, 0, 0), (2, 1, 0), (1, 1, 0), (1, 2, 0), (0, 2, 0)], corners=())

@@ -216,6 +216,30 @@ def test_nothing_goes_on_across_a_crease() -> None:
     assert np.abs(new).max() <= 1 + 1e-9
 
 
+@pytest.mark.parametrize(("sides", "creased"), [(8, True), (12, False)])
+def test_a_tube_of_twelve_sides_is_round_and_one_of_eight_has_edges(sides: int, creased: bool) -> None:
+    # 30° and 45° between its sides
+    mesh = cylinder(sides, 9)
+    loop = boundary_loops(mesh)[0]
+    assert collar_of(Surroundings(TriangleMesh(*mesh)), loop.vertex_ids, cone(loop)).creased == sides * creased
+
+
+def test_a_patch_depends_on_three_rings_of_faces_and_no_more() -> None:
+    mesh = cylinder(24, 12)
+    loop = boundary_loops(mesh)[0]
+    from_rim = np.abs(mesh[0][:, 2] - loop.centroid[2])
+    rows = np.unique(np.round(from_rim, 9))
+
+    def roughness(changed: float) -> float:
+        vertices = mesh[0].copy()
+        row = np.isclose(from_rim, changed)
+        vertices[row, :2] *= 1 + 0.05 * np.sin(5 * np.arange(row.sum()))[:, None]
+        return collar_of(Surroundings(TriangleMesh(vertices, mesh[1])), loop.vertex_ids, cone(loop)).roughness
+
+    # row k ends the k-th ring; of a round tube H is the same everywhere
+    assert [roughness(rows[k]) > 0 for k in range(1, 8)] == [True, True, True, False, False, False, False]
+
+
 def test_noise_is_not_amplified_and_told() -> None:
     vertices, faces = icosphere(4)
     edge, noise = 0.069, 0.1

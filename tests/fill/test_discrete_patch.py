@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.discrete.first_fill import disk_without_inner_points, minimum_area_triangulation
-from spinor_geom.errors import FirstFillError, OutOfTimeError, TooManyPointsError
+from spinor_geom.errors import FirstFillError, NoAreaError, OutOfTimeError, TooManyPointsError
 from spinor_geom.fill import discrete_patch as module
-from spinor_geom.fill.discrete_patch import discrete_patch
+from spinor_geom.fill.discrete_patch import discrete_patch, refuse_empty
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
@@ -93,6 +93,23 @@ def test_a_loop_that_would_take_minutes_is_closed_when_its_time_is_over() -> Non
     _, report = fill_hole(mesh, 0, time_limit=1.0, return_report=True)
     assert perf_counter() - start < 60  # two seconds and the steps that were under way, on any machine
     assert report.loops[0].filled
+
+
+@pytest.mark.parametrize(("width", "is_refused"), [(0.8e-6, True), (1.25e-6, False)])
+def test_a_loop_encloses_no_area_below_a_millionth_of_its_mean_edge(width: float, is_refused: bool) -> None:
+    x = np.array([0.0, 1, 2, 3, 2, 1])
+    loop = BoundaryLoop.from_points(np.column_stack([x, [0, 0, 0, 0, width, width], 0 * x]), corners=())
+    assert loop.mean_edge_length == pytest.approx(1.0)
+    found = refuse_what(loop)
+    assert isinstance(found, NoAreaError) == is_refused
+
+
+def refuse_what(loop: BoundaryLoop) -> NoAreaError | None:
+    try:
+        refuse_empty(loop, loop.diagonal / loop.elongation)
+    except NoAreaError as error:
+        return error
+    return None
 
 
 def test_a_discrete_patch_of_too_many_points_is_refused_before_it_is_made() -> None:

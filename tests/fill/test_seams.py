@@ -170,6 +170,44 @@ def test_nothing_is_laid_into_a_slit_narrower_than_rounding(width: float) -> Non
     assert slit.loop.seam_distance <= 1.1 * width + 1e-15
 
 
+@pytest.mark.parametrize(("share", "is_seam"), [(0.7e-6, True), (1.5e-6, False)])
+def test_sides_of_a_gap_are_at_one_place_up_to_a_millionth_of_the_diagonal(share: float, is_seam: bool) -> None:
+    vertices, faces = box(3, 3)
+    # the lid is lifted; its edges are 1/3, so that the diagonal is the limit
+    lid = vertices[-16:] + np.array([0, 0, share * np.linalg.norm(np.ptp(vertices, axis=0))])
+    _, report = fill_hole((np.concatenate([vertices[:-16], lid]), faces), return_report=True)
+    assert {"apart" in outcome.reason for outcome in report.loops} == {is_seam}
+
+
+@pytest.mark.parametrize(("share", "is_seam"), [(0.7e-2, True), (1.5e-2, False)])
+def test_sides_of_a_gap_between_fine_faces_are_at_one_place_up_to_a_hundredth_of_an_edge(
+    share: float, is_seam: bool
+) -> None:
+    # edges of 1e-5 beside a face of size 1: a millionth of the diagonal is a tenth of them
+    vertices, faces = box(3, 3, size=3e-5)
+    far = np.array([[0.0, 0, 5], [1, 0, 5], [0, 1, 5]])
+    vertices[-16:, 2] += share * 1e-5
+    mesh = joined((vertices, faces), (far, np.array([[0, 1, 2]])))
+    assert {loop.seam_distance > 0 for loop in boundary_loops(mesh) if len(loop) > 3} == {is_seam}
+
+
+def test_a_hole_at_the_end_of_a_slit_is_filled() -> None:
+    vertices, faces = grid_patch(np.zeros(3), np.array([8.0, 0, 0]), np.array([0, 4.0, 0]), 8, 4)
+    # cut along y = 2 from x = 1 to x = 7, and open beyond: seven of ten edges or so lie on one another
+    middle = vertices[faces].mean(axis=1)
+    upper = middle[:, 1] > 2
+    cut = np.flatnonzero((vertices[:, 1] == 2) & (vertices[:, 0] > 1) & (vertices[:, 0] < 7))
+    copy = np.arange(len(vertices))
+    copy[cut] = len(vertices) + np.arange(len(cut))
+    faces = np.where(upper[:, None], copy[faces], faces)
+    opened = (np.abs(middle - [6.5, 2.5, 0]).max(axis=1) < 0.5) & (middle[:, 1] > 2)
+    mesh = np.concatenate([vertices, vertices[cut]]), faces[~opened]
+    _, report = fill_hole(mesh, return_report=True)
+    (keyhole,) = (outcome for outcome in report.loops if outcome.loop.slit_fraction)
+    assert 0.5 < keyhole.loop.slit_fraction < 0.9
+    assert "zero-width slit" not in keyhole.reason
+
+
 def test_no_two_corners_of_a_face_are_merged() -> None:
     random = np.random.default_rng(0)
     for scale in (0.02, 0.1, 0.5, 3.0):
