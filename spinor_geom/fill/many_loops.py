@@ -26,8 +26,8 @@ from spinor_geom.plateau.solution import NoConnectedSurface
 from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 
 # An island lies no farther over or under the plane of its hole than the hole itself, and this share of its box's
-# diagonal, of a long hole divided by its elongation. That is 0.57 over a
-# round hole of radius 1, which has an annulus to pieces of radius 0.2, 0.4 and 0.6 up to heights of 0.4, 0.7 and 0.85.
+# diagonal, of a long hole divided by its elongation. For a round hole of radius 1 that is a height of 0.57; it has an
+# annulus to pieces of radius 0.2, 0.4 and 0.6 up to heights of 0.4, 0.7 and 0.85.
 _HEIGHT_PER_WIDTH = 0.2
 
 Loops: TypeAlias = Sequence[BoundaryLoop]

@@ -322,8 +322,8 @@ def continued(first: MadePatch, target: float, surroundings: Surroundings) -> Ma
     before, after = bend_across(collar, first.patch), bend_across(collar, moved.patch)
     ratio = moved.patch.area / first.patch.area
     no_continuation = (
-        f"{moved.steps} steps left a bend of {after.rms:.3g}° (RMS) across the rim, where it has {before.rms:.3g}°, and "
-        f"{ratio:.2g} times its area"
+        f"{moved.steps} steps left a bend of {after.rms:.3g}° (RMS) across the rim, where it has {before.rms:.3g}°, "
+        f"and {ratio:.2g} times its area"
     )
     is_second_best = bool(moved.lowered) or not moved.converged
     if is_second_best and (after.rms >= before.rms or ratio > MOST_AREA):
