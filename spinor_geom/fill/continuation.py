@@ -63,8 +63,8 @@ class Continuation:
         converged: whether it is at rest: the next step would move no vertex by more than 0.01 of an edge.
         next_step: the largest displacement of a vertex in the next step, in mean edges of the patch.
         area_ratio: its area by that of the surface it started from.
-        smallest_angle: of its triangles without rim vertices, in degrees; None where it has none.
-        smallest_rim_angle: of all its triangles; those at the rim have the rim's edges and, at two of them, its angle.
+        smallest_angle: of its triangles with an inner vertex, in degrees; None where it has none.
+        smallest_rim_angle: of all its triangles; the angles of those over three rim vertices are given by the rim.
         correlation_length: ℓ, over which the mean curvature of the mesh around changes, in mesh units.
         roughness: share of the variance of that curvature between neighbours: 0 on a smooth mesh, 1 and more in noise,
             none of which goes on.
@@ -103,7 +103,7 @@ class Continuation:
         if self.area_ratio > MOST_AREA:
             found.append(f"the patch has {self.area_ratio:.2g} times the area of the surface it started from")
         if self.smallest_angle is not None and self.smallest_angle < _SMALLEST_ANGLE:
-            found.append(f"the smallest angle of the patch's inner triangles is {self.smallest_angle:.2g}°")
+            found.append(f"the smallest angle of the patch's triangles is {self.smallest_angle:.2g}°")
         return tuple(found)
 
     def to_dict(self) -> dict[str, Any]:
@@ -140,10 +140,10 @@ class Moved:
 
     @cached_property
     def smallest_angles(self) -> tuple[float | None, float]:
-        """Of the triangles without rim vertices, None where there are none, and of all, in degrees."""
+        """Of the triangles with an inner vertex, None where there are none, and of all, in degrees."""
         faces = np.asarray(self.patch.faces)
         angles = np.degrees(internal_angles(self.patch.vertices, faces).min(axis=1))
-        inner = angles[(faces >= self.patch.boundary_size).all(axis=1)]
+        inner = angles[(faces >= self.patch.boundary_size).any(axis=1)]
         return float(inner.min()) if len(inner) else None, float(angles.min())
 
     @property

@@ -1,0 +1,35 @@
+"""Loops of one mesh are meshed together, but none waits long for the others."""
+
+from __future__ import annotations
+
+from itertools import count
+
+import numpy as np
+import pytest
+
+from spinor_geom.fill import many_loops
+from spinor_geom.fill.one_loop import FillOptions
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+
+
+@pytest.mark.parametrize(("tick", "groups"), [(0.01, [9]), (0.4, [3, 3, 3]), (1.5, [1] * 9)])
+def test_a_surface_waits_about_a_second_for_others(
+    monkeypatch: pytest.MonkeyPatch, tick: float, groups: list[int]
+) -> None:
+    """A loop is seen in the progress a second after it was solved, and loops that are solved faster share a mesh."""
+    angle = 2 * np.pi * np.arange(12) / 12
+    loops = [BoundaryLoop.from_points(np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]))] * 9
+    sizes: list[int] = []
+
+    def meshed(waiting: list[object], _: FillOptions) -> list[object]:
+        sizes.append(len(waiting))
+        return list(waiting)
+
+    ticks = count()
+    monkeypatch.setattr(many_loops, "solve_plateau_batch", lambda loops, **_: iter(list(loops)))
+    monkeypatch.setattr(many_loops, "exact_patches", meshed)
+    # read once at the start, once a loop, and again where a group was meshed
+    monkeypatch.setattr(many_loops, "perf_counter", lambda: tick * next(ticks))
+    options = FillOptions(target_edge_length="auto", model="auto", tolerance=1e-3)
+    assert len(list(many_loops.minimal_patches(loops, options))) == 9
+    assert [size for size in sizes if size] == groups
