@@ -38,8 +38,6 @@ _MOST_STRETCHED = 2.0  # edges that are longer by more leave triangles that are 
 _AT_REST = 0.01  # at rest: the next step moves no vertex by more than this share of an edge
 _ROUNDS = 4  # of new meshes: what is not at rest after so many is not after more
 _SMALLEST_ANGLE = 10.0  # degrees: a patch with thinner triangles is meshed anew
-_MOST_BENT = 3.0  # a patch that bends by so many times as much as the mesh around it is a ripple or a fold
-_LEAST_BEND = 5.0  # degrees: what a nearly plane mesh counts as bending
 MOST_AREA = 2.0  # times the film's: half a sphere over its disk; a larger patch is reported
 _QUICK = 0.5  # a factor serves on while each step is so much shorter than the one before
 _SHORTEST = 0.05  # where no longer share of a step brings the next one down, the linear problem is no guide
@@ -129,14 +127,10 @@ class Moved:
         return self.next_step <= _AT_REST
 
     @cached_property
-    def _angles(self) -> tuple[HalfEdges, Float[np.ndarray, " h"]]:
-        half_edges = HalfEdges.of(np.asarray(self.patch.faces))
-        return half_edges, crossing_angles(half_edges, self.patch.vertices)
-
-    @cached_property
     def folds(self) -> int:
         """Half-edges across which the patch's normal turns by more than a right angle."""
-        return int((self._angles[1] > np.pi / 2).sum())
+        half_edges = HalfEdges.of(np.asarray(self.patch.faces))
+        return int((crossing_angles(half_edges, self.patch.vertices) > np.pi / 2).sum())
 
     @cached_property
     def smallest_angles(self) -> tuple[float | None, float]:
@@ -151,21 +145,12 @@ class Moved:
         """Whether it has a triangle with too small an angle."""
         return self.smallest_angles[1] < _SMALLEST_ANGLE
 
-    def defect(self, collar: Collar) -> str:
+    @property
+    def defect(self) -> str:
         """Why a patch of lower order is better; empty where none is."""
         if not self.converged:
             return f"did not come to rest: the next step would move a vertex by {self.next_step:.2g} of an edge"
-        if self.folds:
-            return "is folded"
-        half_edges, angles = self._angles
-        m = self.patch.boundary_size
-        inside = angles[(half_edges.origin >= m) & (half_edges.target >= m)]
-        around = HalfEdges.of(collar.faces)
-        beside = crossing_angles(around, collar.vertices)[around.twin >= 0]
-        bend, usual = (float(np.degrees(np.sqrt(np.mean(a**2)))) if len(a) else 0.0 for a in (inside, beside))
-        if bend > _MOST_BENT * max(usual, _LEAST_BEND):
-            return f"bends by {bend:.2g}° (RMS) between its triangles, and the mesh around it by {usual:.2g}°"
-        return ""
+        return "is folded" if self.folds else ""
 
 
 def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal: bool) -> Moved:
@@ -174,9 +159,8 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
     Where it does not come to rest or is folded, a patch over one loop starts again, over a domain that has the angles
     which the mesh leaves at the loop: those of a minimal surface are others where it turns back over the mesh. A patch
     whose edges have become more than twice as long, or that has angles below 10°, is meshed anew for edges of the
-    target length and goes on. Where the result is still not at rest, is folded, or bends far more than the mesh around
-    it, it is replaced by the thin plate, if that has no such defect. A SingularMatrixError tells that its triangles are
-    degenerate.
+    target length and goes on. Where the result is still not at rest or is folded, it is replaced by the thin plate, if
+    that has no such defect. A SingularMatrixError tells that its triangles are degenerate.
     """
     moved = _at_rest(patch, collar)
     is_poor = moved.folds or not moved.converged or (moved.stretch > _MOST_STRETCHED and not is_conformal)
@@ -185,12 +169,12 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
         if again is not None and _poorness(again, collar) <= _poorness(moved, collar):
             moved, is_conformal = replace(again, steps=moved.steps + again.steps, remeshed=True), True
     moved = _meshed_anew(moved, collar, target, is_conformal=is_conformal)
-    defect = moved.defect(collar)
+    defect = moved.defect
     if defect and not is_out_of_time():
         plate = replace(_thin_plate(patch, collar), lowered=defect)
         if plate.is_thin:
             plate = _meshed_anew(plate, collar, target, is_conformal=is_conformal)
-        if not plate.defect(collar):
+        if not plate.defect:
             return replace(plate, steps=moved.steps)
     return moved
 

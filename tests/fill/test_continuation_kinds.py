@@ -17,6 +17,7 @@ from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.operators import internal_angles
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.meshing.embed import Patch
 from tests.fill.shapes import cylinder, rounds_and_rows
 
 Mesh = tuple[np.ndarray, np.ndarray]
@@ -154,21 +155,21 @@ def test_what_does_not_come_to_rest_is_a_thin_plate_with_the_reason(monkeypatch:
     assert entry["area_ratio"] > 1
 
 
-def test_a_patch_that_bends_far_more_than_the_mesh_has_a_defect() -> None:
-    ball = trimesh.creation.icosphere(3)
-    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
-    mesh = cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > 0.5)
-    loop = boundary_loops(mesh)[0]
-    film = fill_hole(mesh, return_report=True)[1].loops[0].patch
-    assert film is not None
-    collar = collar_of(Surroundings(TriangleMesh(*mesh)), loop.vertex_ids, film)
-    moved = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True)
-    assert moved.defect(collar) == ""
-    rng = np.random.default_rng(0)
-    rough = moved.patch.vertices.copy()
-    rough[len(loop) :] *= 1 + 0.03 * rng.normal(size=(len(rough) - len(loop), 1))
-    rippled = type(film)(vertices=rough, faces=moved.patch.faces, boundary_size=len(loop), points=moved.patch.points)
-    assert "between its triangles" in Moved(patch=rippled, steps=0, next_step=0.0, stretch=1.0).defect(collar)
+@pytest.mark.parametrize(("angle", "is_thin"), [(7.0, True), (14.0, False)])
+def test_angles_below_ten_degrees_are_reported_unless_the_rim_gives_them(angle: float, is_thin: bool) -> None:
+    # a thin triangle from a rim of three points to an inner one, and a thinner one over the rim alone
+    tip = [0.5, 0.5 * np.tan(np.radians(angle)), 0.0]
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 0.01, 0], tip])
+    points = vertices @ [1, 1j, 0]
+    patch = Patch(vertices=vertices, faces=np.array([[0, 1, 3], [0, 1, 2]]), boundary_size=3, points=points)
+    moved = Moved(patch=patch, steps=0, next_step=0.0, stretch=1.0)
+    free, least = moved.smallest_angles
+    assert free == pytest.approx(angle)
+    assert least < 2
+    (smooth, _) = patched(KINDS["saddle"](np.random.default_rng(0)))
+    assert smooth.continuation is not None
+    told = replace(smooth.continuation, smallest_angle=free)
+    assert any("smallest angle" in remark for remark in told.remarks) == is_thin
 
 
 @pytest.mark.parametrize("subdivisions", [1, 2, 3])
