@@ -37,7 +37,7 @@ from spinor_geom.meshing.embed import Patch, over_domain_of_angles, over_own_dom
 # one rim more is not at rest; six bring one shredded rim to rest, for 13 % more steps.
 _STARTS = 3
 _MOST_STEPS = 40  # 20 stop two rims that fold; none takes 80
-# Edges that are longer by more leave triangles that are too coarse for the bulge: with 4 the ends of two fingers bend by
+# Edges that are longer by more leave triangles too coarse for the bulge: with 4 the ends of two fingers bend by
 # 7.6° across the rim, not by 5.9°; 1.4 takes 14 % more steps for the same smallest angles.
 _MOST_STRETCHED = 2.0
 _AT_REST = 0.01  # at rest: the next step moves no vertex by more than this share of an edge; half takes 12 % more steps

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -10,10 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.discrete.first_fill import disk_without_inner_points, minimum_area_triangulation
-from spinor_geom.errors import FirstFillError, NoAreaError, OutOfTimeError, TooManyPointsError
+from spinor_geom.errors import FirstFillError, NoAreaError, OutOfTimeError, SurfaceError, TooManyPointsError
 from spinor_geom.fill import discrete_patch as module
 from spinor_geom.fill.discrete_patch import discrete_patch, refuse_empty
 from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.one_loop import FillOptions, exact_patches
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.topology import is_watertight
@@ -93,6 +95,17 @@ def test_a_loop_that_would_take_minutes_is_closed_when_its_time_is_over() -> Non
     _, report = fill_hole(mesh, 0, time_limit=1.0, return_report=True)
     assert perf_counter() - start < 60  # two seconds and the steps that were under way, on any machine
     assert report.loops[0].filled
+
+
+@pytest.mark.parametrize(("missed", "is_usable"), [(0.08, True), (0.15, False)])
+def test_a_surface_that_misses_its_loop_by_a_tenth_of_an_edge_is_none(missed: float, is_usable: bool) -> None:
+    loop = BoundaryLoop.from_points(wavy(40))
+    (found,) = solve_plateau_batch([loop])
+    assert isinstance(found, PlateauSolution)
+    residual = replace(found.boundary_residual, rms=missed * found.boundary_residual.mean_edge)
+    options = FillOptions(target_edge_length="auto", model="auto", tolerance=1e-3)
+    (answer,) = exact_patches([(loop, replace(found, boundary_residual=residual), 0.0)], options)
+    assert isinstance(answer.made, SurfaceError) != is_usable
 
 
 @pytest.mark.parametrize(("width", "is_refused"), [(0.8e-6, True), (1.25e-6, False)])
