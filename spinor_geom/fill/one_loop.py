@@ -41,7 +41,7 @@ from spinor_geom.plateau.options import Model, require_model
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# RMS, of the mean edge: the patch of a surface that misses more is wrong beside its rim. Of 120 rough loops the surfaces
+# RMS, of the mean edge: the patch of a surface that misses more is wrong beside its rim. Of 120 rough loops surfaces
 # of 78 miss less than 0.01, those of 16 more than 0.2, and none lies between.
 MAX_RESIDUAL_PER_EDGE = 0.1
 
