@@ -10,7 +10,7 @@ from spinor_geom.domain.flattening import flatten_boundary
 from spinor_geom.errors import DomainError, FirstFillError
 from spinor_geom.mesh.operators import intrinsic_angles, intrinsic_laplacian
 
-_LONGEST = 160  # the triangulation costs O(n³) time and O(n²) memory: longer loops are thinned to so many points
+LONGEST = 160  # the triangulation costs O(n³) time and O(n²) memory: longer loops are thinned to so many points
 _STRAIGHT = 1e-6  # sine of the turn at a point that may be left out: sampled straight sides keep their ends
 _DIAGONAL_WEIGHT = 1e-4  # share of squared diagonals in the cost: decides where areas tie (plane loops, straight sides)
 _TO_EQUILATERAL = 0.05  # share of the way to 60° by which angles are drawn: none is below 3° then
@@ -80,8 +80,13 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
         cost_ahead[:count, d] = value
         cost_behind[d:, d] = value
         split[:count, d] = index[:count] + 1 + best
+    return triangles_of(split)
+
+
+def triangles_of(split: Int[np.ndarray, "n n"]) -> Int[np.ndarray, "t 3"]:
+    """Triangles (i, j, k), i < j < k, over a closed curve; `split[i, l]` is the corner beside the chord i to i + l."""
     triangles = []
-    first, last = np.array([0]), np.array([n - 1])
+    first, last = np.array([0]), np.array([len(split) - 1])
     while len(first):
         middle = split[first, last - first]
         triangles.append(np.stack([first, middle, last], axis=1))
@@ -94,9 +99,9 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
 def disk_without_inner_points(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "t 3"]:
     """Faces of about the least area over a closed curve; of long ones first over every k-th point, then the rest."""
     m = len(points)
-    if m <= _LONGEST:
+    if m <= LONGEST:
         return minimum_area_triangulation(points)
-    kept = np.arange(0, m, math.ceil(m / _LONGEST))
+    kept = np.arange(0, m, math.ceil(m / LONGEST))
     parts = [kept[minimum_area_triangulation(points[kept])]]
     for first, last in itertools.pairwise([*kept.tolist(), m]):
         piece = np.arange(first, last + 1) % m
@@ -106,7 +111,7 @@ def disk_without_inner_points(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarra
 
 
 def _thinned(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, " k"]:
-    """Indices of the points that tell a closed curve's shape: no three on a line, and at most `_LONGEST`.
+    """Indices of the points that tell a closed curve's shape: no three on a line, and at most `LONGEST`.
 
     Those that span least area with their neighbours are left out, about every other one of such neighbours a round.
 
@@ -119,7 +124,7 @@ def _thinned(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, " k"]:
         area = np.linalg.norm(np.cross(ahead, back), axis=1)
         cosine = np.einsum("ij,ij->i", ahead, back)
         least = area < -_STRAIGHT * cosine
-        surplus = len(kept) - _LONGEST
+        surplus = len(kept) - LONGEST
         if surplus > 0:
             least |= area <= np.partition(area, surplus)[surplus]
         drop = least & ((np.arange(len(kept)) % 2 == 0) | ~np.roll(least, 1))

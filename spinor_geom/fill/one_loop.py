@@ -34,6 +34,7 @@ from spinor_geom.fill.continuation import MOST_AREA, Continuation, Moved, Start,
 from spinor_geom.fill.discrete_patch import discrete_patch, refuse_empty
 from spinor_geom.fill.options import CONTINUITY, Continuity
 from spinor_geom.fill.result import LoopOutcome
+from spinor_geom.fill.retriangulation import retriangulated
 from spinor_geom.fill.surroundings import NOTHING, Crossings, LoopPatch, Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.meshing.embed import Patch, edge_length_over, mesh_patches
@@ -58,6 +59,7 @@ class MadePatch:
     reason: str
     edges_split: int = 0
     displacement: float = 0.0
+    retriangulated: int = 0
     crossings: Crossings = NOTHING
     continuation: Continuation | None = None
     remarks: tuple[str, ...] = ()
@@ -89,12 +91,14 @@ class MadePatch:
         if not len(self.crossings):
             return self
         clear = cleared(surroundings, self.rim, self.patch, self.crossings, self.surface)
+        last = retriangulated(surroundings, self.rim, clear.patch, clear.crossings)
         return replace(
             self,
-            patch=clear.patch,
-            crossings=clear.crossings,
+            patch=last.patch,
+            crossings=last.crossings,
             edges_split=self.edges_split + clear.edges_split,
             displacement=clear.displacement,
+            retriangulated=last.faces,
         )
 
 

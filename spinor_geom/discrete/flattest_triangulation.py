@@ -1,0 +1,59 @@
+"""The triangulation of a closed curve that bends least, without triangles that are not allowed."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinor_geom.discrete.first_fill import triangles_of
+
+
+def flattest_triangulation(
+    points: Float[np.ndarray, "n 3"],
+    around: Float[np.ndarray, "n 3"],
+    forbidden_chords: Bool[np.ndarray, "n n"],
+    forbidden_triangles: Bool[np.ndarray, "n n n"],
+) -> Int[np.ndarray, "t 3"] | None:
+    """Triangles (i, j, k), i < j < k, over a closed curve with the least largest angle between neighbours.
+
+    Of those that bend alike, the ones of least area. Dynamic programming over the splits of every chord, O(n³) time.
+
+    Args:
+        points: The curve's points, in mesh units.
+        around: Unit normals of the faces on the other side of the edges from each point to the next; NaN where there
+            is none.
+        forbidden_chords: Whether the pair i < j must not be an edge.
+        forbidden_triangles: Whether i < j < k must not be a triangle.
+
+    Returns:
+        The triangles, or None where all triangulations have one that is forbidden.
+
+    Source: Liepa, "Filling holes in meshes", Symposium on Geometry Processing (2003).
+    """
+    n = len(points)
+    index = np.arange(n)
+    normals = np.full((n, n, 3), np.nan)  # of the triangle on the chord from i to j
+    normals[index[:-1], index[1:]] = around[:-1]
+    bend, area = np.zeros((n, n)), np.zeros((n, n))  # 1 − cosine of the largest angle, and twice the area, so far
+    split = np.zeros((n, n), dtype=np.int64)
+    for d in range(2, n):
+        first = index[: n - d, None]
+        middle, last = first + index[1:d], first + d
+        cross = np.cross(points[middle] - points[first], points[last] - points[first])
+        twice = np.linalg.norm(cross, axis=2)
+        normal = cross / np.maximum(twice, np.finfo(np.float64).tiny)[:, :, None]
+        beside = [normals[first, middle], normals[middle, last]]
+        if d == n - 1:
+            beside.append(around[None, -1:])
+        most = np.maximum(bend[first, middle], bend[middle, last])
+        for other in beside:
+            most = np.fmax(most, 1 - (normal * other).sum(axis=2))  # a NaN counts as no neighbour
+        most[forbidden_triangles[first, middle, last]] = np.inf
+        if d < n - 1:
+            most[forbidden_chords[first[:, 0], last[:, 0]]] = np.inf
+        total = twice + area[first, middle] + area[middle, last]
+        least = most.min(axis=1, keepdims=True)
+        best = np.where(most <= least, total, np.inf).argmin(axis=1)
+        start, end, row = first[:, 0], last[:, 0], index[: n - d]
+        normals[start, end] = normal[row, best]
+        bend[start, end], area[start, end] = least[:, 0], total[row, best]
+        split[start, d] = start + 1 + best
+    return triangles_of(split) if np.isfinite(bend[0, -1]) else None
