@@ -37,15 +37,16 @@ def flattest_triangulation(
     for d in range(2, n):
         first = index[: n - d, None]
         middle, last = first + index[1:d], first + d
-        cross = np.cross(points[middle] - points[first], points[last] - points[first])
-        twice = np.linalg.norm(cross, axis=2)
+        a, b = points[middle] - points[first], points[last] - points[first]
+        cross = a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
+        twice = np.sqrt(np.einsum("ikd,ikd->ik", cross, cross))
         normal = cross / np.maximum(twice, np.finfo(np.float64).tiny)[:, :, None]
         beside = [normals[first, middle], normals[middle, last]]
         if d == n - 1:
             beside.append(around[None, -1:])
         most = np.maximum(bend[first, middle], bend[middle, last])
         for other in beside:
-            most = np.fmax(most, 1 - (normal * other).sum(axis=2))  # a NaN counts as no neighbour
+            most = np.fmax(most, 1 - np.einsum("ikd,ikd->ik", normal, np.broadcast_to(other, normal.shape)))  # a NaN counts as no neighbour
         most[forbidden_triangles[first, middle, last]] = np.inf
         if d < n - 1:
             most[forbidden_chords[first[:, 0], last[:, 0]]] = np.inf

@@ -22,6 +22,7 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 _CLEARANCE = 0.05  # height over the mesh's faces that vertices are moved to, in edges of the patch
 _LONGEST_STEP = 0.5  # in one round, in edges of the patch: what lies deeper does not cross beside its rim
 _LEAST_SLOPE = 0.3  # cosine between a face's normal and the mean one along which vertices are moved
+_FARTHEST = 1.0  # displacement of a vertex, in mean edges of the rim: a round that moves one farther is not taken
 _ROUNDS = 16
 _SPREAD = 3  # rings of neighbours that follow a moved vertex
 _WALL_RINGS, _BULK_RINGS = 3, 6  # over which normals of the mesh and positions of the patch are averaged
@@ -51,6 +52,8 @@ def cleared(
     best = Cleared(patch=patch, crossings=crossings)
     if not len(crossings.mesh):
         return best
+    edges = patch.vertices[rim_successors(patch.rims)] - patch.vertices[: patch.boundary_size]
+    farthest = _FARTHEST * float(np.linalg.norm(edges, axis=1).mean())
     wall, split, start = _Wall(surroundings, rim, patch, crossings.mesh[:, 1]), 0, patch.vertices
     for _ in range(_ROUNDS):
         faces, count = np.asarray(patch.faces), len(patch.vertices)
@@ -65,9 +68,11 @@ def cleared(
         else:
             own = np.unique(faces[crossings.own.ravel() - surroundings.count])
             patch = _moved(patch, wall.steps(patch, new, old), own[own >= patch.boundary_size])
+        displacement = float(np.linalg.norm(patch.vertices - start, axis=1).max())
+        if displacement > farthest:
+            break
         crossings = surroundings.crossings(patch)
         if len(crossings) < len(best.crossings):
-            displacement = float(np.linalg.norm(patch.vertices - start, axis=1).max())
             best = Cleared(patch=patch, crossings=crossings, edges_split=split, displacement=displacement)
         if not len(crossings.mesh) and not len(crossings.own):
             break

@@ -59,7 +59,7 @@ class MadePatch:
     reason: str
     edges_split: int = 0
     displacement: float = 0.0
-    retriangulated: int = 0
+    faces_replaced: int = 0
     crossings: Crossings = NOTHING
     continuation: Continuation | None = None
     remarks: tuple[str, ...] = ()
@@ -81,13 +81,24 @@ class MadePatch:
         """Mesh vertices of its boundary vertices."""
         return np.concatenate([loop.vertex_ids for loop in self.rims])
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Which faces are no mesh of its surface, and what it crosses, a sentence each."""
+        if not self.faces_replaced:
+            return self.crossings.notes
+        note = (
+            f"{self.faces_replaced} faces of the patch are a triangulation of their outline without inner vertices, "
+            "because the surface's own crossed something there"
+        )
+        return (note, *self.crossings.notes)
+
     def joinable(self, surroundings: Surroundings) -> MadePatch:
         """The patch with its edges split that the mesh or another patch has."""
         patch, split = surroundings.fitted(self.patch, self.rim, self.surface)
         return replace(self, patch=patch, edges_split=self.edges_split + split)
 
     def clear_of(self, surroundings: Surroundings) -> MadePatch:
-        """The patch moved off the mesh where it crosses that; it stays as it is where it crosses nothing."""
+        """The patch moved off the mesh where it crosses that, then triangulated anew where it still crosses something."""
         if not len(self.crossings):
             return self
         clear = cleared(surroundings, self.rim, self.patch, self.crossings, self.surface)
@@ -98,7 +109,7 @@ class MadePatch:
             crossings=last.crossings,
             edges_split=self.edges_split + clear.edges_split,
             displacement=clear.displacement,
-            retriangulated=last.faces,
+            faces_replaced=last.faces,
         )
 
 
@@ -177,9 +188,11 @@ def fill_loop(
         if options.continuity == "C1":
             options.on_stage(place, "continuation")
             with time_limit(options.time_limit):
-                made = continued(made, edge_length_over(made.rims, options.target_edge_length), surroundings)
+                smooth = continued(made, edge_length_over(made.rims, options.target_edge_length), surroundings)
             clock.lap("continuation")
-        made = made.clear_of(surroundings)
+            made = _clearer(smooth, made, surroundings)
+        else:
+            made = made.clear_of(surroundings)
         clock.lap("clearance")
     except SpinorGeomError as error:
         if isinstance(error, TooManyPointsError) and options.target_edge_length != "auto":
@@ -187,7 +200,7 @@ def fill_loop(
         clock.lap("failed")
         solution = found if isinstance(found, PlateauSolution) else None
         return unfilled(place, loop, error, solution=solution, joined_to=joined_to, timings=clock.laps()), None
-    patch, is_planned = made.patch, made.solution is not None
+    patch, is_planned = made.patch, made.solution is not None and not made.faces_replaced
     attributes = patch_attributes(surroundings.mesh, made.rim, patch, made.surface, is_planned=is_planned)
     clock.lap("attributes")
     first_face = surroundings.join(patch, made.rim)
@@ -206,10 +219,11 @@ def fill_loop(
         first_face=first_face,
         edges_split=made.edges_split,
         displacement=made.displacement,
+        faces_replaced=made.faces_replaced,
         self_intersections=len(made.crossings.own),
         mesh_intersections=len(made.crossings.mesh),
         patch_intersections=len(made.crossings.patches),
-        remarks=(*loop.remarks, *made.remarks, *made.crossings.notes),
+        remarks=(*loop.remarks, *made.remarks, *made.notes),
         timings=clock.laps(),
     )
     return outcome, LoopPatch(place=place, rim=made.rim, patch=patch, attributes=attributes)
@@ -314,9 +328,8 @@ def _made(solution: PlateauSolution, patch: Patch | SpinorGeomError) -> MadePatc
 def continued(first: MadePatch, target: float, surroundings: Surroundings) -> MadePatch:
     """The smooth continuation of the mesh around a patch, or the patch itself with the reason why it stays.
 
-    A patch without inner vertices has nothing that could move, and stays without a word; so does one whose
-    continuation crosses more than it does. `target` is the edge length, should it be meshed anew. A strip that stays is
-    no surface to be kept, and a SurfaceError.
+    A patch without inner vertices has nothing that could move, and stays without a remark. `target` is the edge length,
+    should it be meshed anew. A strip that stays is no surface to be kept, and a SurfaceError.
     """
     if len(first.patch.vertices) == len(first.rim):
         return _staying(first)
@@ -355,8 +368,6 @@ def continued(first: MadePatch, target: float, surroundings: Surroundings) -> Ma
     smooth = replace(smooth, remarks=continuation.remarks)
     smooth = smooth.joinable(surroundings)
     crossings = surroundings.crossings(smooth.patch)
-    if len(crossings) > len(first.crossings):
-        return _staying(first, ", ".join(crossings.notes), link=", as then")
     # a patch that turns back over the mesh, as a mean, or over itself is better only than another that crosses more
     if is_second_best and (after.rms >= 90 or moved.folds):
         was = Moved(patch=first.patch, steps=0, next_step=0.0, stretch=1.0)
@@ -368,6 +379,17 @@ def continued(first: MadePatch, target: float, surroundings: Surroundings) -> Ma
         )
         smooth = replace(smooth, remarks=(*smooth.remarks, remark))
     return replace(smooth, crossings=crossings)
+
+
+def _clearer(smooth: MadePatch, first: MadePatch, surroundings: Surroundings) -> MadePatch:
+    """A continued patch, or the one that it started from where that crosses less; both after they were cleared."""
+    smooth = smooth.clear_of(surroundings)
+    if smooth.continuation is None or not len(smooth.crossings):
+        return smooth
+    first = first.clear_of(surroundings)
+    if len(smooth.crossings) <= len(first.crossings):
+        return smooth
+    return _staying(first, ", ".join(smooth.crossings.notes), link=", as then")
 
 
 def _staying(first: MadePatch, why: str = "", *, link: str = ":") -> MadePatch:

@@ -46,6 +46,8 @@ class LoopOutcome:
             or were chords of faces that crossed the mesh.
         displacement: the largest distance, in mesh units, by which a vertex of the patch was moved to keep its faces
             from crossing the mesh: so far the mesh leaves the surface at most. 0 where nothing was moved.
+        faces_replaced: faces of the patch that were triangulated anew, without inner vertices, because the surface's
+            own crossed something there and moving their vertices did not help.
         self_intersections: pairs of faces of its patch that cross.
         mesh_intersections: pairs of a face of its patch and one of the mesh that cross.
         patch_intersections: pairs of a face of its patch and one of an earlier loop's patch that cross.
@@ -70,6 +72,7 @@ class LoopOutcome:
     first_face: int | None = None
     edges_split: int = 0
     displacement: float = 0.0
+    faces_replaced: int = 0
     self_intersections: int = 0
     mesh_intersections: int = 0
     patch_intersections: int = 0
@@ -175,6 +178,7 @@ class LoopOutcome:
             **{name: getattr(self, name) for name in ("vertices_added", "faces_added", "edges_split", *_CROSSINGS)},
             "face_range": None if self.face_range is None else list(self.face_range),
             "displacement": self.displacement,
+            "faces_replaced": self.faces_replaced,
             "notes": list(self.notes),
             "timings": {**self.timings, **timings},
         }

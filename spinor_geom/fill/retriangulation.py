@@ -14,7 +14,7 @@ from spinor_geom.mesh.operators import face_areas, face_normals
 from spinor_geom.mesh.topology import HalfEdges, face_components, is_disk
 from spinor_geom.meshing.embed import Patch
 
-_ROUNDS = 16
+_ROUNDS = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
