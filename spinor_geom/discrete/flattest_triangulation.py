@@ -1,4 +1,4 @@
-"""The triangulation of a closed curve that bends least, without triangles that are not allowed."""
+"""A triangulation of a closed curve that bends little, without triangles that are not allowed."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,9 +12,10 @@ def flattest_triangulation(
     forbidden_chords: Bool[np.ndarray, "n n"],
     forbidden_triangles: Bool[np.ndarray, "n n n"],
 ) -> Int[np.ndarray, "t 3"] | None:
-    """Triangles (i, j, k), i < j < k, over a closed curve with the least largest angle between neighbours.
+    """Triangles (i, j, k), i < j < k, over a closed curve whose largest angle between neighbours is small.
 
-    Of those that bend alike, the ones of least area. Dynamic programming over the splits of every chord, O(n³) time.
+    Of those that bend alike, the ones of least area. Dynamic programming over the splits of every chord, O(n³) time:
+    as only the best triangles beyond each chord are kept, the largest angle is near to the least one, not always equal.
 
     Args:
         points: The curve's points, in mesh units.

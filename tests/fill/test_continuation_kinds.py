@@ -116,7 +116,7 @@ def test_continuations_come_to_rest_without_thin_triangles(kind: str, seed: int)
     faces = np.asarray(smooth.patch.faces)
     inner = faces[(faces >= smooth.patch.boundary_size).all(axis=1)]
     assert np.degrees(internal_angles(smooth.patch.vertices, inner)).min() >= 10
-    # both may have been moved off the mesh since, by shares of an edge beside the rim
+    # the film's vertices may have been moved off a steep wall since, beside its rim
     assert told.area_ratio == pytest.approx(smooth.patch.area / film.patch.area, rel=1e-2)  # type: ignore[union-attr]
     assert (told.area_ratio > 2) == any("times the area" in remark for remark in smooth.remarks)
 

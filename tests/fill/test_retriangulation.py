@@ -1,0 +1,44 @@
+"""Patches that cross the mesh, and whose vertices cannot be moved off it, are triangulated anew there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spinor_geom.bench.cases import Hole
+from spinor_geom.bench.reported import BALLS, bowl, reported_bowls
+from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.mesh.intersections import intersections_between, self_intersections
+from spinor_geom.mesh.topology import HalfEdges
+
+# noise folds the short edges at the poles of UV spheres; moved alone, patches over these rims cross the mesh
+NOISY = [hole for k, hole in enumerate(reported_bowls()) if k in (3, 14, 23, 34, 42)]
+RAGGED = [bowl(45 + 5 * k, BALLS[k % 4], noise=0.01 * (k % 3), seed=100 + k) for k in range(8)]
+
+
+@pytest.mark.parametrize("continuity", ["C0", "C1"])
+@pytest.mark.parametrize("hole", NOISY, ids=lambda hole: hole.name)
+def test_noisy_walls_are_not_crossed(hole: Hole, continuity: str) -> None:
+    (vertices, faces), report = fill_hole((hole.vertices, hole.faces), 0, continuity=continuity, return_report=True)  # type: ignore[call-overload]
+    (outcome,) = report.loops
+    assert report.watertight
+    assert outcome.intersections == 0
+    patch = faces[len(hole.faces) :]
+    assert not len(self_intersections(vertices, patch))
+    assert not len(intersections_between(vertices, patch, hole.vertices, hole.faces))
+    np.testing.assert_array_equal(vertices[: len(hole.vertices)], hole.vertices)
+    np.testing.assert_array_equal(faces[: len(hole.faces)], hole.faces)
+    # the report has the number, and says so
+    assert outcome.to_dict()["faces_replaced"] == outcome.faces_replaced
+    said = f"{outcome.faces_replaced} faces of the patch are a triangulation of their outline"
+    assert any(note.startswith(said) for note in outcome.notes) == (outcome.faces_replaced > 0)
+    # a small part of the patch
+    assert outcome.faces_replaced < 0.05 * outcome.faces_added
+    assert continuity == "C1" or outcome.faces_replaced > 0
+
+
+@pytest.mark.parametrize("hole", [*NOISY, *RAGGED], ids=lambda hole: hole.name)
+def test_no_face_and_no_edge_of_the_mesh_is_repeated(hole: Hole) -> None:
+    (_, faces), _ = fill_hole((hole.vertices, hole.faces), 0, return_report=True)
+    assert len(np.unique(np.sort(faces, axis=1), axis=0)) == len(faces)
+    assert (HalfEdges.of(faces).counts == 2).all()
