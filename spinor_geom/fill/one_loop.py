@@ -98,7 +98,7 @@ class MadePatch:
         return replace(self, patch=patch, edges_split=self.edges_split + split)
 
     def clear_of(self, surroundings: Surroundings) -> MadePatch:
-        """The patch moved off the mesh where it crosses that, then triangulated anew where it still crosses something."""
+        """The patch moved off the mesh where it crosses that, then triangulated anew where something still crosses."""
         if not len(self.crossings):
             return self
         clear = cleared(surroundings, self.rim, self.patch, self.crossings, self.surface)

@@ -33,8 +33,10 @@ def test_noisy_walls_are_not_crossed(hole: Hole, continuity: str) -> None:
     said = f"{outcome.faces_replaced} faces of the patch are a triangulation of their outline"
     assert any(note.startswith(said) for note in outcome.notes) == (outcome.faces_replaced > 0)
     # a small part of the patch
-    assert outcome.faces_replaced < 0.05 * outcome.faces_added
+    assert outcome.faces_replaced < 0.1 * outcome.faces_added
     assert continuity == "C1" or outcome.faces_replaced > 0
+    # a continuation that crosses the mesh, and can be cleared, is not dropped for the film
+    assert (outcome.kind == "smooth") == (continuity == "C1")
 
 
 @pytest.mark.parametrize("hole", [*NOISY, *RAGGED], ids=lambda hole: hole.name)
