@@ -61,14 +61,29 @@ def _mean_direction(surroundings: Surroundings, loop: BoundaryLoop) -> tuple[flo
     conormals, normals = _disk_frames(_averaged(loop, width))
     faces = _faces_within(surroundings, loop, _COLLAR * 2 * float(area) / perimeter)
     middles = mesh.vertices[mesh.faces[faces]].mean(axis=1)
-    nearest = cKDTree(loop.points).query(middles)[1]
-    along = np.cumsum(loop.edge_lengths) - loop.edge_lengths
-    place = np.rint(along[nearest] / perimeter * len(normals)).astype(np.int64) % len(normals)
-    weighted = (middles - loop.points[nearest]) * face_areas(mesh.vertices, mesh.faces[faces])[:, None]
+    nearest, along = _nearest_on(loop, middles)
+    place = np.rint(along / perimeter * len(normals)).astype(np.int64) % len(normals)
+    weighted = (middles - nearest) * face_areas(mesh.vertices, mesh.faces[faces])[:, None]
     inner = np.einsum("fk,fk->f", weighted, conormals[place])
     over = np.einsum("fk,fk->f", weighted, normals[place])
     total = max(float(np.hypot(inner, over).sum()), np.finfo(np.float64).tiny)
     return float(inner.sum()) / total, float(over.sum()) / total
+
+
+def _nearest_on(
+    loop: BoundaryLoop, points: Float[np.ndarray, "k 3"]
+) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
+    """The nearest of the points of the two edges at the nearest vertex of a loop, and the length of the loop up to it."""
+    vertex = cKDTree(loop.points).query(points)[1]
+    edge = np.stack([vertex - 1, vertex])  # the first edge of a loop ends at its vertex 1, the last at its vertex 0
+    start, lengths = loop.points[edge], loop.edge_lengths[edge]
+    side = np.roll(loop.points, -1, axis=0)[edge] - start
+    squares = np.maximum(lengths**2, np.finfo(np.float64).tiny)
+    share = np.clip(np.einsum("ekx,ekx->ek", points - start, side) / squares, 0.0, 1.0)
+    foot = start + share[:, :, None] * side
+    nearer = np.linalg.norm(points - foot, axis=2).argmin(axis=0), np.arange(len(points))
+    along = (np.cumsum(loop.edge_lengths) - loop.edge_lengths)[edge] + share * lengths
+    return foot[nearer], along[nearer]
 
 
 def _averaged(loop: BoundaryLoop, width: float) -> Float[np.ndarray, "n 3"]:
