@@ -151,12 +151,10 @@ class TJunctionError(LoopError):
 
 
 class SheetBorderError(LoopError):
-    """A patch over the loop would lie on the mesh: it is the border of a sheet."""
+    """A loop is the border of a sheet, over which a patch would lie on the mesh."""
 
     sentence = (
-        "it is the border of a sheet rather than a hole: along it the mean angle between the mesh and a disk over the "
-        "loop is {angle:.0f}° (less than {least:.0f}°), so a patch would lie on the mesh; to fill it all the same name "
-        "it in loop= (--loop)"
+        "it is the border of a sheet rather than a hole: {evidence}; to fill it all the same name it in loop= (--loop)"
     )
 
 

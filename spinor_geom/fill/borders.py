@@ -1,6 +1,8 @@
-"""Which boundary loops are borders of sheets: along these a patch would lie on the mesh."""
+"""Which boundary loops are borders of sheets, over which a patch would lie on the mesh."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,68 +16,124 @@ from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas, vertex_normals
 
-# Borders of terrains and of range scans have angles of up to 26°; ragged spherical caps of polar angle 45° have 33° and
-# more, as the mean over the collar is less than the angle at the rim.
-_LEAST_ANGLE = np.radians(27.5)
-# The share of the mesh beside a loop that has to agree on the direction: 0.6 and more on sheets and on shells, 0.25
-# around a Möbius strip, whose disk leaves it to either side.
-_LEAST_AGREEMENT = 0.45
+# Seen from a coarse disk over the loop, the mesh beside it rises by the sine of this angle, at least, where there is a
+# hole: 29° and more around bowls with an opening of 45°, at most 24° along the borders of terrains and range scans.
+_LEAST_RISE = np.sin(np.radians(25.5))
+# Least turning of a loop within the mesh, in turns, that is a border's whatever the rise: 0.9 to 1 around half-pipes,
+# roofs and twisted ribbons, at most 0.87 around bowls with an opening of 45°.
+_LEAST_TURNING = 0.89
+_CLEARLY_NEGATIVE = -np.pi  # turning of a loop that is no border; −2π around a hole in a plane
 _COLLAR = 0.1  # width of the mesh that is compared, per width of the hole; no less than the faces at the loop
-_POINTS_PER_WIDTH = 4  # of the smoothed loop
+_POINTS_PER_WIDTH = 4  # of the averaged loop
 _LONGEST_IN_WIDTHS = 40  # points of longer loops are farther apart: the first fill takes no more than 160
 _FEWEST_POINTS = 12
-_SAMPLES = 16  # a point's, from which the smoothed loop is averaged
+_ROUNDS = 3  # to the width of a ragged hole
+_SAMPLES = 16  # a point's, from which the averaged loop is computed
 
 
 def refuse_border(surroundings: Surroundings, loop: BoundaryLoop) -> None:
-    """Refuses, before anything is solved, a loop over which a patch would lie on the mesh.
+    """Refuses, before anything is solved, a loop that is the border of a sheet.
 
     The loop is averaged over the width of its hole, and a coarse minimal disk is spanned over that. The faces beside
-    the loop lie in some direction from it: their mean, in the frame of the disk's inner conormal and normal, has an
-    angle to the disk. It is 180° around a hole in a plane, 90° at the end of a tube, θ at the rim of a spherical cap of
-    polar angle θ, and 0° along the border of a plane sheet. Slopes up and down cancel, so hilly sheets have small
-    angles, too. It depends neither on how the faces are cut along the loop nor on their orientation.
+    the loop lie in some direction from it. Either of two averages over them shows a border:
+
+    - Their mean rise over the disk is small, and they lie inside the loop. The rise is the sine of the angle between
+      the mesh and the disk: sin θ at the rim of a spherical cap of polar angle θ, 1 at the end of a tube, 0 along the
+      border of a plane sheet. Slopes up and down cancel, so hilly sheets have a small mean rise.
+    - The averaged loop turns by a full turn within the mesh, as around a flat sheet that is bent but not stretched. It
+      is cos θ of a turn for the cap, and 0 at the end of a tube.
+
+    Both depend neither on how the faces are cut along the loop nor on their orientation.
 
     Raises:
-        SheetBorderError: the angle is below 27.5°.
+        SheetBorderError: the mean rise is below sin 25.5°, or the turning is above 0.89 of a turn.
     """
-    if surroundings.turning(loop) <= 0:
+    if surroundings.turning(loop) < _CLEARLY_NEGATIVE and not surroundings.is_pinched(loop):
         return  # most holes, at no cost
     try:
-        inner, over = _mean_direction(surroundings, loop)
+        beside = _Collar.of(surroundings, loop)
     except SpinorGeomError:
         return  # no coarse disk, so nothing is known of its patch: it is solved as others are
-    angle = np.arctan2(abs(over), inner)
-    if angle < _LEAST_ANGLE and np.hypot(inner, over) > _LEAST_AGREEMENT:
-        raise SheetBorderError(angle=np.degrees(angle), least=np.degrees(_LEAST_ANGLE))
+    inward, rise = beside.mean_direction
+    if rise < _LEAST_RISE and rise < inward:
+        angle, least = (np.degrees(np.arcsin(x)) for x in (rise, _LEAST_RISE))
+        raise SheetBorderError(
+            evidence=f"the mesh lies at {angle:.0f}° to a disk over it on average (under {least:.1f}°)"
+        )
+    if beside.turning > _LEAST_TURNING:
+        turned = 360 * beside.turning
+        raise SheetBorderError(evidence=f"it turns by {turned:.0f}° within the mesh, as around a flat sheet (360°)")
 
 
-def _mean_direction(surroundings: Surroundings, loop: BoundaryLoop) -> tuple[float, float]:
-    """The mean direction from the loop to the mesh: along the disk's inner conormal and along its normal.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Collar:
+    """The faces beside a loop, and the averaged loop.
 
-    Each is a share of what these add up to without regard to signs.
+    Attributes:
+        points: of the averaged loop, at even distances.
+        places: for each face the nearest of these points.
+        offsets: for each face its middle, seen from the nearest point of the loop, times its area.
     """
-    mesh, perimeter = surroundings.mesh, loop.perimeter
-    area = face_areas(loop.points, disk_without_inner_points(loop.points)).sum()
-    width = max(2 * float(area) / perimeter, perimeter / _LONGEST_IN_WIDTHS)
-    conormals, normals = _disk_frames(_averaged(loop, width))
-    faces = _faces_within(surroundings, loop, _COLLAR * 2 * float(area) / perimeter)
-    middles = mesh.vertices[mesh.faces[faces]].mean(axis=1)
-    nearest, along = _nearest_on(loop, middles)
-    place = np.rint(along / perimeter * len(normals)).astype(np.int64) % len(normals)
-    weighted = (middles - nearest) * face_areas(mesh.vertices, mesh.faces[faces])[:, None]
-    inner = np.einsum("fk,fk->f", weighted, conormals[place])
-    over = np.einsum("fk,fk->f", weighted, normals[place])
-    total = max(float(np.hypot(inner, over).sum()), np.finfo(np.float64).tiny)
-    return float(inner.sum()) / total, float(over.sum()) / total
+
+    points: Float[np.ndarray, "n 3"]
+    places: Int[np.ndarray, " f"]
+    offsets: Float[np.ndarray, "f 3"]
+
+    @classmethod
+    def of(cls, surroundings: Surroundings, loop: BoundaryLoop) -> _Collar:
+        """Those within 0.1 widths of the hole, and all that touch the loop."""
+        mesh = surroundings.mesh
+        area = face_areas(loop.points, disk_without_inner_points(loop.points)).sum()
+        points, width = _smoothed(loop, float(area))
+        faces = _faces_within(surroundings, loop, _COLLAR * width)
+        middles = mesh.vertices[mesh.faces[faces]].mean(axis=1)
+        nearest, along = _nearest_on(loop, middles)
+        return cls(
+            points=points,
+            places=np.rint(along / loop.perimeter * len(points)).astype(np.int64) % len(points),
+            offsets=(middles - nearest) * face_areas(mesh.vertices, mesh.faces[faces])[:, None],
+        )
+
+    @property
+    def mean_direction(self) -> tuple[float, float]:
+        """How far the faces lie inside a coarse disk's boundary, and how far to one side of it; or a FirstFillError.
+
+        Each is a share of what these two distances add up to without regard to signs.
+        """
+        conormals, normals = _disk_frames(self.points)
+        inner = np.einsum("fk,fk->f", self.offsets, conormals[self.places])
+        over = np.einsum("fk,fk->f", self.offsets, normals[self.places])
+        total = max(float(np.hypot(inner, over).sum()), np.finfo(np.float64).tiny)
+        return float(inner.sum()) / total, abs(float(over.sum())) / total
+
+    @property
+    def turning(self) -> float:
+        """The total geodesic curvature of the averaged loop within the mesh, in turns.
+
+        It is the sum of how much the loop's direction changes at each point, towards the faces near it.
+        """
+        n = len(self.points)
+        ahead = _unit(np.roll(self.points, -1, axis=0) - self.points)
+        back = np.roll(ahead, 1, axis=0)
+        along = _unit(ahead + back)[self.places]
+        across = self.offsets - np.einsum("fk,fk->f", self.offsets, along)[:, None] * along
+        sums = np.stack([np.bincount(self.places, x, minlength=n) for x in across.T], axis=1)
+        # over the width of the hole: there is not a face at every point
+        towards = _unit(uniform_filter1d(sums, _POINTS_PER_WIDTH + 1, axis=0, mode="wrap"))
+        return float(np.sum((ahead - back) * towards)) / (2 * np.pi)
+
+
+def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.maximum(lengths, np.finfo(np.float64).tiny))
 
 
 def _nearest_on(
     loop: BoundaryLoop, points: Float[np.ndarray, "k 3"]
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
-    """The nearest of the points of the two edges at the nearest vertex of a loop, and the length of the loop up to it."""
+    """The nearest point on the two edges at the nearest vertex of a loop, and the length of the loop up to it."""
     vertex = cKDTree(loop.points).query(points)[1]
-    edge = np.stack([vertex - 1, vertex])  # the first edge of a loop ends at its vertex 1, the last at its vertex 0
+    edge = np.stack([vertex - 1, vertex])  # the last edge, −1, ends at vertex 0
     start, lengths = loop.points[edge], loop.edge_lengths[edge]
     side = np.roll(loop.points, -1, axis=0)[edge] - start
     squares = np.maximum(lengths**2, np.finfo(np.float64).tiny)
@@ -84,6 +142,19 @@ def _nearest_on(
     nearer = np.linalg.norm(points - foot, axis=2).argmin(axis=0), np.arange(len(points))
     along = (np.cumsum(loop.edge_lengths) - loop.edge_lengths)[edge] + share * lengths
     return foot[nearer], along[nearer]
+
+
+def _smoothed(loop: BoundaryLoop, area: float) -> tuple[Float[np.ndarray, "n 3"], float]:
+    """A loop averaged over the width of its hole, and that width: twice the area per length of the averaged loop.
+
+    Teeth make a loop longer, and the width by its own length is too small to average them out.
+    """
+    length = loop.perimeter
+    for _ in range(_ROUNDS):
+        width = 2 * area / length
+        points = _averaged(loop, max(width, loop.perimeter / _LONGEST_IN_WIDTHS))
+        length = float(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).sum())
+    return points, width
 
 
 def _averaged(loop: BoundaryLoop, width: float) -> Float[np.ndarray, "n 3"]:
@@ -101,8 +172,7 @@ def _disk_frames(points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n
     disk = first_disk(points)
     normals = vertex_normals(disk.vertices, disk.faces)[: len(points)]
     conormals = np.cross(normals, np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0))
-    lengths = np.linalg.norm(conormals, axis=1, keepdims=True)
-    return conormals / np.maximum(lengths, np.finfo(np.float64).tiny), normals
+    return _unit(conormals), normals
 
 
 def _faces_within(surroundings: Surroundings, loop: BoundaryLoop, distance: float) -> Int[np.ndarray, " f"]:

@@ -150,6 +150,10 @@ class Surroundings:
         alone = loop.vertex_ids[self._loops_at[loop.vertex_ids] == 1]
         return float(np.sum(np.pi - self._angles[alone]))
 
+    def is_pinched(self, loop: BoundaryLoop) -> bool:
+        """Whether a loop shares a vertex with another, so that its turning is not all known."""
+        return bool((self._loops_at[loop.vertex_ids] > 1).any())
+
     def is_outline(self, loop: BoundaryLoop) -> bool:
         """Whether the mesh lies inside a loop, as a flat sheet in its border, rather than around it."""
         return self.turning(loop) > 0
