@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from spinor_geom.bench.cases import Hole, all_rims, lattice
 from spinor_geom.mesh.topology import face_components
 
-Ball = Literal["icosphere-3", "icosphere-4", "uv-sphere-24", "uv-sphere-32"]
+Ball = Literal["icosphere-2", "icosphere-3", "icosphere-4", "uv-sphere-24", "uv-sphere-32"]
 Rim = Literal["ragged", "smooth"]
 _Mesh: TypeAlias = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]
 

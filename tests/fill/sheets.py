@@ -1,0 +1,151 @@
+"""Sheets and vessels, cut along smooth rims and along whole triangles: borders and holes of known kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import igl
+import numpy as np
+
+from spinor_geom.bench.cases import lattice
+from spinor_geom.mesh.topology import face_components
+from tests.fill.shapes import rounds_and_rows
+
+Mesh = tuple[np.ndarray, np.ndarray]
+Heights = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Kept = Callable[[np.ndarray], np.ndarray]
+
+
+def largest(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
+    """The largest piece that hangs together through edges."""
+    piece = face_components(faces)
+    used, faces = np.unique(faces[piece == np.argmax(np.bincount(piece))], return_inverse=True)
+    return vertices[used], faces.reshape(-1, 3)
+
+
+def terrain(seed: int, height: float, waves: float = 3.0) -> Heights:
+    """Twelve random waves; the height is that of a wave of length 2π."""
+    rng = np.random.default_rng(seed)
+    vectors, phases = waves * rng.normal(size=(12, 2)), rng.uniform(0, 2 * np.pi, 12)
+    heights = rng.normal(size=12) * height / waves
+
+    def at(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.tensordot(heights, np.sin(np.multiply.outer(vectors[:, 0], x) + np.multiply.outer(vectors[:, 1], y)
+                                            + phases.reshape(-1, *(1,) * x.ndim)), 1)  # fmt: skip
+
+    return at
+
+
+def square(side: int, height: Heights, kept: Kept | None = None) -> Mesh:
+    """The graph of a function over the square of half width 1, and of its faces those kept, by their middles."""
+    (x, y), faces = lattice(side, side)
+    x, y = 2 * x / side - 1, 2 * y / side - 1
+    if kept is not None:
+        faces = faces[kept(np.column_stack([x, y])[faces].mean(axis=1))]
+    return largest(np.column_stack([x, y, height(x, y)]), faces)
+
+
+def round_sheet(height: Heights, *, ragged: bool) -> Mesh:
+    """The graph of a function over the unit disk, its rim a circle or cut along whole triangles."""
+    if ragged:
+        return square(24, height, lambda p: np.hypot(*p.T) < 0.96)
+
+    def point(angle: float, radius: float) -> tuple[float, float, float]:
+        x, y = radius * np.cos(angle), radius * np.sin(angle)
+        return x, y, float(height(np.asarray(x), np.asarray(y)))
+
+    return rounds_and_rows(point, 48, np.linspace(0.05, 1, 12))  # its longest loop is the rim
+
+
+def torn(seed: int, height: Heights, *, side: int = 24) -> Mesh:
+    """A sheet from whose outer parts two faces of five are taken at random: its border touches many small loops."""
+    rng = np.random.default_rng(seed)
+    return square(side, height, lambda p: (np.abs(p).max(axis=1) < 0.8) | (rng.random(len(p)) > 0.4))
+
+
+def strip(middle: Callable[[np.ndarray], np.ndarray], across: Callable[[np.ndarray], np.ndarray], wide: int = 2) -> Mesh:
+    """A ribbon of 120 × `wide` squares around a curve over 0 … 1, from −½ to ½ of the vectors across it."""
+    (x, y), faces = lattice(120, wide)
+    return middle(x / 120) + (y / wide - 0.5)[:, None] * across(x / 120), faces
+
+
+def columns(*parts: np.ndarray | float) -> np.ndarray:
+    return np.stack(np.broadcast_arrays(*parts), axis=-1).astype(np.float64)
+
+
+def moebius(width: float) -> Mesh:
+    t = lambda s: 2 * np.pi * s  # noqa: E731
+    vertices, faces = strip(
+        lambda s: columns(np.cos(t(s)), np.sin(t(s)), 0.0),
+        lambda s: width * columns(np.cos(t(s) / 2) * np.cos(t(s)), np.cos(t(s) / 2) * np.sin(t(s)), np.sin(t(s) / 2)),
+        6,
+    )
+    joined = np.arange(len(vertices))
+    joined[120::121] = np.arange(0, len(vertices), 121)[::-1]  # the ends meet upside down
+    return largest(vertices, joined[faces])
+
+
+def pipe(arc: float, length: float) -> Mesh:
+    """A sheet bent around a cylinder of radius 1 by an arc in degrees."""
+    vertices, faces = square(24, lambda x, _: 0 * x)
+    angle = np.radians(arc) / 2 * vertices[:, 0]
+    return np.column_stack([np.sin(angle), length * vertices[:, 1], np.cos(angle)]), faces
+
+
+def ribbons() -> Iterator[tuple[str, Mesh]]:
+    up = lambda s: columns(0 * s, 0.0, 1.0)  # noqa: E731
+    for length in (5, 20, 100):
+        arc, half = 5.2 * np.ones(1), length / 5.2
+        yield f"flat {length}", strip(lambda s: columns(length * s, 0.0, 0.0), lambda s: columns(0 * s, 1.0, 0.0))
+        yield f"arced {length}", strip(lambda s: half * columns(np.cos(arc * s), np.sin(arc * s), 0.0), up)
+        yield (
+            f"flat arc {length}",
+            strip(
+                lambda s: half * columns(np.cos(arc * s), np.sin(arc * s), 0.0),
+                lambda s: columns(np.cos(arc * s), np.sin(arc * s), 0.0),
+            ),
+        )
+        yield f"wavy {length}", strip(lambda s: columns(length * s, 0.0, np.sin(20 * s)), lambda s: columns(0 * s, 1.0, 0))
+        yield (
+            f"helix {length}",
+            strip(lambda s: half * columns(np.cos(2 * np.pi * s), np.sin(2 * np.pi * s), 1.5 * s), up),
+        )
+        for turns in (0.25, 1, 3):
+            yield (
+                f"twisted {turns} {length}",
+                strip(
+                    lambda s: columns(length * s, 0.0, 0.0),
+                    lambda s, w=2 * np.pi * turns: columns(0 * s, np.cos(w * s), np.sin(w * s)),
+                ),
+            )
+
+
+def tubes_of(axes: list[tuple[list[float], list[float], float]], kept: Kept, points: int = 28) -> Mesh:
+    """The outside of thick segments (start, end, radius), and of its faces those kept."""
+    ticks = np.linspace(-2.2, 2.2, points)
+    grid = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 3)
+
+    def distance(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+        share = np.clip((grid - start) @ (end - start) / np.sum((end - start) ** 2), 0, 1)
+        return np.asarray(np.linalg.norm(grid - start - share[:, None] * (end - start), axis=1))
+
+    values = np.min([distance(np.array(a), np.array(b)) - radius for a, b, radius in axes], axis=0)
+    vertices, faces = igl.marching_cubes(values, grid, points, points, points, 0.0)[:2]
+    faces = np.asarray(faces, dtype=np.int64)
+    return largest(vertices, faces[kept(vertices[faces].mean(axis=1))])
+
+
+def garments() -> Iterator[tuple[str, Mesh]]:
+    shirt = [([0, 0, -3.0], [0, 0, 0.6], 0.8), ([-3.0, 0, 0.6], [3.0, 0, 0.6], 0.35), ([0, 0, 0.5], [0, 0, 3.0], 0.4)]
+    yield "shirt", tubes_of(shirt, lambda p: (p[:, 2] > -1.7) & (abs(p[:, 0]) < 1.7) & (p[:, 2] < 1.6))
+    yield (
+        "shirt cut obliquely",
+        tubes_of(
+            shirt,
+            lambda p: (p[:, 2] + 0.4 * p[:, 0] > -1.4)
+            & (abs(p[:, 0]) + 0.3 * p[:, 2] < 1.7)
+            & (p[:, 2] - 0.3 * p[:, 1] < 1.5),
+        ),
+    )
+    bend = [([0, 0, -3.0], [0, 0, 0.8], 0.5), ([0, 0, 0.8], [3.0, 0, 0.8], 0.5)]
+    yield "bent tube", tubes_of(bend, lambda p: (p[:, 2] > -1.5) & (p[:, 0] < 1.5))

@@ -1,0 +1,142 @@
+"""Borders of sheets and holes of vessels: whole families, each with smooth and with ragged rims."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spinor_geom.bench.reported import bowl, reported_bowls, reported_tubes
+from spinor_geom.errors import SheetBorderError
+from spinor_geom.fill.borders import refuse_border
+from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from tests.fill.sheets import Heights, Mesh, garments, moebius, pipe, ribbons, round_sheet, square, terrain, torn
+
+VESSELS: dict[str, Heights] = {
+    "cone, 50°": lambda x, y: np.hypot(x, y) / np.tan(np.radians(40)),
+    "cone, 80°": lambda x, y: np.hypot(x, y) / np.tan(np.radians(10)),
+    "paraboloid, 50°": lambda x, y: 0.6 * (x**2 + y**2),
+    "paraboloid, 63°": lambda x, y: x**2 + y**2,
+    "ellipsoid": lambda x, y: 1.5 * np.sqrt(np.maximum(1.3 - x**2 - y**2, 0)),
+    "oval ellipsoid": lambda x, y: 1.5 * np.sqrt(np.maximum(1.3 - x**2 - 0.7 * y**2, 0)),
+    "oblique paraboloid": lambda x, y: x**2 + y**2 + 0.5 * x,
+}
+SHEETS: dict[str, Heights] = {
+    "plane": lambda x, _: 0 * x,
+    "spherical": lambda x, y: np.sqrt(5 - x**2 - y**2),
+    "cylindrical": lambda x, _: np.sqrt(4 - x**2),
+    "saddle": lambda x, y: x**2 - y**2,
+    "shallow saddle": lambda x, y: 0.4 * x * y,
+    "monkey saddle": lambda x, y: 0.6 * (x**3 - 3 * x * y**2),
+    "waves": lambda x, y: 0.2 * np.sin(6 * x) * np.cos(5 * y),
+    "roof": lambda x, _: abs(x),
+    "hills": terrain(1, 0.25),
+    "steep hills": terrain(2, 0.4),
+    "small hills": terrain(3, 0.4, 8.0),
+    "long hills": terrain(4, 0.3, 1.5),
+}
+
+
+def are_borders(mesh: Mesh) -> list[bool]:
+    """The answer for every loop, longest first."""
+    mesh = TriangleMesh(*mesh)
+    loops = find_boundary_loops(mesh)
+    surroundings, answers = Surroundings(mesh, loops), []
+    for loop in loops:
+        try:
+            refuse_border(surroundings, loop)
+            answers.append(False)
+        except SheetBorderError:
+            answers.append(True)
+    return answers
+
+
+def test_bowls_and_tubes_have_holes_whether_smooth_or_ragged() -> None:
+    cases = [*reported_bowls(16), *reported_bowls(16, rim="smooth"), *reported_tubes(4)]
+    assert [hole.name for hole in cases if are_borders((hole.vertices, hole.faces))[0]] == []
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("opening", [45, 60])
+def test_coarse_bowls_have_holes(opening: float, seed: int) -> None:
+    # of 15 to 30 points: the faces at the rim reach half-way to the pole
+    ragged = bowl(opening, "icosphere-2", noise=0.01, seed=seed)
+    assert not are_borders((ragged.vertices, ragged.faces))[0]
+    wide = ragged.vertices * [1.0, 1.3, 1.0] if opening > 45 else ragged.vertices
+    assert not are_borders((wide, ragged.faces))[0]
+
+
+@pytest.mark.parametrize("ragged", [False, True])
+@pytest.mark.parametrize("name", VESSELS)
+def test_vessels_have_holes_whether_smooth_or_ragged(name: str, ragged: bool) -> None:
+    assert not are_borders(round_sheet(VESSELS[name], ragged=ragged))[0]
+
+
+@pytest.mark.parametrize("ragged", [False, True])
+@pytest.mark.parametrize("name", SHEETS)
+def test_sheets_have_borders_whether_smooth_or_ragged(name: str, ragged: bool) -> None:
+    assert are_borders(round_sheet(SHEETS[name], ragged=ragged))[0]
+    assert are_borders(square(12 if ragged else 24, SHEETS[name]))[0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", SHEETS)
+def test_torn_sheets_have_borders(name: str, seed: int) -> None:
+    mesh = torn(seed, SHEETS[name])
+    assert are_borders(mesh)[0]
+
+
+def test_ribbons_and_bands_have_borders() -> None:
+    assert [name for name, mesh in ribbons() if not are_borders(mesh)[0]] == []
+    assert all(are_borders(moebius(width)) == [True] for width in (0.2, 0.5, 0.8))
+
+
+@pytest.mark.parametrize("arc", [60, 120, 180])
+@pytest.mark.parametrize("length", [0.5, 1, 3, 8])
+def test_bent_sheets_have_borders_however_deep(arc: float, length: float) -> None:
+    assert are_borders(pipe(arc, length)) == [True]
+
+
+def test_ends_of_garments_and_bent_tubes_are_holes() -> None:
+    assert {name: any(are_borders(mesh)) for name, mesh in garments()} == {
+        "shirt": False,
+        "shirt cut obliquely": False,
+        "bent tube": False,
+    }
+
+
+@pytest.mark.parametrize("hole", [(0.0, 0.3), (0.55, 0.25), (0.3, 0.6), (0.0, 0.8)])
+@pytest.mark.parametrize("name", ["plane", "saddle", "hills", "steep hills"])
+def test_holes_in_sheets_are_holes_and_their_borders_are_borders(name: str, hole: tuple[float, float]) -> None:
+    # near the border, and so large that a thin ring is left
+    place, radius = hole
+    rng = np.random.default_rng(0)
+    mesh = square(30, SHEETS[name], lambda p: np.hypot(p[:, 0] - place, p[:, 1]) > radius + 0.03 * rng.random(len(p)))
+    border, *holes = are_borders(mesh)
+    assert border
+    assert not any(holes)
+
+
+@pytest.mark.parametrize("ragged", [False, True])
+@pytest.mark.parametrize("shape", [VESSELS["paraboloid, 50°"], SHEETS["steep hills"]], ids=["vessel", "sheet"])
+def test_the_answer_depends_on_neither_position_size_orientation_nor_fineness(shape: Heights, ragged: bool) -> None:
+    vertices, faces = round_sheet(shape, ragged=ragged)
+    rng = np.random.default_rng(1)
+    answer = are_borders((vertices, faces))[0]
+    for size in (1e-6, 1.0, 1e6):
+        turned = size * (vertices @ np.linalg.qr(rng.normal(size=(3, 3)))[0] + 10 * rng.normal(size=3))
+        assert are_borders((turned, faces))[0] == answer
+    assert are_borders((vertices, faces[:, ::-1]))[0] == answer
+    order = rng.permutation(len(faces))
+    assert are_borders((vertices, faces[order]))[0] == answer
+    finer = igl_upsampled(vertices, faces)
+    assert are_borders(finer)[0] == answer
+
+
+def igl_upsampled(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
+    """Every face divided into four."""
+    import igl
+
+    finer, quarters = igl.upsample(vertices, faces.astype(np.int64), 1)
+    return np.asarray(finer), np.asarray(quarters, dtype=np.int64)
