@@ -50,11 +50,13 @@ def refuse_border(surroundings: Surroundings, loop: BoundaryLoop) -> None:
     """
     if surroundings.turning(loop) < _CLEARLY_NEGATIVE and not surroundings.is_pinched(loop):
         return  # most holes, at no cost
+    beside = _Collar.of(surroundings, loop)
+    if beside.turning < 0:
+        return  # a hole with pinch vertices, which needs no disk
     try:
-        beside = _Collar.of(surroundings, loop)
+        inward, rise = beside.mean_direction
     except SpinorGeomError:
         return  # no coarse disk, so nothing is known of its patch: it is solved as others are
-    inward, rise = beside.mean_direction
     if rise < _LEAST_RISE and rise < inward:
         angle, least = (np.degrees(np.arcsin(x)) for x in (rise, _LEAST_RISE))
         raise SheetBorderError(
