@@ -153,7 +153,7 @@ def _smoothed(loop: BoundaryLoop, area: float) -> tuple[Float[np.ndarray, "n 3"]
     """
     length = loop.perimeter
     for _ in range(_ROUNDS):
-        width = 2 * area / length
+        width = min(2 * area / length, length / (2 * np.pi))  # of a circle at most
         points = _averaged(loop, max(width, loop.perimeter / _LONGEST_IN_WIDTHS))
         length = float(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).sum())
     return points, width
