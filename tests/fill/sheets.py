@@ -63,7 +63,9 @@ def torn(seed: int, height: Heights, *, side: int = 24) -> Mesh:
     return square(side, height, lambda p: (np.abs(p).max(axis=1) < 0.8) | (rng.random(len(p)) > 0.4))
 
 
-def strip(middle: Callable[[np.ndarray], np.ndarray], across: Callable[[np.ndarray], np.ndarray], wide: int = 2) -> Mesh:
+def strip(
+    middle: Callable[[np.ndarray], np.ndarray], across: Callable[[np.ndarray], np.ndarray], wide: int = 2
+) -> Mesh:
     """A ribbon of 120 × `wide` squares around a curve over 0 … 1, from −½ to ½ of the vectors across it."""
     (x, y), faces = lattice(120, wide)
     return middle(x / 120) + (y / wide - 0.5)[:, None] * across(x / 120), faces
@@ -105,7 +107,10 @@ def ribbons() -> Iterator[tuple[str, Mesh]]:
                 lambda s: columns(np.cos(arc * s), np.sin(arc * s), 0.0),
             ),
         )
-        yield f"wavy {length}", strip(lambda s: columns(length * s, 0.0, np.sin(20 * s)), lambda s: columns(0 * s, 1.0, 0))
+        yield (
+            f"wavy {length}",
+            strip(lambda s: columns(length * s, 0.0, np.sin(20 * s)), lambda s: columns(0 * s, 1.0, 0)),
+        )
         yield (
             f"helix {length}",
             strip(lambda s: half * columns(np.cos(2 * np.pi * s), np.sin(2 * np.pi * s), 1.5 * s), up),
@@ -142,9 +147,11 @@ def garments() -> Iterator[tuple[str, Mesh]]:
         "shirt cut obliquely",
         tubes_of(
             shirt,
-            lambda p: (p[:, 2] + 0.4 * p[:, 0] > -1.4)
-            & (abs(p[:, 0]) + 0.3 * p[:, 2] < 1.7)
-            & (p[:, 2] - 0.3 * p[:, 1] < 1.5),
+            lambda p: (
+                (p[:, 2] + 0.4 * p[:, 0] > -1.4)
+                & (abs(p[:, 0]) + 0.3 * p[:, 2] < 1.7)
+                & (p[:, 2] - 0.3 * p[:, 1] < 1.5)
+            ),
         ),
     )
     bend = [([0, 0, -3.0], [0, 0, 0.8], 0.5), ([0, 0, 0.8], [3.0, 0, 0.8], 0.5)]

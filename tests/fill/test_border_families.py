@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import igl
 import numpy as np
 import pytest
 
@@ -53,7 +54,7 @@ def are_borders(mesh: Mesh) -> list[bool]:
 
 
 def test_bowls_and_tubes_have_holes_whether_smooth_or_ragged() -> None:
-    cases = [*reported_bowls(16), *reported_bowls(16, rim="smooth"), *reported_tubes(4)]
+    cases = [*reported_bowls(12), *reported_bowls(12, rim="smooth"), *reported_tubes(4)]
     assert [hole.name for hole in cases if are_borders((hole.vertices, hole.faces))[0]] == []
 
 
@@ -83,8 +84,7 @@ def test_sheets_have_borders_whether_smooth_or_ragged(name: str, ragged: bool) -
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", SHEETS)
 def test_torn_sheets_have_borders(name: str, seed: int) -> None:
-    mesh = torn(seed, SHEETS[name])
-    assert are_borders(mesh)[0]
+    assert are_borders(torn(seed, SHEETS[name]))[0]
 
 
 def test_ribbons_and_bands_have_borders() -> None:
@@ -130,13 +130,5 @@ def test_the_answer_depends_on_neither_position_size_orientation_nor_fineness(sh
     assert are_borders((vertices, faces[:, ::-1]))[0] == answer
     order = rng.permutation(len(faces))
     assert are_borders((vertices, faces[order]))[0] == answer
-    finer = igl_upsampled(vertices, faces)
-    assert are_borders(finer)[0] == answer
-
-
-def igl_upsampled(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-    """Every face divided into four."""
-    import igl
-
     finer, quarters = igl.upsample(vertices, faces.astype(np.int64), 1)
-    return np.asarray(finer), np.asarray(quarters, dtype=np.int64)
+    assert are_borders((np.asarray(finer), np.asarray(quarters, dtype=np.int64)))[0] == answer
