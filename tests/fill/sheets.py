@@ -30,8 +30,7 @@ def terrain(seed: int, height: float, waves: float = 3.0) -> Heights:
     heights = rng.normal(size=12) * height / waves
 
     def at(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return np.tensordot(heights, np.sin(np.multiply.outer(vectors[:, 0], x) + np.multiply.outer(vectors[:, 1], y)
-                                            + phases.reshape(-1, *(1,) * x.ndim)), 1)  # fmt: skip
+        return np.asarray(np.sin(np.stack([x, y], axis=-1) @ vectors.T + phases) @ heights)
 
     return at
 
@@ -63,12 +62,11 @@ def torn(seed: int, height: Heights, *, side: int = 24) -> Mesh:
     return square(side, height, lambda p: (np.abs(p).max(axis=1) < 0.8) | (rng.random(len(p)) > 0.4))
 
 
-def strip(
-    middle: Callable[[np.ndarray], np.ndarray], across: Callable[[np.ndarray], np.ndarray], wide: int = 2
-) -> Mesh:
-    """A ribbon of 120 × `wide` squares around a curve over 0 … 1, from −½ to ½ of the vectors across it."""
+def strip(middle: np.ndarray, across: np.ndarray, wide: int = 2) -> Mesh:
+    """A ribbon of 120 × `wide` squares around 121 points, from −½ to ½ of the vectors across it."""
     (x, y), faces = lattice(120, wide)
-    return middle(x / 120) + (y / wide - 0.5)[:, None] * across(x / 120), faces
+    place = x.astype(int)
+    return middle[place] + (y / wide - 0.5)[:, None] * across[place], faces
 
 
 def columns(*parts: np.ndarray | float) -> np.ndarray:
@@ -76,12 +74,10 @@ def columns(*parts: np.ndarray | float) -> np.ndarray:
 
 
 def moebius(width: float) -> Mesh:
-    t = lambda s: 2 * np.pi * s  # noqa: E731
-    vertices, faces = strip(
-        lambda s: columns(np.cos(t(s)), np.sin(t(s)), 0.0),
-        lambda s: width * columns(np.cos(t(s) / 2) * np.cos(t(s)), np.cos(t(s) / 2) * np.sin(t(s)), np.sin(t(s) / 2)),
-        6,
-    )
+    t = np.linspace(0, 2 * np.pi, 121)
+    middle = columns(np.cos(t), np.sin(t), 0.0)
+    across = columns(np.cos(t / 2) * np.cos(t), np.cos(t / 2) * np.sin(t), np.sin(t / 2))
+    vertices, faces = strip(middle, width * across, 6)
     joined = np.arange(len(vertices))
     joined[120::121] = np.arange(0, len(vertices), 121)[::-1]  # the ends meet upside down
     return largest(vertices, joined[faces])
@@ -95,34 +91,20 @@ def pipe(arc: float, length: float) -> Mesh:
 
 
 def ribbons() -> Iterator[tuple[str, Mesh]]:
-    up = lambda s: columns(0 * s, 0.0, 1.0)  # noqa: E731
+    s = np.linspace(0, 1, 121)
+    up, aside = columns(0 * s, 0.0, 1.0), columns(0 * s, 1.0, 0.0)
+    arc = columns(np.cos(5.2 * s), np.sin(5.2 * s), 0.0)
+    coil = columns(np.cos(2 * np.pi * s), np.sin(2 * np.pi * s), 1.5 * s)
     for length in (5, 20, 100):
-        arc, half = 5.2 * np.ones(1), length / 5.2
-        yield f"flat {length}", strip(lambda s: columns(length * s, 0.0, 0.0), lambda s: columns(0 * s, 1.0, 0.0))
-        yield f"arced {length}", strip(lambda s: half * columns(np.cos(arc * s), np.sin(arc * s), 0.0), up)
-        yield (
-            f"flat arc {length}",
-            strip(
-                lambda s: half * columns(np.cos(arc * s), np.sin(arc * s), 0.0),
-                lambda s: columns(np.cos(arc * s), np.sin(arc * s), 0.0),
-            ),
-        )
-        yield (
-            f"wavy {length}",
-            strip(lambda s: columns(length * s, 0.0, np.sin(20 * s)), lambda s: columns(0 * s, 1.0, 0)),
-        )
-        yield (
-            f"helix {length}",
-            strip(lambda s: half * columns(np.cos(2 * np.pi * s), np.sin(2 * np.pi * s), 1.5 * s), up),
-        )
+        straight = columns(length * s, 0.0, 0.0)
+        yield f"flat {length}", strip(straight, aside)
+        yield f"arced {length}", strip(length / 5.2 * arc, up)
+        yield f"flat arc {length}", strip(length / 5.2 * arc, arc)
+        yield f"wavy {length}", strip(straight + np.sin(20 * s)[:, None] * up, aside)
+        yield f"helix {length}", strip(length / 5.2 * coil, up)
         for turns in (0.25, 1, 3):
-            yield (
-                f"twisted {turns} {length}",
-                strip(
-                    lambda s: columns(length * s, 0.0, 0.0),
-                    lambda s, w=2 * np.pi * turns: columns(0 * s, np.cos(w * s), np.sin(w * s)),
-                ),
-            )
+            angle = 2 * np.pi * turns * s
+            yield f"twisted {turns} {length}", strip(straight, columns(0 * s, np.cos(angle), np.sin(angle)))
 
 
 def tubes_of(axes: list[tuple[list[float], list[float], float]], kept: Kept, points: int = 28) -> Mesh:

@@ -10,6 +10,7 @@ from spinor_geom.bench.reported import bowl, reported_bowls, reported_tubes
 from spinor_geom.errors import SheetBorderError
 from spinor_geom.fill.borders import refuse_border
 from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.fill.sheets import Heights, Mesh, garments, moebius, pipe, ribbons, round_sheet, square, terrain, torn
@@ -39,18 +40,20 @@ SHEETS: dict[str, Heights] = {
 }
 
 
-def are_borders(mesh: Mesh) -> list[bool]:
+def is_border(surroundings: Surroundings, loop: BoundaryLoop) -> bool:
+    try:
+        refuse_border(surroundings, loop)
+    except SheetBorderError:
+        return True
+    return False
+
+
+def are_borders(arrays: Mesh) -> list[bool]:
     """The answer for every loop, longest first."""
-    mesh = TriangleMesh(*mesh)
+    mesh = TriangleMesh(*arrays)
     loops = find_boundary_loops(mesh)
-    surroundings, answers = Surroundings(mesh, loops), []
-    for loop in loops:
-        try:
-            refuse_border(surroundings, loop)
-            answers.append(False)
-        except SheetBorderError:
-            answers.append(True)
-    return answers
+    surroundings = Surroundings(mesh, loops)
+    return [is_border(surroundings, loop) for loop in loops]
 
 
 def test_bowls_and_tubes_have_holes_whether_smooth_or_ragged() -> None:
