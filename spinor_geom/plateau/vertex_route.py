@@ -146,6 +146,8 @@ def surface_through(
     here = Passing(basis=basis, points=tuple(wanted), raw=basis.raw(start))
     readout = nearest_through(here, start, start=start, allowed=allowed, steps=steps)
     here = here.at(here.at(readout).closed(readout))
+    if not np.isfinite(here.distance):
+        raise SurfaceError("p and q of the surface over averages of the rims overflow beside their points")
     surface = SpinorSurface(basis.network(here.raw), domain).to(here.raw.device)
     # distances from the points by integrals along ∂Ω with twice as many nodes
     rims = surface.rim_primitives(2 * NODES)
