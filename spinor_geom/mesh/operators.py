@@ -24,6 +24,8 @@ _TINY = np.finfo(np.float64).tiny ** 0.5
 # The least by which two sides of a mollified triangle exceed the third, as a share of its longest side: cotangents
 # stay below its inverse then.
 _SLACK = 1e-6
+# The same of a metric whose edges are flipped, by the mean edge: below 1e-5 flips of needles may repeat without end.
+_SLACK_OF_METRIC = 1e-4
 
 
 def cotangent_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
@@ -51,6 +53,20 @@ def mollified_edge_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray
     longest = np.maximum(length.max(axis=1), np.finfo(np.float64).tiny ** 0.2)
     slack = length.sum(axis=1) - 2 * length.max(axis=1)
     return np.asarray(length + np.maximum(_SLACK * longest - slack, 0.0)[:, None])
+
+
+def delaunay_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
+    """The cotangent Laplacian of the intrinsic Delaunay triangulation of a mesh, whose weights are not negative.
+
+    Where two sides of a face exceed the third by less than 1e-4 of the mean edge, all edges of the mesh are made longer
+    by what is missing: an edge has one length in both of its faces.
+
+    Source: Sharp & Crane (2020), "A Laplacian for nonmanifold triangle meshes".
+    """
+    lengths = igl.edge_lengths(*igl_arrays(vertices, faces))
+    slack = (lengths.sum(axis=1) - 2 * lengths.max(axis=1)).min()
+    lengths = lengths + max(_SLACK_OF_METRIC * lengths.mean() - slack, 0.0)
+    return intrinsic_laplacian(*igl.intrinsic_delaunay_triangulation(*igl_arrays(lengths, faces))[:2])
 
 
 def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Faces) -> csc_array:

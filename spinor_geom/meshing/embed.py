@@ -22,9 +22,8 @@ from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import (
     cotangent_laplacian,
+    delaunay_laplacian,
     face_areas,
-    intrinsic_laplacian,
-    mollified_edge_lengths,
     vertex_angles,
 )
 from spinor_geom.meshing.triangulate import Piece, piece_of, triangulate_pieces
@@ -253,8 +252,8 @@ def over_own_domain(patch: Patch) -> Patch:
     """
     faces = np.asarray(patch.faces)
     boundary = _boundary_of_angles(patch, vertex_angles(patch.vertices, faces)[: patch.boundary_size])
-    lengths, delaunay = igl.intrinsic_delaunay_triangulation(mollified_edge_lengths(patch.vertices, faces), faces)[:2]
-    points = harmonic_extension(intrinsic_laplacian(lengths, delaunay), plane_coordinates(boundary)) @ [1.0, 1.0j]
+    laplacian = delaunay_laplacian(patch.vertices, faces)
+    points = harmonic_extension(laplacian, plane_coordinates(boundary)) @ [1.0, 1.0j]
     a, b, c = points[faces].T
     if not (cross(b - a, c - a) > 0).all():
         raise DomainError("the harmonic map of the patch folds triangles over")

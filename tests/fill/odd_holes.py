@@ -110,7 +110,9 @@ RIMS: dict[str, Callable[[Random, int], np.ndarray]] = {
 def rim(kind: str, seed: int) -> np.ndarray:
     """The points of an odd rim, 3 to about 100."""
     random = np.random.default_rng([seed, *kind.encode()])
-    count = int(random.choice([random.integers(3, 8), random.integers(8, 30), random.integers(30, 100)], p=[0.4, 0.4, 0.2]))
+    count = int(
+        random.choice([random.integers(3, 8), random.integers(8, 30), random.integers(30, 100)], p=[0.4, 0.4, 0.2])
+    )
     return RIMS[kind](random, count)
 
 
