@@ -213,6 +213,8 @@ def _next_mesh(moved: Moved, collar: Collar, target: float, *, is_conformal: boo
             finer = remesh(domain, target)
         except OutOfTimeError:
             break
+        except DomainError:  # chords between the rim's places cross there
+            continue
         if len(finer.vertices) == finer.boundary_size:
             continue
         is_plate = moved.order == "thin plate"

@@ -26,7 +26,8 @@ from spinor_geom.mesh.operators import (
     face_areas,
     vertex_angles,
 )
-from spinor_geom.meshing.triangulate import Piece, piece_of, triangulate_pieces
+from spinor_geom.meshing.split_edges import edges_far_from_arcs, triangulated_with_split_edges
+from spinor_geom.meshing.triangulate import Piece, is_unit_disk, piece_of, triangulate_pieces
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.shown import Shown
@@ -43,7 +44,8 @@ class Patch(Shown):
 
     Attributes:
         vertices: Positions in mesh units; the loops' points come first, in order and bit-equal.
-        faces: Counter-clockwise in Ω and so about the surface's normal; the boundary runs along the loops.
+        faces: Counter-clockwise in Ω and so about the surface's normal, but for those beside a long edge that was
+            split there; the boundary runs along the loops.
         boundary_size: Number M of loop points, of all loops together.
         points: Where the vertices lie in Ω.
         hole_sizes: Numbers of points of the loops after the first.
@@ -101,7 +103,8 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
 
     The surface's domain is triangulated with edges of about target/λ, beside the boundary as long as the loop's own
     edges; the inner vertices are on the exact surface. The boundary's vertices are the loop's points and not the
-    surface's, so the boundary residual of the solution stays visible in the triangles beside the boundary.
+    surface's, so the boundary residual of the solution stays visible in the triangles beside the boundary. Where chords
+    between the loop's places in Ω cross or run far outside it, inner vertices are put beside these edges.
 
     Args:
         solution: A solved Plateau problem.
@@ -131,11 +134,19 @@ def mesh_patches(
 
     def made(some: Sequence[PlateauSolution]) -> list[Patch]:
         planes = triangulate_pieces([_piece(solution, target_edge_length) for solution in some])
+        for solution, plane in zip(some, planes, strict=True):
+            # the disk is convex
+            if not is_unit_disk(solution.domain) and len(edges_far_from_arcs(solution.domain, plane)):
+                raise DomainError("the chords between the loop's places run far outside the domain")
         return [_patch(solution, plane) for solution, plane in zip(some, planes, strict=True)]
 
     # on several threads sums come out in another order, and patches are to be the same on all machines
     with one_thread():
-        return one_by_one_on_error(made, solutions)
+        patches = one_by_one_on_error(made, solutions)
+        return [
+            _with_split_edges(solution, target_edge_length) if isinstance(patch, DomainError) else patch
+            for solution, patch in zip(solutions, patches, strict=True)
+        ]
 
 
 def edge_length_over(loops: Sequence[BoundaryLoop], target: float | Literal["auto"]) -> float:
@@ -144,6 +155,20 @@ def edge_length_over(loops: Sequence[BoundaryLoop], target: float | Literal["aut
         return sum(loop.perimeter for loop in loops) / sum(map(len, loops))
     require_positive("target_edge_length", target, instead="'auto' or ")
     return float(target)
+
+
+def _with_split_edges(
+    solution: PlateauSolution, target_edge_length: float | Literal["auto"]
+) -> Patch | SpinorGeomError:
+    """The mesh of a surface over a domain in which chords between the loop's points cross."""
+    whole = _piece(solution, target_edge_length)
+    try:
+        plane = triangulated_with_split_edges(
+            solution.rims, solution.domain, lambda polygons: triangulate_pieces([replace(whole, rims=polygons)])[0]
+        )
+        return _patch(solution, plane)
+    except SpinorGeomError as error:
+        return error
 
 
 def _piece(solution: PlateauSolution, target_edge_length: float | Literal["auto"]) -> Piece:

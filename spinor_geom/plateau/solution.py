@@ -55,12 +55,30 @@ class RimMatch:
 
     def points_in_domain(self) -> Complex[np.ndarray, " m"]:
         """The points of ∂Ω that the surface matches with the loop's points, in loop order."""
+        return self.boundary.point(self._parameters(self.curve.at_loop))
+
+    def points_between(self, edge: int, count: int) -> Complex[np.ndarray, " count"]:
+        """Points inside Ω beside the part of ∂Ω between two neighbouring points of the loop, in order.
+
+        They divide the edge's part of Γ evenly. The distance from ∂Ω is a quarter of that from each to the next in the
+        middle and falls towards the ends as a parabola, so that edge and points are a convex polygon.
+        """
+        ends = np.append(self.curve.at_loop, self.curve.at_loop[0] + 1)[edge : edge + 2]
+        share = np.arange(1, count + 1) / (count + 1)
+        t = self._parameters(ends[0] + share * (ends[1] - ends[0]))
+        velocity = self.boundary.derivative(t)
+        length = np.abs(np.diff(self.boundary.point(self._parameters(ends)))) / (count + 1)
+        inwards = 1j * velocity / np.abs(velocity)
+        return np.asarray(self.boundary.point(t) + share * (1 - share) * length * inwards)
+
+    def _parameters(self, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Parameters on ∂Ω of what is matched with Γ(s), −1 < s < 2."""
         t, s = self.matching.T
         # three turns, so that every vertex parameter lies well inside; equal s (nodes slid together) are one knot
         s = np.concatenate([s - 1, s, s + 1])
         t = np.concatenate([t - 1, t, t + 1])
         keep = np.append(True, np.diff(np.maximum.accumulate(s)) > 0)
-        return self.boundary.point(PchipInterpolator(s[keep], t[keep])(self.curve.at_loop))
+        return np.asarray(PchipInterpolator(s[keep], t[keep])(at))
 
 
 # Numbers of the rims of each surface.

@@ -1,0 +1,66 @@
+"""Loops with long edges, whose chords cross in Ω: the patch's boundary is the loop all the same."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.intersections import self_intersections
+from spinor_geom.mesh.operators import face_areas
+from spinor_geom.mesh.topology import HalfEdges
+from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.plateau.solution import PlateauSolution, RimMatch
+from spinor_geom.plateau.solve import solve_plateau
+
+POINTS = 48
+
+
+@cache
+def annulus() -> PlateauSolution:
+    """Between a circle and a smaller one over it."""
+    t = 2 * np.pi * np.arange(POINTS) / POINTS
+    circle = np.column_stack([np.cos(t), np.sin(t), 0 * t])
+    return solve_plateau([circle, 0.6 * circle + [0, 0, 0.3]])
+
+
+def through_some(solution: PlateauSolution, kept: list[np.ndarray]) -> PlateauSolution:
+    """The same surface over loops of some of its loops' points: edges are long where points are left out."""
+    rims = []
+    for rim, some in zip(solution.rims, kept, strict=True):
+        loop = BoundaryLoop.from_points(rim.loop.points[some])
+        curve = replace(rim.curve, at_points=some)
+        rims.append(RimMatch(loop=loop, curve=curve, boundary=rim.boundary, matching=rim.matching))
+    return replace(solution, rims=tuple(rims))
+
+
+def with_gap(seed: int) -> np.ndarray:
+    """Which points are kept, every one, or every second or third, but for a long gap."""
+    rng = np.random.default_rng(seed)
+    kept = np.arange(POINTS) % rng.integers(1, 4) == 0
+    kept[: rng.integers(POINTS // 4, 3 * POINTS // 4)] = False
+    return np.roll(kept, rng.integers(POINTS))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_boundary_is_the_loop_s_where_chords_cross(seed: int) -> None:
+    solution = through_some(annulus(), [with_gap(2 * seed), with_gap(2 * seed + 1)])
+    patch = mesh_patch(solution, 0.2)
+    points = np.concatenate([rim.loop.points for rim in solution.rims])
+    assert patch.vertices[: len(points)].tobytes() == points.tobytes()
+    half_edges = HalfEdges.of(patch.faces)
+    assert (half_edges.counts <= 2).all()
+    alone = half_edges.twin < 0
+    rim = np.arange(len(points))
+    after = np.concatenate([np.roll(part, -1) for part in np.split(rim, [patch.rims[0]])])
+    ends = np.stack([half_edges.origin, half_edges.target], axis=1)[alone]
+    assert np.array_equal(ends[np.argsort(ends[:, 0])], np.column_stack([rim, after]))
+    # an annulus
+    assert len(patch.vertices) - len(half_edges.counts) + len(patch.faces) == 0
+    # no face lies on an edge of the rim: the height of those is an eighth of half an edge at least
+    assert face_areas(patch.vertices, patch.faces).min() > 1e-3
+    assert len(self_intersections(patch.vertices, patch.faces)) == 0
+    # Γ is the circles, so the triangles beside a long edge cover a part of the circle's disk; poles in the hole would
+    # make the patch larger by orders of magnitude
+    assert patch.area < solution.area + np.pi * (1 + 0.6**2)
