@@ -77,11 +77,14 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Suggests the nearest option or choice for a mistyped one."""
+    """Suggests the nearest option or choice for a mistyped one; `--merge` takes numbers only."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Refuses unknown options where the options of their command are known."""
-        found, rest = super().parse_known_args(args, namespace)
+        texts = list(sys.argv[1:] if args is None else args)
+        if _MERGE in self._option_strings():
+            texts = _with_merge_values(texts)
+        found, rest = super().parse_known_args(texts, namespace)
         if unknown := [text.partition("=")[0] for text in rest if text.startswith("-")]:
             self.error(f"unrecognized arguments: {' '.join(unknown)}{_suggestion(unknown[0], self._option_strings())}")
         return found, rest
@@ -95,6 +98,29 @@ class _Parser(argparse.ArgumentParser):
         except argparse.ArgumentError as error:
             error.message += _suggestion(str(value), [str(choice) for choice in action.choices or ()])
             raise
+
+
+def _with_merge_values(texts: Sequence[str]) -> list[str]:
+    """Arguments with `--merge=rounding` for each `--merge` that no number follows.
+
+    argparse would take a file name that follows for the option's value.
+    """
+    end = texts.index("--") if "--" in texts else len(texts)
+    following = [*texts[1:], ""]
+    return [
+        f"{text}={_ROUNDING}"
+        if len(text) > 2 and _MERGE.startswith(text) and place < end and not _is_number(following[place])
+        else text
+        for place, text in enumerate(texts)
+    ]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _suggestion(text: str, known: Sequence[str]) -> str:
@@ -142,12 +168,18 @@ def _path(metavar: str) -> dict[str, Any]:
 _Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
 _positive = _checked(float, "a positive number", lambda x: 0 < x < math.inf)
 _from_zero = _checked(float, "a number from 0 on", lambda x: 0 <= x < math.inf)
+_MERGE, _ROUNDING = "--merge", "rounding"  # the option, and its value where no number is given
 _FORMATS = "obj, ply, stl, off, glb, vtp, vtk, 3mf"
 _FLAG: dict[str, Any] = {"action": "store_true"}
 _LENGTH: dict[str, Any] = {"metavar": "LENGTH", "type": _positive}
 _SECONDS: dict[str, Any] = {"metavar": "S", "type": _positive}
 _COUNT: dict[str, Any] = {"metavar": "N", "type": _checked(int, "a number from 1 on", lambda n: n > 0)}
 _NAMES: dict[str, Any] = {"metavar": "NAME[,NAME…]", "type": lambda text: tuple(filter(None, text.split(",")))}
+_merge_distance = _checked(
+    lambda text: text if text == _ROUNDING else float(text),
+    "a number from 0 on",
+    lambda within: within == _ROUNDING or 0 <= within < math.inf,
+)
 _loops = _checked(
     lambda text: [int(part) for part in text.split(",")],
     "a list of numbers such as 0,2,5; loops are numbered from 0",
@@ -201,8 +233,12 @@ def _add_quality(add: Callable[..., Any]) -> None:
 
 def _add_input(add: Callable[..., Any]) -> None:
     add("input", **_path("IN"), help=f"mesh file: {_FORMATS}")
+    _add_merge(add)
+
+
+def _add_merge(add: Callable[..., Any]) -> None:
     near = "first merge vertices at most TOL apart, in mesh units; without TOL those of equal position up to rounding"
-    add("--merge", metavar="TOL", nargs="?", const=True, default=False, type=_from_zero, help=f"{near} (STL: always)")
+    add(_MERGE, metavar="TOL", nargs="?", type=_merge_distance, help=f"{near} (STL: always)")
 
 
 def _add_loops(commands: _Commands) -> None:
@@ -309,6 +345,7 @@ def _add_morph(commands: _Commands) -> None:
 
 def _add_shown(add: Callable[..., Any]) -> None:
     add("input", **_path("IN"), help=f"mesh file ({_FORMATS}) or saved surface (.safetensors)")
+    _add_merge(add)
     add("--curvature", **_FLAG, help="colours tell the curvature: Gauss curvature of a surface, |H| of a mesh")
 
 

@@ -7,11 +7,11 @@ import math
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from spinor_geom.cli.console import ExitStatus
 from spinor_geom.cli.source import read_surface, require_writable
-from spinor_geom.errors import RenderError, require
+from spinor_geom.errors import OptionError, RenderError, require
 from spinor_geom.files import SURFACE_SUFFIX
 from spinor_geom.render.layers import MESH, Faces, Lines, View
 from spinor_geom.render.png import draw_apart, require_png
@@ -37,7 +37,7 @@ def _view(arguments: argparse.Namespace) -> None:
             "there is no display to open a window on; 'spinor-geom render IN -o out.png' draws a picture without one, "
             "'spinor-geom fill ... --html report.html' writes a page for any browser"
         )
-    shape = _shape(arguments.input)
+    shape = _shape(arguments.input, arguments.merge)
     title = f"{arguments.input.name}{f', {shape.curvature}'.replace('_', ' ') * arguments.curvature}"
     fields = {title: shape.clipped} if arguments.curvature else {}
     mesh = Faces(vertices=shape.vertices, faces=shape.faces, fields=fields, **MESH)
@@ -51,7 +51,7 @@ def _render(arguments: argparse.Namespace) -> None:
     require_writable(arguments.output)
     from spinor_geom.render.portrait import plain_portrait
 
-    shape = _shape(arguments.input)
+    shape = _shape(arguments.input, arguments.merge)
     portrait = plain_portrait(shape.vertices, shape.faces, shape.clipped if arguments.curvature else None)
     # scans and models stand on y in most formats, formulas on z
     if (arguments.up or ("z" if arguments.input.suffix.lower() == SURFACE_SUFFIX else "y")) == "y":
@@ -74,11 +74,13 @@ def _morph(arguments: argparse.Namespace) -> None:
     morph(surface, arguments.output, frames=arguments.frames)
 
 
-def _shape(path: Path) -> Shape:
+def _shape(path: Path, merge: float | Literal["rounding"] | None) -> Shape:
     from spinor_geom.render.shapes import shape_of
 
     if path.suffix.lower() != SURFACE_SUFFIX:
-        return shape_of(read_surface(path, merge=False))
+        return shape_of(read_surface(path, merge=merge))
+    if merge is not None:
+        raise OptionError(f"{path}: is a saved surface, whose vertices are not merged; leave --merge out")
     from spinor_geom.surface.spinor_surface import SpinorSurface
 
     return shape_of(SpinorSurface.load(path))

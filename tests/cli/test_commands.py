@@ -231,6 +231,39 @@ def test_merge_closes_a_soup(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert len(capsys.readouterr().out.splitlines()) == 3
 
 
+MERGES = {
+    "--merge in.obj": "rounding",
+    "in.obj --merge": "rounding",
+    "--merge --json in.obj": "rounding",
+    "--merge -- in.obj": "rounding",
+    "--mer in.obj": "rounding",
+    "--merge 1e-6 in.obj": 1e-6,
+    "in.obj --merge 1e-6": 1e-6,
+    "--merge=1e-6 in.obj": 1e-6,
+    "--merge 0 in.obj": 0.0,
+    "in.obj": None,
+    "-- in.obj": None,
+}
+
+
+@pytest.mark.parametrize("text", MERGES)
+@pytest.mark.parametrize("command", ["loops", "compare", "fill -o out.obj", "render -o out.png", "view"])
+def test_merge_takes_numbers_only(command: str, text: str) -> None:
+    words = [*command.split(), *text.split()]
+    if not command.startswith(("loops", "compare")):
+        words = [word for word in words if word != "--json"]
+    arguments = build_parser().parse_args(words)
+    assert arguments.input == Path("in.obj")
+    assert arguments.merge == MERGES[text]
+
+
+@pytest.mark.parametrize("merge", ["--merge=a", "--merge=nan", "--merge=-1"])
+def test_a_merge_distance_that_is_none_is_a_usage_error(merge: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["loops", "in.obj", merge])
+    assert "is not a number from 0 on" in capsys.readouterr().err
+
+
 def test_stl_files_need_no_merge(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     vertices, faces = tube()
     records = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("pad", "<u2")])

@@ -114,3 +114,18 @@ def test_a_window_gets_the_mesh_its_rims_and_its_curvature(
     assert len(rims.edges) > 40
     assert main(["view", str(MESH)]) == 0
     assert not shown[1][0][0].layers[0].fields
+
+
+def test_vertices_are_merged_before_a_mesh_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Any] = []
+    monkeypatch.setattr(Portrait, "write", lambda self, _, **options: seen.append(self.layers[0]))
+    soup = tmp_path / "soup.obj"
+    soup.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 4 5 6\n")
+    for merge in ([], ["--merge"]):
+        assert main(["render", *merge, str(soup), "-o", str(tmp_path / "p.png")]) == 0
+    assert [len(layer.vertices) for layer in seen] == [6, 4]
+
+
+def test_a_saved_surface_has_no_vertices_to_merge(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["render", "--merge", str(saved), "-o", str(saved.with_suffix(".png"))]) == 2
+    assert "leave --merge out" in capsys.readouterr().err
