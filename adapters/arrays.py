@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spinor_geom.adapters.contents import grown_attributes
-from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_existing_vertices
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within, require_existing_vertices
 
 if TYPE_CHECKING:
     import torch
@@ -31,6 +31,10 @@ class TriangleMeshAdapter:
             vertex_attributes=grown_attributes(obj.vertex_attributes, extension, vertices=len(obj.vertices)),
             labels=obj.labels,
         )
+
+    def merged(self, obj: TriangleMesh, within: Within) -> TriangleMesh:
+        """The mesh with vertices merged."""
+        return obj.merged(within)[0]
 
 
 class ArrayPairAdapter:
@@ -62,6 +66,12 @@ class ArrayPairAdapter:
             np.concatenate([faces.astype(indices), extension.faces.astype(indices)]),
         )
 
+    def merged(self, obj: Any, within: Within) -> Any:
+        """A new tuple or list of two new arrays of the same dtypes."""
+        vertices, faces = (np.asarray(member) for member in obj)
+        kept, new_index = self.to_mesh(obj).merge_map(within)
+        return _rebuilt_pair(obj, vertices[kept], new_index[faces].astype(faces.dtype))
+
 
 class TensorPairAdapter:
     """A tuple or list (V, F) of torch tensors: positions (V, 3) and vertex indices (F, 3), on any device."""
@@ -91,6 +101,16 @@ class TensorPairAdapter:
         return _rebuilt_pair(
             obj, torch.cat([vertices.to(floating), new_vertices]), torch.cat([faces.to(indices), new_faces])
         )
+
+    def merged(self, obj: Any, within: Within) -> Any:
+        """A new tuple or list of two new tensors of the same dtypes and devices; gradients flow back to the old ones."""
+        import torch
+
+        vertices, faces = obj
+        kept, new_index = self.to_mesh(obj).merge_map(within)
+        numbers = torch.from_numpy(new_index).to(faces.device)
+        rows = torch.from_numpy(np.flatnonzero(kept)).to(vertices.device)
+        return _rebuilt_pair(obj, vertices[rows], numbers[faces.long()].to(faces.dtype))
 
 
 def _rebuilt_pair(pair: Any, vertices: Any, faces: Any) -> Any:

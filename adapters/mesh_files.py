@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int
@@ -30,7 +30,7 @@ from spinor_geom.errors import (
     require_type,
 )
 from spinor_geom.files import atomic_path
-from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
 from spinor_geom.shown import Shown, shortened
 
 # how each is read, where a MeshFileError names the place that cannot be, and written
@@ -122,7 +122,7 @@ class MeshFile(Shown):
         """What was changed on the way from the file, a sentence each."""
         return self.contents.notes
 
-    def merged(self, within: float | Literal["rounding"] = 0.0) -> MeshFile:
+    def merged(self, within: Within = 0.0) -> MeshFile:
         """The file with vertices of equal position merged, as soups need; `notes` counts them.
 
         `within` is the largest distance of such vertices, as for `TriangleMesh.merged`.
@@ -266,6 +266,10 @@ class MeshFileAdapter:
     def extend(self, obj: Any, extension: MeshExtension) -> MeshFile:
         """The file with the extension appended, as a `MeshFile`; nothing is written."""
         return _opened(obj).extended(extension)
+
+    def merged(self, obj: Any, within: Within) -> MeshFile:
+        """The file with vertices merged, as by `MeshFile.merged`; nothing is written."""
+        return _opened(obj).merged(within)
 
 
 def _opened(obj: MeshFile | str | os.PathLike[str]) -> MeshFile:

@@ -19,7 +19,7 @@ from spinor_geom.adapters.contents import (
 )
 from spinor_geom.adapters.polygons import Polygons, without_seams
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
 
 if TYPE_CHECKING:
     import meshio
@@ -71,6 +71,21 @@ class Open3DAdapter:
             made.triangle_uvs = Vector2dVector(np.concatenate([np.asarray(obj.triangle_uvs), zeros]))
         if obj.has_triangle_material_ids():
             made.triangle_material_ids = IntVector(repeated(np.asarray(obj.triangle_material_ids), count))
+        if obj.has_adjacency_list():
+            made.compute_adjacency_list()
+        return made
+
+    def merged(self, obj: Any, within: Within) -> Any:
+        """A new mesh with vertices merged; what belongs to triangles is copied."""
+        from open3d.geometry import TriangleMesh as Open3DMesh
+        from open3d.utility import Vector3dVector, Vector3iVector
+
+        kept, new_index = self.to_mesh(obj).merge_map(within)
+        made = Open3DMesh(obj)
+        made.vertices = Vector3dVector(np.asarray(obj.vertices)[kept])
+        made.triangles = Vector3iVector(new_index[np.asarray(obj.triangles)].astype(np.int32))
+        made.vertex_normals = Vector3dVector(np.asarray(obj.vertex_normals)[kept[: len(obj.vertex_normals)]])
+        made.vertex_colors = Vector3dVector(np.asarray(obj.vertex_colors)[kept[: len(obj.vertex_colors)]])
         if obj.has_adjacency_list():
             made.compute_adjacency_list()
         return made
@@ -132,6 +147,22 @@ class MeshioAdapter:
             **{name: deepcopy(getattr(obj, name)) for name in ("field_data", "point_sets", "gmsh_periodic", "info")},
         )
 
+    def merged(self, obj: meshio.Mesh, within: Within) -> meshio.Mesh:
+        """A new mesh with points merged; cells, data and sets are copied."""
+        import meshio
+
+        kept, new_index = self.to_mesh(obj).merge_map(within)
+        return meshio.Mesh(
+            points=np.asarray(obj.points)[kept],
+            cells=[(block.type, new_index[np.asarray(block.data)]) for block in obj.cells],
+            point_data={name: np.asarray(values)[kept] for name, values in obj.point_data.items()},
+            point_sets={name: np.unique(new_index[np.asarray(own)]) for name, own in obj.point_sets.items()},
+            **{
+                name: deepcopy(getattr(obj, name))
+                for name in ("cell_data", "cell_sets", "field_data", "gmsh_periodic", "info")
+            },
+        )
+
 
 def _points_and_polygons(mesh: meshio.Mesh) -> tuple[np.ndarray, Polygons]:
     points = np.asarray(mesh.points)
@@ -170,34 +201,50 @@ class MeshSetAdapter:
         coordinates (0, 0). What pymeshlab gives no way to copy is not: texture images, custom attributes, and which
         edges are diagonals of polygons.
         """
-        import pymeshlab
-
         mesh = _current_mesh(obj)
         vertices = mesh.vertex_matrix()
-        grown = grown_attributes(_of_meshlab(mesh), extension, vertices=len(vertices))
-        arrays: dict[str, Any] = {}
-        if "color" in grown:
-            arrays["v_color_matrix"] = np.clip(grown["color"], 0.0, 1.0)
-        if "scalar" in grown:
-            arrays["v_scalar_array"] = grown["scalar"][:, 0]
-        if "uv" in grown:
-            arrays["v_tex_coords_matrix"] = grown["uv"]
-        new = len(extension.faces)
-        if mesh.has_face_color():
-            arrays["f_color_matrix"] = repeated(mesh.face_color_matrix(), new)
-        if mesh.has_face_scalar():
-            arrays["f_scalar_array"] = repeated(mesh.face_scalar_array(), new)
-        if mesh.has_wedge_tex_coord():
-            arrays["w_tex_coords_matrix"] = np.concatenate([mesh.wedge_tex_coord_matrix(), np.zeros((3 * new, 2))])
-        result = pymeshlab.MeshSet(verbose=False)
+        attributes = grown_attributes(_of_meshlab(mesh), extension, vertices=len(vertices))
         faces = np.concatenate([mesh.face_matrix(), extension.faces.astype(np.int32)])
-        result.add_mesh(pymeshlab.Mesh(np.concatenate([vertices, extension.vertices]), faces, **arrays), mesh.label())
-        if not np.array_equal(mesh.transform_matrix(), np.eye(4)):
-            result.set_matrix(transformmatrix=mesh.transform_matrix(), freeze=False)
-        for other in obj:
-            if other.id() != mesh.id():
-                result.add_mesh(other, other.label(), set_as_current=False)
-        return result
+        return _with_current_mesh(obj, np.concatenate([vertices, extension.vertices]), faces, attributes)
+
+    def merged(self, obj: pymeshlab.MeshSet, within: Within) -> pymeshlab.MeshSet:
+        """A new `MeshSet` with the vertices of its current mesh merged; the rest is copied as by `extend`."""
+        mesh = _current_mesh(obj)
+        kept, new_index = self.to_mesh(obj).merge_map(within)
+        attributes = {name: values[kept] for name, values in _of_meshlab(mesh).items()}
+        faces = new_index[mesh.face_matrix()].astype(np.int32)
+        return _with_current_mesh(obj, mesh.vertex_matrix()[kept], faces, attributes)
+
+
+def _with_current_mesh(
+    meshes: pymeshlab.MeshSet, vertices: np.ndarray, faces: np.ndarray, attributes: dict[str, np.ndarray]
+) -> pymeshlab.MeshSet:
+    """A new set with another current mesh, whose faces begin with those of the old one; copies of the others follow."""
+    import pymeshlab
+
+    mesh = meshes.current_mesh()
+    arrays: dict[str, Any] = {}
+    if "color" in attributes:
+        arrays["v_color_matrix"] = np.clip(attributes["color"], 0.0, 1.0)
+    if "scalar" in attributes:
+        arrays["v_scalar_array"] = attributes["scalar"][:, 0]
+    if "uv" in attributes:
+        arrays["v_tex_coords_matrix"] = attributes["uv"]
+    new = len(faces) - mesh.face_number()
+    if mesh.has_face_color():
+        arrays["f_color_matrix"] = repeated(mesh.face_color_matrix(), new)
+    if mesh.has_face_scalar():
+        arrays["f_scalar_array"] = repeated(mesh.face_scalar_array(), new)
+    if mesh.has_wedge_tex_coord():
+        arrays["w_tex_coords_matrix"] = np.concatenate([mesh.wedge_tex_coord_matrix(), np.zeros((3 * new, 2))])
+    result = pymeshlab.MeshSet(verbose=False)
+    result.add_mesh(pymeshlab.Mesh(vertices, faces, **arrays), mesh.label())
+    if not np.array_equal(mesh.transform_matrix(), np.eye(4)):
+        result.set_matrix(transformmatrix=mesh.transform_matrix(), freeze=False)
+    for other in meshes:
+        if other.id() != mesh.id():
+            result.add_mesh(other, other.label(), set_as_current=False)
+    return result
 
 
 def _current_mesh(meshes: pymeshlab.MeshSet) -> pymeshlab.Mesh:

@@ -9,7 +9,7 @@ import numpy as np
 from spinor_geom.adapters.contents import grown, grown_attributes, padded, real_attributes, repeated, triangles_of
 from spinor_geom.adapters.polygons import Polygons, without_seams
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
 
 if TYPE_CHECKING:
     import pyvista
@@ -62,11 +62,33 @@ class PyVistaAdapter:
             made.cell_data[name] = repeated(np.asarray(values), len(extension.faces))
         for name, values in obj.field_data.items():
             made.field_data[name] = values
-        for old, new in ((obj.point_data, made.point_data), (obj.cell_data, made.cell_data)):
-            new.active_scalars_name = old.active_scalars_name
-            new.active_normals_name = old.active_normals_name
-            new.active_texture_coordinates_name = old.active_texture_coordinates_name
+        _activate(obj.point_data, made.point_data)
+        _activate(obj.cell_data, made.cell_data)
         return made
+
+    def merged(self, obj: Any, within: Within) -> Any:
+        """A new mesh of the same type with points merged; cells, lines and data are copied."""
+        import pyvista
+
+        kept, new_index = self.to_mesh(obj).merge_map(within)
+        made = obj.copy()
+        made.point_data.clear()
+        is_grid = isinstance(obj, pyvista.UnstructuredGrid)
+        for cells in [made.GetCells()] if is_grid else [made.GetPolys(), made.GetLines(), made.GetVerts()]:
+            corners = pyvista.convert_array(cells.GetConnectivityArray())
+            corners[:] = new_index[corners]
+        made.points = np.asarray(obj.points)[kept]
+        for name, values in obj.point_data.items():
+            made.point_data[name] = np.asarray(values)[kept]
+        _activate(obj.point_data, made.point_data)
+        return made
+
+
+def _activate(old: Any, new: Any) -> None:
+    """Makes the same arrays active as in other data."""
+    new.active_scalars_name = old.active_scalars_name
+    new.active_normals_name = old.active_normals_name
+    new.active_texture_coordinates_name = old.active_texture_coordinates_name
 
 
 def polygons_of(mesh: pyvista.PolyData | pyvista.UnstructuredGrid) -> Polygons:

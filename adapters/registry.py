@@ -2,8 +2,8 @@
 
 from typing import Any, Protocol, runtime_checkable
 
-from spinor_geom.errors import UnknownMeshTypeError
-from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
+from spinor_geom.errors import OptionError, UnknownMeshTypeError
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
 
 
 @runtime_checkable
@@ -30,6 +30,17 @@ class Adapter(Protocol):
         Raises:
             VertexIndexError: a new face names a vertex that neither of them has.
             MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
+        """
+
+
+@runtime_checkable
+class MergingAdapter(Adapter, Protocol):
+    """An adapter that can merge vertices, too."""
+
+    def merged(self, obj: Any, within: Within) -> Any:
+        """A new object of the type of `obj` with the vertices merged that `TriangleMesh.merge_map` names.
+
+        Of each group the vertex of lowest index stays, with its attributes. All faces stay, in their order.
         """
 
 
@@ -81,6 +92,25 @@ def extend(obj: Any, extension: MeshExtension) -> Any:
         MeshFileError: the file is missing or malformed.
     """
     return _adapter_of(obj).extend(obj, extension)
+
+
+def merged(obj: Any, within: Within) -> Any:
+    """A new object of the type of `obj` with vertices at most `within` apart merged, in mesh units.
+
+    Of each group the vertex of lowest index stays, with its attributes, also where texture coordinates or normals
+    differ. No two corners of a face are merged that are at different places. A path gives a `MeshFile`.
+
+    Raises:
+        UnknownMeshTypeError: no adapter knows the type.
+        OptionError: the adapter of the type cannot merge vertices.
+        MeshError, MeshFileError: as for `to_mesh`.
+    """
+    adapter = _adapter_of(obj)
+    if not isinstance(adapter, MergingAdapter):
+        raise OptionError(
+            f"vertices of {adapter.name} cannot be merged here; merge them with that library, or give (vertices, faces)"
+        )
+    return adapter.merged(obj, within)
 
 
 def known_types() -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from spinor_geom.adapters.contents import (
 )
 from spinor_geom.adapters.polygons import without_seams
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_existing_vertices
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within, require_existing_vertices
 
 if TYPE_CHECKING:
     import trimesh
@@ -75,6 +75,17 @@ class TrimeshAdapter:
             process=False,
             validate=False,
         )
+
+    def merged(self, obj: trimesh.Trimesh, within: Within) -> trimesh.Trimesh:
+        """A new `Trimesh` with vertices merged; material, metadata and attributes are copied."""
+        kept, new_index = self.to_mesh(obj).merge_map(within)
+        # before update_vertices drops them
+        normals = _carried(obj).get("normal")
+        made: Any = obj.copy()
+        made.update_vertices(kept, inverse=new_index)
+        if normals is not None:
+            made.vertex_normals = normals[kept]
+        return made
 
 
 def _carried(mesh: trimesh.Trimesh) -> dict[str, np.ndarray]:

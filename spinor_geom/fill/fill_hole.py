@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, o
 
 import numpy as np
 
-from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
+from spinor_geom.adapters import MeshFile, extend, merged, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning
 from spinor_geom.fill.filling import Choice, Filling
 from spinor_geom.fill.loops import LoopChoice
 from spinor_geom.fill.many_loops import minimal_patches
-from spinor_geom.fill.merging import merged
 from spinor_geom.fill.mesh_notes import mesh_notes
 from spinor_geom.fill.one_loop import Clock, FillOptions
-from spinor_geom.fill.options import Continuity, Islands
+from spinor_geom.fill.options import Continuity, Islands, merge_distance
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.fill.surroundings import stitch
 from spinor_geom.mesh.topology import is_watertight
@@ -108,8 +107,9 @@ def fill_hole(
         continuity: "C0" for the minimal surface over each rim; "C1" for a patch that goes on with the tangents and the
             curvature of the mesh around it, as the top of a sphere does, and a tube between two rims.
         merge: merges vertices first. A number is the largest distance of vertices that are merged, in mesh units; True
-            merges those of equal position up to rounding to single precision. Works for paths, `MeshFile`,
-            `TriangleMesh` and pairs of numpy arrays; the result then follows the merged mesh.
+            merges those of equal position up to rounding to single precision. Of vertices that are merged the first
+            stays, with its attributes; the result then follows the merged mesh. Works for all types but trimesh's
+            scenes.
         keep_largest: leaves the loop of longest perimeter open, such as the outer border of a scan.
         max_perimeter: leaves loops longer than this open, in mesh units.
         target_edge_length: of the patches, in mesh units; "auto" takes each loop's mean edge length.
@@ -152,7 +152,7 @@ def fill_hole(
     clock = Clock()
     source = read_mesh(mesh) if isinstance(mesh, (str, os.PathLike)) else mesh
     if merge is not False:
-        source = merged(source, merge)
+        source = merged(source, merge_distance(merge))
     triangles = to_mesh(source)
     require_faces(triangles)
     clock.lap("read")

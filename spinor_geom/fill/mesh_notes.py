@@ -62,13 +62,14 @@ def _merge_note(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> Iterator[s
     points = np.concatenate([loop.points for loop in loops])
     edge = np.concatenate([np.maximum(loop.edge_lengths, np.roll(loop.edge_lengths, 1)) for loop in loops])
     ids = np.concatenate([loop.vertex_ids for loop in loops])
-    near, other = cKDTree(points).query(points, k=2, distance_upper_bound=SHARE_OF_EDGE * float(edge.max()))
-    is_near = np.isfinite(near[:, 1])
-    pair = np.stack([np.arange(len(points)), np.where(is_near, other[:, 1], 0)], axis=1)
-    is_near &= (near[:, 1] <= SHARE_OF_EDGE * edge[pair].min(axis=1)) & (ids[pair[:, 0]] != ids[pair[:, 1]])
+    found = cKDTree(points).query(points, k=2, distance_upper_bound=SHARE_OF_EDGE * float(edge.max()))
+    near, other = (np.asarray(column)[:, 1] for column in found)
+    is_near = np.isfinite(near)
+    pair = np.stack([np.arange(len(points)), np.where(is_near, other, 0)], axis=1)
+    is_near &= (near <= SHARE_OF_EDGE * edge[pair].min(axis=1)) & (ids[pair[:, 0]] != ids[pair[:, 1]])
     if not is_near.any():
         return
-    distance = float(near[is_near, 1].max())
+    distance = float(near[is_near].max())
     try:
         left = len(find_boundary_loops(mesh.merged(advised_distance(distance))[0]))
     except SpinorGeomError:

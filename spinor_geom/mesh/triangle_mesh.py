@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from spinor_geom.errors import MeshExtentError, NoFacesError, VertexIndexError
@@ -15,6 +15,7 @@ from spinor_geom.mesh.arrays import freeze_attributes, freeze_points, frozen
 from spinor_geom.mesh.topology import SHARE_OF_EDGE, longest_sides, near_vertices
 from spinor_geom.shown import Shown, shortened
 
+Within: TypeAlias = float | Literal["rounding"]  # a distance in mesh units, or `rounding_reach`
 COLOR = "color"
 SMALLEST_EXTENT, LARGEST_EXTENT = 1e-70, 1e70  # fourth powers of lengths have to be numbers
 
@@ -66,7 +67,7 @@ class TriangleMesh(Shown):
         attributes = freeze_attributes(given, vertices=len(points))
         self.__dict__.update(vertices=points, faces=corners, vertex_attributes=attributes, labels=frozenset(labels))
 
-    def merged(self, within: float | Literal["rounding"] = 0.0) -> tuple[TriangleMesh, Int[np.ndarray, " v"]]:
+    def merged(self, within: Within = 0.0) -> tuple[TriangleMesh, Int[np.ndarray, " v"]]:
         """The same surface with vertices of equal position merged.
 
         Of each group the vertex of lowest index stays, with its attributes, and the order of those that stay is kept.
@@ -79,14 +80,18 @@ class TriangleMesh(Shown):
         Returns:
             The merged mesh, and for every old vertex its index in the merged mesh, (V,) int64.
         """
+        kept, new_index = self.merge_map(within)
+        attributes = {name: values[kept] for name, values in self.vertex_attributes.items()}
+        corners = new_index[self.faces]
+        return TriangleMesh(self.vertices[kept], corners, vertex_attributes=attributes, labels=self.labels), new_index
+
+    def merge_map(self, within: Within = 0.0) -> tuple[Bool[np.ndarray, " v"], Int[np.ndarray, " v"]]:
+        """Which vertices stay when vertices are merged as by `merged`, and each vertex's index among those that stay."""
         points = self.vertices
         reach = rounding_reach(points, self.faces) if within == "rounding" else np.full(len(points), float(within))
         representative = near_vertices(points, reach, self.faces)
         kept = representative == np.arange(len(representative))
-        new_index = (np.cumsum(kept) - 1)[representative]
-        attributes = {name: values[kept] for name, values in self.vertex_attributes.items()}
-        corners = new_index[self.faces]
-        return TriangleMesh(self.vertices[kept], corners, vertex_attributes=attributes, labels=self.labels), new_index
+        return kept, (np.cumsum(kept) - 1)[representative]
 
 
 def rounding_reach(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " v"]:
