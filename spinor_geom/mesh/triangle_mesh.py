@@ -86,7 +86,7 @@ class TriangleMesh(Shown):
         return TriangleMesh(self.vertices[kept], corners, vertex_attributes=attributes, labels=self.labels), new_index
 
     def merge_map(self, within: Within = 0.0) -> tuple[Bool[np.ndarray, " v"], Int[np.ndarray, " v"]]:
-        """Which vertices stay when vertices are merged as by `merged`, and each vertex's index among those that stay."""
+        """Which vertices stay where `merged` merges some, and the index of each vertex among those that stay."""
         points = self.vertices
         reach = rounding_reach(points, self.faces) if within == "rounding" else np.full(len(points), float(within))
         representative = near_vertices(points, reach, self.faces)

@@ -1,4 +1,4 @@
-"""Merged vertices: every mesh type with vertices that differ by rounding, or by a distance, is closed and keeps its data."""
+"""Merged vertices: every mesh type whose vertices differ by rounding, or by a distance, is closed and keeps its data."""
 
 from __future__ import annotations
 
