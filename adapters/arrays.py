@@ -103,7 +103,7 @@ class TensorPairAdapter:
         )
 
     def merged(self, obj: Any, within: Within) -> Any:
-        """A new tuple or list of two new tensors of the same dtypes and devices; gradients flow back to the old ones."""
+        """A new tuple or list of two new tensors, of the same dtypes and devices; gradients flow back to the old."""
         import torch
 
         vertices, faces = obj

@@ -81,10 +81,11 @@ class TrimeshAdapter:
         kept, new_index = self.to_mesh(obj).merge_map(within)
         # before update_vertices drops them
         normals = _carried(obj).get("normal")
-        made: Any = obj.copy()
+        made = obj.copy()
         made.update_vertices(kept, inverse=new_index)
         if normals is not None:
-            made.vertex_normals = normals[kept]
+            # trimesh types this property as a method
+            made.vertex_normals = normals[kept]  # type: ignore[method-assign]
         return made
 
 

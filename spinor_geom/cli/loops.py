@@ -8,10 +8,11 @@ from typing import Any
 from spinor_geom.cli.console import ExitStatus, complain, show_lines, show_table
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.errors import require
-from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.fill.mesh_notes import mesh_notes
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import loop_crossings
+from spinor_geom.mesh.loops import Sheets, find_boundary_loops
+from spinor_geom.mesh.triangle_mesh import require_faces
 
 COLUMNS = ("loop", "points", "perimeter", "mean edge", "elongation", "corners", "vertex", "remark")
 
@@ -22,8 +23,10 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         require("pyvista", extra="render")
         require_writable(arguments.picture, arguments.input)
     mesh = read_surface(arguments.input, merge=arguments.merge)
-    loops = boundary_loops(mesh)
-    notes = mesh_notes(mesh.mesh, loops)
+    require_faces(mesh.mesh)
+    sheets = Sheets.of(mesh.mesh.vertices, mesh.mesh.faces)
+    loops = find_boundary_loops(mesh.mesh, sheets)
+    notes = mesh_notes(mesh.mesh, loops, sheets)
     if arguments.picture is not None:
         from spinor_geom.render.png import write_png
         from spinor_geom.render.portrait import loops_scene

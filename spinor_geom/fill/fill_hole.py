@@ -14,7 +14,6 @@ from spinor_geom.errors import ImperfectFillWarning
 from spinor_geom.fill.filling import Choice, Filling
 from spinor_geom.fill.loops import LoopChoice
 from spinor_geom.fill.many_loops import minimal_patches
-from spinor_geom.fill.mesh_notes import mesh_notes
 from spinor_geom.fill.one_loop import Clock, FillOptions
 from spinor_geom.fill.options import Continuity, Islands, merge_distance
 from spinor_geom.fill.result import FillResult, LoopOutcome
@@ -170,7 +169,7 @@ def fill_hole(
         original=triangles,
         extension=extension,
         loops=tuple(outcomes),
-        notes=(*(source.notes if isinstance(source, MeshFile) else ()), *mesh_notes(triangles, filling.loops)),
+        notes=(*(source.notes if isinstance(source, MeshFile) else ()), *filling.mesh_notes),
         watertight=watertight,
         timings=clock.laps(),
     )

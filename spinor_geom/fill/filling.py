@@ -12,12 +12,13 @@ from spinor_geom.fill.borders import refuse_border
 from spinor_geom.fill.discrete_patch import refuse_junctions, refuse_what_is_no_hole
 from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open
 from spinor_geom.fill.many_loops import fill_loops, planned_joins
+from spinor_geom.fill.mesh_notes import mesh_notes
 from spinor_geom.fill.one_loop import Answer, FillOptions, unfilled
 from spinor_geom.fill.options import ISLANDS, Islands
 from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.surroundings import LoopPatch, Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 
@@ -63,12 +64,15 @@ class Filling:
     Attributes:
         mesh: the mesh, which is not changed.
         loops: all of its boundary loops, longest perimeter first.
+        mesh_notes: what is to be said of the whole mesh, a sentence each.
         rims: those that are to be solved, each by itself, in order.
     """
 
     def __init__(self, mesh: TriangleMesh, choice: Choice, options: FillOptions) -> None:
         """Finds the loops; raises as `find_boundary_loops` and `Choice.places`."""
-        self.mesh, self.loops = mesh, find_boundary_loops(mesh)
+        self.mesh, sheets = mesh, Sheets.of(mesh.vertices, mesh.faces)
+        self.loops = find_boundary_loops(mesh, sheets)
+        self.mesh_notes = mesh_notes(mesh, self.loops, sheets)
         self._options, self._names_loops = options, choice.names_loops
         places = choice.places(self.loops)
         reasons = reasons_to_leave_open(

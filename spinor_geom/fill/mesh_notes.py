@@ -10,21 +10,21 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.errors import SpinorGeomError, advised_distance, merge_advice
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.topology import SHARE_OF_EDGE, HalfEdges, face_components, linked
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 
-def mesh_notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> tuple[str, ...]:
-    """Notes on a mesh with its boundary loops, a sentence each."""
-    return tuple(_notes(mesh, loops)) if len(mesh.faces) else ()
+def mesh_notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets) -> tuple[str, ...]:
+    """Notes on a mesh with its boundary loops and the sheets of its faces, a sentence each."""
+    return tuple(_notes(mesh, loops, sheets)) if len(mesh.faces) else ()
 
 
-def _notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> Iterator[str]:
-    half_edges = HalfEdges.of(mesh.faces)
+def _notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets) -> Iterator[str]:
+    half_edges = sheets.half_edges
     if not is_orientable(half_edges):
         yield "the mesh is not orientable: it has one side only, so patches have no outside of their own"
-    elif not loops and (half_edges.counts == 2).all():
+    elif len(sheets.face_ids) == len(mesh.faces) and (half_edges.counts == 2).all():
         genus = [1 - euler // 2 for euler in _euler_characteristics(mesh.faces, half_edges)]
         pieces = f"genus {genus[0]}" if len(genus) == 1 else f"{len(genus)} pieces of total genus {sum(genus)}"
         yield f"the mesh is closed, {pieces}: {'a tunnel has no rim' if any(genus) else 'it has no hole'}"

@@ -7,6 +7,7 @@ does not fit together is told of the loops that it lies beside.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain, pairwise
@@ -27,7 +28,7 @@ _MOST_FACES = 16  # faces on one edge beyond which none of them are joined: all 
 _OPPOSITE_FIRST = 4.0  # more than any two cosines differ by
 
 
-def find_boundary_loops(mesh: TriangleMesh) -> list[BoundaryLoop]:
+def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> list[BoundaryLoop]:
     """All boundary loops of a mesh as simple oriented polygons, longest perimeter first.
 
     A loop is followed by turning around each vertex inside its fan of faces, so pieces of mesh that touch in a vertex
@@ -40,18 +41,20 @@ def find_boundary_loops(mesh: TriangleMesh) -> list[BoundaryLoop]:
     `BoundaryLoop.slit_fraction`, `BoundaryLoop.seam_edges` and `BoundaryLoop.junctions` describe edges that lie on one
     another, up to rounding. A closed mesh has no loops.
 
+    Args:
+        mesh: the mesh.
+        sheets: those of the mesh's faces, where they are known already.
+
     Raises:
         DuplicateVertexError: more than half of all boundary edges lie on edges of other loops, and some of every loop:
             the faces do not share their vertices.
     """
-    sheets = Sheets.of(mesh.vertices, mesh.faces)
+    sheets = sheets or Sheets.of(mesh.vertices, mesh.faces)
     if not len(sheets.half_edges.boundary):
         return []
     rings = _boundary_rings(sheets)
     points = mesh.vertices[rings.vertices]
-    overlaps = find_overlaps(
-        points, rings.successor, rings.numbers, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    )
+    overlaps = find_overlaps(points, rings.successor, rings.numbers, math.hypot(*mesh.extents))
     on_other = (overlaps.other > 0) & overlaps.is_matched
     is_equal = on_other & (overlaps.distance == 0)
     if is_equal.mean() > SOUP_FRACTION and np.logical_or.reduceat(is_equal, rings.starts[:-1]).all():

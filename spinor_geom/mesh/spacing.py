@@ -16,8 +16,12 @@ def graded_spacing(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b
     Elsewhere it is the longest of three edges in a row, it may double from each edge to the next, and it is twice the
     median edge at least. So an edge is longer only if it is more than four times as long as three edges beside it, and
     more than twice as long as half of all edges. Few short edges explain nothing, and gradual growth is explained.
+    Where no edge is longer than twice the median edge, it is that.
     """
     length = edge_lengths(points)
+    least = LARGEST_GROWTH * np.median(length, axis=-1, keepdims=True)
+    if (length <= least).all():  # saves the rest for nearly all polygons
+        return np.broadcast_to(least, length.shape)
     spacing = _longest_of_three(length)
     step = 1
     # 2^64 is beyond the ratio of any two edges
@@ -25,7 +29,7 @@ def graded_spacing(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b
         nearest = np.minimum(np.roll(spacing, step, axis=-1), np.roll(spacing, -step, axis=-1))
         spacing = np.minimum(spacing, LARGEST_GROWTH**step * nearest)
         step *= 2
-    return np.asarray(np.maximum(spacing, LARGEST_GROWTH * np.median(length, axis=-1, keepdims=True)))
+    return np.asarray(np.maximum(spacing, least))
 
 
 def are_long(points: Float[np.ndarray, "*b m k"]) -> Bool[np.ndarray, "*b m"]:

@@ -1,4 +1,4 @@
-"""Merged vertices: every mesh type whose vertices differ by rounding, or by a distance, is closed and keeps its data."""
+"""Merged vertices: mesh types of every kind whose vertices differ by rounding, or by a distance, are closed."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -77,3 +78,15 @@ def test_coincident_vertices_equal_a_direct_search(rows: list[tuple[float, ...]]
     points = np.array(rows).reshape(-1, 3)
     expected = [rows.index(row) for row in rows]  # −0.0 == 0.0 in tuples too
     np.testing.assert_array_equal(coincident_vertices(points), expected)
+
+
+@pytest.mark.parametrize("count", [5, 200])
+def test_half_edges_of_one_edge_stand_side_by_side_lowest_first(count: int) -> None:
+    # by counting where vertex numbers are small, else by sorting; edges of one to many faces
+    faces = np.random.default_rng(count).integers(0, count, size=(40, 3))
+    half_edges = HalfEdges.of(faces)
+    ends = np.sort(np.stack([half_edges.origin, half_edges.target], axis=1), axis=1)
+    np.testing.assert_array_equal(half_edges.order, np.lexsort(ends.T[::-1]))
+    groups = np.split(half_edges.order, half_edges.starts[1:-1])
+    assert all((ends[group] == ends[group[0]]).all() for group in groups)
+    assert len(groups) == len(np.unique(ends, axis=0)) == len(half_edges.counts)
