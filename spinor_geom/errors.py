@@ -99,6 +99,11 @@ def merge_advice(distance: float) -> str:
     return f"fill_hole(mesh, merge={within or True}), or --merge{' ' * bool(within)}{within} on the command line"
 
 
+def how_far_apart(distance: float) -> str:
+    """How two sides of a slit or a seam lie, in words."""
+    return f"at most {distance:.2g} apart" if distance else "at the same positions"
+
+
 class LoopError(SpinorGeomError, ValueError):
     """A boundary loop cannot be used."""
 
@@ -125,8 +130,8 @@ class ZeroWidthSlitError(LoopError):
     """Both sides of the loop lie on each other."""
 
     sentence = (
-        "{fraction:.0%} of the loop is a zero-width slit (its two sides have the same positions up to {distance:.2g}, "
-        "first at vertices {vertices}); merge the vertices of equal position instead of filling it ({advice})"
+        "{fraction:.0%} of the loop is a zero-width slit (its two sides are {apart}, first at vertices {vertices}); "
+        "merge the vertices of equal position instead of filling it ({advice})"
     )
 
 
@@ -134,9 +139,9 @@ class SeamError(LoopError):
     """Edges of the loop lie on edges of another loop."""
 
     sentence = (
-        "{count} edges of the loop lie on edges of another loop, first {edge}, at most {distance:.2g} apart: a seam "
-        "between pieces that do not share their vertices, not only a hole; merge the vertices of equal position first "
-        "({advice})"
+        "{count} edges of the loop and of another loop are {apart}, first {edge}: a seam between pieces that do not "
+        "share their vertices, not only a hole; merge the vertices of equal position first ({advice}), or name the "
+        "loop in loop= (--loop) to fill it all the same"
     )
 
 
@@ -145,7 +150,7 @@ class TJunctionError(LoopError):
 
     sentence = (
         "the loop is a seam with T-junctions, not only a hole: {count} boundary vertices lie on boundary edges, first "
-        "vertex {vertex} on edge {edge}, at most {distance:.2g} off; divide those edges at these vertices, or name the "
+        "vertex {vertex} on edge {edge}, which are {apart}; divide those edges at these vertices, or name the "
         "loop in loop= (--loop) to fill it all the same"
     )
 

@@ -21,7 +21,7 @@ from spinor_geom.batching.store import STATUSES, failure
 from spinor_geom.comparison import compare
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import safe_name
-from spinor_geom.fill.discrete_patch import refuse_junctions, refuse_what_is_no_hole
+from spinor_geom.fill.discrete_patch import refuse_seams, refuse_what_is_no_hole
 from spinor_geom.fill.many_loops import fill_loops
 from spinor_geom.fill.one_loop import Answer, FillOptions, unfilled
 from spinor_geom.fill.result import LoopOutcome
@@ -123,7 +123,7 @@ def _hole(loop: BoundaryLoop, text: ObjText, mesh: MeshFile, surroundings: Surro
         name = text.names[int(np.bincount(text.face_names[mesh.face_polygons[beside]]).argmax())]
     try:
         refuse_what_is_no_hole(loop, surroundings)
-        refuse_junctions(loop)
+        refuse_seams(loop)
         refuse_what_bounds_no_disk(loop)
     except SpinorGeomError as refusal:
         error = refusal

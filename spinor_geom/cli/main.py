@@ -176,9 +176,7 @@ _SECONDS: dict[str, Any] = {"metavar": "S", "type": _positive}
 _COUNT: dict[str, Any] = {"metavar": "N", "type": _checked(int, "a number from 1 on", lambda n: n > 0)}
 _NAMES: dict[str, Any] = {"metavar": "NAME[,NAME…]", "type": lambda text: tuple(filter(None, text.split(",")))}
 _merge_distance = _checked(
-    lambda text: text if text == _ROUNDING else float(text),
-    "a number from 0 on",
-    lambda within: within == _ROUNDING or 0 <= within < math.inf,
+    lambda text: text == _ROUNDING or float(text), "a number from 0 on", lambda within: 0 <= within < math.inf
 )
 _loops = _checked(
     lambda text: [int(part) for part in text.split(",")],
@@ -238,7 +236,7 @@ def _add_input(add: Callable[..., Any]) -> None:
 
 def _add_merge(add: Callable[..., Any]) -> None:
     near = "first merge vertices at most TOL apart, in mesh units; without TOL those of equal position up to rounding"
-    add(_MERGE, metavar="TOL", nargs="?", type=_merge_distance, help=f"{near} (STL: always)")
+    add(_MERGE, metavar="TOL", nargs="?", default=False, type=_merge_distance, help=f"{near} (STL: always)")
 
 
 def _add_loops(commands: _Commands) -> None:

@@ -7,7 +7,7 @@ import math
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from spinor_geom.cli.console import ExitStatus
 from spinor_geom.cli.source import read_surface, require_writable
@@ -74,12 +74,12 @@ def _morph(arguments: argparse.Namespace) -> None:
     morph(surface, arguments.output, frames=arguments.frames)
 
 
-def _shape(path: Path, merge: float | Literal["rounding"] | None) -> Shape:
+def _shape(path: Path, merge: bool | float) -> Shape:
     from spinor_geom.render.shapes import shape_of
 
     if path.suffix.lower() != SURFACE_SUFFIX:
         return shape_of(read_surface(path, merge=merge))
-    if merge is not None:
+    if merge is not False:
         raise OptionError(f"{path}: is a saved surface, whose vertices are not merged; leave --merge out")
     from spinor_geom.surface.spinor_surface import SpinorSurface
 

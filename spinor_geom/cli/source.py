@@ -2,21 +2,20 @@
 
 import os
 from pathlib import Path
-from typing import Literal
 
 from spinor_geom.adapters import MeshFile, read_mesh
 from spinor_geom.errors import MeshFileError
 
 
-def read_surface(path: Path, *, merge: float | Literal["rounding"] | None) -> MeshFile:
-    """A mesh file, which must have faces, with its vertices merged as by `MeshFile.merged` unless `merge` is None."""
+def read_surface(path: Path, *, merge: bool | float) -> MeshFile:
+    """A mesh file, which must have faces, with its vertices merged as by `merged`."""
     mesh = read_mesh(path)
     if not len(mesh.mesh.faces):
         raise MeshFileError(
             f"{path}: has no faces, so nothing to fill or to draw; 'spinor-geom batch' spans the curves of OBJ files",
             path=path,
         )
-    return mesh if merge is None else mesh.merged(merge)
+    return mesh if merge is False else mesh.merged("rounding" if merge is True else merge)
 
 
 def require_writable(path: Path, *kept: Path) -> None:

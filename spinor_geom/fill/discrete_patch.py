@@ -17,6 +17,7 @@ from spinor_geom.errors import (
     SurfaceError,
     TJunctionError,
     ZeroWidthSlitError,
+    how_far_apart,
     merge_advice,
 )
 from spinor_geom.fill.surroundings import Surroundings
@@ -65,7 +66,7 @@ def over_disk(vertices: np.ndarray, faces: Int[np.ndarray, "f 3"], rim: int) -> 
 def refuse_what_is_no_hole(loop: BoundaryLoop, surroundings: Surroundings) -> None:
     """Checks, before anything is solved, that a loop bounds a hole.
 
-    A LoopError tells of a slit, a seam, the outline of one face, or points on a line, a NonManifoldEdgeError of an edge
+    A LoopError tells of a slit, the outline of one face, or points on a line, a NonManifoldEdgeError of an edge
     that has several faces already.
     """
     if loop.obstacle is not None:
@@ -79,13 +80,7 @@ def refuse_what_is_no_hole(loop: BoundaryLoop, surroundings: Surroundings) -> No
             fraction=loop.slit_fraction,
             vertices=loop.vertex_ids[:2].tolist(),
             distance=distance,
-            advice=merge_advice(distance),
-        )
-    if len(loop.seam_edges):
-        raise SeamError(
-            edge=loop.seam_edges[0].tolist(),
-            count=len(loop.seam_edges),
-            distance=distance,
+            apart=how_far_apart(distance),
             advice=merge_advice(distance),
         )
     face = surroundings.face_on(loop)
@@ -94,8 +89,16 @@ def refuse_what_is_no_hole(loop: BoundaryLoop, surroundings: Surroundings) -> No
     refuse_empty(loop, loop.diagonal / loop.elongation)
 
 
-def refuse_junctions(loop: BoundaryLoop) -> None:
-    """Raises a TJunctionError where a loop is a seam whose two sides are divided differently."""
+def refuse_seams(loop: BoundaryLoop) -> None:
+    """Raises a SeamError where edges of a loop lie on another loop, a TJunctionError where these are divided unlike."""
+    if len(loop.seam_edges):
+        raise SeamError(
+            edge=loop.seam_edges[0].tolist(),
+            count=len(loop.seam_edges),
+            distance=loop.seam_distance,
+            apart=how_far_apart(loop.seam_distance),
+            advice=merge_advice(loop.seam_distance),
+        )
     if len(loop.junctions):
         raise junction_error(loop)
 
@@ -103,8 +106,8 @@ def refuse_junctions(loop: BoundaryLoop) -> None:
 def junction_error(loop: BoundaryLoop) -> TJunctionError:
     """The error that describes the T-junctions of a loop that has some."""
     vertex, *edge = loop.junctions[0].tolist()
-    count = len(np.unique(loop.junctions[:, 0]))
-    return TJunctionError(vertex=vertex, edge=edge, count=count, distance=loop.seam_distance)
+    count, distance = len(np.unique(loop.junctions[:, 0])), loop.seam_distance
+    return TJunctionError(vertex=vertex, edge=edge, count=count, distance=distance, apart=how_far_apart(distance))
 
 
 def refuse_empty(loop: BoundaryLoop, width: float) -> None:

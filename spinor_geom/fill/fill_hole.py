@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, o
 
 import numpy as np
 
-from spinor_geom.adapters import MeshFile, extend, merged, read_mesh, to_mesh
+from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning
 from spinor_geom.fill.filling import Choice, Filling
 from spinor_geom.fill.loops import LoopChoice
 from spinor_geom.fill.many_loops import minimal_patches
+from spinor_geom.fill.merging import merged
 from spinor_geom.fill.one_loop import Clock, FillOptions
-from spinor_geom.fill.options import Continuity, Islands, merge_distance
+from spinor_geom.fill.options import Continuity, Islands
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.fill.surroundings import stitch
 from spinor_geom.mesh.topology import is_watertight
@@ -89,10 +90,11 @@ def fill_hole(
     interpolated harmonically, integers are those of the nearest rim vertex, normals are those of the surface.
 
     A loop over which no exact surface is found that follows it, or none in time, is closed by a discrete minimal
-    surface. Left open are loops that bound nothing: of zero width, the outline of a lone face, edges that lie on those
-    of another loop (a seam) or have several faces already. A loop whose patch would lie on the mesh is the border of a
-    sheet, not a hole, and left open too unless `loop` names it. Where a patch crosses itself (over a knotted loop every
-    disk does), the mesh or another patch, it is kept. All of this is in the report; without one, a warning says it.
+    surface. Left open are loops that bound nothing: of zero width, the outline of a lone face, edges that have several
+    faces already. Left open unless `loop` names them are loops with edges that lie on those of another loop, which are
+    a seam, and those whose patch would lie on the mesh: they are the border of a sheet, not a hole. Where a patch
+    crosses itself (over a knotted loop every disk does), the mesh or another patch, it is kept. All of this is in the
+    report; without one, a warning says it.
 
     Which point of one rim of a bridge lies opposite to which of another comes from the surface. Rims too far from each
     other have no surface between them and stay open, as do those of pieces that are inside out to each other.
@@ -151,7 +153,7 @@ def fill_hole(
     clock = Clock()
     source = read_mesh(mesh) if isinstance(mesh, (str, os.PathLike)) else mesh
     if merge is not False:
-        source = merged(source, merge_distance(merge))
+        source = merged(source, merge)
     triangles = to_mesh(source)
     require_faces(triangles)
     clock.lap("read")

@@ -9,7 +9,7 @@ import numpy as np
 
 from spinor_geom.errors import OptionError, SpinorGeomError, require_positive
 from spinor_geom.fill.borders import refuse_border
-from spinor_geom.fill.discrete_patch import refuse_junctions, refuse_what_is_no_hole
+from spinor_geom.fill.discrete_patch import refuse_seams, refuse_what_is_no_hole
 from spinor_geom.fill.loops import LoopChoice, chosen_places, reasons_to_leave_open
 from spinor_geom.fill.many_loops import fill_loops, planned_joins
 from spinor_geom.fill.mesh_notes import mesh_notes
@@ -50,7 +50,7 @@ class Choice:
 
     @property
     def names_loops(self) -> bool:
-        """Whether loops were named; then the borders of sheets among them are filled too."""
+        """Whether loops were named; then the borders of sheets and the seams among them are filled too."""
         return not self._is_all or self.bridge is not None
 
     def places(self, loops: Sequence[BoundaryLoop]) -> list[int]:
@@ -98,7 +98,7 @@ class Filling:
         try:
             refuse_what_is_no_hole(loop, self._surroundings)
             if not self._names_loops:
-                refuse_junctions(loop)
+                refuse_seams(loop)
                 refuse_border(self._surroundings, loop)
         except SpinorGeomError as error:
             return error

@@ -232,29 +232,30 @@ def test_merge_closes_a_soup(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 
 MERGES = {
-    "--merge in.obj": "rounding",
-    "in.obj --merge": "rounding",
-    "--merge --json in.obj": "rounding",
-    "--merge -- in.obj": "rounding",
-    "--mer in.obj": "rounding",
+    "--merge in.obj": True,
+    "in.obj --merge": True,
+    "--merge --json in.obj": True,
+    "--merge -- in.obj": True,
+    "--mer in.obj": True,
     "--merge 1e-6 in.obj": 1e-6,
     "in.obj --merge 1e-6": 1e-6,
     "--merge=1e-6 in.obj": 1e-6,
     "--merge 0 in.obj": 0.0,
-    "in.obj": None,
-    "-- in.obj": None,
+    "in.obj": False,
+    "-- in.obj": False,
 }
 
 
 @pytest.mark.parametrize("text", MERGES)
 @pytest.mark.parametrize("command", ["loops", "compare", "fill -o out.obj", "render -o out.png", "view"])
-def test_merge_takes_numbers_only(command: str, text: str) -> None:
+def test_merge_takes_numbers_only(command: str, text: str) -> False:
     words = [*command.split(), *text.split()]
     if not command.startswith(("loops", "compare")):
         words = [word for word in words if word != "--json"]
     arguments = build_parser().parse_args(words)
     assert arguments.input == Path("in.obj")
     assert arguments.merge == MERGES[text]
+    assert isinstance(arguments.merge, type(MERGES[text]))
 
 
 @pytest.mark.parametrize("merge", ["--merge=a", "--merge=nan", "--merge=-1"])
@@ -489,7 +490,7 @@ def test_too_little_memory_is_one_sentence_and_status_2(
     def fails(*_: object, **__: object) -> None:
         raise MemoryError(said)
 
-    monkeypatch.setattr("spinor_geom.cli.loops.boundary_loops", fails)
+    monkeypatch.setattr("spinor_geom.cli.loops.find_boundary_loops", fails)
     assert main(["loops", str(mesh_path)]) == 2
     assert capsys.readouterr().err == f"spinor-geom: {said or 'there is not enough memory'}\n"
 
@@ -531,7 +532,7 @@ def test_an_interrupt_gives_status_130(
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("spinor_geom.cli.loops.boundary_loops", interrupted)
+    monkeypatch.setattr("spinor_geom.cli.loops.find_boundary_loops", interrupted)
     assert main(["loops", str(mesh_path)]) == 130
     assert capsys.readouterr().err == "spinor-geom: interrupted\n"
 

@@ -269,6 +269,32 @@ def test_a_t_junction_is_filled_by_name() -> None:
     assert report.loops[0].filled
 
 
+@pytest.mark.parametrize("error", [1e-12, 1e-9])
+def test_a_seam_is_filled_by_name(error: float) -> None:
+    vertices, faces = box(3, 3, size=2.0)
+    shift = np.random.default_rng(1).uniform(-1, 1, size=(16, 3)) * error
+    near = (np.concatenate([vertices[:-16], vertices[-16:] + shift]), faces)
+    _, report = fill_hole(near, loop=1, return_report=True)
+    assert [outcome.filled for outcome in report.loops] == [False, True]
+
+
+def test_edges_at_the_same_positions_are_called_that() -> None:
+    # a plate of two halves, whose common side is in both
+    left = grid_patch(np.zeros(3), np.array([6.0, 0, 0]), np.array([0, 6.0, 0]), 6, 6)
+    right = grid_patch(np.array([6.0, 0, 0]), np.array([6.0, 0, 0]), np.array([0, 6.0, 0]), 6, 6)
+    _, report = fill_hole(joined(left, right), return_report=True)
+    for outcome in report.loops:
+        assert "6 edges of the loop and of another loop are at the same positions" in outcome.reason
+        assert "--loop" in outcome.reason
+    # cut along y = 3 from x = 2 to x = 4
+    vertices, faces = left
+    upper = vertices[faces].mean(axis=1)[:, 1] > 3
+    faces = np.where(upper[:, None] & (faces == 24), len(vertices), faces)
+    _, report = fill_hole((np.concatenate([vertices, vertices[[24]]]), faces), loop=1, return_report=True)
+    assert "its two sides are at the same positions" in report.loops[1].reason
+    assert not report.loops[1].filled
+
+
 def test_real_holes_beside_t_junctions_are_filled() -> None:
     vertices, faces = box(1, 5)
     # two faces of the side x = 1 that touch no other side
