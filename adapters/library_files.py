@@ -17,6 +17,7 @@ from spinor_geom.adapters.contents import METRES, FileContents, cast_values, mal
 from spinor_geom.adapters.polygons import Polygons, appearance_of, seam_representatives
 from spinor_geom.adapters.pyvista_mesh import polygons_of
 from spinor_geom.adapters.registry import extend, to_mesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 _READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
 _MOST_PER_BYTE = 1000  # numbers that a byte of compressed data stands for
@@ -72,8 +73,8 @@ def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
     lines = [number for curve in contents.polylines for number in (len(curve), *curve.tolist())]
     faces = pyvista.CellArray.from_arrays(polygons.starts, polygons.corners)
     mesh = pyvista.PolyData(np.array(contents.vertices), faces=faces, lines=lines or None)
-    if contents.face_loops is not None and not lines:  # cell data would have to cover the lines too
-        mesh.cell_data["patch"] = contents.face_loops
+    if contents.face_loops is not None:
+        _label_patches(mesh, contents.face_loops)
     for name, values in contents.attributes.items():
         if name == "color":
             values = cast_values(values * (255.0 / contents.color_scale), np.dtype(np.uint8))
@@ -108,8 +109,21 @@ def _contents(held: Any, suffix: str, unit: str = "") -> FileContents:
         representatives=seam_representatives(mesh.vertices, polygons, appearance_of(mesh.vertex_attributes)),
         unit=unit,
         suffix=suffix,
-        appended=lambda extension: _encoded(extend(held, extension), suffix, unit),
+        appended=lambda extension: _encoded(_grown(held, extension, suffix), suffix, unit),
     )
+
+
+def _grown(held: Any, extension: MeshExtension, suffix: str) -> Any:
+    """What a file holds with an extension appended; in VTK's formats with its patches as cell data."""
+    made = extend(held, extension)
+    if suffix != ".3mf" and "patch" not in held.cell_data:
+        _label_patches(made, extension.face_loops)
+    return made
+
+
+def _label_patches(mesh: Any, face_loops: np.ndarray) -> None:
+    """Gives cells the data "patch": the places of the loops for the last ones, −1 for those before."""
+    mesh.cell_data["patch"] = np.concatenate([np.full(mesh.n_cells - len(face_loops), -1), face_loops])
 
 
 def _encoded(held: Any, suffix: str, unit: str = "") -> bytes:

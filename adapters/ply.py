@@ -188,7 +188,10 @@ def names_in_ply(contents: FileContents) -> dict[str, tuple[str, ...]]:
 
 
 def encode_ply(contents: FileContents) -> bytes:
-    """A new binary PLY file: positions and attributes as float64, colours as bytes."""
+    """A new binary PLY file: positions and attributes as float64, colours as bytes.
+
+    Where faces were added, each face has the property "patch", the place of its loop, −1 for faces that were read.
+    """
     columns = dict(zip("xyz", contents.vertices.T, strict=True))
     types = dict.fromkeys("xyz", "double")
     for attribute, names in names_in_ply(contents).items():
@@ -206,13 +209,18 @@ def encode_ply(contents: FileContents) -> bytes:
         *(f"property {kind} {name}" for name, kind in types.items()),
         f"element face {len(contents.polygons)}",
         f"property list {count_name} int vertex_indices",
+        *(["property int patch"] if contents.face_loops is not None else []),
         "end_header\n",
     ]
     vertices = binary_records(properties, columns, len(contents.vertices))
-    # before the corners of each face how many they are, byte by byte
+    # before the corners of each face how many they are, and after them its patch, byte by byte
     corners, sizes = contents.polygons.corners.astype("<i4"), contents.polygons.sizes.astype(count_dtype)
+    patches = (np.zeros(0) if contents.face_loops is None else contents.face_loops).astype("<i4")
     starts = np.repeat(contents.polygons.starts[:-1] * corners.itemsize, count_dtype.itemsize)
-    faces = np.insert(corners.view(np.uint8), starts, sizes.view(np.uint8))
+    ends = np.repeat(contents.polygons.starts[1:][: len(patches)] * corners.itemsize, patches.itemsize)
+    # where one face ends and the next begins the patch comes first
+    places, added = np.concatenate([ends, starts]), np.concatenate([patches.view(np.uint8), sizes.view(np.uint8)])
+    faces = np.insert(corners.view(np.uint8), places, added)
     return "\n".join(header).encode("ascii") + vertices + faces.tobytes()
 
 
