@@ -84,7 +84,8 @@ def fill_between(
             if all(surroundings.is_outline(rim) for rim in rims):
                 advice = (
                     "the loops are the outer borders of open sheets, and only parts of them face each other: join the "
-                    "sheets by two triangles at each end of the gap, and fill the hole between these"
+                    "sheets by two triangles at each end of the gap, and fill the hole that this leaves, without "
+                    "bridge= (--bridge)"
                 )
             raise SurfaceError(f"{solution.reason}; {advice}")
         # the outside of one rim would be joined to the inside of another

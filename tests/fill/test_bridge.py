@@ -214,6 +214,37 @@ def test_the_crotch_of_a_fork_is_bridged() -> None:
     assert is_watertight(closed[1])
 
 
+def terrain(start: float, rows: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """A piece of one terrain, 9 × 14 wide, from x = start on, with so many rows of squares along y."""
+    x, y = np.meshgrid(start + np.arange(10.0), 14 * np.arange(rows + 1) / rows, indexing="ij")
+    random = np.random.default_rng(seed)
+    k, phase = random.uniform(0.2, 0.6, size=4), random.uniform(0, 6, size=3)
+    z = 0.5 * np.sin(k[0] * x + phase[0]) * np.sin(k[1] * y + phase[1]) + 0.4 * np.sin(k[2] * x + k[3] * y + phase[2])
+    a = np.add.outer(np.arange(9) * (rows + 1), np.arange(rows)).ravel()
+    b = a + rows + 1
+    faces = np.concatenate([np.stack([a, b, b + 1], axis=1), np.stack([a, b + 1, a + 1], axis=1)])
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3), faces
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("gap", [1.0, 2.0, 5.0])
+@pytest.mark.parametrize("rows", [14, 10])
+def test_what_is_advised_for_open_sheets_joins_them(seed: int, gap: float, rows: int) -> None:
+    left, right = terrain(0.0, 14, seed), terrain(9.0 + gap, rows, seed)
+    vertices, faces = together(left, right)
+    _, report = fill_hole((vertices, faces), bridge=(0, 1), return_report=True)
+    assert not report.loops[0].filled
+    assert "join the sheets by two triangles at each end of the gap" in report.loops[0].reason
+    near, far = 9 * 15 + np.arange(15), len(left[0]) + np.arange(rows + 1)
+    ends = [[near[k], far[k], far[k + 1], near[k + 1]] for k in (0, -2)]
+    joins = [corners for a, b, c, d in ends for corners in ([a, b, c], [a, c, d])]
+    _, report = fill_hole((vertices, np.concatenate([faces, joins])), return_report=True)
+    border, gap_between = report.loops
+    assert border.is_border
+    assert gap_between.converged
+    assert report.intersection_free
+
+
 def test_what_is_no_bridge_is_refused() -> None:
     with pytest.raises(OptionError, match="two loops or more, got 1"):
         fill_hole(island(), bridge=(1,))
