@@ -230,14 +230,29 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
         except OSError as error:
             problem = f"cannot be read ({error.strerror or error})"
             raise malformed("", problem, "check the name and the access rights") from error
-        if not data:
-            raise malformed("", "is empty", "check that the file is complete")
-        file = MeshFile.of_contents(FORMATS[suffix][0](data), path=source)
-        if suffix == ".stl":
-            file = file.merged("rounding")
-        if len(file.polygons) == 0 and not file.polylines:
-            raise malformed("", "has vertices but no faces and no curves", "give a file with a surface in it")
-        return file
+        return mesh_of_bytes(data, suffix, path=source)
+
+
+def mesh_of_bytes(data: bytes, suffix: str, *, path: Path | None = None) -> MeshFile:
+    """What `read_mesh` gives for a file of these bytes; its errors, which do not name the file."""
+    require_bytes(data)
+    file = MeshFile.of_contents(FORMATS[suffix][0](data), path=path)
+    if suffix == ".stl":
+        file = file.merged("rounding")
+    require_elements(file.contents)
+    return file
+
+
+def require_bytes(data: bytes) -> None:
+    """A MeshFileError for a file without bytes."""
+    if not data:
+        raise malformed("", "is empty", "check that the file is complete")
+
+
+def require_elements(contents: FileContents) -> None:
+    """A MeshFileError for a file of points alone."""
+    if len(contents.polygons) == 0 and not contents.polylines:
+        raise malformed("", "has vertices but no faces and no curves", "give a file with a surface in it")
 
 
 @contextmanager

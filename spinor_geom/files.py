@@ -15,6 +15,7 @@ from typing import Any
 
 _LONGEST_PART, _LONGEST_NAME = 180, 700
 SURFACE_SUFFIX = ".safetensors"  # of saved surfaces
+MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".vtp", ".vtk", ".3mf")  # of mesh files that can be read
 NUMBERED = "%~"  # what no name has by itself: a % stands before two digits, or at an end
 _UNSAFE = re.compile(r"[\x00-\x1f\x7f\\/:*?\"<>|%\ud800-\udfff]|^[. ]|[. ]$")
 
@@ -126,7 +127,7 @@ def safe_name(parts: Iterable[str]) -> str:
     """
     *folders, last = map(_safe_part, parts)
     # folders of results are named after files: one inside the other would be removed with it
-    name = "/".join([*(f"{part}%" if part.lower().endswith(".obj") else part for part in folders), last])
+    name = "/".join([*(f"{part}%" if part.lower().endswith(MESH_SUFFIXES) else part for part in folders), last])
     return name if len(os.fsencode(name)) <= _LONGEST_NAME else _shortened(name, _LONGEST_PART)
 
 

@@ -191,21 +191,26 @@ def _refused(path: Path, what: str, advice: str) -> ArchiveError:
 def list_members(job: dict[str, Any], tell: Tell) -> None:
     """Lists an archive: a line of JSON for each wanted member, with its key and the fields of its `Member`.
 
-    The job has "archive", its path; "suffix" of the names that are wanted; "parts" of their keys, before those of their
-    own names; "listing", the file. What is told is "listed" after each member, or the "problem".
+    The job has "archive", its path; "suffixes" of the names that are wanted; "parts" of their keys, before those of
+    their own names; "listing", the file. What is told is "listed" after each member, and at the end how many other
+    files there are by suffix ("others"), or the "problem".
     """
     seen: Counter[str] = Counter()
+    others: Counter[str] = Counter()
     try:
         with open(job["listing"], "w", encoding="ascii") as file:
             for member in members(Path(job["archive"])):
-                if member.name.lower().endswith(job["suffix"]):
+                if member.name.lower().endswith(tuple(job["suffixes"])):
                     inner = (part for part in member.name.replace("\\", "/").split("/") if part not in ("", "."))
                     key = safe_name([*job["parts"], *inner])
                     seen[key.lower()] += 1  # some file systems see no difference between A and a
                     key += f"{NUMBERED}{seen[key.lower()]}" if seen[key.lower()] > 1 else ""
                     entry = {"key": key, "member": member.name, "place": member.place, "size": member.size}
                     file.write(json.dumps(entry) + "\n")
+                else:
+                    others[Path(member.name).suffix.lower()] += 1
                 tell({"listed": member.place})
+        tell({"others": others})
     except ArchiveError as error:
         tell({"problem": str(error)})
     except OSError as error:

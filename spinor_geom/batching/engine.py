@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
@@ -16,11 +16,11 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
 from spinor_geom.batching.inputs import SMALL, Inputs, Source, listed
-from spinor_geom.batching.options import BatchOptions, Format, Limits, What
+from spinor_geom.batching.options import BatchOptions, Limits, What
 from spinor_geom.batching.store import Store, log_line, opened_store
 from spinor_geom.batching.worker import end_solvers, run_block
 from spinor_geom.errors import BatchError, OptionError, require, require_positive
-from spinor_geom.fill.options import Continuity
+from spinor_geom.fill.options import TIME_LIMIT, Continuity, Islands
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 TOGETHER = 64  # most files whose loops are solved side by side
 WAITING = 2  # blocks that wait at each worker
+# Seconds without a sign of life until a process is ended: for what no time limit holds for (reading a file, and each
+# step between two looks at the clock), and so many time limits, of which a stage of a loop takes one.
+SILENCE, STAGES = 60.0, 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,11 +39,11 @@ class BatchProgress:
 
     Attributes:
         files: sources that are finished, those that were complete before included.
-        files_failed: those of them that are not wholly done: failed, at fault, or imperfect.
+        files_failed: those of them for which `spinor-geom fill` would not exit with 0.
         files_total: how many there are.
         files_before: those that were complete before a resumed run.
         loops: of the files that are finished.
-        loops_failed: those of them without a surface.
+        loops_failed: those of them that should have a patch and have none.
         seconds: since the start.
     """
 
@@ -75,7 +78,10 @@ class BatchResult:
 
     @property
     def complete(self) -> bool:
-        """Whether every loop of every file was done within the tolerance, and crosses nothing."""
+        """Whether every requested loop of every file is closed and no patch crosses anything.
+
+        With `strict` also whether all patches are exact surfaces within the tolerance.
+        """
         return not self.progress.files_failed
 
 
@@ -84,49 +90,65 @@ def batch(
     output: str | os.PathLike[str],
     *,
     what: What = "fill",
-    format: Format = "obj",
-    workers: int | None = None,
-    scheduler: str | Cluster | Client | None = None,
+    format: str | None = None,
+    loop: Literal["all"] | int | Sequence[int] = "all",
+    bridge: Sequence[int] | None = None,
+    islands: Islands = "ignore",
+    continuity: Continuity = "C0",
+    merge: bool | float = False,
+    keep_largest: bool = False,
+    max_perimeter: float | None = None,
     edge_length: float | Literal["auto"] = "auto",
     tolerance: float = 1e-3,
-    continuity: Continuity = "C0",
+    time_limit: float = TIME_LIMIT,
+    strict: bool = False,
     closing: float = 1e-3,
     compare: bool = False,
+    workers: int | None = None,
+    scheduler: str | Cluster | Client | None = None,
     device: str = "cpu",
     resume: bool = False,
-    time_limit: float = 300.0,
     memory_limit: int = 4 << 30,
     retries: int = 2,
     on_progress: Callable[[BatchProgress], None] | None = None,
 ) -> BatchResult:
-    """Solves the boundary loops of many OBJ files, each file by itself, and writes what is found to a folder.
+    """Fills the holes of many mesh files as `fill_hole` does, each file by itself, and writes the results to a folder.
 
-    Loops are the holes of a file's mesh and its closed curves (`l` elements). Whatever a file does, it costs only
-    itself: the reason stands in its record, the table and the log. Results appear whole or not at all, and a run that
-    was cut off goes on with `resume=True`; the files that it leaves are the same byte for byte, however it was cut off
-    and by however many workers they were made (on one kind of processor; of the records all but the seconds).
+    Closed curves of OBJ files (`l` elements) are spanned too. Whatever a file does, it costs only itself: the reason
+    stands in its record, the table and the log. Results appear whole or not at all, and a run that was cut off goes on
+    with `resume=True`; the files that it leaves are the same byte for byte, however it was cut off and by however many
+    workers they were made (on one kind of processor; of the records all but the timings; loops that reach the time
+    limit excepted).
 
     Args:
-        inputs: OBJ files, folders (searched with all below them), patterns, manifests (.csv with a column "path",
-            .jsonl), and archives (.zip, .tar, packed or not), which are read without being unpacked. They are listed
-            before the first is solved; the list is kept in a temporary file.
+        inputs: mesh files of every format that `read_mesh` reads, folders (searched with all below them), patterns,
+            manifests (.csv with a column "path", .jsonl), and archives (.zip, .tar, packed or not), which are read
+            without being unpacked. They are listed before the first is solved; the list is kept in a temporary file.
         output: the folder to write to: empty or new, but for a resumed run.
         what: "fill" for the triangulation of each loop, and of files with faces the filled mesh; "surface" for the
             triangulation and the spinor surface, to be read by `SpinorSurface.load`; "loops" for the loops alone.
-        format: of the meshes: "obj", "ply", "glb" or "npz".
+        format: of the meshes: "obj", "ply", "stl", "off", "glb", "vtp", "vtk", "3mf" or "npz"; None for that of each
+            input ("obj" for loops alone).
+        loop: as for `fill_hole`, of every file. A file without such a loop fails.
+        bridge: as for `fill_hole`, of every file.
+        islands: as for `fill_hole`.
+        continuity: as for `fill_hole`. Closed curves have minimal surfaces.
+        merge: as for `fill_hole`. Curves keep their points.
+        keep_largest: as for `fill_hole`, of every file.
+        max_perimeter: as for `fill_hole`.
+        edge_length: `target_edge_length` of `fill_hole`.
+        tolerance: as for `fill_hole`.
+        time_limit: as for `fill_hole`, in seconds. A process that solves and gives no sign of life for a minute and
+            ten times as long is ended, which costs the file; so is one that needs 100 times as long as that for one
+            file, and one that lists an archive and finds no member for so long.
+        strict: counts files with a loop that has no exact surface within the tolerance as not done.
+        closing: open curves whose ends are at most so many mean edges apart count as closed.
+        compare: also compares each surface with a discrete minimal surface.
         workers: processes that solve on this machine; by default as many as there are cores for this process.
         scheduler: a Dask cluster to use instead: its scheduler's address, the cluster object, or a client, whose TLS
             settings are used. All its machines must see inputs and output under the same names.
-        edge_length: of the triangulations, in mesh units; "auto" takes each loop's mean edge.
-        tolerance: RMS distance of a surface's boundary from the curve through its loop, per mean edge.
-        continuity: "C0" for minimal surfaces; "C1" for patches that go on with the tangents and the curvature of the
-            mesh around their holes. Closed curves have minimal surfaces.
-        closing: open curves whose ends are at most so many mean edges apart count as closed.
-        compare: also compares each surface with a discrete minimal surface.
         device: of the batched linear algebra, such as "cuda"; equal bytes are promised on the CPU only.
         resume: goes on with the run in the output folder: only what is not complete is done.
-        time_limit: for reading a file and for each of its loops, in seconds; a file as a whole may take 100 times as
-            long. Also for each member of an archive that is listed.
         memory_limit: of the process that solves, and of the one that lists archives, in bytes.
         retries: how often a file is tried again after its process died. A cluster has a number of its own for workers
             that died: `distributed.scheduler.allowed-failures`.
@@ -137,8 +159,8 @@ def batch(
 
     Raises:
         OptionError: an option has a value that is not allowed.
-        BatchError: an input does not exist; the output folder is another run's or cannot be written to; the scheduler
-            cannot be reached.
+        BatchError: an input does not exist, or holds no mesh files; the output folder is another run's or cannot be
+            written to; the scheduler cannot be reached.
         MissingPackageError: the packages of the extra `batch` are not installed, or for a cluster those of `cluster`.
     """
     for package in ("pyarrow", "filelock", "psutil"):
@@ -148,18 +170,25 @@ def batch(
     options = BatchOptions(
         what=what,
         format=format,
+        loop=loop,
+        bridge=bridge,
+        islands=islands,
+        continuity=continuity,
+        merge=merge,
+        keep_largest=keep_largest,
+        max_perimeter=max_perimeter,
         edge_length=edge_length,
         tolerance=tolerance,
-        continuity=continuity,
+        time_limit=time_limit,
+        strict=strict,
         closing=closing,
         compare=compare,
         device=device,
     )
-    require_positive("time_limit", time_limit)
     require_positive("memory_limit", memory_limit)
     if retries < 0:
         raise OptionError(f"retries must be a number from 0 on, not {retries}")
-    limits = Limits(seconds=float(time_limit), memory=int(memory_limit), retries=retries)
+    limits = Limits(seconds=SILENCE + STAGES * float(time_limit), memory=int(memory_limit), retries=retries)
     if scheduler is not None and workers is not None:
         raise OptionError("workers are those of the scheduler's cluster; give one of workers and scheduler")
     if workers is not None and workers < 1:

@@ -7,6 +7,7 @@ import os
 import re
 import stat
 import tempfile
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,23 +16,24 @@ from typing import IO, Any
 from spinor_geom.batching.archives import is_archive
 from spinor_geom.batching.options import Limits
 from spinor_geom.errors import BatchError
-from spinor_geom.files import safe_name
+from spinor_geom.files import MESH_SUFFIXES, safe_name
 from spinor_geom.isolate import FaultError, Process
 
 LISTER = "spinor_geom.batching.archives"
-SUFFIX = ".obj"
 MANIFESTS = (".csv", ".jsonl")
-# The last part of the key of what is no OBJ file: such a part has no suffix, so that no file's key can be the same.
+# The last part of the key of what is no mesh file: such a part has no suffix, so that no file's key can be the same.
 PROBLEM = "problem"
 # Halves of characters, which no name has; those that stand for single bytes are others.
 HALVES = re.compile("[\ud800-\udc7f\udd00-\udfff]")
 LONGEST_LINE = 1 << 20  # of a manifest
+CONVERT = f"use one of {', '.join(MESH_SUFFIXES)}"  # the advice for a file of another format
+MOST_NAMED = 5  # suffixes of files that are no meshes, in an error
 SMALL = 1 << 20  # files of so many bytes together are read at once, and their loops solved side by side
 
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """One OBJ file of a batch, or an input that is none."""
+    """One mesh file of a batch, or an input that is none."""
 
     key: str  # that of its folder of results, too: a harmless relative path, different for different inputs
     path: str  # the file, or the archive that it is in
@@ -71,21 +73,36 @@ class Inputs:
             taken.add(label.lower())
             self._roots.append((os.path.abspath(given), label))
         if not self._roots:
-            raise BatchError("no inputs; name OBJ files, folders, patterns, manifests or archives")
+            raise BatchError("no inputs; name mesh files, folders, patterns, manifests or archives")
 
     def __iter__(self) -> Iterator[Source]:
-        """One source after the other; what cannot be read is one with a problem."""
+        """One source after the other; what cannot be read is one with a problem.
+
+        Raises a BatchError, which says what was found, where an input has no sources, or all have no mesh files.
+        """
         self._lister = Process(LISTER)
+        others: Counter[str] = Counter()
+        has_sources = False
         try:
             for path, label in self._roots:
-                yield from self._expanded(path, label)
+                self._others: Counter[str] = Counter()
+                is_empty = True
+                for source in self._expanded(path, label):
+                    is_empty = False
+                    has_sources |= not source.problem.endswith(CONVERT)
+                    yield source
+                if is_empty:
+                    raise BatchError(f"{path}: {_said(self._others)}")
+                others += self._others
         finally:
             self._lister.end()
+        if not has_sources:
+            raise BatchError(_said(others))
 
     def _expanded(self, path: str, label: str) -> Iterator[Source]:
         if not os.path.lexists(path):
             start = _fixed_part(path)
-            for found in sorted(name for name in _fitting(path) if _is_wanted(name)):
+            for found in sorted(name for name in _fitting(path) if self._is_wanted(name)):
                 if not Path(os.path.realpath(found)).is_relative_to(self._output):
                     yield from self._of_file(found, [label, *os.path.relpath(found, start).split(os.sep)])
         elif os.path.isdir(path):
@@ -96,7 +113,7 @@ class Inputs:
             yield from self._of_file(path, [label])
 
     def _of_folder(self, root: str, label: str) -> Iterator[Source]:
-        """All OBJ files and archives in a folder and those below it; links to folders are not followed."""
+        """All mesh files and archives in a folder and those below it; links to folders are not followed."""
         # no links are followed, so there is only one way to it
         output = os.path.normpath(os.path.join(root, os.path.relpath(self._output, os.path.realpath(root))))
         waiting = [(root, [label])]
@@ -109,7 +126,9 @@ class Inputs:
             elif path != output:
                 try:
                     with os.scandir(path) as found:
-                        names = [one.name for one in found if one.is_dir(follow_symlinks=False) or _is_wanted(one.path)]
+                        names = [
+                            one.name for one in found if one.is_dir(follow_symlinks=False) or self._is_wanted(one.path)
+                        ]
                     waiting += [(os.path.join(path, name), [*parts, name]) for name in sorted(names, reverse=True)]
                 except OSError as error:
                     problem = f"cannot be read ({error.strerror})"
@@ -126,15 +145,16 @@ class Inputs:
             yield _problem(parts, path, "is no regular file", "name a file")
         elif is_archive(path):
             yield from self._of_archive(path, parts, status.st_mtime_ns)
-        elif path.lower().endswith(SUFFIX):
+        elif path.lower().endswith(MESH_SUFFIXES):
             yield Source(key=safe_name(parts), path=path, size=status.st_size, modified=status.st_mtime_ns)
         else:
-            yield _problem(parts, path, "is no OBJ file, manifest or archive", "convert it first")
+            self._others[Path(path).suffix.lower()] += 1
+            yield _problem(parts, path, "is no mesh file, manifest or archive", CONVERT)
 
     def _of_archive(self, path: str, parts: Sequence[str], modified: int) -> Iterator[Source]:
         with tempfile.TemporaryDirectory() as folder:
             listing = Path(folder, "listing")
-            job = {"archive": path, "suffix": SUFFIX, "parts": parts, "listing": str(listing)}
+            job = {"archive": path, "suffixes": MESH_SUFFIXES, "parts": parts, "listing": str(listing)}
             told: dict[str, Any] = {}
             try:
                 self._lister.run(job, told.update, seconds=self._limits.seconds, memory=self._limits.memory)
@@ -143,9 +163,19 @@ class Inputs:
             if "problem" in told:
                 yield Source(key=safe_name([*parts, PROBLEM]), path=path, problem=told["problem"])
                 return
+            self._others.update(told.get("others", {}))
             with listing.open(encoding="ascii") as lines:
                 for line in lines:
                     yield Source(path=path, modified=modified, **json.loads(line))
+
+    def _is_wanted(self, name: str) -> bool:
+        """Whether a file in a folder is read; others are counted."""
+        if os.path.isdir(name):
+            return False
+        if name.lower().endswith(MESH_SUFFIXES) or is_archive(name):
+            return True
+        self._others[Path(name).suffix.lower()] += 1
+        return False
 
     def _of_manifest(self, path: Path, label: str) -> Iterator[Source]:
         """The files that a manifest names, relative to its folder: a CSV column or JSON lines with "path"."""
@@ -189,8 +219,14 @@ def _fitting(pattern: str) -> Iterator[str]:
             yield str(found)
 
 
-def _is_wanted(name: str) -> bool:
-    return (name.lower().endswith(SUFFIX) or is_archive(name)) and not os.path.isdir(name)
+def _said(others: Counter[str]) -> str:
+    """That there is no mesh file, and what there is."""
+    named = sorted(others.items(), key=lambda entry: (-entry[1], entry[0]))
+    found = ", ".join(f"{count} {suffix or 'without a suffix'}" for suffix, count in named[:MOST_NAMED])
+    more = ", ..." if len(others) > MOST_NAMED else ""
+    total = others.total()
+    among = f" among {total} file{'' if total == 1 else 's'}: {found}{more}" if others else "; there are no files"
+    return f"no mesh files{among} (formats: {', '.join(MESH_SUFFIXES)})"
 
 
 def _csv_rows(file: Iterable[str]) -> Iterator[tuple[int, str]]:

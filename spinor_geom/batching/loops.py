@@ -1,8 +1,7 @@
-"""The loops of an OBJ file: the holes of its mesh, and its curves, each with its name or the reason why it is none."""
+"""The closed curves of an OBJ file, each with its name or the reason why it is none."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -21,13 +20,13 @@ from spinor_geom.fill.discrete_patch import refuse_empty
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.intersections import require_simple
 from spinor_geom.mesh.knots import knot_determinant
+from spinor_geom.mesh.triangle_mesh import require_extent
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NamedLoop:
-    """A loop of a file, or what should have been one."""
+    """A closed curve of a file, or what should have been one."""
 
-    kind: Literal["hole", "curve"]
     name: str  # of the object and group that it belongs to; "" where the file has none
     points: Float[np.ndarray, "k 3"]  # of the loop, or of what was found in its place
     loop: BoundaryLoop | None  # None where it could not be made
@@ -117,9 +116,10 @@ def _curve_loop(vertices: Float[np.ndarray, "v 3"], curve: Int[np.ndarray, " _"]
             points, ids = points[kept], ids[kept]
         if len(points) < 3:
             raise LoopTooShortError(points=len(points))
+        require_extent(points)
         loop = BoundaryLoop(points=points, vertex_ids=ids, corners=detect_corners(points))
         refuse_empty(loop, loop.diagonal / loop.elongation)
         refuse_what_bounds_no_disk(loop)
     except SpinorGeomError as refusal:
         error = refusal
-    return NamedLoop(kind="curve", name=name, points=points, loop=loop, error=error, notes=tuple(notes))
+    return NamedLoop(name=name, points=points, loop=loop, error=error, notes=tuple(notes))

@@ -8,18 +8,18 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from spinor_geom.batching.archives import ArchiveReader, Member
 from spinor_geom.batching.inputs import SMALL, Source
-from spinor_geom.batching.loops import NamedLoop
 from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.store import Store
-from spinor_geom.batching.task import OpenedFile, fill_options, open_file, results_of, wanted
+from spinor_geom.batching.store import Store, failure
+from spinor_geom.batching.task import OpenedFile, Writer, open_file, results_of
 from spinor_geom.errors import ArchiveError, BatchError, OptionError, SpinorGeomError
 from spinor_geom.fill.many_loops import minimal_patches
-from spinor_geom.fill.one_loop import Answer
+from spinor_geom.fill.one_loop import Answer, FillOptions
 from spinor_geom.isolate import Tell, serve
 from spinor_geom.plateau.options import usable_device
 
@@ -57,13 +57,21 @@ def _work(
         usable_device(options.device)
     except OptionError as error:
         raise BatchError(f"a worker: {error}") from error
-    opened: list[tuple[Source, OpenedFile]] = []
+    fill_options = FillOptions(
+        target_edge_length=options.edge_length,
+        model="auto",
+        tolerance=options.tolerance,
+        time_limit=options.time_limit,
+        continuity=options.continuity,
+        on_stage=lambda place, stage: tell({"solving": ""}),
+    )
+    opened: list[OpenedFile] = []
     for source in sources:
         tell({"reading": source.key})
         try:
             if source.problem:
                 raise ArchiveError(source.problem)
-            opened.append((source, open_file(stream_of(source), source.key, options)))
+            opened.append(open_file(stream_of(source), source, options, fill_options))
         except SpinorGeomError as error:
             tell({"finished": store.fail(source, str(error), status="failed")})
         except OSError as error:
@@ -71,33 +79,48 @@ def _work(
             # of the disk or the rights, which may be others when the batch is resumed
             tell({"finished": store.fail(source, reason)})
     tell({"solving": ""})  # all of them from here on: what happens now is not the fault of the last one read
-    answers = _answers([loop for _, file in opened for loop in wanted(file)], options, tell)
+    answers = _answers(opened, fill_options, options.device, tell)
     waiting: deque[Future[dict[str, Any]]] = deque()
     # the next file is meshed while this one's results are on their way to the disk
     with ThreadPoolExecutor(WAITING) as writer:
-        for source, file in opened:
-            waiting.append(writer.submit(store.commit, source, *results_of(file, answers)))
+        for file in opened:
+            waiting.append(writer.submit(store.commit, file.source, *_results(file, *answers)))
             while waiting and (waiting[0].done() or len(waiting) > WAITING):
                 tell({"finished": waiting.popleft().result()})
         for one in waiting:
             tell({"finished": one.result()})
 
 
-def _answers(loops: Sequence[NamedLoop], options: BatchOptions, tell: Tell) -> Iterator[Answer]:
-    """The patch of each loop, in order, or why it has none; each is a sign of life."""
-    found = {
-        kind: minimal_patches(
-            [loop.loop for loop in loops if loop.kind == kind and loop.loop is not None],
-            fill_options(options),
-            is_rim=kind == "hole",
-            device=options.device,
-        )
-        for kind in ("hole", "curve")
-    }
-    for loop in loops:
-        answer = next(found[loop.kind])
-        tell({"solving": ""})
-        yield answer
+def _answers(
+    files: Sequence[OpenedFile], options: FillOptions, device: str, tell: Tell
+) -> tuple[Iterator[Answer], Iterator[Answer]]:
+    """The patches of all rims and of all curves, in order, or why there is none; each is a sign of life."""
+
+    def told(answers: Iterator[Answer]) -> Iterator[Answer]:
+        for answer in answers:
+            tell({"solving": ""})
+            yield answer
+
+    rims = [rim for file in files for rim in file.rims]
+    curves = [curve for file in files for curve in file.curve_loops]
+    return (
+        told(minimal_patches(rims, options, device=device)),
+        told(minimal_patches(curves, options, is_rim=False, device=device)),
+    )
+
+
+def _results(
+    file: OpenedFile, rims: Iterator[Answer], curves: Iterator[Answer]
+) -> tuple[dict[str, Any], dict[str, Writer]]:
+    """The record of a file and what writes its files; takes its share of the answers, also where it cannot use them."""
+    own = islice(rims, len(file.rims)), islice(curves, len(file.curve_loops))
+    try:
+        return results_of(file, *own)
+    except SpinorGeomError as error:
+        return failure(file.source.key, str(error)), {}
+    finally:
+        for rest in own:
+            deque(rest, maxlen=0)
 
 
 def _stream(source: Source, *, archives: ArchiveReader, stack: ExitStack) -> BinaryIO:

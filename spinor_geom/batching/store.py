@@ -1,7 +1,7 @@
 """The output folder of a batch: where results go, who may write them, and what is complete; nothing else survives.
 
 What is known of a file and its loops is its record, in JSON's types. All that may differ between two runs over the same
-input stands under the keys "seconds". Imports nothing heavy.
+input stands under the keys "timings". Imports nothing heavy.
 """
 
 import errno
@@ -24,10 +24,11 @@ from spinor_geom.version import program_version
 RUN, RECORD, LOCK, LOG = "run.json", "record.json", ".lock", "failures.log"
 RESULTS, STAGING, ROOM = "files", ".staging", "room"
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # a disk that takes no more, or only small files
-# From good to bad. "imperfect": there is a surface, but not within the tolerance, or it crosses something. "failed": of
-# a loop that there is none, of a file that this is so of one of its loops or of the file itself. "fault": the file's
-# process died or was ended, which may be so once and not again: a resumed batch tries anew.
-STATUSES = ("done", "imperfect", "failed", "fault")
+# From good to bad. "open": a loop that was not to be filled. "imperfect": the patch crosses something, or with `strict`
+# it is not an exact surface within the tolerance. "failed": a loop without a patch, a file with such a loop, or a file
+# that cannot be used. "fault": the file's process died or was ended; a resumed batch tries it again.
+STATUSES = ("done", "open", "imperfect", "failed", "fault")
+_FIGURES = ("vertices", "faces", "curves", "closed", "complete", "watertight", "intersection_free", "filled")
 
 
 def failure(key: str, reason: str, *, status: str = "failed") -> dict[str, Any]:
@@ -36,25 +37,31 @@ def failure(key: str, reason: str, *, status: str = "failed") -> dict[str, Any]:
         "source": key,
         "status": status,
         "reason": printable(reason),
-        **dict.fromkeys(("vertices", "faces", "curves", "filled")),
+        **dict.fromkeys(_FIGURES),
+        "notes": [],
         "loops": [],
         "version": program_version(),
-        "seconds": {},
+        "timings": {},
     }
 
 
 def summary(record: dict[str, Any]) -> dict[str, Any]:
     """What the driver is told of a file: few bytes, however many loops it has."""
     statuses = [loop["status"] for loop in record["loops"]]
-    bad = [loop for loop in record["loops"] if loop["status"] != "done"]
+    bad = [loop for loop in record["loops"] if loop["status"] not in ("done", "open")]
     return {
         "key": record["source"],
         "status": record["status"],
         "reason": record["reason"],
         "loops": len(statuses),
         "loops_failed": statuses.count("failed"),
-        "first": "" if not bad else f"loop {bad[0]['loop']} ({bad[0]['name'] or 'no name'}): {bad[0]['reason']}",
+        "first": "" if not bad else f"loop {bad[0]['index']} ({bad[0]['name'] or 'no name'}): {said(bad[0])}",
     }
+
+
+def said(entry: Mapping[str, Any]) -> str:
+    """Why a loop or a file is not done, by its record."""
+    return str(entry["reason"] or "; ".join(entry["notes"]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,13 +99,13 @@ class Store:
         folder = Path(self.output, RESULTS, source.key)
         try:
             files = [name for loop in record["loops"] for name in loop["files"].values()]
-            files += [record["filled"]["file"]] if record["filled"] else []
+            files += [record["filled"]] if record["filled"] else []
             return summary(record) if all((folder / name).is_file() for name in files) else None
         except (KeyError, TypeError):
             return None
 
     def commit(
-        self, source: Source, record: dict[str, Any], files: Mapping[str, Callable[[Path], None]]
+        self, source: Source, record: dict[str, Any], files: Mapping[str, Callable[[Path], object]]
     ) -> dict[str, Any]:
         """Writes the results of a source, all or none; gives the summary, or one that says why they cannot be written.
 
@@ -120,7 +127,7 @@ class Store:
         """As `commit`, of a source that has no results."""
         return self.commit(source, failure(source.key, reason, status=status), {})
 
-    def _place(self, source: Source, record: Mapping[str, Any], files: Mapping[str, Callable[[Path], None]]) -> None:
+    def _place(self, source: Source, record: Mapping[str, Any], files: Mapping[str, Callable[[Path], object]]) -> None:
         target = self.folder(source.key)
         with atomic_folder(target, staging=Path(self.output, STAGING)) as folder:
             for name, write in files.items():
@@ -168,7 +175,7 @@ def opened_store(output: str | os.PathLike[str], options: BatchOptions, *, resum
     except filelock.Timeout:
         raise BatchError(f"{output}: another batch is writing to this folder; wait for it or name another") from None
     try:
-        settings = {"options": asdict(options), "version": program_version()}
+        settings = json.loads(json_text({"options": asdict(options), "version": program_version()}))
         _require_same(root, settings, resume=resume)
         store = Store(output=str(root), token=secrets.token_hex(16))
         write_json(root / RUN, {**settings, "token": store.token})

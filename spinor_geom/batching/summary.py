@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 from spinor_geom.adapters.mesh_files import read_mesh
 from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.store import Store, failure, log_line, summary
+from spinor_geom.batching.store import Store, failure, log_line, said, summary
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import atomic_path, write_text
 from spinor_geom.mesh.loops import find_boundary_loops
@@ -40,7 +40,7 @@ ROWS_AT_ONCE = 10_000
 _TYPES = (
     ("string", "source"),
     ("int64", "loop"),
-    ("string", "name kind status reason notes"),
+    ("string", "name origin kind status reason notes"),
     ("int64", "vertices"),
     ("double", "perimeter elongation"),
     ("int64", "corners"),
@@ -48,7 +48,7 @@ _TYPES = (
     ("string", "stability"),
     ("int64", "stability_index"),
     ("string", "route"),
-    ("int64", "patch_vertices patch_faces self_intersections mesh_intersections patch_intersections"),
+    ("int64", "vertices_added faces_added self_intersections mesh_intersections patch_intersections"),
     ("double", "hausdorff_max hausdorff_mean"),
     ("string", "patch surface curve filled"),
     ("double", "seconds"),
@@ -74,19 +74,19 @@ class PageParts:
         """Takes a file's record."""
         self.files[record["status"]] += 1
         if record["reason"]:
-            self._fail({**record, "loop": None, "name": "", "outline": None})
+            self._fail({**record, "index": None, "name": "", "outline": None})
         for loop in record["loops"]:
             self.loops[loop["status"]] += 1
             if loop["status"] == "failed":
                 self._fail(loop)
             elif len(self.first) < FIRST:
                 self.first.append(loop)
-            if loop["residual_rms_per_edge"] is not None and loop["files"]:
+            if loop.get("residual_rms_per_edge") is not None and loop["files"]:
                 self.worst = sorted([*self.worst, loop], key=lambda one: -one["residual_rms_per_edge"])[:WORST]
 
     def _fail(self, entry: dict[str, Any]) -> None:
         # reasons differ in their numbers; a few of each length are enough
-        kind = re.sub(r"\d\d?", "#", entry["reason"])[:200]
+        kind = re.sub(r"\d\d?", "#", said(entry))[:200]
         if len(self.reasons) < REASONS or kind in self.reasons:
             self.reasons[kind] += 1
         if len(self.failed) < FAILED:
@@ -122,13 +122,13 @@ def _table(rows: Iterable[tuple[Any, Any]], header: tuple[str, str]) -> str:
 
 def _figure(store: Store, loop: dict[str, Any]) -> str:
     residual = loop.get("residual_rms_per_edge")
-    said = [
+    lines = [
         loop["source"],
-        "" if loop["loop"] is None else f"loop {loop['loop']} {loop['name']}",
+        "" if loop["index"] is None else f"loop {loop['index']} {loop['name']}",
         "" if residual is None else f"residual {residual:.1e} of an edge",
-        loop["reason"][:200],
+        said(loop)[:200],
     ]
-    caption = "<br>".join(map(escape, filter(None, said)))
+    caption = "<br>".join(map(escape, filter(None, lines)))
     return f"<figure>{_picture(store, loop)}<figcaption>{caption}</figcaption></figure>"
 
 
@@ -221,14 +221,16 @@ def write_summary(
 
 def rows_of(record: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """The rows of a file: one for each loop, or one for the file itself where it has none or could not be read."""
-    filled = record["filled"] or {}
+    of_file = {key: record[key] for key in ("filled", "version")}
     if record["reason"] or not record["loops"]:
-        entry = dict.fromkeys(COLUMNS)
-        yield entry | {key: record[key] for key in ("source", "status", "reason", "version")}
+        own = {key: record[key] for key in ("source", "status", "reason")}
+        yield {**dict.fromkeys(COLUMNS), **own, "notes": "; ".join(record["notes"]), **of_file}
     for loop in record["loops"]:
-        stability, hausdorff = loop["stability"] or {}, (loop["comparison"] or {}).get("hausdorff", {})
+        stability, hausdorff = loop.get("stability") or {}, (loop["comparison"] or {}).get("hausdorff", {})
         yield {
             **{key: loop.get(key) for key in COLUMNS},
+            **of_file,
+            "loop": loop["index"],
             "notes": "; ".join(loop["notes"]),
             "stability": stability.get("verdict"),
             "stability_index": stability.get("index"),
@@ -237,8 +239,7 @@ def rows_of(record: dict[str, Any]) -> Iterator[dict[str, Any]]:
             "patch": loop["files"].get("patch"),
             "surface": loop["files"].get("surface"),
             "curve": loop["files"].get("loop"),
-            "filled": filled.get("file"),
-            "seconds": sum(loop["seconds"].values(), 0.0),
+            "seconds": loop["timings"].get("total", 0.0) + loop["timings"].get("comparison", 0.0),
         }
 
 

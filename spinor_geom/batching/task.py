@@ -1,4 +1,4 @@
-"""One OBJ file: its loops, what is to be solved of it, and its results from the answers. Writes nothing by itself."""
+"""One mesh file: its loops, what is to be solved of it, and its results from the answers. Writes nothing by itself."""
 
 import shutil
 import zlib
@@ -10,58 +10,79 @@ from time import perf_counter
 from typing import Any, BinaryIO, TypeAlias, cast
 
 import numpy as np
+from jaxtyping import Float
 
 from spinor_geom.adapters.contents import FileContents, malformed
-from spinor_geom.adapters.mesh_files import FORMATS, MeshFile
+from spinor_geom.adapters.mesh_files import (
+    FORMATS,
+    MeshFile,
+    known_suffix,
+    mesh_of_bytes,
+    require_bytes,
+    require_elements,
+)
 from spinor_geom.adapters.obj import ObjText, added_lines, read_obj_stream
 from spinor_geom.adapters.polygons import Polygons
-from spinor_geom.batching.loops import NamedLoop, curve_loops, refuse_what_bounds_no_disk
+from spinor_geom.batching.inputs import Source
+from spinor_geom.batching.loops import NamedLoop, curve_loops
 from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.store import STATUSES, failure
 from spinor_geom.comparison import compare
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import safe_name
-from spinor_geom.fill.discrete_patch import refuse_seams, refuse_what_is_no_hole
+from spinor_geom.fill.filling import Filling
 from spinor_geom.fill.many_loops import fill_loops
-from spinor_geom.fill.one_loop import Answer, FillOptions, unfilled
-from spinor_geom.fill.result import LoopOutcome
-from spinor_geom.fill.surroundings import LoopPatch, Surroundings, stitch
+from spinor_geom.fill.merging import merged
+from spinor_geom.fill.one_loop import Answer, Clock, FillOptions, unfilled
+from spinor_geom.fill.result import FillResult, LoopOutcome
+from spinor_geom.fill.surroundings import LoopPatch, Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loops import find_boundary_loops
-from spinor_geom.mesh.topology import is_watertight
-from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_faces
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.version import program_version
 
-Writer: TypeAlias = Callable[[Path], None]
+Writer: TypeAlias = Callable[[Path], object]
 
 OUTLINE_POINTS = 48  # points of an outline in a record: enough for a thumbnail
-FIGURES = ("residual_rms_per_edge", "residual_max_per_edge", "area", "stability", "continuation")
-CROSSINGS = ("self_intersections", "mesh_intersections", "patch_intersections")
 LONGEST_LABEL = 60
 COPIED_AT_ONCE = 1 << 20
-LARGEST_COORDINATE = 1e70  # fourth powers of lengths have to be numbers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OpenedFile:
-    """An OBJ file that was read, with what is to be solved."""
+    """A mesh file that was read, with what is to be solved."""
 
-    key: str
+    source: Source
+    suffix: str  # of its format
     stream: BinaryIO  # its bytes, to be copied
-    checksum: int  # of them, as they were read
-    text: ObjText
+    checksum: int  # of them as they were read, for an OBJ file
+    text: ObjText | None  # of an OBJ file
     mesh: MeshFile  # of its faces, or a mesh without faces for its curves
-    surroundings: Surroundings
-    loops: tuple[NamedLoop, ...]  # holes, then curves
+    filling: Filling | None  # of its holes; None without faces, or where they could not be looked for
+    names: tuple[str, ...]  # of its holes
+    curves: tuple[NamedLoop, ...]
     problem: str  # why its holes could not be looked for, if so
-    seconds: float
+    clock: Clock
     options: BatchOptions
+    fill_options: FillOptions
 
     @property
-    def holes(self) -> tuple[NamedLoop, ...]:
-        """The loops that are holes of the mesh."""
-        return tuple(loop for loop in self.loops if loop.kind == "hole")
+    def rims(self) -> list[BoundaryLoop]:
+        """The rims of its holes that are to be solved, in order."""
+        return [] if self.filling is None or self.options.what == "loops" else self.filling.rims
+
+    @property
+    def curve_loops(self) -> list[BoundaryLoop]:
+        """Its curves that are to be solved, in order."""
+        if self.options.what == "loops":
+            return []
+        return [curve.loop for curve in self.curves if curve.loop is not None and curve.error is None]
+
+    @property
+    def label(self) -> str:
+        """The suffix of the files that are written, without its point."""
+        if self.options.format is None and self.options.what == "loops":
+            return "obj"
+        return self.options.format or self.suffix[1:]
 
 
 class _Checked:
@@ -76,194 +97,190 @@ class _Checked:
         return data
 
 
-def open_file(stream: BinaryIO, key: str, options: BatchOptions) -> OpenedFile:
-    """Reads a file and finds its loops; SpinorGeomError where it is no OBJ file, or malformed."""
-    start = perf_counter()
-    checked = _Checked(stream)
-    text = read_obj_stream(cast(BinaryIO, checked))
-    if not len(text.contents.polygons) and not text.contents.polylines:
-        raise malformed("", "has vertices but no faces and no curves", "give a file with a surface or a curve in it")
-    largest = float(np.abs(text.contents.vertices[np.isfinite(text.contents.vertices)]).max(initial=0.0))
-    if largest > LARGEST_COORDINATE:
-        raise malformed("", f"has a coordinate of size {largest:.1e}, whose powers are no numbers", "scale the file")
-    mesh, rims, problem = _mesh_and_rims(text)
-    surroundings = Surroundings(mesh.mesh, rims)
-    holes = [_hole(rim, text, mesh, surroundings) for rim in rims]
+def open_file(stream: BinaryIO, source: Source, options: BatchOptions, fill_options: FillOptions) -> OpenedFile:
+    """Reads a file and finds its loops; the SpinorGeomError of `fill_hole` where there is nothing to fill."""
+    clock = Clock()
+    suffix = known_suffix(Path(source.member or source.path))
+    if options.format not in (None, "npz"):
+        known_suffix(Path(f"filled.{options.format}"))
+    text, curves, checked, problem = None, list[NamedLoop](), _Checked(stream), ""
+    if suffix == ".obj":
+        require_bytes(stream.read(1))
+        stream.seek(0)
+        text = read_obj_stream(cast(BinaryIO, checked))
+        require_elements(text.contents)
+        curves = curve_loops(text, closing=options.closing)
+    filling: Filling | None = None
+    try:
+        if text is None:
+            mesh = mesh_of_bytes(stream.read(), suffix)
+        else:
+            mesh = MeshFile.of_contents(replace(text.contents, suffix=suffix), path=None)
+        mesh = merged(mesh, options.merge)
+        clock.lap("read")
+        if len(mesh.mesh.faces) or not curves:
+            require_faces(mesh.mesh)
+            filling = Filling(mesh.mesh, options.choice, fill_options)
+    except SpinorGeomError as error:
+        if text is None or not curves:
+            raise
+        # curves need no more than their own points
+        problem = str(error) if len(text.contents.polygons) else ""
+        usable = np.isfinite(text.contents.vertices).all(axis=1)
+        bare = FileContents.without_faces(np.where(usable[:, None], text.contents.vertices, 0.0))
+        mesh = MeshFile.of_contents(bare, path=None)
+    names = () if filling is None else tuple(_names(filling, mesh, text))
+    clock.lap("loops")
     return OpenedFile(
-        key=key,
+        source=source,
+        suffix=suffix,
         stream=stream,
         checksum=checked.sum,
         text=text,
         mesh=mesh,
-        surroundings=surroundings,
-        loops=(*holes, *curve_loops(text, closing=options.closing)),
+        filling=filling,
+        names=names,
+        curves=tuple(curves),
         problem=problem,
-        seconds=perf_counter() - start,
+        clock=clock,
         options=options,
+        fill_options=fill_options,
     )
 
 
-def _mesh_and_rims(text: ObjText) -> tuple[MeshFile, list[BoundaryLoop], str]:
-    try:
-        mesh = MeshFile.of_contents(text.contents, path=None)
-        return mesh, find_boundary_loops(mesh.mesh), ""
-    except SpinorGeomError as error:
-        usable = np.isfinite(text.contents.vertices).all(axis=1)  # curves need no more than their own points
-        bare = FileContents.without_faces(np.where(usable[:, None], text.contents.vertices, 0.0))
-        problem = str(error) if len(text.contents.polygons) else ""
-        return MeshFile.of_contents(bare, path=None), [], problem
-
-
-def _hole(loop: BoundaryLoop, text: ObjText, mesh: MeshFile, surroundings: Surroundings) -> NamedLoop:
-    """A hole, which has the name that most of the faces beside it have."""
-    name, error = "", None
-    if len(text.names) > 1:
-        faces = surroundings.faces_at(loop.vertex_ids)
+def _names(filling: Filling, mesh: MeshFile, text: ObjText | None) -> Iterator[str]:
+    """The names of holes: each has that of most of the faces beside it; none where merging left faces out."""
+    has_names = text is not None and len(text.names) > 1 and len(text.face_names) == len(mesh.polygons)
+    for loop in filling.loops:
+        if text is None or not has_names:
+            yield ""
+            continue
+        faces = filling.surroundings.faces_at(loop.vertex_ids)
         beside = faces[np.isin(mesh.mesh.faces[faces], loop.vertex_ids).sum(axis=1) > 1]
-        name = text.names[int(np.bincount(text.face_names[mesh.face_polygons[beside]]).argmax())]
-    try:
-        refuse_what_is_no_hole(loop, surroundings)
-        refuse_seams(loop)
-        refuse_what_bounds_no_disk(loop)
-    except SpinorGeomError as refusal:
-        error = refusal
-    return NamedLoop(kind="hole", name=name, points=loop.points, loop=loop, error=error)
+        yield text.names[int(np.bincount(text.face_names[mesh.face_polygons[beside]]).argmax())]
 
 
-def wanted(opened: OpenedFile) -> list[NamedLoop]:
-    """The loops of a file over which surfaces are to be found, in order."""
-    if opened.options.what == "loops":
-        return []
-    return [loop for loop in opened.loops if loop.loop is not None and loop.error is None]
-
-
-def fill_options(options: BatchOptions) -> FillOptions:
-    """What each loop is filled with."""
-    return FillOptions(
-        target_edge_length=options.edge_length, model="auto", tolerance=options.tolerance, continuity=options.continuity
-    )
-
-
-def results_of(opened: OpenedFile, answers: Iterator[Answer]) -> tuple[dict[str, Any], dict[str, Writer]]:
+def results_of(
+    opened: OpenedFile, rims: Iterator[Answer], curves: Iterator[Answer]
+) -> tuple[dict[str, Any], dict[str, Writer]]:
     """The record of a file, JSON-ready, and what writes each of its files, by name.
 
-    The answers are the exact patch of each loop that is `wanted`, in order, or why it has none.
+    The answers are those of the file's `rims` and `curve_loops`, in order. Raises as `fill_hole`.
     """
-    start = perf_counter()
     files: dict[str, Writer] = {}
-    filled: dict[str, Any] | None = None
-    if opened.options.what == "loops":
-        entries = [_listed(opened, place, files) for place in range(len(opened.loops))]
-    else:
-        entries, extension = _solved(opened, answers, files)
-        if opened.options.what == "fill" and opened.holes:
-            filled = _filled(opened, extension, files)
-    statuses = [*(entry["status"] for entry in entries), *(["failed"] if opened.problem else [])]
-    status = max(statuses, key=STATUSES.index, default="done")
-    record = failure(opened.key, opened.problem, status=status) | {
-        "vertices": len(opened.text.contents.vertices),
-        "faces": len(opened.text.contents.polygons),
-        "curves": len(opened.text.contents.polylines),
-        "filled": filled,
-        "loops": entries,
-        "seconds": {"read": opened.seconds, "results": perf_counter() - start},
-    }
-    return record, files
-
-
-def _solved(
-    opened: OpenedFile, answers: Iterator[Answer], files: dict[str, Writer]
-) -> tuple[list[dict[str, Any]], MeshExtension]:
-    """An entry for every loop; what is written of them joins the files."""
-    mesh, holes = opened.mesh.mesh, opened.holes
-    options = fill_options(opened.options)
-    rims = [hole.loop for hole in holes if hole.loop is not None]
-    left_open = {
-        place: unfilled(place, rims[place], hole.error) for place, hole in enumerate(holes) if hole.error is not None
-    }
-    outcomes, patches = fill_loops(opened.surroundings, rims, answers, options, left_open=left_open)
-    of_place = {patch.place: patch for patch in patches}
-    entries = [
-        _solved_entry(opened, place, outcome, of_place.get(place), files) for place, outcome in enumerate(outcomes)
+    record = failure(opened.source.key, opened.problem)
+    entries: list[dict[str, Any]] = []
+    if opened.filling is not None and opened.options.what == "loops":
+        entries = [_listed(opened, place, loop, files) for place, loop in enumerate(opened.filling.loops)]
+    elif opened.filling is not None:
+        outcomes, patches = opened.filling.finished(rims)
+        opened.clock.lap("fill")
+        result = opened.filling.result(opened.mesh, outcomes, patches, opened.clock)
+        of_place = {patch.place: patch for patch in patches}
+        entries = [
+            _entry(opened, outcome, opened.names[outcome.index], "hole", of_place.get(outcome.index), files)
+            for outcome in outcomes
+        ]
+        record |= result.to_dict()
+        if opened.options.what == "fill":
+            record["filled"] = name = f"filled.{opened.label}"
+            files[name] = _filled(opened, result)
+    entries += [
+        _curve_entry(opened, place, curve, curves, files)
+        for place, curve in enumerate(opened.curves, start=len(entries))
     ]
-    extension = stitch(mesh, patches)
-    if len(holes) < len(opened.loops):
-        # curves have nothing to do with the faces, nor with each other
-        mesh = TriangleMesh(mesh.vertices, np.zeros((0, 3), dtype=np.int64), vertex_attributes=mesh.vertex_attributes)
-    for place, curve in enumerate(opened.loops[len(holes) :], start=len(holes)):
-        if curve.loop is None or curve.error is not None:
-            entries.append(_entry(opened, place, "failed", str(curve.error)))
-            continue
-        alone = replace(options, continuity="C0")
-        (outcome,), own = fill_loops(Surroundings(mesh), [curve.loop], answers, alone)
-        entries.append(_solved_entry(opened, place, outcome, own[0] if own else None, files))
-    return entries, extension
+    statuses = [*(entry["status"] for entry in entries), *(["failed"] if opened.problem else [])]
+    status = max((status for status in statuses if status != "open"), key=STATUSES.index, default="done")
+    return {**record, "status": status, "curves": len(opened.curves), "loops": entries}, files
 
 
-def _entry(opened: OpenedFile, place: int, status: str, reason: str) -> dict[str, Any]:
-    """What is known of a loop before it is solved."""
-    loop = opened.loops[place]
-    count = len(loop.points)
-    shown = loop.points[np.linspace(0, count - 1, min(count, OUTLINE_POINTS)).astype(int)].tolist()
+def _listed(opened: OpenedFile, place: int, loop: BoundaryLoop, files: dict[str, Writer]) -> dict[str, Any]:
+    """A hole that is listed alone, with the reason why it would not be filled, if so."""
+    assert opened.filling is not None
+    outcome = opened.filling.left_open.get(place) or unfilled(place, loop, "")
+    entry = _entry(opened, outcome, opened.names[place], "hole", None, files)
+    if not outcome.requested:
+        entry["status"] = "open" if outcome.reason else "done"
+        _add_loop(opened, entry, loop, files)
+    return entry
+
+
+def _curve_entry(
+    opened: OpenedFile, place: int, curve: NamedLoop, answers: Iterator[Answer], files: dict[str, Writer]
+) -> dict[str, Any]:
+    """A curve that was listed, solved, or refused; curves have nothing to do with the faces, nor with each other."""
+    if curve.loop is None or curve.error is not None:
+        figures = {"index": place, "vertices": len(curve.points), "kind": None, "reason": str(curve.error)}
+        figures |= {"requested": True, "filled": False, "converged": False, "notes": list(curve.notes), "timings": {}}
+        return _described(opened, figures, curve.name, "curve", "failed", curve.points)
+    loop = replace(curve.loop, remarks=curve.notes)
+    if opened.options.what == "loops":
+        entry = _entry(opened, unfilled(place, loop, ""), curve.name, "curve", None, files)
+        entry["status"], entry["notes"] = "done", list(curve.notes)
+        _add_loop(opened, entry, loop, files)
+        return entry
+    points = opened.mesh.mesh
+    mesh = TriangleMesh(points.vertices, np.zeros((0, 3), dtype=np.int64), vertex_attributes=points.vertex_attributes)
+    alone = replace(opened.fill_options, continuity="C0")
+    (outcome,), own = fill_loops(Surroundings(mesh), [loop], answers, alone)
+    outcome = replace(outcome, index=place, first_face=None)  # its faces are in no filled mesh
+    return _entry(opened, outcome, curve.name, "curve", own[0] if own else None, files)
+
+
+def _described(
+    opened: OpenedFile,
+    figures: dict[str, Any],
+    name: str,
+    origin: str,
+    status: str,
+    points: Float[np.ndarray, "k 3"],
+) -> dict[str, Any]:
+    """A loop's entry in a record: what `LoopOutcome.to_dict` says, and what batches add."""
+    shown = points[np.linspace(0, len(points) - 1, min(len(points), OUTLINE_POINTS)).astype(int)].tolist()
     return {
-        "source": opened.key,
-        "loop": place,
-        "name": loop.name,
-        "kind": loop.kind,
+        "source": opened.source.key,
+        "name": name,
+        "origin": origin,
         "status": status,
-        "reason": reason,
-        "notes": list(loop.notes),
-        "vertices": count,
-        "perimeter": None if loop.loop is None else loop.loop.perimeter,
-        "elongation": None if loop.loop is None else loop.loop.elongation,
-        "corners": None if loop.loop is None else int(loop.loop.corners.sum()),
-        **dict.fromkeys((*FIGURES, "route", "patch_vertices", "patch_faces", *CROSSINGS, "comparison")),
+        **figures,
+        "comparison": None,
         "files": {},
         # what cannot be seen in a file of results is drawn from here
         "outline": [[float(f"{x:.6g}") for x in point] for point in shown] if status == "failed" else None,
-        "version": program_version(),
-        "seconds": {},
     }
 
 
-def _listed(opened: OpenedFile, place: int, files: dict[str, Writer]) -> dict[str, Any]:
-    loop = opened.loops[place]
-    entry = _entry(opened, place, "done" if loop.error is None else "failed", str(loop.error or ""))
-    if loop.loop is not None and loop.error is None:
-        name = _file_name(opened, place, opened.options.format)
-        files[name] = partial(_write_loop, loop.loop)
-        entry["files"]["loop"] = name
-    return entry
-
-
-def _solved_entry(
-    opened: OpenedFile, place: int, outcome: LoopOutcome, piece: LoopPatch | None, files: dict[str, Writer]
+def _entry(
+    opened: OpenedFile, outcome: LoopOutcome, name: str, origin: str, piece: LoopPatch | None, files: dict[str, Writer]
 ) -> dict[str, Any]:
-    good = outcome.converged and not outcome.intersections
-    status = "failed" if not outcome.filled else "done" if good else "imperfect"
-    entry = _entry(opened, place, status, outcome.reason or "; ".join(outcome.notes))
-    entry["notes"] += outcome.notes
-    solution, figures = outcome.solution, outcome.to_dict()
-    # "solve" is the time until the surface was there, which may have been solved with others before
-    entry["seconds"] = {name: time for name, time in figures["timings"].items() if name not in ("solve", "total")}
-    entry |= {key: figures[key] for key in FIGURES} | {"route": None if solution is None else solution.route}
+    """The entry of a loop; what is written of it joins the files."""
+    loop, solution = outcome.loop, outcome.solution
+    figures = outcome.to_dict() | {
+        "elongation": loop.elongation,
+        "corners": int(loop.corners.sum()),
+        "route": None if solution is None else solution.route,
+    }
+    status = _status(outcome, strict=opened.options.strict)
+    entry = _described(opened, figures, name, origin, status, loop.points)
     if piece is None:
         return entry
-    entry |= {
-        "patch_vertices": len(piece.patch.vertices),
-        "patch_faces": len(piece.patch.faces),
-        **{key: figures[key] for key in CROSSINGS},
-    }
-    entry["files"]["patch"] = name = _file_name(opened, place, opened.options.format)
-    files[name] = partial(_write_mesh, _patch_contents(opened, piece))
+    _add_file(opened, entry, "patch", opened.label, partial(_write_mesh, _patch_contents(opened, piece)), files)
     if solution is None:
         return entry
     if opened.options.what == "surface":
-        entry["files"]["surface"] = name = _file_name(opened, place, "safetensors")
-        files[name] = solution.surface.save
+        _add_file(opened, entry, "surface", "safetensors", solution.surface.save, files)
     if opened.options.compare and outcome.kind == "minimal":
-        entry["comparison"], entry["seconds"]["comparison"] = _comparison(opened, solution, piece)
+        entry["comparison"], entry["timings"]["comparison"] = _comparison(opened, solution, piece)
     return entry
+
+
+def _status(outcome: LoopOutcome, *, strict: bool) -> str:
+    """What of a loop counts for the exit status of `spinor-geom fill`."""
+    if not outcome.requested:
+        return "open"
+    if not outcome.filled:
+        return "failed"
+    return "imperfect" if outcome.intersections or (strict and not outcome.converged) else "done"
 
 
 def _comparison(opened: OpenedFile, solution: PlateauSolution, piece: LoopPatch) -> tuple[dict[str, Any], float]:
@@ -276,13 +293,21 @@ def _comparison(opened: OpenedFile, solution: PlateauSolution, piece: LoopPatch)
     return kept, perf_counter() - start
 
 
-def _file_name(opened: OpenedFile, place: int, suffix: str) -> str:
-    label = safe_name([opened.loops[place].name[:LONGEST_LABEL]]) if opened.loops[place].name else ""
-    return f"loop-{place}{'-' if label else ''}{label}.{suffix}"
+def _add_loop(opened: OpenedFile, entry: dict[str, Any], loop: BoundaryLoop, files: dict[str, Writer]) -> None:
+    _add_file(opened, entry, "loop", opened.label, partial(_write_loop, loop), files)
+
+
+def _add_file(
+    opened: OpenedFile, entry: dict[str, Any], what: str, suffix: str, write: Writer, files: dict[str, Writer]
+) -> None:
+    """A file of a loop, under a harmless name."""
+    label = f"-{safe_name([entry['name'][:LONGEST_LABEL]])}" if entry["name"] else ""
+    entry["files"][what] = name = f"loop-{entry['index']}{label}.{suffix}"
+    files[name] = write
 
 
 def _patch_contents(opened: OpenedFile, piece: LoopPatch) -> FileContents:
-    rim = opened.mesh.mesh.vertex_attributes
+    rim, whole = opened.mesh.mesh.vertex_attributes, opened.mesh.contents
     return FileContents(
         vertices=piece.patch.vertices,
         polygons=Polygons.of_triangles(np.asarray(piece.patch.faces)),
@@ -290,27 +315,26 @@ def _patch_contents(opened: OpenedFile, piece: LoopPatch) -> FileContents:
             name: np.concatenate([np.asarray(rim[name])[piece.rim], values])
             for name, values in piece.attributes.items()
         },
-        color_scale=opened.text.contents.color_scale,
+        labels=whole.labels,
+        color_scale=whole.color_scale,
         representatives=np.arange(len(piece.patch.vertices)),
+        unit=whole.unit,
+        is_text_stl=whole.is_text_stl,
     )
 
 
-def _filled(opened: OpenedFile, extension: MeshExtension, files: dict[str, Writer]) -> dict[str, Any]:
-    """The mesh with its patches: the file's own bytes and what is new where it stays an OBJ file."""
-    name = f"filled.{opened.options.format}"
-    if opened.options.format == "obj":
-        files[name] = partial(_append, opened, extension)
-    else:
-        files[name] = partial(_write_mesh, opened.mesh.extended(extension).contents)
-    return {
-        "file": name,
-        "watertight": is_watertight(np.concatenate([opened.mesh.mesh.faces, extension.faces])),
-        "vertices_added": len(extension.vertices),
-        "faces_added": len(extension.faces),
-    }
+def _filled(opened: OpenedFile, result: FillResult) -> Writer:
+    """Writes the filled mesh as `fill` does; an OBJ file is copied, not held in memory."""
+    filled = cast(MeshFile, result.mesh)
+    if opened.label == "npz":
+        return partial(_write_mesh, filled.contents)
+    if opened.text is not None and f".{opened.label}" == filled.contents.suffix:
+        return partial(_append, opened, result.extension)
+    return filled.write
 
 
 def _append(opened: OpenedFile, extension: MeshExtension, path: Path) -> None:
+    assert opened.text is not None
     opened.stream.seek(0)
     checked = _Checked(opened.stream)
     with path.open("wb") as file:

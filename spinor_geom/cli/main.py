@@ -15,7 +15,8 @@ from typing import Any, TypeAlias
 from spinor_geom.batching.options import FORMAT, WHAT
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.experiments import NAMES as EXPERIMENTS
-from spinor_geom.fill.options import CONTINUITY, ISLANDS
+from spinor_geom.files import MESH_SUFFIXES
+from spinor_geom.fill.options import CONTINUITY, ISLANDS, TIME_LIMIT
 
 _TOGETHER = {  # commands of one module
     **dict.fromkeys(("view", "render", "morph"), "pictures"),
@@ -169,7 +170,7 @@ _Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
 _positive = _checked(float, "a positive number", lambda x: 0 < x < math.inf)
 _from_zero = _checked(float, "a number from 0 on", lambda x: 0 <= x < math.inf)
 _MERGE, _ROUNDING = "--merge", "rounding"  # the option, and its value where no number is given
-_FORMATS = "obj, ply, stl, off, glb, vtp, vtk, 3mf"
+_FORMATS = ", ".join(suffix[1:] for suffix in MESH_SUFFIXES)
 _FLAG: dict[str, Any] = {"action": "store_true"}
 _LENGTH: dict[str, Any] = {"metavar": "LENGTH", "type": _positive}
 _SECONDS: dict[str, Any] = {"metavar": "S", "type": _positive}
@@ -197,36 +198,38 @@ _direction = _checked(
 
 def _add_fill(commands: _Commands) -> None:
     fill = commands.add_parser("fill", help="fill the holes of a mesh file", epilog=FILL_EPILOG)
-    add, which = fill.add_argument, fill.add_mutually_exclusive_group()
+    add = fill.add_argument
     _add_input(add)
     add("-o", "--output", **_path("OUT"), required=True, help="filled mesh, format by its suffix")
+    _add_filling(fill)
+    add("--report", **_path("JSON"), help="write a report")
+    add("--html", **_path("HTML"), help="write a page that shows the fill, for any browser")
+    add("--quiet", **_FLAG, help="without a terminal: no line for loops that were filled as asked")
+    add("--picture", **_path("PNG"), help="draw the open mesh beside the filled one, its largest patch face on")
+
+
+def _add_filling(parser: argparse.ArgumentParser) -> None:
+    """What `fill` and `batch` have in common: which loops are filled, and how."""
+    add, which = parser.add_argument, parser.add_mutually_exclusive_group()
     only = "only these holes, as numbered by 'spinor-geom loops', borders of sheets too; may be repeated"
     which.add_argument("--loop", metavar="N[,N…]", type=_loops, action="extend", help=f"{only} (default: all holes)")
     together = "join these loops by one surface, and fill no other"
     which.add_argument("--bridge", metavar="I,J[,K…]", type=_loops, help=together)
     loose = "a loose piece in a hole: join it to the hole's rim, or fill both by themselves (default)"
     add("--islands", choices=ISLANDS, default="ignore", help=loose)
-    _add_quality(add)
-    add("--keep-largest", **_FLAG, help="leave the longest loop open")
-    add("--max-perimeter", **_LENGTH, help="leave longer loops open")
-    add("--edge-length", **_LENGTH, help="edge length of the patches (default: each loop's mean edge)")
-    late = "seconds for the exact surface of each loop, after which it is closed by a discrete one"
-    add("--time-limit", **_SECONDS, default=20.0, help=f"{late} (default: %(default)g)")
-    strict = "exit with 1 too where a loop is closed by a discrete surface or not within the tolerance"
-    add("--strict", **_FLAG, help=strict)
-    add("--report", **_path("JSON"), help="write a report")
-    add("--html", **_path("HTML"), help="write a page that shows the fill, for any browser")
-    add("--compare", **_FLAG, help="compare each fill with a discrete minimal surface")
-    add("--quiet", **_FLAG, help="without a terminal: no line for loops that were filled as asked")
-    add("--picture", **_path("PNG"), help="draw the open mesh beside the filled one, its largest patch face on")
-
-
-def _add_quality(add: Callable[..., Any]) -> None:
     films = "C0: minimal surfaces, which meet the mesh at the rim (default)"
     smooth = "C1: patches that go on with its tangents and curvature"
     add("--continuity", choices=CONTINUITY, default="C0", help=f"{films}; {smooth}")
     residual = "RMS boundary residual per mean edge of the loop (default: %(default)s)"
     add("--tolerance", metavar="T", type=_positive, default=1e-3, help=residual)
+    add("--keep-largest", **_FLAG, help="leave the longest loop open")
+    add("--max-perimeter", **_LENGTH, help="leave longer loops open")
+    add("--edge-length", **_LENGTH, help="edge length of the patches (default: each loop's mean edge)")
+    late = "seconds for the exact surface of each loop, after which it is closed by a discrete one"
+    add("--time-limit", **_SECONDS, default=TIME_LIMIT, help=f"{late} (default: %(default)g)")
+    strict = "exit with 1 too where a loop is closed by a discrete surface or not within the tolerance"
+    add("--strict", **_FLAG, help=strict)
+    add("--compare", **_FLAG, help="compare each fill with a discrete minimal surface")
 
 
 def _add_input(add: Callable[..., Any]) -> None:
@@ -298,29 +301,32 @@ def _add_bench(commands: _Commands) -> None:
 
 
 def _add_batch(commands: _Commands) -> None:
-    add = commands.add_parser(
+    batch = commands.add_parser(
         "batch",
-        help="solve the boundary loops of many OBJ files",
-        epilog="exit status: 0 every loop of every file was done within the tolerance and crosses nothing, 1 some were "
-        "not (OUT/failures.log names them), 2 the batch could not start or go on",
-    ).add_argument
+        help="fill the holes of many mesh files, and span curves",
+        epilog="exit status: 0 'spinor-geom fill' would exit with 0 for every file, 1 for some it would not "
+        "(OUT/failures.log names them), 2 there are no mesh files, or the batch could not start or go on",
+    )
+    add = batch.add_argument
     lists = "manifest (.csv with a column path, .jsonl) or archive (.zip, .tar, .tar.gz, ...)"
-    add("inputs", metavar="INPUT", nargs="+", help=f"OBJ file, folder (with all below it), pattern, {lists}")
+    add(
+        "inputs",
+        metavar="INPUT",
+        nargs="+",
+        help=f"mesh file ({_FORMATS}), folder (with all below it), pattern, {lists}",
+    )
     add("-o", "--output", **_path("OUT"), required=True, help="folder of results")
     what = "fill: triangulations and filled meshes; surface: triangulations and spinor surfaces; loops: the loops alone"
     add("--what", choices=WHAT, default="fill", help=f"{what} (default: %(default)s)")
-    add("--format", choices=FORMAT, default="obj", help="of the meshes (default: %(default)s)")
+    add("--format", choices=FORMAT, help="of the meshes (default: that of each input)")
+    _add_merge(add)
+    _add_filling(batch)
     add("--workers", **_COUNT, help="processes that solve (default: one a core)")
     add("--scheduler", metavar="ADDRESS", help="use a running Dask cluster instead, as tcp://host:8786")
-    add("--edge-length", **_LENGTH, help="edge length of the triangulations (default: each loop's mean edge)")
-    _add_quality(add)
     near = "curves whose ends are at most so many mean edges apart are closed (default: %(default)s)"
     add("--closing", metavar="T", type=_from_zero, default=1e-3, help=near)
-    add("--compare", **_FLAG, help="compare each surface with a discrete minimal surface")
     add("--device", default="cpu", help="of the batched linear algebra (default: %(default)s)")
     add("--resume", **_FLAG, help="go on with the run in OUT: do what is not complete")
-    each = "for reading a file and for each of its loops (default: %(default)s)"
-    add("--time-limit", metavar="SECONDS", type=_positive, default=300.0, help=each)
     size = _checked(lambda text: int(_bytes(text)), "a size such as 512M or 4G", lambda n: n > 0)
     memory = "of a process that solves, as 512M or 4G (default: 4G)"
     add("--memory-limit", metavar="SIZE", type=size, default=4 << 30, help=memory)

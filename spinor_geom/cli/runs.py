@@ -25,6 +25,7 @@ def _batch(arguments: argparse.Namespace) -> ExitStatus:
         own = ("command", "inputs", "output")
         options = {name: value for name, value in vars(arguments).items() if name not in own}
         options["edge_length"] = "auto" if arguments.edge_length is None else arguments.edge_length
+        options["loop"] = "all" if arguments.loop is None else arguments.loop
         result = batch(arguments.inputs, arguments.output, **options, on_progress=on_progress)
     done = result.progress
     show_lines(f"{_said(done)}, {done.seconds:.1f} s; table: {result.table_csv}, page: {result.page}", piped=False)

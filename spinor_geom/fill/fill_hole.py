@@ -7,19 +7,15 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, overload
 
-import numpy as np
-
-from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
+from spinor_geom.adapters import MeshFile, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning
-from spinor_geom.fill.filling import Choice, Filling
+from spinor_geom.fill.filling import Filling
 from spinor_geom.fill.loops import LoopChoice
 from spinor_geom.fill.many_loops import minimal_patches
 from spinor_geom.fill.merging import merged
 from spinor_geom.fill.one_loop import Clock, FillOptions
-from spinor_geom.fill.options import Continuity, Islands
+from spinor_geom.fill.options import TIME_LIMIT, Choice, Continuity, Islands
 from spinor_geom.fill.result import FillResult, LoopOutcome
-from spinor_geom.fill.surroundings import stitch
-from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.threads import one_thread
@@ -78,7 +74,7 @@ def fill_hole(
     target_edge_length: float | Literal["auto"] = "auto",
     model: Model = "auto",
     tolerance: float = 1e-3,
-    time_limit: float = 20.0,
+    time_limit: float = TIME_LIMIT,
     return_report: bool = False,
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
     on_stage: Callable[[int, str], None] | None = None,
@@ -162,23 +158,11 @@ def fill_hole(
         clock.lap("loops")
         outcomes, patches = filling.finished(minimal_patches(filling.rims, options), on_loop)
     clock.lap("fill")
-    extension = stitch(triangles, patches)
-    filled = extend(source, extension)
-    watertight = is_watertight(np.concatenate([triangles.faces, extension.faces]))
-    clock.lap("stitch")
-    result = FillResult(
-        mesh=filled,
-        original=triangles,
-        extension=extension,
-        loops=tuple(outcomes),
-        notes=(*(source.notes if isinstance(source, MeshFile) else ()), *filling.mesh_notes),
-        watertight=watertight,
-        timings=clock.laps(),
-    )
+    result = filling.result(source, outcomes, patches, clock)
     if return_report:
-        return filled, result
+        return result.mesh, result
     if said := result.shortcomings:
         more = f"; and {len(said) - _MOST_TOLD} more" if len(said) > _MOST_TOLD else ""
         sentence = f"fill_hole: {'; '.join(said[:_MOST_TOLD])}{more} (return_report=True has all of it)"
         warnings.warn(sentence, ImperfectFillWarning, stacklevel=2)
-    return filled
+    return result.mesh

@@ -1,11 +1,9 @@
 """Merges the vertices of a mesh of any type whose adapter can."""
 
-import math
-from numbers import Real
 from typing import Any
 
 from spinor_geom import adapters
-from spinor_geom.errors import OptionError
+from spinor_geom.fill.options import require_merge
 
 
 def merged(mesh: Any, merge: bool | float) -> Any:
@@ -16,6 +14,5 @@ def merged(mesh: Any, merge: bool | float) -> Any:
     """
     if merge is False:
         return mesh
-    if merge is not True and not (isinstance(merge, Real) and 0 <= merge < math.inf):
-        raise OptionError(f"merge must be True, False or a distance from 0 on, not {merge!r}")
+    require_merge(merge)
     return adapters.merged(mesh, "rounding" if merge is True else float(merge))

@@ -52,7 +52,7 @@ def packed_zip(path: Path, entries: list[tuple[str | zipfile.ZipInfo, bytes]]) -
 
 def without_seconds(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: without_seconds(part) for key, part in value.items() if key != "seconds"}
+        return {key: without_seconds(part) for key, part in value.items() if key not in ("timings", "seconds")}
     return [without_seconds(part) for part in value] if isinstance(value, list) else value
 
 

@@ -8,6 +8,7 @@ import io
 import json
 import lzma
 import os
+import re
 import stat
 import struct
 import subprocess
@@ -23,12 +24,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from spinor_geom.adapters.mesh_files import FORMATS
 from spinor_geom.batching import archives
 from spinor_geom.batching.archives import ArchiveReader, Member, members
 from spinor_geom.batching.inputs import Inputs, Source
 from spinor_geom.batching.options import Limits
 from spinor_geom.errors import ArchiveError, BatchError
-from spinor_geom.files import safe_name
+from spinor_geom.files import MESH_SUFFIXES, safe_name
 from tests.batching.files import packed_zip
 
 LIMITS = Limits(seconds=30.0, memory=1 << 29, retries=0)
@@ -231,7 +233,30 @@ def test_what_is_no_regular_file_is_not_opened(folder: Path) -> None:
     assert "no regular file" in found["scans/e.obj"]
     assert "is a link" in found["scans/f.obj"]
     assert not any(key.startswith("scans/g") for key in found)
-    assert "no OBJ file" in problem(folder / "deep" / "d.mtl")
+
+
+def test_inputs_without_mesh_files_are_an_error_that_says_what_was_found(folder: Path, tmp_path: Path) -> None:
+    other = tmp_path / "photos"
+    (other / "deep").mkdir(parents=True)
+    for name in ("a.jpg", "b.JPG", "deep/c.jpg", "deep/notes.txt", "README"):
+        (other / name).write_text("")
+    packed = packed_zip(tmp_path / "photos.zip", [("a.jpg", b""), ("b/c.jpg", b"")])
+    found = "among 5 files: 3 .jpg, 1 without a suffix, 1 .txt"
+    for named, said in ((other, found), (packed, "among 2 files: 2 .jpg"), (other / "deep" / "**", "among 2 files")):
+        with pytest.raises(BatchError, match=f"{re.escape(str(named))}: no mesh files {said}"):
+            list(listed([str(folder), str(named)]))
+    with pytest.raises(BatchError, match=r"^no mesh files among 1 file: 1 \.mtl"):
+        list(listed([str(folder / "deep" / "d.mtl")]))
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(BatchError, match="there are no files"):
+        list(listed([str(tmp_path / "empty")]))
+    # as a shell gives them, files of other formats are a problem each
+    sources = {source.key: source.problem for source in listed(map(str, [folder / "b.obj", other / "a.jpg"]))}
+    assert "is no mesh file" in sources["a.jpg"]
+
+
+def test_files_of_all_formats_are_found() -> None:
+    assert set(MESH_SUFFIXES) == set(FORMATS)
 
 
 @pytest.mark.parametrize("suffix", [*PACKERS, ".zip"])
@@ -402,7 +427,7 @@ def test_an_archive_that_may_not_be_read_is_said(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(archives, "members", unreadable)
     told: list[dict[str, str]] = []
     archives.list_members(
-        {"archive": "a.zip", "suffix": ".obj", "parts": [], "listing": str(tmp_path / "l")}, told.append
+        {"archive": "a.zip", "suffixes": [".obj"], "parts": [], "listing": str(tmp_path / "l")}, told.append
     )
     assert told == [{"problem": "a.zip: cannot be read (Permission denied); check the access rights"}]
 

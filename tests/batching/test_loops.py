@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from spinor_geom.adapters.obj import read_obj_stream
+from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.loops import NamedLoop, curve_loops
 from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.task import open_file
+from spinor_geom.batching.task import OpenedFile, open_file
 from spinor_geom.errors import (
     KnottedLoopError,
     LoopTooShortError,
@@ -18,6 +19,7 @@ from spinor_geom.errors import (
     OpenCurveError,
     SelfCrossingLoopError,
 )
+from spinor_geom.fill.one_loop import FillOptions
 from tests.batching.files import circle, curve_text, holed_text, vertex_lines
 from tests.mesh.test_knots import torus_knot
 
@@ -26,8 +28,9 @@ def loops(text: str, *, closing: float = 1e-3) -> list[NamedLoop]:
     return curve_loops(read_obj_stream(io.BytesIO(text.encode())), closing=closing)
 
 
-def opened_loops(text: str) -> tuple[NamedLoop, ...]:
-    return open_file(io.BytesIO(text.encode()), "a.obj", BatchOptions()).loops
+def opened(text: str) -> OpenedFile:
+    options = FillOptions(target_edge_length="auto", model="auto", tolerance=1e-3)
+    return open_file(io.BytesIO(text.encode()), Source(key="a.obj", path="a.obj"), BatchOptions(), options)
 
 
 def test_several_curves_of_one_file_keep_their_names() -> None:
@@ -93,24 +96,25 @@ def test_what_bounds_no_disk_is_refused_by_name_with_the_reason() -> None:
         "nan": (curve_text(np.vstack([circle(9), [[0, np.nan, 0]]])), NonFiniteVertexError),
     }
     for name, (text, error) in cases.items():
-        (found,) = opened_loops(f"g {name}\n{text}")
+        (found,) = opened(f"g {name}\n{text}").curves
         assert found.name == name
         assert isinstance(found.error, error), (name, found.error)
-    assert "|Δ(−1)| of its Alexander polynomial is 3" in str(opened_loops(cases["knotted"][0])[0].error)
+    assert "|Δ(−1)| of its Alexander polynomial is 3" in str(opened(cases["knotted"][0]).curves[0].error)
 
 
 def test_holes_have_the_name_of_most_faces_beside_them() -> None:
-    (hole,) = opened_loops(holed_text().replace("g north\r\nf -3 -2 -1\r\n", "f -3 -2 -1\r\ng north\r\n"))
-    assert (hole.kind, hole.name, len(hole.points)) == ("hole", "roof/south", 4)
+    file = opened(holed_text().replace("g north\r\nf -3 -2 -1\r\n", "f -3 -2 -1\r\ng north\r\n"))
+    assert (file.names, [len(loop) for loop in file.rims]) == (("roof/south",), [4])
 
 
 def test_a_file_may_have_holes_and_curves() -> None:
-    found = opened_loops(holed_text() + vertex_lines(circle(9) + 5) + "l -9 -8 -7 -6 -5 -4 -3 -2 -1 -9\n")
-    assert [(loop.kind, loop.error) for loop in found] == [("hole", None), ("curve", None)]
+    file = opened(holed_text() + vertex_lines(circle(9) + 5) + "l -9 -8 -7 -6 -5 -4 -3 -2 -1 -9\n")
+    assert (len(file.rims), [curve.error for curve in file.curves]) == (1, [None])
 
 
 def test_curves_of_a_file_whose_mesh_is_broken_are_kept() -> None:
     text = curve_text(circle(9)) + "f 1 2 3\nv nan 0 0\nf 1 2 10\n"
-    opened = open_file(io.BytesIO(text.encode()), "a.obj", BatchOptions())
-    assert "NaN" in opened.problem
-    assert [(loop.kind, loop.error) for loop in opened.loops] == [("curve", None)]
+    file = opened(text)
+    assert "NaN" in file.problem
+    assert file.filling is None
+    assert [curve.error for curve in file.curves] == [None]

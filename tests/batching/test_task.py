@@ -82,11 +82,11 @@ def test_a_patch_has_the_loop_as_its_rim_and_the_surface_can_be_loaded(tmp_path:
     surface = SpinorSurface.load(folder / "loop-0-ring.safetensors")
     z = alone.domain.triangulation.points
     np.testing.assert_array_equal(surface.position(z), alone.surface.position(z))
-    assert (entry["name"], entry["kind"], entry["status"], entry["vertices"]) == ("ring", "curve", "done", 40)
+    assert (entry["name"], entry["origin"], entry["status"], entry["vertices"]) == ("ring", "curve", "done", 40)
     assert entry["area"] == alone.area
     assert entry["stability"]["verdict"] == alone.stability.verdict
     assert entry["residual_rms_per_edge"] == alone.boundary_residual.rms_per_edge
-    assert sum(entry["seconds"].values()) > 0
+    assert entry["timings"]["total"] > 0
     assert found["version"]
 
 
@@ -98,11 +98,11 @@ def test_a_mesh_is_filled_and_keeps_its_own_bytes(tmp_path: Path) -> None:
     assert filled.read_bytes().startswith(holed_text().encode())
     assert boundary_loops(filled) == []
     found = record(tmp_path / "out", "roof.obj")
-    assert found["filled"]["watertight"] is True
+    assert (found["filled"], found["watertight"]) == ("filled.obj", True)
     assert found["loops"][0]["files"] == {"patch": "loop-0-roof%2Fsouth.obj"}
 
 
-@pytest.mark.parametrize("format", ["ply", "glb", "npz"])
+@pytest.mark.parametrize("format", ["ply", "stl", "off", "glb", "vtp", "vtk", "3mf", "npz"])
 def test_other_formats_hold_the_same_triangles(tmp_path: Path, format: str) -> None:
     path = tmp_path / "roof.obj"
     path.write_bytes(holed_text().encode())
@@ -116,7 +116,9 @@ def test_other_formats_hold_the_same_triangles(tmp_path: Path, format: str) -> N
         mesh = read_mesh(folder / f"filled.{format}").mesh
         vertices, faces = mesh.vertices, mesh.faces
     assert boundary_loops((vertices, faces)) == []
-    np.testing.assert_allclose(vertices[:5], [[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0], [0.5, 0.5, 1]], rtol=1e-7)
+    own = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0], [0.5, 0.5, 1]])
+    # STL orders them by faces, and half of the formats hold single precision
+    np.testing.assert_allclose(np.linalg.norm(own[:, None] - vertices, axis=2).min(axis=1), 0, atol=1e-7)
 
 
 @pytest.mark.parametrize("format", ["obj", "npz"])
@@ -143,7 +145,7 @@ def test_comparisons_stand_in_the_record(tmp_path: Path) -> None:
     (entry,) = record(tmp_path / "out", "curve000.obj")["loops"]
     assert 0 < entry["comparison"]["hausdorff"]["mean"] < entry["comparison"]["hausdorff"]["max"] < 0.2
     assert not any("seconds" in key for key in entry["comparison"])
-    assert entry["seconds"]["comparison"] > 0
+    assert entry["timings"]["comparison"] > 0
 
 
 def test_holes_can_be_continued_and_curves_stay_minimal(tmp_path: Path) -> None:
@@ -158,7 +160,7 @@ def test_holes_can_be_continued_and_curves_stay_minimal(tmp_path: Path) -> None:
     assert [hole["continuation"]["started_from"] for hole in holes] == ["minimal", "minimal"]
     # two domes over circles of radius 1; the lids have π each
     assert all(hole["area"] > 3.5 and hole["comparison"] is None for hole in holes)
-    assert (curve["kind"], curve["continuation"]) == ("curve", None)
+    assert (curve["origin"], curve["kind"], curve["continuation"]) == ("curve", "minimal", None)
     assert curve["comparison"] is not None
 
 
@@ -175,21 +177,21 @@ def test_edge_length_and_tolerance_are_obeyed(tmp_path: Path) -> None:
     (path,) = write_curves(tmp_path, 1)
     faces = []
     for number, length in enumerate(("auto", 0.2)):
-        solved([path], tmp_path / f"out{number}", edge_length=length, tolerance=1e-14)
+        solved([path], tmp_path / f"out{number}", edge_length=length, tolerance=1e-14, strict=True)
         (entry,) = record(tmp_path / f"out{number}", "curve000.obj")["loops"]
-        assert (entry["status"], entry["patch_faces"] > 0) == ("imperfect", True)
+        assert (entry["status"], entry["faces_added"] > 0) == ("imperfect", True)
         assert "above the tolerance" in entry["reason"]
-        faces.append(entry["patch_faces"])
+        faces.append(entry["faces_added"])
     assert faces[1] > 2 * faces[0]
 
 
 def test_a_mistake_of_ours_costs_one_file(mixed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     honest = solver.open_file
 
-    def mistaken(stream: io.BufferedReader, key: str, options: BatchOptions) -> Any:
-        if key.endswith("curve003.obj"):
+    def mistaken(stream: io.BufferedReader, source: Source, *options: Any) -> Any:
+        if source.key.endswith("curve003.obj"):
             raise KeyError("forgotten")
-        return honest(stream, key, options)
+        return honest(stream, source, *options)
 
     monkeypatch.setattr(solver, "open_file", mistaken)
     told = solved([mixed], tmp_path / "together")
@@ -309,7 +311,15 @@ def test_a_run_that_lost_its_folder_writes_no_more(tmp_path: Path) -> None:
     "wrong",
     [
         {"what": "holes"},
-        {"format": "stl"},
+        {"format": "step"},
+        {"loop": "largest"},
+        {"loop": [0.5]},
+        {"loop": 1, "bridge": [0, 1]},
+        {"bridge": 1},
+        {"islands": "fill"},
+        {"merge": -1.0},
+        {"max_perimeter": 0},
+        {"time_limit": 0},
         {"what": "loops", "format": "ply"},
         {"edge_length": 0.0},
         {"edge_length": "long"},
