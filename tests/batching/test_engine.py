@@ -26,7 +26,7 @@ from spinor_geom import BatchProgress, BatchResult, batch
 from spinor_geom.batching.engine import TOGETHER, Workers, _blocks
 from spinor_geom.batching.inputs import SMALL, Source
 from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.store import RUN, STAGING, opened_store
+from spinor_geom.batching.store import RUN, STAGING, failure, opened_store
 from spinor_geom.cli.main import main
 from spinor_geom.errors import BatchError, OptionError
 from tests.batching.files import circle, curve_text, holed_text, record, results, write_curves
@@ -400,8 +400,7 @@ def test_faults_and_changed_files_are_done_again(corpus: Path, tmp_path: Path) -
     with opened_store(tmp_path / "out", BatchOptions(), resume=False) as store:
         source = Source(key="a", path=str(path), size=3, modified=4)
         for status, complete in (("done", True), ("failed", True), ("fault", False)):
-            entry = {"source": "a", "status": status, "reason": "", "loops": []}
-            store.commit(source, entry, {})
+            store.commit(source, failure("a", "", status=status), {})
             assert (store.completed(source) is not None) == complete
             assert store.completed(Source(key="a", path=str(path), size=3, modified=5)) is None
 
