@@ -170,17 +170,21 @@ class MeshFile(Shown):
         """
         target = Path(path)
         suffix = known_suffix(target)
-        data, kept = self._encoded(suffix), self.contents.attributes.keys()
-        if suffix in _NAMES and not self._follows(suffix):
-            kept = _NAMES[suffix](self.contents).keys()
+        data = self._encoded(suffix)
         try:
             with atomic_path(target) as temporary:
                 temporary.write_bytes(data)
         except OSError as error:
             raise MeshFileError(f"{target}: cannot be written ({error}); check the folder", path=target) from error
-        left_out = [name for name in self.contents.attributes if name not in kept]
+        return tuple(f"{target}: {said}" for said in self.left_out(suffix))
+
+    def left_out(self, suffix: str) -> tuple[str, ...]:
+        """A sentence for each attribute that a file of a format (such as ".ply") cannot hold."""
+        if suffix not in _NAMES or self._follows(suffix):
+            return ()
+        kept = _NAMES[suffix](self.contents).keys()
         advice = f"left out: {suffix} files cannot hold its name, a second of that name, or so many columns; rename it"
-        return tuple(f"{target}: the attribute {name!r} is {advice}" for name in left_out)
+        return tuple(f"the attribute {name!r} is {advice}" for name in self.contents.attributes if name not in kept)
 
     def _follows(self, suffix: str) -> bool:
         """Whether a file of a format is the one that was read, and what was appended."""

@@ -185,6 +185,7 @@ def results_of(
         if opened.options.what == "fill":
             record["filled"] = name = f"filled.{opened.label}"
             files[name] = _filled(opened, result)
+            record["notes"] += result.mesh.left_out(f".{opened.label}")
     entries += [
         _curve_entry(opened, place, curve, curves, files)
         for place, curve in enumerate(opened.curves, start=len(entries))

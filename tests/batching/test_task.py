@@ -121,6 +121,20 @@ def test_other_formats_hold_the_same_triangles(tmp_path: Path, format: str) -> N
     np.testing.assert_allclose(np.linalg.norm(own[:, None] - vertices, axis=2).min(axis=1), 0, atol=1e-7)
 
 
+def test_attributes_that_the_format_cannot_hold_are_named(tmp_path: Path) -> None:
+    import pyvista
+
+    vertices, faces = cylinder(12, 3)
+    mesh = pyvista.PolyData.from_regular_faces(vertices, faces)
+    mesh.point_data["Höhe"] = vertices[:, 2]
+    mesh.save(tmp_path / "tube.vtp")
+    for format, count in (("ply", 1), (None, 0)):
+        output = tmp_path / f"out-{format}"
+        solved([tmp_path / "tube.vtp"], output, format=format)
+        notes = record(output, "tube.vtp")["notes"]
+        assert sum("the attribute 'Höhe' is left out" in note for note in notes) == count
+
+
 @pytest.mark.parametrize("format", ["obj", "npz"])
 def test_loops_alone_are_written_without_being_solved(
     mixed: Path, tmp_path: Path, format: str, monkeypatch: pytest.MonkeyPatch
