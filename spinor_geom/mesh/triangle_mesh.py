@@ -85,6 +85,9 @@ class TriangleMesh(Shown):
 
         Returns:
             The merged mesh, and for every old vertex its index in the merged mesh, (V,) int64.
+
+        Raises:
+            MeshExtentError: distances of the vertices are too large or too small to compute with.
         """
         kept, new_index = self.merge_map(within)
         attributes = {name: values[kept] for name, values in self.vertex_attributes.items()}
@@ -94,6 +97,7 @@ class TriangleMesh(Shown):
     def merge_map(self, within: Within = 0.0) -> tuple[Bool[np.ndarray, " v"], Int[np.ndarray, " v"]]:
         """Which vertices stay where `merged` merges some, and the index of each vertex among those that stay."""
         points = self.vertices
+        require_extent(points)
         reach = rounding_reach(points, self.faces) if within == "rounding" else np.full(len(points), float(within))
         representative = near_vertices(points, reach, self.faces)
         kept = representative == np.arange(len(representative))
