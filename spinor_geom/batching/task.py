@@ -211,7 +211,12 @@ def _curve_entry(
 ) -> dict[str, Any]:
     """A curve that was listed, solved, or refused; curves have nothing to do with the faces, nor with each other."""
     if curve.loop is None or curve.error is not None:
-        figures = {"index": place, "vertices": len(curve.points), "kind": None, "reason": str(curve.error)}
+        figures: dict[str, Any] = {
+            "index": place,
+            "vertices": len(curve.points),
+            "kind": None,
+            "reason": str(curve.error),
+        }
         figures |= {"requested": True, "filled": False, "converged": False, "notes": list(curve.notes), "timings": {}}
         return _described(opened, figures, curve.name, "curve", "failed", curve.points)
     loop = replace(curve.loop, remarks=curve.notes)
