@@ -18,6 +18,8 @@ from spinor_geom.adapters.polygons import Polygons, appearance_of, seam_represen
 from spinor_geom.adapters.pyvista_mesh import polygons_of
 from spinor_geom.adapters.registry import extend, to_mesh
 from spinor_geom.mesh.triangle_mesh import MeshExtension
+from spinor_geom.errors import MeshFileError
+from spinor_geom.files import MOST_RATIO, is_bomb
 
 _READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
 _MOST_PER_BYTE = 1000  # numbers that a byte of compressed data stands for
@@ -49,7 +51,13 @@ def read_3mf(data: bytes) -> FileContents:
     import trimesh
 
     try:
+        with ZipFile(io.BytesIO(data)) as packed:
+            size = sum(entry.file_size for entry in packed.infolist())
+        if is_bomb(size, len(data)):
+            raise malformed("", f"unpacks to over {MOST_RATIO} times its size", "do not use it")
         scene = trimesh.load_scene(io.BytesIO(data), file_type="3mf", process=False)
+    except MeshFileError:
+        raise
     # what trimesh and lxml raise for files that do not follow the format; lxml's errors are SyntaxErrors
     except (BadZipFile, SyntaxError, KeyError, IndexError, StopIteration, TypeError, ValueError) as error:
         raise malformed("", f"trimesh cannot read it ({type(error).__name__}: {error})", "check it") from error

@@ -50,7 +50,7 @@ def workplace() -> Iterator[Path]:
     before = Path.cwd()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "data").symlink_to(ROOT / "data")
+        shutil.copytree(ROOT / "data", folder / "data")  # not every system lets everybody make links
         (folder / "pictures").mkdir()
         (folder / "out").mkdir()
         os.chdir(folder)

@@ -1,5 +1,6 @@
 """Files that are either completely written or not touched at all, and names without characters that do harm."""
 
+import errno
 import hashlib
 import json
 import math
@@ -13,11 +14,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-_LONGEST_PART, _LONGEST_NAME = 180, 700
+# In bytes. A path on Windows has at most 260 characters: this leaves 120 for the folder of the results and their names.
+_LONGEST_PART, _LONGEST_NAME = 100, 140
+# what unpacks to more bytes than the first may not do so by the second factor: text packs 3 to 20 times
+_FREE_SIZE, MOST_RATIO = 1 << 24, 200
 SURFACE_SUFFIX = ".safetensors"  # of saved surfaces
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".vtp", ".vtk", ".3mf")  # of mesh files that can be read
 NUMBERED = "%~"  # what no name has by itself: a % stands before two digits, or at an end
 _UNSAFE = re.compile(r"[\x00-\x1f\x7f\\/:*?\"<>|%\ud800-\udfff]|^[. ]|[. ]$")
+# devices of Windows, whatever suffix follows
+_DEVICE = re.compile(r"(con|conin\$|conout\$|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\.|$)", re.IGNORECASE)
 
 
 @contextmanager
@@ -28,8 +34,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     disk (fsync) and renamed over `path` in one step; a file that was there keeps its access rights. After any error, an
     interrupt included, the old file is as it was and the temporary file is gone. A symbolic link stays a link: the file
     it names is replaced. Devices and pipes (`/dev/stdout`) hold nothing to protect and are written to directly.
-    It is an OSError where the folder does not exist or may not be written to, the disk is full, or `path` is a folder;
-    its `filename` is `path`, not the temporary one, where it names one or none.
+    It is an OSError where the folder does not exist or may not be written to, the disk is full, `path` is a folder, or
+    (on Windows) is read-only or open in another program. Its `filename` is `path`, never the temporary one.
     """
     target = Path(os.path.realpath(path))
     if target.is_dir():
@@ -44,11 +50,10 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         try:
             yield temporary
             _flush(temporary)
-            if target.exists():
+            if target.exists() and os.name != "nt":  # there all that a mode tells is read-only, which forbids to rename
                 temporary.chmod(stat.S_IMODE(target.stat().st_mode))
             os.replace(temporary, target)
-            if os.name != "nt":  # Windows cannot open folders, and a rename there is durable by itself
-                _flush(target.parent)
+            _flush_names(target.parent)
         finally:
             temporary.unlink(missing_ok=True)
 
@@ -78,13 +83,12 @@ def atomic_folder(path: str | os.PathLike[str], *, staging: str | os.PathLike[st
         yield temporary
         for file in temporary.iterdir():
             _flush(file)
-        _flush(temporary)
+        _flush_names(temporary)
         target.parent.mkdir(parents=True, exist_ok=True)
         if target.exists():
             shutil.rmtree(target)
         os.rename(temporary, target)
-        if os.name != "nt":
-            _flush(target.parent)
+        _flush_names(target.parent)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
@@ -97,7 +101,7 @@ def write_json(path: str | os.PathLike[str], value: Any) -> None:
 def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Writes a text file in UTF-8, whole or not at all; ? for bytes of a file's name that are no text."""
     with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", errors="replace")
+        temporary.write_text(text, encoding="utf-8", errors="replace", newline="\n")
 
 
 def json_text(value: Any) -> str:
@@ -119,6 +123,11 @@ def printable(text: str) -> str:
     return "".join(character if character.isprintable() else "?" for character in text)
 
 
+def is_bomb(size: int, packed: int) -> bool:
+    """Whether a packed file of so many bytes unpacks to a size that no honest one does."""
+    return size > _FREE_SIZE and size > MOST_RATIO * packed
+
+
 def safe_name(parts: Iterable[str]) -> str:
     """A relative path of harmless parts.
 
@@ -132,8 +141,14 @@ def safe_name(parts: Iterable[str]) -> str:
 
 
 def _safe_part(part: str) -> str:
-    safe = _UNSAFE.sub(lambda found: "".join(f"%{byte:02X}" for byte in os.fsencode(found.group())), part) or "%"
+    safe = _UNSAFE.sub(lambda found: _escaped(found.group()), part) or "%"
+    if _DEVICE.match(safe):
+        safe = _escaped(safe[0]) + safe[1:]
     return safe if len(os.fsencode(safe)) <= _LONGEST_PART else _shortened(safe, _LONGEST_PART - 20)
+
+
+def _escaped(characters: str) -> str:
+    return "".join(f"%{byte:02X}" for byte in os.fsencode(characters))
 
 
 def _shortened(name: str, length: int) -> str:
@@ -142,9 +157,21 @@ def _shortened(name: str, length: int) -> str:
     return f"{start}{NUMBERED}{digest}"
 
 
-def _flush(path: Path) -> None:
-    """Wait until a file, or a folder's list of names, is on the disk."""
-    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+def _flush_names(folder: Path) -> None:
+    """Waits until a folder's list of names is on the disk, where the system can open and flush folders.
+
+    Windows and folders without the right to read refuse to be opened; some network file systems cannot flush them.
+    """
+    try:
+        _flush(folder, os.O_RDONLY)
+    except OSError as error:
+        if error.errno not in (errno.EACCES, errno.EPERM, errno.EINVAL, errno.ENOTSUP):
+            raise
+
+
+def _flush(path: Path, access: int = os.O_RDWR) -> None:
+    """Waits until a file is on the disk."""
+    descriptor = os.open(path, access)
     try:
         os.fsync(descriptor)
     finally:

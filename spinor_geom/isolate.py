@@ -26,6 +26,8 @@ Kind: TypeAlias = Literal["start", "death", "time", "memory", "closed"]
 START_LIMIT = 600.0  # seconds for the imports of a process, which are not the first job's fault
 LOOK = 0.05  # seconds between looks at its memory and the clock
 SAID = 4000  # bytes that are kept of what libraries wrote
+# Windows has the code of the exception that ended a process as its exit status
+EXCEPTIONS = {0xC0000005: "an access violation", 0xC00000FD: "a stack overflow", 0xC0000409: "an abort"}
 START = (
     "import json, runpy, sys; sys.path[:] = json.loads(sys.argv[1]); runpy.run_module(sys.argv[2], run_name='__main__')"
 )
@@ -35,15 +37,17 @@ class FaultError(Exception):
     """A process ended before its job was done; what it told last, and the end of what it wrote during the job.
 
     Its kind is "start" where it ended by itself before it could take a job, "death" where it died, "closed" where
-    `Process.close` was called meanwhile, else the limit.
+    `Process.close` was called meanwhile, else the limit. `crash` names the signal or, on Windows, the exception that
+    ended it; it is empty where it ended by itself or at a limit.
     """
 
-    def __init__(self, reason: str, *, kind: Kind, last: Event, said: str) -> None:
+    def __init__(self, reason: str, *, kind: Kind, last: Event, said: str, crash: str = "") -> None:
         super().__init__(reason)
-        self.kind, self.last, self.said = kind, last, said
+        self.kind, self.last, self.said, self.crash = kind, last, said, crash
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return partial(FaultError, str(self), kind=self.kind, last=self.last, said=self.said), ()
+        fields = {"kind": self.kind, "last": self.last, "said": self.said, "crash": self.crash}
+        return partial(FaultError, str(self), **fields), ()
 
 
 class Process:
@@ -128,9 +132,10 @@ class Process:
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         threading.Thread(target=_listen, args=(self._process, self._events), daemon=True).start()
         try:
-            self._next(START_LIMIT, math.inf, math.inf, math.inf)
+            # not that of `Popen`: in a virtual environment on Windows, that is a process which starts this one
+            self._pid = self._next(START_LIMIT, math.inf, math.inf, math.inf)["ready"]
         except FaultError as fault:
-            if self._process.returncode > 0:  # nobody killed it
+            if fault.kind == "death" and not fault.crash:
                 fault.kind = "start"
             raise
         return self._process
@@ -159,28 +164,39 @@ class Process:
     def _memory(self) -> int:
         import psutil
 
-        assert self._process is not None
         try:
-            return int(psutil.Process(self._process.pid).memory_info().rss)
+            return int(psutil.Process(self._pid).memory_info().rss)
         except psutil.Error:  # it has just died
             return 0
 
     def _death(self) -> FaultError:
         assert self._process is not None
         status = self._process.wait()
-        how = f"with status {status}"
-        if status < 0:
-            with contextlib.suppress(ValueError):
-                how = f"by {signal.Signals(-status).name}"
+        crash = crash_of(status)
+        how = f"by {crash}" if crash else f"with status {status}"
         line = next((line.strip() for line in reversed(self._said().split("\n")) if line.strip()), "")
-        return self._fault(f"died {how}{f': {line[:300]}' if line else ''}", "death")
+        return self._fault(f"died {how}{f': {line[:300]}' if line else ''}", "death", crash)
 
-    def _fault(self, what: str, kind: Kind) -> FaultError:
-        return FaultError(f"its process {what}", kind=kind, last=self._last, said=self._said())
+    def _fault(self, what: str, kind: Kind, crash: str = "") -> FaultError:
+        return FaultError(f"its process {what}", kind=kind, last=self._last, said=self._said(), crash=crash)
 
     def _said(self) -> str:
         self._log.seek(max(self._begin, self._log.seek(0, os.SEEK_END) - SAID))
         return self._log.read().decode("utf-8", "replace").strip()
+
+
+def crash_of(status: int) -> str:
+    """The signal, or exception of Windows, that ended a process, by its exit status; empty where it ended by itself.
+
+    On POSIX systems the status is minus the signal's number; on Windows it is the exception's code, from 0xC0000000 up.
+    Processes that were terminated by others have an ordinary status there.
+    """
+    if status >= 0xC0000000:
+        return EXCEPTIONS.get(status, f"exception 0x{status:08X}")
+    try:
+        return signal.Signals(-status).name if status < 0 else ""
+    except ValueError:  # a real-time signal
+        return f"signal {-status}"
 
 
 def _listen(process: subprocess.Popen[str], events: queue.SimpleQueue[Event | None]) -> None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import pickle
 import signal
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from spinor_geom.isolate import Event, FaultError, Process
+from spinor_geom.isolate import Event, FaultError, Process, crash_of
+from tests.systems import signals
 
 BUSY = """
 import os, sys, time
@@ -61,7 +65,11 @@ def test_one_process_does_one_job_after_the_other(process: Process) -> None:
 @pytest.mark.parametrize(
     ("job", "reason"),
     [
-        ({"signal": int(signal.SIGSEGV)}, "its process died by SIGSEGV: and another"),
+        pytest.param(
+            {"signal": int(signal.SIGSEGV)},
+            "its process died by SIGSEGV: and another",
+            marks=signals,
+        ),
         ({"status": 3}, "its process died with status 3: and another"),
     ],
 )
@@ -91,6 +99,48 @@ def test_limits_hold_however_much_a_process_tells(
 ) -> None:
     fault = fault_of(process, job, **limits)
     assert (fault.kind, str(fault)) == (kind, reason)
+
+
+@pytest.mark.parametrize(
+    ("status", "crash"),
+    [
+        (0, ""),
+        (1, ""),
+        (255, ""),
+        # Windows
+        (0xC0000005, "an access violation"),
+        (0xC00000FD, "a stack overflow"),
+        (0xC0000409, "an abort"),
+        (0xC000001D, "exception 0xC000001D"),
+        # POSIX
+        *([] if os.name == "nt" else [(-9, "SIGKILL"), (-11, "SIGSEGV"), (-1000, "signal 1000")]),
+    ],
+)
+def test_exit_statuses_of_every_system_tell_crashes_from_ends(status: int, crash: str) -> None:
+    assert crash_of(status) == crash
+
+
+@pytest.mark.parametrize(
+    ("status", "kind", "how"),
+    [(0xC0000005, "death", "died by an access violation"), (1, "start", "died with status 1")],
+)
+def test_a_crash_while_starting_on_windows_is_no_failure_of_the_import(
+    monkeypatch: pytest.MonkeyPatch, status: int, kind: str, how: str
+) -> None:
+    process, wait = Process("no_such_module"), subprocess.Popen.wait
+    monkeypatch.setattr(subprocess.Popen, "wait", lambda self: (wait(self), status)[1])
+    fault = fault_of(process, {})
+    assert (fault.kind, how in str(fault), fault.crash) == (kind, True, crash_of(status))
+    assert pickle.loads(pickle.dumps(fault)).crash == fault.crash
+
+
+def test_the_memory_is_that_of_the_process_that_works(process: Process, monkeypatch: pytest.MonkeyPatch) -> None:
+    # the one that is started may be another: Windows' virtual environments have a Python that starts Python
+    process.run({}, lambda _: None, seconds=30.0)
+    assert process._process is not None
+    process._process.pid = os.getpid()  # far larger
+    job = {"sleep": 0.3}
+    process.run(job, lambda _: None, seconds=30.0, memory=100 << 20)
 
 
 def test_a_module_that_cannot_be_imported_is_told_as_such(process: Process) -> None:

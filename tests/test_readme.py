@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 from pathlib import Path
 
 import pytest
@@ -24,7 +25,7 @@ MESH = "data/trimesh_reference.obj"
 @pytest.fixture
 def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder that looks like a clone with nothing made in it yet."""
-    (tmp_path / "data").symlink_to(ROOT / "data")
+    shutil.copytree(ROOT / "data", tmp_path / "data")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -65,7 +66,7 @@ def test_the_picture_is_what_the_program_makes(clone: Path, monkeypatch: pytest.
 def test_commands_in_the_text_run(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     inline = re.findall(r"`spinor-geom ([^`]+)`", " ".join(README.read_text(encoding="utf-8").split()))
     (clone / "scans").mkdir()
-    (clone / "scans" / "curve.obj").symlink_to(ROOT / "data" / "squiggle_on_sphere.obj")
+    shutil.copy(ROOT / "data" / "squiggle_on_sphere.obj", clone / "scans" / "curve.obj")
     # a window, and what takes minutes or a day
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr("spinor_geom.cli.pictures.draw_apart", lambda *_, **__: None)

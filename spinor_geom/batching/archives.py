@@ -18,12 +18,10 @@ from types import SimpleNamespace
 from typing import Any, BinaryIO, cast
 
 from spinor_geom.errors import ArchiveError
-from spinor_geom.files import NUMBERED, safe_name
+from spinor_geom.files import MOST_RATIO, NUMBERED, is_bomb, safe_name
 from spinor_geom.isolate import Tell, serve
 
 SUFFIXES = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
-# What unpacks to more bytes than this, a member or all of them, may not do so by this factor: text packs 3 to 20 times.
-FREE_SIZE, MOST_RATIO = 1 << 24, 200
 MOST_ZIP_MEMBERS = 200_000  # the list of a zip archive's members is held in memory: half a kilobyte each
 # In bytes: of a member's name, and of what may stand in a tar archive's header of any length.
 LONGEST_NAME, LONGEST_HEADER = 4096, 1 << 20
@@ -175,7 +173,7 @@ def _opened_tar(path: str) -> tarfile.TarFile:
 
 
 def _require_honest(path: Path, name: str, size: int, packed: int) -> None:
-    if size > FREE_SIZE and size > MOST_RATIO * packed:
+    if is_bomb(size, packed):
         raise _refused(path, f"a bomb: up to '{name}' it unpacks to over {MOST_RATIO} times its size", "do not use it")
     parts = name.replace("\\", "/").split("/")
     if len(os.fsencode(name)) > LONGEST_NAME:

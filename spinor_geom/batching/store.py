@@ -94,7 +94,9 @@ class Store:
     def completed(self, source: Source) -> dict[str, Any] | None:
         """The summary of a source whose results are all there, and still those of the source as it is now."""
         record = self.record(source.key)
-        if record is None or record.get("status") == "fault" or record.get("input") != stamp(source):
+        if record is None or record.get("status") == "fault":
+            return None
+        if (record.get("source"), record.get("input")) != (source.key, stamp(source)):
             return None
         folder = Path(self.output, RESULTS, source.key)
         try:
@@ -111,6 +113,10 @@ class Store:
 
         BatchError is raised where another run has the folder now, links lead out of it, or it takes no more files.
         """
+        held = (self.record(source.key) or {}).get("source", source.key)
+        if held != source.key:
+            reason = f"the results of {held} have the same folder on a disk that takes A for a; rename one of the files"
+            return summary(failure(source.key, reason))
         try:
             self._place(source, record, files)
         except (OSError, MeshFileError) as error:
@@ -168,7 +174,10 @@ def opened_store(output: str | os.PathLike[str], options: BatchOptions, *, resum
     import filelock
 
     root = Path(os.path.realpath(output))
-    root.mkdir(parents=True, exist_ok=True)
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise BatchError(f"{output}: is a file, or lies below one; name a folder") from error
     lock = filelock.FileLock(root / LOCK)
     try:
         lock.acquire(timeout=0)

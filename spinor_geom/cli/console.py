@@ -1,6 +1,7 @@
 """What the command line says: tables and progress on a terminal, complaints in one sentence, exit statuses."""
 
 import enum
+import errno
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -91,11 +92,11 @@ def _write(text: str) -> None:
     try:
         sys.stdout.write(text)
         sys.stdout.flush()
-    except BrokenPipeError:
-        _discard_output()
     except OSError as error:
-        error.filename = "standard output"
-        raise
+        if error.errno not in (errno.EPIPE, errno.EINVAL):  # the second on Windows
+            error.filename = "standard output"
+            raise
+        _discard_output()
 
 
 class ProgressBar:

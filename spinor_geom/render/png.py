@@ -59,10 +59,10 @@ def draw_apart(*job: Any, time_limit: float) -> None:
     without_display = sys.platform.startswith("linux") and not os.environ.get("DISPLAY")
     process = Process(DRAWING, {WINDOW: os.environ.get(WINDOW, "vtkEGLRenderWindow")} if without_display else {})
     try:
-        with tempfile.NamedTemporaryFile() as file:
-            file.write(pickle.dumps(job))
-            file.flush()
-            process.run({"arguments": file.name}, lambda _: None, seconds=time_limit)
+        with tempfile.TemporaryDirectory() as folder:
+            arguments = Path(folder, "arguments")
+            arguments.write_bytes(pickle.dumps(job))
+            process.run({"arguments": str(arguments)}, lambda _: None, seconds=time_limit)
     except FaultError as fault:
         raise RenderError(_explanation(fault)) from fault
     finally:
@@ -72,13 +72,13 @@ def draw_apart(*job: Any, time_limit: float) -> None:
 def _explanation(fault: FaultError) -> str:
     if "bad X server" in fault.said:
         return "no window was opened: the display cannot be reached; check DISPLAY, or 'spinor-geom render' a picture"
-    if "died by SIGKILL" in str(fault):
+    if fault.crash == "SIGKILL":
         return "no picture was drawn: its process was killed, as the system does where memory runs out; free some"
-    if "died by" in str(fault) or any(name in fault.said for name in ("libGL", "EGL", "OpenGL", "OSMesa")):
-        return (
-            "no picture was drawn: no usable OpenGL library was found; install one "
-            "(Debian, Ubuntu: apt-get install libgl1 libegl1 libgl1-mesa-dri)"
-        )
+    if fault.crash or any(name in fault.said for name in ("libGL", "EGL", "OpenGL", "OSMesa")):
+        advice = "install one (Debian, Ubuntu: apt-get install libgl1 libegl1 libgl1-mesa-dri)"
+        if not sys.platform.startswith("linux"):  # there it comes with the system
+            advice = "update the graphics driver"
+        return f"no picture was drawn: no usable OpenGL library was found; {advice}"
     return f"no picture was drawn: {fault}"
 
 

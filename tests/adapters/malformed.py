@@ -6,7 +6,6 @@ Each is read, and where that works extended by a triangle and written. A line of
 from __future__ import annotations
 
 import json
-import resource
 import struct
 import sys
 import time
@@ -547,7 +546,11 @@ def with_a_triangle(file: MeshFile) -> MeshFile:
 
 
 def limit_memory() -> None:
-    """Bounds what this process may take beyond what it has now."""
+    """Bounds what this process may take beyond what it has now, where the system can: on Linux."""
+    if not sys.platform.startswith("linux"):
+        return
+    import resource
+
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     limit = pages * resource.getpagesize() + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))

@@ -167,6 +167,18 @@ def test_a_3mf_file_is_filled_part_by_part(tmp_path: Path) -> None:
             read_mesh(tmp_path / "damaged.3mf")
 
 
+@pytest.mark.parametrize("size", [1 << 20, 1 << 25])
+def test_a_3mf_file_that_unpacks_to_far_more_than_it_is_is_refused(tmp_path: Path, size: int) -> None:
+    trimesh.creation.box().export(tmp_path / "bomb.3mf")
+    with zipfile.ZipFile(tmp_path / "bomb.3mf", "a", zipfile.ZIP_DEFLATED) as packed:
+        packed.writestr("3D/beside.bin", bytes(size))
+    if size < 1 << 24:  # which costs no harm
+        assert len(read_mesh(tmp_path / "bomb.3mf").mesh.faces) == 12
+        return
+    with pytest.raises(MeshFileError, match=r"bomb.3mf: unpacks to over 200 times its size"):
+        read_mesh(tmp_path / "bomb.3mf")
+
+
 @pytest.mark.parametrize(("suffix", "package"), [(".vtp", "pyvista"), (".vtk", "pyvista"), (".3mf", "lxml")])
 def test_a_library_that_is_missing_is_named_with_what_installs_it(
     tmp_path: Path,

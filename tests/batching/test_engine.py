@@ -6,7 +6,6 @@ import contextlib
 import csv
 import itertools
 import os
-import resource
 import shutil
 import signal
 import subprocess
@@ -30,6 +29,7 @@ from spinor_geom.batching.store import RUN, STAGING, failure, opened_store
 from spinor_geom.cli.main import main
 from spinor_geom.errors import BatchError, OptionError
 from tests.batching.files import circle, curve_text, holed_text, record, results, write_curves
+from tests.systems import signals
 
 PROGRAM = "import sys; from spinor_geom.cli.main import main; sys.exit(main(sys.argv[1:]))"
 CURVES = 40
@@ -85,6 +85,8 @@ def started(*arguments: object, limit_file: int | None = None) -> subprocess.Pop
     """The command line, in a process of its own."""
 
     def limited() -> None:
+        import resource
+
         # whatever started the tests may ignore interrupts, as shells do for what runs in the background
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         if limit_file is not None:
@@ -188,6 +190,7 @@ def test_nothing_is_left_half_written(reference: BatchResult) -> None:
     assert not [path for path in reference.output.rglob(".*") if path.name != ".lock"]
 
 
+@signals
 def test_a_killed_driver_is_resumed_to_the_same_bytes(reference: BatchResult, corpus: Path, tmp_path: Path) -> None:
     output = tmp_path / "out"
     driver = started(corpus, "-o", output, "--workers", 1)
@@ -218,6 +221,7 @@ def test_a_killed_driver_is_resumed_to_the_same_bytes(reference: BatchResult, co
     assert {path: path.stat().st_ino for path in before} == before
 
 
+@signals
 def test_killed_processes_cost_time_only(reference: BatchResult, corpus: Path, tmp_path: Path) -> None:
     output = tmp_path / "out"
     driver = started(corpus, "-o", output, "--workers", 1)
@@ -289,6 +293,7 @@ def test_a_local_batch_listens_nowhere_and_ends_its_processes(corpus: Path, tmp_
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can be another user")
+@signals
 def test_another_user_finds_no_port_of_a_batch(corpus: Path, tmp_path: Path) -> None:
     driver = started(corpus, "-o", tmp_path / "out", "--workers", 2)
     solvers = solvers_of(driver.pid)
@@ -313,6 +318,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.slow
+@signals
 def test_a_full_disk_ends_the_run_and_room_lets_it_go_on(
     reference: BatchResult, corpus: Path, small_disk: Path
 ) -> None:
@@ -332,6 +338,7 @@ def test_a_full_disk_ends_the_run_and_room_lets_it_go_on(
 
 
 @pytest.mark.slow
+@signals
 def test_files_that_may_not_grow_end_the_run(corpus: Path, tmp_path: Path) -> None:
     # as full disks do, where no disk can be mounted
     driver = started(corpus / "curve000.obj", "-o", tmp_path / "out", "--workers", 1, limit_file=1500)
@@ -343,6 +350,7 @@ def test_files_that_may_not_grow_end_the_run(corpus: Path, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
+@signals
 def test_an_interrupt_ends_all_processes_with_one_sentence(corpus: Path, tmp_path: Path) -> None:
     output, many = tmp_path / "out", tmp_path / "in"
     many.mkdir()
@@ -358,6 +366,7 @@ def test_an_interrupt_ends_all_processes_with_one_sentence(corpus: Path, tmp_pat
     assert not any(process.is_running() for process in solvers)
 
 
+@signals
 def test_two_runs_exclude_each_other(corpus: Path, tmp_path: Path) -> None:
     with opened_store(tmp_path / "out", BatchOptions(), resume=False):
         for more in ([], ["--resume"]):

@@ -29,6 +29,7 @@ from spinor_geom.isolate import FaultError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.batching.files import circle, curve_text, holed_text, packed_zip, record, results, vertex_lines, write_curves
 from tests.fill.shapes import cylinder
+from tests.systems import links, signals, undecodable
 
 Told = list[dict[str, Any]]
 ROOT = Path(__file__).parents[2]
@@ -295,6 +296,7 @@ def test_no_pickle_is_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert [event["finished"]["status"] for event in told if "finished" in event] == ["failed"] * 3
 
 
+@links
 def test_nothing_is_written_where_a_link_leads_out(tmp_path: Path) -> None:
     (path,) = write_curves(tmp_path / "in", 1)
     outside = tmp_path / "outside"
@@ -367,6 +369,7 @@ def process(harmful_site: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
         process.end()
 
 
+@signals
 def test_harm_costs_only_the_file_that_does_it(process: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
     folder = tmp_path / "in"
     paths = write_curves(folder, 2)
@@ -492,6 +495,7 @@ def test_a_process_that_cannot_start_stops_the_batch(
     assert "cannot start: its process died with status 1: ModuleNotFoundError" in done["stop"]
 
 
+@undecodable
 def test_names_that_are_no_text_reach_tables_log_and_page(tmp_path: Path) -> None:
     folder, output = tmp_path / "in", tmp_path / "out"
     folder.mkdir()

@@ -7,6 +7,7 @@ import pytest
 
 from spinor_geom.bench.runner import run_isolated
 from spinor_geom.bench.worker import forget_peak_memory, peak_memory
+from tests.systems import signals
 
 pytestmark = pytest.mark.usefixtures("importable")
 
@@ -18,10 +19,15 @@ def answers(*tasks, time_limit=60.0):
 
 
 def test_a_crash_is_one_task_s_and_the_next_has_a_new_process():
-    first, crashed, killed, last = answers({}, {"exit": 3}, {"signal": 11}, {})
+    first, crashed, last = answers({}, {"exit": 3}, {})
     assert first["status"] == last["status"] == "done"
     assert first["process"] != last["process"]
     assert (crashed["status"], crashed["reason"]) == ("crashed", "its process died with status 3")
+
+
+@signals
+def test_a_signal_is_named():
+    (killed,) = answers({"signal": 11})
     assert (killed["status"], killed["reason"]) == ("crashed", "its process died by SIGSEGV")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
@@ -23,6 +24,7 @@ from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.render.layers import View
 from tests.fill.shapes import collar, cylinder, figure_eight, spiked_tetrahedron, tube
 from tests.fill.test_bridge import island, places, ring
+from tests.systems import modes, undecodable
 
 
 def write_obj(path: Path, vertices: np.ndarray, faces: np.ndarray) -> Path:
@@ -435,6 +437,25 @@ def test_a_reader_that_stops_early_is_no_error(command: str, mesh_path: Path) ->
     assert (done.stderr, done.returncode) == ("", 0)
 
 
+def test_a_reader_that_stops_early_is_no_error_on_windows_either(
+    mesh_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Unread(io.StringIO):
+        """A pipe of Windows that nobody reads."""
+
+        def write(self, text: str) -> int:
+            raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
+
+        def fileno(self) -> int:
+            return file.fileno()
+
+    with (tmp_path / "stream").open("w") as file:
+        monkeypatch.setattr(sys, "stdout", Unread())
+        assert main(["loops", str(mesh_path)]) == 0
+    assert capsys.readouterr().err == ""
+
+
+@modes
 @pytest.mark.parametrize("command", ["fill", "loops", "--version"])
 def test_streams_that_the_shell_closed_are_no_error_and_no_file_gets_what_is_said(
     command: str, mesh_path: Path, tmp_path: Path
@@ -449,6 +470,7 @@ def test_streams_that_the_shell_closed_are_no_error_and_no_file_gets_what_is_sai
     assert command != "fill" or read_mesh(filled).mesh.faces.max() < len(read_mesh(filled).mesh.vertices)
 
 
+@undecodable
 def test_names_that_are_no_text_and_terminals_without_our_characters_show_question_marks(
     mesh_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -655,9 +677,10 @@ def test_a_reader_that_stops_costs_no_file_and_no_status(mesh_path: Path, tmp_pa
     assert all(path.stat().st_size for path in files)
 
 
+@pytest.mark.skipif(not FULL.exists(), reason="no device that is always full")
 def test_a_full_disk_for_the_table_costs_no_file(mesh_path: Path, tmp_path: Path) -> None:
     report, page = tmp_path / "r.json", tmp_path / "p.html"
-    with open("/dev/full", "w") as full:
+    with FULL.open("w") as full:
         done = run_alone(
             *("fill", mesh_path, "-o", tmp_path / "f.obj", "--compare", "--report", report, "--html", page), stdout=full
         )

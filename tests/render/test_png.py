@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
+import tempfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +15,13 @@ from spinor_geom.cli.main import main
 from spinor_geom.errors import MissingPackageError, RenderError, require
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.isolate import Event, FaultError, Process
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render import png
 from spinor_geom.render.layers import View
 from spinor_geom.render.portrait import fill_scene, loops_scene
 from tests.fill.shapes import tube
+from tests.systems import signals
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +84,10 @@ DRAWING = "import {}; from spinor_geom.isolate import serve; serve(lambda *_: ex
         ("os", "raise ImportError('libGL.so.1: cannot open shared object file')", "no usable OpenGL library"),
         ("os", "raise MemoryError('out of memory')", "MemoryError: out of memory"),
         ("os", "os._exit(1)", "status 1"),
-        ("os", "os.kill(os.getpid(), 9)", "its process was killed"),
+        pytest.param(
+            *("os", "os.kill(os.getpid(), 9)", "its process was killed"),
+            marks=signals,
+        ),
         ("time", "time.sleep(100)", "took longer than 0.5 s"),
     ],
 )
@@ -95,6 +103,29 @@ def test_a_failed_drawing_is_a_typed_error_and_leaves_no_file(
     with pytest.raises(RenderError, match=words):
         png.write_png(scene, folder / "picture.png")
     assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("system", "advice"), [("linux", "apt-get install"), ("darwin", "graphics driver"), ("win32", "graphics driver")]
+)
+def test_the_advice_is_for_the_system(monkeypatch: pytest.MonkeyPatch, system: str, advice: str) -> None:
+    monkeypatch.setattr("sys.platform", system)
+    for crash, said in (("an access violation", ""), ("", "ImportError: OpenGL32.dll")):
+        explained = png._explanation(FaultError("ended", kind="death", last={}, said=said, crash=crash))
+        assert advice in explained
+
+
+def test_a_job_is_a_closed_file_when_it_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Windows opens no temporary file a second time
+    monkeypatch.delattr(tempfile, "NamedTemporaryFile")
+    read: list[object] = []
+
+    def run(_: Process, job: dict[str, str], on_event: Callable[[Event], None], **__: object) -> None:
+        read.append(pickle.loads(Path(job["arguments"]).read_bytes()))
+
+    monkeypatch.setattr(Process, "run", run)
+    png.draw_apart("a", 1, time_limit=1.0)
+    assert read == [("a", 1)]
 
 
 def test_a_missing_package_is_named_with_its_extra() -> None:

@@ -1,0 +1,39 @@
+"""The output folder of a batch on disks and systems of every kind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from spinor_geom.batching.inputs import Source
+from spinor_geom.batching.options import BatchOptions
+from spinor_geom.batching.store import Store, failure, opened_store
+from spinor_geom.errors import BatchError
+
+filelock = pytest.importorskip("filelock", reason="the extra 'batch' is not installed")
+
+
+def opened(folder: Path) -> Store:
+    with opened_store(folder, BatchOptions(), resume=False) as store:
+        return store
+
+
+@pytest.mark.parametrize("below", [".", "deeper"])
+def test_a_file_as_output_folder_is_named(tmp_path: Path, below: str) -> None:
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(BatchError, match="is a file"):
+        opened(tmp_path / "out" / below)
+
+
+def test_results_of_names_that_a_disk_takes_for_the_same_do_not_replace_one_another(tmp_path: Path) -> None:
+    store = opened(tmp_path)
+    first, second = (Source(key=f"in/{name}.obj", path=f"/{name}.obj") for name in "Aa")
+    done = {**failure(first.key, ""), "status": "done"}
+    assert store.commit(first, done, {})["status"] == "done"
+    # what a disk without capitals finds under the other name
+    store.folder(first.key).rename(store.folder(second.key))
+    refused = store.commit(second, {**done, "source": second.key}, {})
+    assert (refused["status"], "the results of in/A.obj" in refused["reason"]) == ("failed", True)
+    assert (store.record(second.key) or {})["source"] == first.key
+    assert store.completed(second) is None
