@@ -11,6 +11,7 @@ from email.parser import Parser
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[1]
 
@@ -77,7 +78,30 @@ def test_torch_is_bounded_so_that_an_install_stays_without_cuda(unpacked: Path) 
     requirements = metadata.get_all("Requires-Dist")
     assert requirements is not None
     assert any(line.startswith("torch") and "<2.14" in line for line in requirements)
-    assert (ROOT / "constraints-cpu.txt").read_text(encoding="utf-8").split() == ["torch==2.13.0+cpu"]
+    constraint = Requirement((ROOT / "constraints-cpu.txt").read_text(encoding="utf-8").strip())
+    assert (constraint.name, str(constraint.specifier)) == ("torch", "==2.13.0+cpu")
+
+
+@pytest.mark.parametrize("version", ["3.10", "3.11", "3.12", "3.13"])
+@pytest.mark.parametrize("system", ["linux", "darwin", "win32"])
+def test_nothing_is_asked_for_that_has_no_wheel(unpacked: Path, version: str, system: str) -> None:
+    (info,) = unpacked.glob("*.dist-info")
+    metadata = Parser().parsestr((info / "METADATA").read_text(encoding="utf-8"))
+    lines = [
+        *(metadata.get_all("Requires-Dist") or ()),
+        (ROOT / "constraints-cpu.txt").read_text(encoding="utf-8").strip(),
+    ]
+    here = {"python_version": version, "sys_platform": system, "extra": "peers"}
+    asked = {
+        f"{one.name}{'+cpu' * ('+cpu' in str(one.specifier))}"
+        for one in map(Requirement, lines)
+        if one.marker is None or one.marker.evaluate(here)
+    }
+    assert ("cgal" in asked) == (version != "3.13")
+    assert ("open3d-cpu" in asked) == (system == "linux")
+    # the local build is for one version of Python
+    assert ("torch+cpu" in asked) == ((version, system) == ("3.11", "linux"))
+    assert "torch" in asked
 
 
 def test_the_wheel_works_away_from_the_source(unpacked: Path, tmp_path: Path) -> None:
