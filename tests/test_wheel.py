@@ -17,13 +17,22 @@ ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    # from a copy: building leaves folders behind, and takes stale ones in
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy to build from: building leaves folders behind, and takes stale ones in."""
     source = tmp_path_factory.mktemp("source")
     shutil.copytree(ROOT / "spinor_geom", source / "spinor_geom", ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "README.md", "LICENSE", "MANIFEST.in"):
         shutil.copy(ROOT / name, source)
-    target = tmp_path_factory.mktemp("wheel")
+    return source
+
+
+@pytest.fixture(scope="module")
+def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return built_wheel(source, tmp_path_factory.mktemp("wheel"))
+
+
+def built_wheel(source: Path, target: Path) -> Path:
+    """The wheel of a folder or of an sdist."""
     command = [
         sys.executable,
         "-m",
@@ -49,9 +58,60 @@ def unpacked(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_wheel_holds_every_module_and_nothing_else(wheel: Path) -> None:
+def built(source: Path, target: Path, kind: str) -> Path:
+    """What setuptools' hook of this name builds."""
+    program = f"import sys; from setuptools import build_meta; build_meta.build_{kind}(sys.argv[1])"
+    subprocess.run(
+        [sys.executable, "-c", program, str(target)], cwd=source, check=True, timeout=120, capture_output=True
+    )
+    (made,) = target.iterdir()
+    return made
+
+
+def contents(wheel: Path) -> set[str]:
     with zipfile.ZipFile(wheel) as archive:
-        held = {name for name in archive.namelist() if ".dist-info/" not in name}
+        return {name for name in archive.namelist() if ".dist-info/" not in name}
+
+
+def test_the_wheel_of_the_sdist_is_the_wheel_of_the_source(wheel: Path, source: Path, tmp_path: Path) -> None:
+    assert contents(built_wheel(built(source, tmp_path, "sdist"), tmp_path / "wheel")) == contents(wheel)
+
+
+IMPORT = "import spinor_geom.adapters, spinor_geom; print(spinor_geom.adapters.__file__, spinor_geom.fill_hole)"
+
+
+def imported(program: str, place: Path, *arguments: object) -> Path:
+    """Where a program finds the adapters that prints them, in a folder that it stands in."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    command = [sys.executable, "-c", program, *map(str, arguments)]
+    done = subprocess.run(command, cwd=place, env=environment, timeout=120, check=True, capture_output=True, text=True)
+    return Path(done.stdout.split(" <function")[0])
+
+
+def test_an_editable_install_finds_the_adapters(source: Path, tmp_path: Path) -> None:
+    with zipfile.ZipFile(built(source, tmp_path, "editable")) as archive:
+        archive.extractall(tmp_path / "site")
+    found = imported(f"import site, sys; site.addsitedir(sys.argv[1]); {IMPORT}", tmp_path, tmp_path / "site")
+    assert found == source / "spinor_geom" / "adapters" / "__init__.py"
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists() or shutil.which("git") is None, reason="not in a clone")
+@pytest.mark.parametrize("way", ["zip", "clone"])
+def test_no_part_of_the_package_is_a_link_that_unzipping_or_windows_loses(way: str, tmp_path: Path) -> None:
+    place = tmp_path / "place"
+    if way == "zip":
+        subprocess.run(["git", "archive", "--format=zip", "-o", tmp_path / "a.zip", "HEAD"], cwd=ROOT, check=True)
+        with zipfile.ZipFile(tmp_path / "a.zip") as archive:
+            archive.extractall(place)  # which leaves text files in the place of links
+    else:
+        command = ["git", "clone", "--quiet", "--shared", "-c", "core.symlinks=false", str(ROOT), str(place)]
+        subprocess.run(command, check=True)
+    assert imported(IMPORT, place) == place / "spinor_geom" / "adapters" / "__init__.py"
+    assert (place / "adapters" / "example.py").is_file()
+
+
+def test_the_wheel_holds_every_module_and_nothing_else(wheel: Path) -> None:
+    held = contents(wheel)
     expected = {path.relative_to(ROOT).as_posix() for path in (ROOT / "spinor_geom").rglob("*.py")}
     assert held == expected | {
         "spinor_geom/py.typed",
@@ -133,7 +193,5 @@ def test_pyvista_finds_the_accessor_of_an_installed_package(unpacked: Path, tmp_
 
 
 def test_python_in_the_clone_s_root_finds_every_part_of_the_package() -> None:
-    # without PYTHONPATH: the root itself is what Python has there, and it hides an installed package
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    program = "import spinor_geom.adapters, spinor_geom; print(spinor_geom.adapters.__file__, spinor_geom.fill_hole)"
-    subprocess.run([sys.executable, "-c", program], cwd=ROOT, env=environment, timeout=120, check=True)
+    # the root itself is what Python has there, and it hides an installed package
+    assert imported(IMPORT, ROOT) == ROOT / "spinor_geom" / "adapters" / "__init__.py"
