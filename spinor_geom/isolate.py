@@ -46,8 +46,8 @@ class FaultError(Exception):
         self.kind, self.last, self.said, self.crash = kind, last, said, crash
 
     def __reduce__(self) -> tuple[Any, ...]:
-        fields = {"kind": self.kind, "last": self.last, "said": self.said, "crash": self.crash}
-        return partial(FaultError, str(self), **fields), ()
+        made = partial(FaultError, str(self), kind=self.kind, last=self.last, said=self.said, crash=self.crash)
+        return made, ()
 
 
 class Process:

@@ -91,7 +91,10 @@ def imported(program: str, place: Path, *arguments: object) -> Path:
 def test_an_editable_install_finds_the_adapters(source: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(built(source, tmp_path, "editable")) as archive:
         archive.extractall(tmp_path / "site")
-    found = imported(f"import site, sys; site.addsitedir(sys.argv[1]); {IMPORT}", tmp_path, tmp_path / "site")
+    # before what is installed already
+    first = "import site, sys; known = list(sys.path); site.addsitedir(sys.argv[1])"
+    first += "; sys.path[:] = [*(path for path in sys.path if path not in known), *known]; "
+    found = imported(first + IMPORT, tmp_path, tmp_path / "site")
     assert found == source / "spinor_geom" / "adapters" / "__init__.py"
 
 
