@@ -6,7 +6,9 @@ import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 import zipfile
+from collections.abc import Sequence
 from email.parser import Parser
 from pathlib import Path
 
@@ -80,10 +82,10 @@ def test_the_wheel_of_the_sdist_is_the_wheel_of_the_source(wheel: Path, source: 
 IMPORT = "import spinor_geom.adapters, spinor_geom; print(spinor_geom.adapters.__file__, spinor_geom.fill_hole)"
 
 
-def imported(program: str, place: Path, *arguments: object) -> Path:
+def imported(program: str, place: Path, *arguments: object, options: Sequence[str] = ()) -> Path:
     """Where a program finds the adapters that prints them, in a folder that it stands in."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    command = [sys.executable, "-c", program, *map(str, arguments)]
+    command = [sys.executable, *options, "-c", program, *map(str, arguments)]
     done = subprocess.run(command, cwd=place, env=environment, timeout=120, check=True, capture_output=True, text=True)
     return Path(done.stdout.split(" <function")[0])
 
@@ -91,10 +93,10 @@ def imported(program: str, place: Path, *arguments: object) -> Path:
 def test_an_editable_install_finds_the_adapters(source: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(built(source, tmp_path, "editable")) as archive:
         archive.extractall(tmp_path / "site")
-    # before what is installed already
-    first = "import site, sys; known = list(sys.path); site.addsitedir(sys.argv[1])"
-    first += "; sys.path[:] = [*(path for path in sys.path if path not in known), *known]; "
-    found = imported(first + IMPORT, tmp_path, tmp_path / "site")
+    # without what this environment makes known at its start: the package may be installed in it in the same way
+    packages = {sysconfig.get_paths()[name] for name in ("purelib", "platlib")}
+    first = "import site, sys; site.addsitedir(sys.argv[1]); sys.path += sys.argv[2:]; "
+    found = imported(first + IMPORT, tmp_path, tmp_path / "site", *packages, options=["-S"])
     assert found == source / "spinor_geom" / "adapters" / "__init__.py"
 
 
