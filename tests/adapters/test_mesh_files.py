@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
+from spinor_geom.adapters.mesh_files import FORMATS
 from spinor_geom.errors import MeshFileError, MeshShapeError, VertexIndexError
 from spinor_geom.mesh.topology import boundary_edges
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, DATA, glb_file, is_closed, lid, lid_for, nothing, open_cube
@@ -203,3 +204,15 @@ def test_extreme_sizes_are_exact_in_text_and_refused_where_they_do_not_fit(tmp_p
         else:
             with pytest.raises(MeshFileError, match=r"1e\+300 is too large"):
                 file.write(tmp_path / f"b{suffix}")
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_a_file_that_was_read_is_closed_so_that_windows_lets_it_be_replaced(suffix: str, tmp_path: Path) -> None:
+    psutil = pytest.importorskip("psutil", reason="the extra 'batch' is not installed")
+    path = cube_file(tmp_path, suffix)
+    file = read_mesh(path)
+    maps = Path("/proc/self/maps")  # where the system tells
+    assert str(path) not in {one.path for one in psutil.Process().open_files()}
+    assert not maps.exists() or str(path) not in maps.read_text()
+    file.write(path)
+    assert len(read_mesh(path).mesh.faces) == len(file.mesh.faces)
