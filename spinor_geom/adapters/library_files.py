@@ -17,9 +17,9 @@ from spinor_geom.adapters.contents import METRES, FileContents, cast_values, mal
 from spinor_geom.adapters.polygons import Polygons, appearance_of, seam_representatives
 from spinor_geom.adapters.pyvista_mesh import polygons_of
 from spinor_geom.adapters.registry import extend, to_mesh
-from spinor_geom.mesh.triangle_mesh import MeshExtension
 from spinor_geom.errors import MeshFileError
 from spinor_geom.files import MOST_RATIO, is_bomb
+from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 _READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
 _MOST_PER_BYTE = 1000  # numbers that a byte of compressed data stands for

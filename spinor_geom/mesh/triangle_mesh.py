@@ -70,8 +70,7 @@ class TriangleMesh(Shown):
     @property
     def extents(self) -> tuple[float, ...]:
         """The lengths of the sides of the bounding box, in mesh units; 0 without vertices."""
-        # column by column: a fiftieth of the time of ptp(axis=0)
-        return tuple(float(np.ptp(column)) if len(column) else 0.0 for column in self.vertices.T)
+        return box_sides(self.vertices)
 
     def merged(self, within: Within = 0.0) -> tuple[TriangleMesh, Int[np.ndarray, " v"]]:
         """The same surface with vertices of equal position merged.
@@ -153,11 +152,16 @@ def require_faces(mesh: TriangleMesh) -> None:
     require_extent(mesh.vertices)
 
 
-def require_extent(points: Float[np.ndarray, "n 3"]) -> None:
-    """A MeshExtentError for points so far apart, or so near, that areas cannot be computed."""
+def box_sides(points: Float[np.ndarray, "n 3"]) -> tuple[float, ...]:
+    """The lengths of the sides of the bounding box of points; 0 without points."""
     with np.errstate(over="ignore"):  # the difference of two finite numbers may be infinite
         # column by column: a fiftieth of the time of ptp(axis=0)
-        extent = max(float(np.ptp(column)) for column in points.T) if len(points) else 0.0
+        return tuple(float(np.ptp(column)) if len(column) else 0.0 for column in points.T)
+
+
+def require_extent(points: Float[np.ndarray, "n 3"]) -> None:
+    """A MeshExtentError for points so far apart, or so near, that areas cannot be computed."""
+    extent = max(box_sides(points))
     if extent and not SMALLEST_EXTENT < extent < LARGEST_EXTENT:
         raise MeshExtentError(extent=extent)
 
