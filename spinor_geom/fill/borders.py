@@ -17,17 +17,19 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas, vertex_normals
 
 # Seen from a coarse disk over the loop, the mesh beside it rises by the sine of this angle, at least, where there is a
-# hole: 29° and more around bowls with an opening of 45°, at most 24° along the borders of terrains and range scans.
+# hole: 28° and more around bowls with an opening of 45°, at most 24° along the borders of terrains and range scans.
 _LEAST_RISE = np.sin(np.radians(25.5))
 # Least turning of a loop within the mesh, in turns, that is a border's whatever the rise: 0.9 to 1 around half-pipes,
 # roofs and twisted ribbons, at most 0.87 around bowls with an opening of 45°.
 _LEAST_TURNING = 0.89
 _CLEARLY_NEGATIVE = -np.pi  # turning of a loop that is no border; −2π around a hole in a plane
-_COLLAR = 0.1  # width of the mesh that is compared, per width of the hole; no less than the faces at the loop
+# Width of the mesh that is compared, per width of the hole, and no less than the faces at the loop; with half of it
+# half-pipes turn too little.
+_COLLAR = 0.1
 _POINTS_PER_WIDTH = 4  # of the averaged loop
 _LONGEST_IN_WIDTHS = 40  # points of longer loops are farther apart: the first fill takes no more than 160
 _FEWEST_POINTS = 12
-_ROUNDS = 3  # to the width of a ragged hole
+_ROUNDS = 3  # to the width of a ragged hole; after one, rims of noisy UV spheres are still rough
 _SAMPLES = 16  # a point's, from which the averaged loop is computed
 
 

@@ -57,9 +57,14 @@ def round_sheet(height: Heights, *, ragged: bool) -> Mesh:
 
 
 def torn(seed: int, height: Heights, *, side: int = 24) -> Mesh:
-    """A sheet from whose outer parts two faces of five are taken at random: its border touches many small loops."""
-    rng = np.random.default_rng(seed)
-    return square(side, height, lambda p: (np.abs(p).max(axis=1) < 0.8) | (rng.random(len(p)) > 0.4))
+    """A sheet from whose outer parts two faces of five are taken at random.
+
+    Its border, the longest loop, touches many small loops and lone faces.
+    """
+    vertices, faces = square(side, height)
+    middles = vertices[faces].mean(axis=1)
+    outer = np.abs(middles[:, :2]).max(axis=1) > 0.8
+    return vertices, faces[~outer | (np.random.default_rng(seed).random(len(faces)) > 0.4)]
 
 
 def strip(middle: np.ndarray, across: np.ndarray, wide: int = 2) -> Mesh:
