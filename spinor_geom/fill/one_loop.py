@@ -37,6 +37,7 @@ from spinor_geom.fill.result import LoopOutcome
 from spinor_geom.fill.retriangulation import retriangulated
 from spinor_geom.fill.surroundings import NOTHING, Crossings, LoopPatch, Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.operators import face_areas
 from spinor_geom.meshing.embed import Patch, edge_length_over, mesh_patches
 from spinor_geom.plateau.options import Model, require_model
 from spinor_geom.plateau.solution import PlateauSolution
@@ -223,10 +224,16 @@ def fill_loop(
         self_intersections=len(made.crossings.own),
         mesh_intersections=len(made.crossings.mesh),
         patch_intersections=len(made.crossings.patches),
-        remarks=(*loop.remarks, *made.remarks, *made.notes),
+        remarks=(*loop.remarks, *made.remarks, *made.notes, *_without_area(patch)),
         timings=clock.laps(),
     )
     return outcome, LoopPatch(place=place, rim=made.rim, patch=patch, attributes=attributes)
+
+
+def _without_area(patch: Patch) -> tuple[str, ...]:
+    """What is to be said of faces without area: the rim leaves no room for others, or the surface is flat there."""
+    count = int((face_areas(patch.vertices, patch.faces) <= 0).sum())
+    return (f"faces of the patch without area: {count} of {len(patch.faces)}",) if count else ()
 
 
 def unfilled(
