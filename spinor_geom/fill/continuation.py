@@ -41,13 +41,14 @@ _MOST_STEPS = 40  # 20 stop two rims that fold; none takes 80
 # 7.6° across the rim, not by 5.9°; 1.4 takes 14 % more steps for the same smallest angles.
 _MOST_STRETCHED = 2.0
 _AT_REST = 0.01  # at rest: the next step moves no vertex by more than this share of an edge; half takes 12 % more steps
-_ROUNDS = 4  # of new meshes: what is not at rest after so many is not after more
+_ROUNDS = 4  # of new meshes, which bound the time: two do as well on all of these holes
 # Degrees: a patch with thinner triangles is meshed anew, and what is left of them is reported. 20 takes half as long
 # again, and as many patches keep angles below 10.
 _SMALLEST_ANGLE = 10.0
 MOST_AREA = 2.0  # times the film's: half a sphere over its disk; a larger patch is reported
 # Deuflhard (2004), Newton Methods for Nonlinear Problems: a factor serves on while each step is at most half the one
-# before, where the simplified method still converges; below the least share the linear problem is no guide.
+# before, where the simplified method still converges (a quarter takes 37 % more time); below the least share of a step
+# the linear problem is no guide.
 _QUICK, _SHORTEST = 0.5, 0.05
 
 Start: TypeAlias = Literal["minimal", "discrete", "strip"]
