@@ -175,7 +175,8 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
     is_poor = moved.folds or not moved.converged or (moved.stretch > _MOST_STRETCHED and not is_conformal)
     if is_poor and not patch.hole_sizes and not is_out_of_time():
         again = _at_rest_over_angles(patch, collar, target)
-        if again is not None and _poorness(again, collar) <= _poorness(moved, collar):
+        is_alike = again is not None and (again.folds, again.converged) == (moved.folds, moved.converged)
+        if again is not None and (is_alike or _poorness(again, collar) <= _poorness(moved, collar)):
             moved, is_conformal = replace(again, steps=moved.steps + again.steps, remeshed=True), True
     moved = _meshed_anew(moved, collar, target, is_conformal=is_conformal)
     defect = moved.defect
