@@ -94,6 +94,10 @@ class Continuation:
     roughness: float
     creased: int
 
+    def __repr__(self) -> str:
+        bend = f"bend {self.before.rms:.3g}° to {self.after.rms:.3g}°"
+        return f"Continuation({self.order}, {bend}, {self.area_ratio:.3g} times the area, {self.reason or 'at rest'})"
+
     @property
     def reason(self) -> str:
         """Why it is not at rest; empty where it is."""

@@ -389,14 +389,19 @@ def continued(first: MadePatch, target: float, surroundings: Surroundings) -> Ma
 
 
 def _clearer(smooth: MadePatch, first: MadePatch, surroundings: Surroundings) -> MadePatch:
-    """A continued patch, or the one that it started from where that crosses less; both after they were cleared."""
+    """A continued patch, or the one that it started from where that crosses less; both after they were cleared.
+
+    Of two that cross as much, one whose parts had to be triangulated anew is worse.
+    """
+    crossings = smooth.crossings
     smooth = smooth.clear_of(surroundings)
-    if smooth.continuation is None or not len(smooth.crossings):
+    if smooth.continuation is None or not (len(smooth.crossings) or smooth.faces_replaced):
         return smooth
     first = first.clear_of(surroundings)
-    if len(smooth.crossings) <= len(first.crossings):
+    mine, other = ((len(made.crossings), bool(made.faces_replaced)) for made in (smooth, first))
+    if mine <= other:
         return smooth
-    return _staying(first, ", ".join(smooth.crossings.notes), link=", as then")
+    return _staying(first, ", ".join(crossings.notes), link=", as then")
 
 
 def _staying(first: MadePatch, why: str = "", *, link: str = ":") -> MadePatch:

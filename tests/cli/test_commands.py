@@ -139,7 +139,8 @@ def test_a_loop_left_open_is_said_with_status_1_and_a_border_with_status_0(
     assert main(["fill", str(sheet), "-o", str(tmp_path / "filled.obj")]) == 0
     assert "loop 0 (24 vertices) was left open: it is the border of a sheet" in capsys.readouterr().err
     assert len(boundary_loops(tmp_path / "filled.obj")) == 1
-    assert main(["fill", str(sheet), "-o", str(tmp_path / "filled.obj"), "--loop", "0,1"]) == 0
+    assert main(["fill", str(sheet), "-o", str(tmp_path / "filled.obj"), "--loop", "0,1"]) == 1
+    assert "the patch crosses" in capsys.readouterr().err
     assert boundary_loops(tmp_path / "filled.obj") == []
 
 

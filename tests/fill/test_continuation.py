@@ -259,8 +259,8 @@ def test_noise_is_not_amplified_and_told() -> None:
 def test_what_would_cross_where_the_film_does_not_is_left_a_film() -> None:
     sphere = icosphere(3)
     bowl = without(sphere, centres(sphere)[:, 2] > 0.3)
-    # a plate over the lid, where the dome would be
-    plate = np.array([[-0.3, -0.3, 0.8], [0.3, -0.3, 0.8], [0.0, 0.4, 1.2]])
+    # a plate over the lid, which the dome would have to pass
+    plate = np.array([[-3.0, -2.0, 0.8], [3.0, -2.0, 0.8], [0.0, 4.0, 0.9]])
     mesh = np.concatenate([bowl[0], plate]), np.concatenate([bowl[1], [len(bowl[0]) + np.arange(3)]])
     rim = max(boundary_loops(mesh), key=len)
     new, outcome = continued(mesh, loop=rim)
