@@ -14,6 +14,7 @@ from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.errors import SheetBorderError, SpinorGeomError
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.mesh.operators import face_areas, vertex_normals
 
 # Seen from a coarse disk over the loop, the mesh beside it rises by the sine of this angle, at least, where there is a
@@ -61,12 +62,13 @@ def refuse_border(surroundings: Surroundings, loop: BoundaryLoop) -> None:
         return  # no coarse disk, so nothing is known of its patch: it is solved as others are
     if rise < _LEAST_RISE and rise < inward:
         angle, least = (np.degrees(np.arcsin(x)) for x in (rise, _LEAST_RISE))
-        raise SheetBorderError(
-            evidence=f"the mesh lies at {angle:.0f}° to a disk over it on average (under {least:.1f}°)"
-        )
-    if beside.turning > _LEAST_TURNING:
-        turned = 360 * beside.turning
-        raise SheetBorderError(evidence=f"it turns by {turned:.0f}° within the mesh, as around a flat sheet (360°)")
+        evidence = f"the mesh lies at {angle:.0f}° to a disk over it on average (under {least:.1f}°)"
+    elif beside.turning > _LEAST_TURNING:
+        evidence = f"it turns by {360 * beside.turning:.0f}° within the mesh, as around a flat sheet (360°)"
+    else:
+        return
+    if not len(loop_crossings(loop.points)):  # a disk over a loop that crosses itself has no side
+        raise SheetBorderError(evidence=evidence)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,7 +78,8 @@ class _Collar:
     Attributes:
         points: of the averaged loop, at even distances.
         places: for each face the nearest of these points.
-        offsets: for each face its middle, seen from the nearest point of the loop, times its area.
+        offsets: for each face its middle, seen from the nearest point of the loop, times its area; in diagonals of
+            the loop, whose powers are numbers.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -92,10 +95,11 @@ class _Collar:
         faces = _faces_within(surroundings, loop, _COLLAR * width)
         middles = mesh.vertices[mesh.faces[faces]].mean(axis=1)
         nearest, along = _nearest_on(loop, middles)
+        areas = face_areas(mesh.vertices, mesh.faces[faces])
         return cls(
             points=points,
             places=np.rint(along / loop.perimeter * len(points)).astype(np.int64) % len(points),
-            offsets=(middles - nearest) * face_areas(mesh.vertices, mesh.faces[faces])[:, None],
+            offsets=(middles - nearest) / loop.diagonal * (areas / loop.diagonal**2)[:, None],
         )
 
     @property

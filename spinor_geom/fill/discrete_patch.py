@@ -79,7 +79,6 @@ def refuse_what_is_no_hole(loop: BoundaryLoop, surroundings: Surroundings) -> No
         raise ZeroWidthSlitError(
             fraction=loop.slit_fraction,
             vertices=loop.vertex_ids[:2].tolist(),
-            distance=distance,
             apart=how_far_apart(distance),
             advice=merge_advice(distance),
         )
@@ -95,7 +94,6 @@ def refuse_seams(loop: BoundaryLoop) -> None:
         raise SeamError(
             edge=loop.seam_edges[0].tolist(),
             count=len(loop.seam_edges),
-            distance=loop.seam_distance,
             apart=how_far_apart(loop.seam_distance),
             advice=merge_advice(loop.seam_distance),
         )
@@ -106,8 +104,8 @@ def refuse_seams(loop: BoundaryLoop) -> None:
 def junction_error(loop: BoundaryLoop) -> TJunctionError:
     """The error that describes the T-junctions of a loop that has some."""
     vertex, *edge = loop.junctions[0].tolist()
-    count, distance = len(np.unique(loop.junctions[:, 0])), loop.seam_distance
-    return TJunctionError(vertex=vertex, edge=edge, count=count, distance=distance, apart=how_far_apart(distance))
+    count, apart = len(np.unique(loop.junctions[:, 0])), how_far_apart(loop.seam_distance)
+    return TJunctionError(vertex=vertex, edge=edge, count=count, apart=apart)
 
 
 def refuse_empty(loop: BoundaryLoop, width: float) -> None:
