@@ -52,6 +52,12 @@ class VertexIndexError(MeshError):
     sentence = "face {face} names vertex {index}, but the mesh has {vertices}, numbered from 0; correct its indices"
 
 
+class PolygonError(VertexIndexError):
+    """A face has fewer than three corners, or one that does not exist."""
+
+    sentence = "face {face} {problem}; correct or remove it"
+
+
 class NonFiniteVertexError(MeshError):
     """A coordinate is NaN or infinite."""
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from spinor_geom.errors import VertexIndexError
+from spinor_geom.errors import PolygonError
 from spinor_geom.mesh.loops import repeats_a_vertex
 from spinor_geom.mesh.topology import boundary_edges, coincident_vertices, linked
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -88,10 +88,10 @@ class Polygons:
         A polygon of n corners becomes the n − 2 triangles of a fan from one of its corners: of the fans from its up to
         32 corners, the one whose triangle most against the polygon's area vector is best (so a quad with a reflex
         corner is split along its inner diagonal); of equal fans the one from the earliest corner.
-        A VertexIndexError tells of a face with fewer than three corners, or one that does not exist.
+        A PolygonError tells of a face with fewer than three corners, or one that does not exist.
         """
         for face, problem in self.defects(len(vertices)):
-            raise VertexIndexError(f"face {face} {problem}; correct or remove it", face=face)
+            raise PolygonError(face=face, problem=problem)
         pieces = self.sizes - 2
         starts = np.concatenate([[0], np.cumsum(pieces)])
         triangles = np.empty((int(starts[-1]), 3), dtype=np.int64)

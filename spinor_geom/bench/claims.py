@@ -10,7 +10,7 @@ from spinor_geom.bench.cases import known_kind
 from spinor_geom.bench.cut_outs import CUT, HEIGHTS, NOISY
 from spinor_geom.bench.fillers import CLEAREST, OUR_FILLERS, OURS, SMOOTH
 from spinor_geom.bench.machine import Record
-from spinor_geom.bench.reports import LEFT_OPEN
+from spinor_geom.bench.reports import NOTHING_MISSING
 from spinor_geom.bench.solves import SUITES as SOLVED
 from spinor_geom.bench.solves import Kind, Limit, solves
 
@@ -222,7 +222,7 @@ def _reports(done: list[Record]) -> Iterator[Figure]:
         yield from share("reports", method, text, [not _crossings(r) for r in here if r["case"] in clear])
         steep = [_closed(r) for r in here if r["case"].startswith(("bowl", "tube"))]
         yield from share("reports", method, "every bowl and tube is closed, the mesh kept bit-equal", steep)
-        kept = [not r.get("patches") for r in here if r["expected"] == LEFT_OPEN]
+        kept = [not r.get("patches") for r in here if r["case"] in NOTHING_MISSING]
         yield from share("reports", method, "nothing is laid where nothing is missing", kept)
 
 
