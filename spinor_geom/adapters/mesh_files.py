@@ -46,6 +46,8 @@ FORMATS: dict[str, tuple[Callable[[bytes], FileContents], Callable[[FileContents
 }
 # which attributes a new file of a format that names them can hold, with their names there
 _NAMES: dict[str, Callable[[FileContents], Mapping[str, object]]] = {".ply": names_in_ply, ".glb": names_in_glb}
+# the only attributes that the other formats have a place for
+_PLACES = {".obj": ("color", "uv", "normal"), ".off": ("color",), ".stl": (), ".3mf": ()}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -162,7 +164,8 @@ class MeshFile(Shown):
         The file appears complete or not at all, and after an error an old file of that name is as it was.
 
         Returns:
-            A sentence for each attribute that was left out because PLY or GLB cannot write its name, or its width.
+            A sentence for each attribute that was left out because the format has no place for it, or cannot write its
+            name or its width.
 
         Raises:
             MeshFileError: no known format, or the file cannot be written.
@@ -180,10 +183,14 @@ class MeshFile(Shown):
 
     def left_out(self, suffix: str) -> tuple[str, ...]:
         """A sentence for each attribute that a file of a format (such as ".ply") cannot hold."""
-        if suffix not in _NAMES or self._follows(suffix):
+        if self._follows(suffix):
             return ()
-        kept = _NAMES[suffix](self.contents).keys()
-        advice = f"left out: {suffix} files cannot hold its name, a second of that name, or so many columns; rename it"
+        if suffix in _NAMES:
+            kept = tuple(_NAMES[suffix](self.contents))
+            why = "cannot hold its name, a second of that name, or so many columns; rename it"
+        else:
+            kept, why = _PLACES.get(suffix, tuple(self.contents.attributes)), "have no place for it"
+        advice = f"left out: {suffix} files {why}"
         return tuple(f"the attribute {name!r} is {advice}" for name in self.contents.attributes if name not in kept)
 
     def _follows(self, suffix: str) -> bool:

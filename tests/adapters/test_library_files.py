@@ -248,3 +248,18 @@ def test_names_that_a_format_cannot_hold_are_left_out_and_named(
     assert sorted(found) == sorted(wanted)
     assert main(["fill", str(tmp_path / "tube.vtp"), "-o", str(tmp_path / f"filled{suffix}")]) == 0
     assert all(repr(name) in capsys.readouterr().err for name in missing[:1])
+
+
+@pytest.mark.parametrize(
+    ("suffix", "kept"), [(".obj", {"color"}), (".off", {"color"}), (".stl", set()), (".3mf", set())]
+)
+def test_attributes_that_a_format_has_no_place_for_are_named(tmp_path: Path, suffix: str, kept: set[str]) -> None:
+    held = pyvista.PolyData.from_regular_faces(*tube())
+    held.point_data["color"] = np.full((48, 3), 128, dtype=np.uint8)
+    held.point_data["pressure"] = np.arange(48.0)
+    held.save(tmp_path / "tube.vtp")
+    file = read_mesh(tmp_path / "tube.vtp")
+    notes = file.write(tmp_path / f"tube{suffix}")
+    assert [note.split("'")[1] for note in notes] == [name for name in file.mesh.vertex_attributes if name not in kept]
+    assert all("have no place for it" in note for note in notes)
+    assert read_mesh(tmp_path / f"tube{suffix}").write(tmp_path / f"again{suffix}") == ()
