@@ -17,6 +17,8 @@ from spinor_geom.meshing.embed import Patch
 # of forbidding triangles, for each region. Of 5 noisy rims that cross something 2 rounds leave 3, 4 and 16 none; where
 # the mesh crosses itself at the rim, 4 rounds leave 15 pairs, 8 and 16 leave 3
 _ROUNDS = 8
+# and for outlines of so few points, whose rounds take little: with 8 one noisy rim of 36 more keeps intersections
+_MORE_ROUNDS, _FEW_POINTS = 30, 25
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +71,8 @@ def _with_new_triangles(
     pieces = [one for one in pieces if len(one) > 1 and is_disk(faces[one])]
     outlines = [_Outline(surroundings, rim, patch, one) for one in pieces if len(boundary_edges(faces[one])) <= LONGEST]
     rest = np.delete(faces, np.concatenate([np.zeros(0, dtype=np.int64), *(one.faces for one in outlines)]), axis=0)
-    for _ in range(_ROUNDS if outlines else 0):
+    longest = max((len(one.ids) for one in outlines), default=0)
+    for _ in range(0 if not outlines else _MORE_ROUNDS if longest <= _FEW_POINTS else _ROUNDS):
         new = [one.triangles() for one in outlines]
         known = [(one, triangles) for one, triangles in zip(outlines, new, strict=True) if triangles is not None]
         if len(known) < len(outlines):
