@@ -43,6 +43,9 @@ _FEWEST_POINTS, _POINTS = 32, 128  # points that Ω is made from: the cost of Λ
 # Nodes of the loops that are fitted as one batch, and held in memory: half as many take an eighth longer.
 BATCH_NODES = 16384
 _MOST_PER_EDGE = 16  # most nodes for each edge, of Ω and of the slide: loops that want more are left to other routes
+# Surfaces through more points are not tried, as their cost grows like n³: longer loops have no other route, and get as
+# many nodes as they took before they were met (5,000 noisy points take more than 16 an edge); beyond it takes minutes.
+MOST_FREE_POINTS, _MOST_PER_EDGE_OF_LONG = 1500, 64
 _MORE_ON_ANALYTIC = (
     3  # times as many nodes are tried next on analytic curves, where few do not suffice; twice on others
 )
@@ -209,7 +212,9 @@ class HarmonicSolver:
     @property
     def most_nodes(self) -> int:
         """That are tried."""
-        return even(max(4 * FEWEST_NODES, _MOST_PER_EDGE * len(self.request.unit)))
+        points = len(self.request.unit)
+        per_edge = _MOST_PER_EDGE if points <= MOST_FREE_POINTS else _MOST_PER_EDGE_OF_LONG
+        return even(max(4 * FEWEST_NODES, per_edge * points))
 
     def is_enough(self, misfit: Misfit) -> bool:
         """Whether more nodes are not tried; rounding error is asked for where the curve itself has no other."""

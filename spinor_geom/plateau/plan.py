@@ -16,7 +16,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES, MIN_POINTS_FOR_HIGH_DEGREE
 from spinor_geom.plateau.found import FAILURES, Found, NoneBetweenError, typed_failures
-from spinor_geom.plateau.harmonic_route import Fit, HarmonicSolver, points_of_domain
+from spinor_geom.plateau.harmonic_route import MOST_FREE_POINTS, Fit, HarmonicSolver, points_of_domain
 from spinor_geom.plateau.network_route import PARTS_OF_A_SIDE, NetworkSolver, rim_indices
 from spinor_geom.plateau.omega import has_narrow_place
 from spinor_geom.plateau.options import Options
@@ -39,7 +39,6 @@ from spinor_geom.plateau.vertex_route import disk_through_points
 
 # A loop longer than so many times its width crowds on the disk: at 2.4 it is met to 1e-8 edges, at 4 no more.
 _DISK_ELONGATION = 2.5
-_MOST_POINTS = 1500  # rough loops of more points have a smooth Γ: the cost of a surface through n points grows like n³
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -141,7 +140,7 @@ def _plan_for_disk(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]
         return (Route.BY_NETWORK,)
     if loop.corners.any():
         # kinks of Γ are singularities of p and q; those that are only seen may be none, but between smooth sides
-        may_be_none = options.between == "free" and len(loop) <= _MOST_POINTS and corners_are_seen(loop)
+        may_be_none = options.between == "free" and len(loop) <= MOST_FREE_POINTS and corners_are_seen(loop)
         through = (Route.THROUGH_POINTS,) if may_be_none and not in_plane else ()
         by_network = () if through and not shows_sides(loop) else (Route.BY_NETWORK,)
         return (*in_plane, *by_network, *through)
@@ -151,7 +150,7 @@ def _plan_for_disk(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]
     on_domain: tuple[Route, ...] = (Route.ON_UNFOLDING, Route.ON_FLATTENING)
     if is_rough(loop, curve):  # unfoldings of rough loops pinch where their surfaces do not
         on_disk, on_domain = (), on_domain[::-1]
-    if options.between == "free" and len(loop) <= _MOST_POINTS:
+    if options.between == "free" and len(loop) <= MOST_FREE_POINTS:
         # the cost of a slide on a narrow Ω grows with the cube of its nodes, that through the points does not
         is_narrow = has_narrow_place(curve, points_of_domain(loop))
         on_domain = (Route.THROUGH_POINTS, *on_domain) if is_narrow else (*on_domain, Route.THROUGH_POINTS)
@@ -178,7 +177,7 @@ def _plan_between(task: Task, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
 def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
     """Whether no smooth curve is seen in the points of a loop."""
     n = len(loop)
-    if n > _MOST_POINTS:
+    if n > MOST_FREE_POINTS:
         return False
     if detect_corners(loop.points).any():  # which somebody took from the loop: Γ bulges there, whatever its degree
         return True
