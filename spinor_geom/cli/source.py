@@ -5,6 +5,7 @@ from pathlib import Path
 
 from spinor_geom.adapters import MeshFile, read_mesh
 from spinor_geom.errors import MeshFileError
+from spinor_geom.fill.merging import merged
 
 
 def read_surface(path: Path, *, merge: bool | float) -> MeshFile:
@@ -15,7 +16,8 @@ def read_surface(path: Path, *, merge: bool | float) -> MeshFile:
             f"{path}: has no faces, so nothing to fill or to draw; 'spinor-geom batch' spans the curves of OBJ files",
             path=path,
         )
-    return mesh if merge is False else mesh.merged("rounding" if merge is True else merge)
+    found: MeshFile = merged(mesh, merge)
+    return found
 
 
 def require_writable(path: Path, *kept: Path) -> None:

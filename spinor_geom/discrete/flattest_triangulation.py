@@ -47,9 +47,8 @@ def flattest_triangulation(
             beside.append(around[None, -1:])
         most = np.maximum(bend[first, middle], bend[middle, last])
         for other in beside:
-            most = np.fmax(
-                most, 1 - np.einsum("ikd,ikd->ik", normal, np.broadcast_to(other, normal.shape))
-            )  # a NaN counts as no neighbour
+            cosine = np.einsum("ikd,ikd->ik", normal, np.broadcast_to(other, normal.shape))
+            most = np.fmax(most, 1 - cosine)  # a NaN counts as no neighbour
         most[forbidden_triangles[first, middle, last]] = np.inf
         if d < n - 1:
             most[forbidden_chords[first[:, 0], last[:, 0]]] = np.inf

@@ -147,9 +147,7 @@ def fill_hole(
         on_stage=on_stage or (lambda place, stage: None),
     )
     clock = Clock()
-    source = read_mesh(mesh) if isinstance(mesh, (str, os.PathLike)) else mesh
-    if merge is not False:
-        source = merged(source, merge)
+    source = merged(read_mesh(mesh) if isinstance(mesh, (str, os.PathLike)) else mesh, merge)
     triangles = to_mesh(source)
     require_faces(triangles)
     clock.lap("read")

@@ -49,10 +49,8 @@ def find_overlaps(points: Points, successor: Numbers, ring: Numbers, size: float
     first = np.concatenate([left, edge])
     order = np.lexsort((np.concatenate([np.zeros(len(left)), along]), first))
     parent = first[order]
-    share, piece = (
-        np.concatenate([np.zeros(len(left)), along])[order],
-        np.concatenate([start[left], place[entry]])[order],
-    )
+    share = np.concatenate([np.zeros(len(left)), along])[order]
+    piece = np.concatenate([start[left], place[entry]])[order]
     is_last = np.append(parent[1:] != parent[:-1], True)[: len(parent)]
     following = np.where(is_last, end[parent], np.roll(piece, -1))
     width = np.where(is_last, 1.0, np.roll(share, -1)) - share

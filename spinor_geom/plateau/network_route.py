@@ -150,11 +150,8 @@ class NetworkSolver:
             with self.request.clock.stage("first fill"):
                 finer = finer_disk(disk, *self._sizes)
             return min(fitted, self._fitted_from(finer), key=lambda one: one.misfit.rms)
-        except (
-            DomainError,
-            SingularMatrixError,
-            OutOfTimeError,
-        ):  # what a second try fails at must not cost the first one's result
+        # what a second try fails at must not cost the first one's result
+        except (DomainError, SingularMatrixError, OutOfTimeError):
             return fitted
 
     def _fitted_from(self, start: Disk) -> Fitted:
