@@ -127,7 +127,11 @@ def _adapter_of(obj: Any) -> Adapter:
     for name in names:
         if name in _adapters:
             return _adapters[name]
-    raise UnknownMeshTypeError(found=_description(obj), known=known_types())
+    found, known = _description(obj), known_types()
+    advice = f"give one of: {', '.join(known)}"
+    if found.endswith(".PointCloud"):
+        advice = "points have no holes: make faces first, or span a closed curve of points with solve_plateau"
+    raise UnknownMeshTypeError(found=found, known=known, advice=advice)
 
 
 def _class_name(cls: type) -> str:
