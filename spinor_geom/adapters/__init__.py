@@ -13,18 +13,17 @@ to be built.
     array([[0, 1, 2]])
 """
 
-from spinor_geom.adapters.arrays import ArrayPairAdapter, TensorPairAdapter, TriangleMeshAdapter
+from spinor_geom.adapters.array_pairs import PairAdapter, TriangleMeshAdapter
 from spinor_geom.adapters.mesh_files import MeshFile, MeshFileAdapter, read_mesh
 from spinor_geom.adapters.mesh_objects import MeshioAdapter, MeshSetAdapter, Open3DAdapter
-from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.adapters.pyvista_mesh import PyVistaAdapter
 from spinor_geom.adapters.registry import Adapter, MergingAdapter, extend, known_types, merged, register, to_mesh
-from spinor_geom.adapters.rims import Rim, is_mesh, to_rims
+from spinor_geom.adapters.rim_arguments import Rim, is_mesh, to_rims
 from spinor_geom.adapters.trimesh_mesh import SceneAdapter, TrimeshAdapter
 
 for _adapter in (
-    ArrayPairAdapter(),
-    TensorPairAdapter(),
+    PairAdapter(),
     TrimeshAdapter(),
     SceneAdapter(),
     PyVistaAdapter(),

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Float, Int, Real
 
-from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.errors import MeshFileError, MeshShapeError
 from spinor_geom.mesh.topology import linked
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_existing_vertices

@@ -22,7 +22,7 @@ from spinor_geom.adapters.contents import (
     unit_vectors,
 )
 from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer, Json
-from spinor_geom.adapters.polygons import Polygons, seam_representatives
+from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 

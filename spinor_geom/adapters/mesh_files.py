@@ -19,7 +19,7 @@ from spinor_geom.adapters.library_files import LIBRARIES, encode_3mf, encode_vtk
 from spinor_geom.adapters.obj import encode_obj, read_obj
 from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, names_in_ply, read_ply
-from spinor_geom.adapters.polygons import Polygons, close_seams
+from spinor_geom.adapters.polygon_faces import Polygons, close_seams
 from spinor_geom.adapters.stl import encode_stl, read_stl
 from spinor_geom.errors import (
     MeshError,

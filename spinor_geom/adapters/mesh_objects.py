@@ -17,7 +17,7 @@ from spinor_geom.adapters.contents import (
     triangles_of,
     unit_vectors,
 )
-from spinor_geom.adapters.polygons import Polygons, without_seams
+from spinor_geom.adapters.polygon_faces import Polygons, without_seams
 from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
 

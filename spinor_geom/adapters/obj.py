@@ -27,7 +27,7 @@ from spinor_geom.adapters.contents import (
     nonfinite_rows,
     real,
 )
-from spinor_geom.adapters.polygons import Polygons, chained
+from spinor_geom.adapters.polygon_faces import Polygons, chained
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 

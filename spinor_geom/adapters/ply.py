@@ -16,7 +16,7 @@ from spinor_geom.adapters.contents import (
     most_frequent_row,
     nonfinite_rows,
 )
-from spinor_geom.adapters.polygons import Polygons, seam_representatives
+from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
 from spinor_geom.adapters.records import Element, Property, Records, binary_records, of_rows, read_binary, rows_of
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spinor_geom.adapters.contents import grown, grown_attributes, padded, real_attributes, repeated, triangles_of
-from spinor_geom.adapters.polygons import Polygons, without_seams
+from spinor_geom.adapters.polygon_faces import Polygons, without_seams
 from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
 

@@ -22,7 +22,7 @@ from spinor_geom.adapters.mesh_files import (
     require_elements,
 )
 from spinor_geom.adapters.obj import ObjText, added_lines, read_obj_stream
-from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.loops import NamedLoop, curve_loops
 from spinor_geom.batching.options import BatchOptions
