@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.adapters.contents import grown_attributes
+from spinor_geom.adapters.vertex_data import grown_attributes
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within, require_existing_vertices
 
 

@@ -12,17 +12,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.contents import (
-    METRES,
-    FileContents,
-    cast_values,
-    malformed,
-    parts_of_faces,
-    single_precision,
-    unit_vectors,
-)
+from spinor_geom.adapters.contents import METRES, FileContents, malformed, single_precision
 from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer, Json
 from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
+from spinor_geom.adapters.vertex_data import cast_values, parts_of_faces, unit_vectors
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 

@@ -13,10 +13,11 @@ from zipfile import ZIP_DEFLATED, BadZipFile, ZipFile
 
 import numpy as np
 
-from spinor_geom.adapters.contents import METRES, FileContents, cast_values, malformed
+from spinor_geom.adapters.contents import METRES, FileContents, malformed
 from spinor_geom.adapters.polygon_faces import Polygons, appearance_of, seam_representatives
 from spinor_geom.adapters.pyvista_mesh import polygons_of
 from spinor_geom.adapters.registry import extend, to_mesh
+from spinor_geom.adapters.vertex_data import cast_values
 from spinor_geom.errors import MeshFileError
 from spinor_geom.files import MOST_RATIO, is_bomb
 from spinor_geom.mesh.triangle_mesh import MeshExtension

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from spinor_geom.adapters.contents import FileContents, grown_attributes, malformed, nonfinite_rows
+from spinor_geom.adapters.contents import FileContents, malformed, nonfinite_rows
 from spinor_geom.adapters.glb import encode_glb, names_in_glb, read_glb
 from spinor_geom.adapters.library_files import LIBRARIES, encode_3mf, encode_vtk, read_3mf, read_vtk
 from spinor_geom.adapters.obj import encode_obj, read_obj
@@ -21,6 +21,7 @@ from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, names_in_ply, read_ply
 from spinor_geom.adapters.polygon_faces import Polygons, close_seams
 from spinor_geom.adapters.stl import encode_stl, read_stl
+from spinor_geom.adapters.vertex_data import grown_attributes
 from spinor_geom.errors import (
     MeshError,
     MeshFileError,

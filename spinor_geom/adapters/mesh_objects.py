@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spinor_geom.adapters.contents import (
+from spinor_geom.adapters.polygon_faces import Polygons, without_seams
+from spinor_geom.adapters.vertex_data import (
     grown,
     grown_attributes,
     most_frequent_row,
-    padded,
-    real_attributes,
     repeated,
     triangles_of,
     unit_vectors,
 )
-from spinor_geom.adapters.polygon_faces import Polygons, without_seams
 from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
 

@@ -6,9 +6,10 @@ from itertools import chain, islice, pairwise
 
 import numpy as np
 
-from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, cast_values, malformed, text_rows
+from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, malformed, text_rows
 from spinor_geom.adapters.ply import LONGEST_COUNT, contents_of
 from spinor_geom.adapters.records import Element, Property, Records, of_rows, rows_of
+from spinor_geom.adapters.vertex_data import cast_values
 from spinor_geom.errors import MeshFileError
 
 # Geomview's order: ST, C, N before OFF; 4 (four coordinates) and n (any number) are not surfaces in space

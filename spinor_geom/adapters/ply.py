@@ -8,16 +8,10 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.adapters.contents import (
-    BYTE_ORDER_MARK,
-    FileContents,
-    color_scale_of,
-    malformed,
-    most_frequent_row,
-    nonfinite_rows,
-)
+from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, color_scale_of, malformed, nonfinite_rows
 from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
 from spinor_geom.adapters.records import Element, Property, Records, binary_records, of_rows, read_binary, rows_of
+from spinor_geom.adapters.vertex_data import most_frequent_row
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 NUMPY_TYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")

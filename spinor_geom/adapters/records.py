@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int, Shaped
 
-from spinor_geom.adapters.contents import cast_values, is_readable, malformed, real, text_rows
+from spinor_geom.adapters.contents import is_readable, malformed, real, text_rows
+from spinor_geom.adapters.vertex_data import cast_values
 from spinor_geom.errors import MeshFileError
 
 LARGEST_RECORD = 1 << 30  # bytes; numpy's records are below 2 GiB

@@ -16,9 +16,9 @@ from spinor_geom.adapters.contents import (
     real,
     single_precision,
     text_rows,
-    unit_vectors,
 )
 from spinor_geom.adapters.polygon_faces import Polygons
+from spinor_geom.adapters.vertex_data import unit_vectors
 from spinor_geom.errors import MeshFileError
 
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
