@@ -12,6 +12,7 @@ from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, color_s
 from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
 from spinor_geom.adapters.records import Element, Property, Records, binary_records, of_rows, read_binary, rows_of
 from spinor_geom.adapters.vertex_data import most_frequent_row
+from spinor_geom.errors import PolygonError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 NUMPY_TYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
@@ -121,9 +122,12 @@ def contents_of(records: Records, *, suffix: str) -> FileContents:
     points, groups = _table(vertices, tuple("xyz")), _attribute_groups(vertices)
     attributes = {attribute: _table(vertices, names) for attribute, names in groups.items()}
     polygons = Polygons.of_sizes(corners, faces.lengths[corner_list])
-    for face, problem in polygons.defects(len(points)):
+    try:
+        polygons.require_valid(len(points))
+    except PolygonError as error:
+        face, problem = error.fields["face"], error.fields["problem"]
         place = ", ".join(filter(None, (faces.line(face), f"face {face}")))
-        raise malformed(place, problem, "correct or remove the face")
+        raise malformed(place, problem, "correct or remove the face") from None
     appearance = [attributes[name] for name in ("uv", "normal") if name in groups]
     wrong, color_scale = nonfinite_rows(points), 1.0
     if "color" in groups:
