@@ -1,7 +1,4 @@
-"""Files whose formats other libraries own: VTK's polygonal data (.vtp, .vtk) through PyVista, 3MF through trimesh.
-
-What such a file holds is what its library reads of it, and it is written anew by that library, which has to be there.
-"""
+"""Files that libraries read and write: VTK's polygonal data (.vtp, .vtk) by PyVista, 3MF by trimesh."""
 
 import io
 import re
@@ -24,7 +21,6 @@ from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 _READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
 _MOST_PER_BYTE = 1000  # numbers that a byte of compressed data stands for
-LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "networkx")}  # other formats need none
 
 
 def read_vtk(data: bytes, *, suffix: str) -> FileContents:

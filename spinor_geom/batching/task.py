@@ -362,4 +362,4 @@ def _write_mesh(contents: FileContents, path: Path) -> None:
         triangles, _ = contents.polygons.triangulated(contents.vertices)
         np.savez(path, vertices=contents.vertices, faces=contents.representatives[triangles])
         return
-    path.write_bytes(FORMATS[path.suffix][1](contents))
+    path.write_bytes(FORMATS[path.suffix].encode(contents))
