@@ -22,31 +22,31 @@ METRES = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileContents:
-    """What a mesh file holds."""
+    """The contents of a mesh file."""
 
     vertices: Float[np.ndarray, "v 3"]  # in the file's order
     polygons: Polygons  # the faces as the file has them, over the file's own vertices
     # "color" in the file's own scale, "normal", "uv" (origin at the lower left), others by their names in the file
     attributes: Mapping[str, Float[np.ndarray, "v _"]] = field(default_factory=dict)
-    labels: frozenset[str] = frozenset()  # names of the attributes whose values name classes
-    color_scale: float = 1.0  # what full intensity is in "color": 1, 255 or 65535
-    # the vertex that stands for the place of each: itself, and another at texture and normal seams only
+    labels: frozenset[str] = frozenset()  # names of the attributes whose values are classes
+    color_scale: float = 1.0  # full intensity in "color": 1, 255 or 65535
+    # the vertex that represents the position of each: itself, except at texture and normal seams
     representatives: Int[np.ndarray, " v"]
-    # the place of the loop whose patch each polygon belongs to, −1 for those that were read; None where none was added
+    # the index of the loop that each polygon fills, −1 for those that were read; None where none was added
     face_loops: Int[np.ndarray, " p"] | None = None
     # curves beside faces, of vertex indices; a closed one repeats its first
     polylines: tuple[Int[np.ndarray, " _"], ...] = ()
-    unit: str = ""  # of lengths, one of `METRES`, where the format says it
-    first_nonfinite: str = ""  # where the first vertex stands that is NaN or infinite, as "line 12"; may be empty
-    is_text_stl: bool = False  # whether it is to be a text STL file again, with all digits
-    notes: tuple[str, ...] = ()  # what was changed on the way from the file, a sentence each
-    suffix: str = ""  # the format of the file that the contents follow, as ".obj"; "" where they follow none
-    # gives that file with new elements after those that were in it, which stay as they are
+    unit: str = ""  # of lengths, one of `METRES`, if the format has units
+    first_nonfinite: str = ""  # the place of the first vertex that is NaN or infinite, as "line 12"; may be empty
+    is_text_stl: bool = False  # whether an STL file is to be written as text, with all digits
+    notes: tuple[str, ...] = ()  # what was changed after reading, a sentence each
+    suffix: str = ""  # the format that was read, as ".obj"; "" where the contents were changed
+    # the bytes of the file that was read, with new elements after its own
     appended: Callable[[MeshExtension], bytes] | None = None
 
     @property
     def loop_of_faces(self) -> Int[np.ndarray, " p"]:
-        """The place of each polygon's loop, −1 for those that were read."""
+        """The index of each polygon's loop, −1 for those that were read."""
         return np.full(len(self.polygons), -1) if self.face_loops is None else self.face_loops
 
     @classmethod
@@ -57,61 +57,59 @@ class FileContents:
 
 
 def malformed(place: str, problem: str, advice: str) -> MeshFileError:
-    """The error for a file that cannot be read: at which place, as "line 12", what is wrong, and what to do."""
+    """The error for a file that cannot be read: the place, as "line 12", what is wrong, and what to do."""
     if len(problem) > LONGEST_PROBLEM:
         problem = f"{problem[: LONGEST_PROBLEM // 2]} ... {problem[-LONGEST_PROBLEM // 2 :]}"
     return MeshFileError(f"{place}{': ' if place else ''}{problem}; {advice}", place=place)
 
 
-def real(word: bytes) -> float:
-    """A number in a text file; a ValueError if it is none, or has underscores in it, which are Python's only."""
-    if b"_" in word:
-        raise ValueError(word)
-    return float(word)
-
-
-def integer(word: bytes) -> int:
-    """An integer of 64 bits in a text file; a ValueError as of `real`."""
-    value = int(word)
-    if b"_" in word or not -(2**63) <= value < 2**63:
-        raise ValueError(word)
-    return value
-
-
 def nonfinite_rows(vertices: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, " n"]:
-    """The numbers of the vertices that are NaN or infinite, ascending."""
+    """The indices of the vertices that are NaN or infinite."""
     return np.flatnonzero(~np.isfinite(vertices).all(axis=1))
 
 
 def text_rows(*tables: Real[np.ndarray, "n _"]) -> list[str]:
-    """Tables side by side as text, a line for each row, from which the very same numbers are read."""
+    """Tables side by side as text, a line for each row, with all digits."""
     columns = [list(map(repr, column.tolist())) for table in tables for column in table.T]
     return list(map(" ".join, zip(*columns, strict=True)))
 
 
 def color_scale_of(values: np.ndarray) -> float:
-    """What full intensity is in colours given as real numbers: 1, or 255 if one of them is larger than 1."""
+    """Full intensity in colours given as real numbers: 1, or 255 if one of them is larger than 1."""
     return 255.0 if values.max(initial=0.0) > 1.0 else 1.0
 
 
+def real_numbers(words: Sequence[bytes]) -> list[float]:
+    """Words as numbers; a ValueError if one is none, or has underscores, which only Python allows."""
+    if b"_" in b"".join(words):
+        raise ValueError("underscore")
+    return list(map(float, words))
+
+
 def converted(
-    words: Sequence[bytes], convert: Callable[[bytes], Value], error: Callable[[int, str], MeshFileError]
+    words: Sequence[bytes],
+    convert: Callable[[Sequence[bytes]], list[Value]],
+    error: Callable[[int, str], MeshFileError],
 ) -> list[Value]:
-    """Words as `convert` understands them; where it does not, `error` makes an exception of number and word."""
+    """Words converted all at once; if that fails, raises `error` of the index and the text of the first wrong word."""
     try:
-        return list(map(convert, words))
+        return convert(words)
     except ValueError:
-        number, word = next(entry for entry in enumerate(words) if not is_readable(entry[1], convert))
-        raise error(number, word.decode("utf-8", "replace")) from None
+        number = first_unreadable(words, convert)
+        raise error(number, words[number].decode("utf-8", "replace")) from None
 
 
-def is_readable(text: Value, convert: Callable[[Value], object]) -> bool:
-    """Whether `convert` understands a word or a line."""
-    try:
-        convert(text)
-    except (ValueError, OverflowError):
+def first_unreadable(items: Sequence[Value], convert: Callable[[list[Value]], object]) -> int:
+    """The index of the first item that cannot be converted by itself."""
+
+    def fails(item: Value) -> bool:
+        try:
+            convert([item])
+        except (ValueError, OverflowError):
+            return True
         return False
-    return True
+
+    return next(number for number, item in enumerate(items) if fails(item))
 
 
 def single_precision(values: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int, Shaped
 
-from spinor_geom.adapters.contents import is_readable, malformed, real, text_rows
+from spinor_geom.adapters.contents import first_unreadable, malformed, real_numbers, text_rows
 from spinor_geom.adapters.vertex_data import cast_values
 from spinor_geom.errors import MeshFileError
 
@@ -198,8 +198,7 @@ def of_rows(rows: list[list[bytes]], element: Element) -> Element:
     try:
         return _of_words(rows, element)
     except (ValueError, OverflowError) as error:
-        convert = partial(_of_words, element=element)
-        number = next(number for number, row in enumerate(rows) if not is_readable([row], convert))
+        number = first_unreadable(rows, partial(_of_words, element=element))
         problem = f"cannot read {element.name} {number} from '{b' '.join(rows[number][:12]).decode('latin-1')}'"
         raise malformed(element.line(number), problem, "correct the line") from error
 
@@ -207,8 +206,7 @@ def of_rows(rows: list[list[bytes]], element: Element) -> Element:
 def _of_words(rows: list[list[bytes]], element: Element) -> Element:
     """An element with records in rows of words, read like binary records of float64 numbers."""
     words, wide = list(chain.from_iterable(rows)), np.dtype(np.float64)
-    # `float` takes underscores, at a fraction of the time of `real`
-    numbers = np.array(list(map(real if b"_" in b"".join(words) else float, words)))
+    numbers = np.array(real_numbers(words))
     items = tuple(Property(item.name, wide, item.count_dtype and wide) for item in element.properties)
     read = read_binary(numbers.tobytes(), 0, replace(element, count=len(rows), properties=items))
     width = len(items) + sum(read.lengths.values())

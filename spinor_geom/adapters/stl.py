@@ -13,7 +13,7 @@ from spinor_geom.adapters.contents import (
     converted,
     malformed,
     nonfinite_rows,
-    real,
+    real_numbers,
     single_precision,
     text_rows,
 )
@@ -91,4 +91,4 @@ def _text_corners(data: bytes) -> Float[np.ndarray, "f 3 3"]:
     def error(number: int, word: str) -> MeshFileError:
         return malformed(f"facet {number // 9}", f"'{word}' is no number", "correct it")
 
-    return np.array(converted(list(chain.from_iterable(words)), real, error)).reshape(-1, 3, 3)
+    return np.array(converted(list(chain.from_iterable(words)), real_numbers, error)).reshape(-1, 3, 3)
