@@ -21,21 +21,21 @@ from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 TRIANGLES, STRIPS_AND_FANS = 4, (5, 6)  # a primitive's mode
 WIDTHS = {"POSITION": 3, "NORMAL": 3, "TEXCOORD_0": 2}
-# A mesh that many nodes show, or an array that many primitives name, is read once for each: what a scene may hold in
-# rows of arrays, beyond as many as the file has bytes; 35 bytes of memory or so each.
+# A mesh that many nodes show, or an array that many primitives name, is read once for each of them: the most rows of
+# arrays in a scene, of about 35 bytes each, unless the file itself has more bytes.
 MOST_ROWS = 10_000_000
-ROWS_OF_A_PRIMITIVE = 100  # what its Python objects take
-COPIED = ("JOINTS_", "WEIGHTS_", "TANGENT")  # from the nearest old vertex: their means mean nothing
+ROWS_OF_A_PRIMITIVE = 100  # the memory of its Python objects, in rows
+COPIED = ("JOINTS_", "WEIGHTS_", "TANGENT")  # from the nearest old vertex: they cannot be averaged
 NAMES = {"COLOR_0": "color", "NORMAL": "normal", "TEXCOORD_0": "uv"}
 
 
 def read_glb(data: bytes) -> FileContents:
     """All triangles of a GLB file's scene, in the scene's coordinates.
 
-    Primitives follow one another in the order of the nodes. A mesh that several nodes show is read once for each, up to
-    `MOST_ROWS` rows of arrays in all, or as many as the file has bytes. Skins are at rest. Edges along which any
-    attribute differs, and those between the primitives of one node (which differ in material), are seams and are
-    closed; nodes are not joined. Not read: Draco, meshopt, sparse arrays, strips, morph targets, data outside the file.
+    Primitives are in the order of the nodes. A mesh that several nodes show is read once for each, up to `MOST_ROWS`
+    rows in all. Skins are at rest. Edges along which any attribute differs, and those between the primitives of one
+    node (which differ in material), are seams and are closed; nodes are not joined. Not supported: Draco, meshopt,
+    sparse arrays, strips, morph targets, data outside the file.
     """
     try:
         pieces = scene_pieces(GlbContainer.read(data))
@@ -64,10 +64,10 @@ def read_glb(data: bytes) -> FileContents:
 
 
 def _appended(data: bytes, pieces: Sequence[Piece], extension: MeshExtension) -> bytes:
-    """The file with every new patch as a primitive of its own, like that which most of its rim belongs to.
+    """The file with every new patch as a primitive in the node and with the material of most vertices of its rim.
 
-    What the file has stays as it is. The patch has its own copies of the rim's vertices, bit by bit where those lie in
-    its node; new vertices that no new face uses are not written.
+    The elements of the file are unchanged. The patch has copies of the rim's vertices, equal bit for bit to those of
+    the same node. New vertices that no new face uses are not written.
     """
     if len(extension.faces) == 0:
         return data
@@ -109,7 +109,7 @@ def _appended(data: bytes, pieces: Sequence[Piece], extension: MeshExtension) ->
 
 
 def names_in_glb(contents: FileContents) -> dict[str, tuple[str]]:
-    """What each attribute is called in a new GLB file, in capitals; without those that have no place or own name."""
+    """The name of each attribute in a new GLB file, without attributes that are too wide or whose names clash."""
     found: dict[str, tuple[str]] = {}
     for name, values in contents.attributes.items():
         semantic = next((key for key, own in NAMES.items() if own == name), name)
@@ -147,7 +147,7 @@ def encode_glb(contents: FileContents) -> bytes:
 
 
 def _representatives(vertices: Float[np.ndarray, "v 3"], pieces: list[Piece]) -> Int[np.ndarray, " v"]:
-    """For every vertex the one that stands for its place, found for each node by itself."""
+    """For every vertex the one that represents its position in its node."""
     representatives = np.empty(len(vertices), dtype=np.int64)
     for _, group in groupby(pieces, key=attrgetter("node")):
         own = list(group)
@@ -163,23 +163,23 @@ def _representatives(vertices: Float[np.ndarray, "v 3"], pieces: list[Piece]) ->
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
-    """One triangle primitive of one node: a run of the vertices of the whole scene."""
+    """A primitive of triangles in one node; its vertices follow each other in the scene."""
 
-    node: int  # the node's number
-    primitive: int  # the number of the primitive in the node's mesh
-    start: int  # the number of its first vertex in the scene
+    node: int  # index of the node
+    primitive: int  # index in the node's mesh
+    start: int  # index of its first vertex in the scene
     faces: Int[np.ndarray, "f 3"]  # over its own vertices
-    rows: Mapping[str, np.ndarray]  # its attributes as the file stores them, by their glTF names
-    normalized: frozenset[str]  # those whose integers stand for fractions of the largest one
+    rows: Mapping[str, np.ndarray]  # its attributes in the file's dtypes, by their glTF names
+    normalized: frozenset[str]  # attributes whose integers are fractions of the largest one
     transform: Float[np.ndarray, "4 4"]  # from its own coordinates to the scene's
 
     @property
     def stop(self) -> int:
-        """One more than the number of its last vertex in the scene."""
+        """One more than the index of its last vertex in the scene."""
         return self.start + len(self.rows["POSITION"])
 
     def layout(self, semantic: str) -> tuple[int, np.dtype[Any]] | None:
-        """The width and the type of an attribute's rows, if it has any."""
+        """The width and the dtype of an attribute; None if it is missing."""
         return (self.rows[semantic].shape[1], self.rows[semantic].dtype) if semantic in self.rows else None
 
     def decoded(self, semantic: str) -> Float[np.ndarray, "n k"]:
@@ -198,7 +198,7 @@ class Piece:
             return unit_vectors(values @ np.linalg.inv(self.transform[:3, :3]))
 
     def encoded(self, semantic: str, values: Float[np.ndarray, "n k"]) -> np.ndarray:
-        """The inverse of `decoded`, rounded to what the file stores."""
+        """The inverse of `decoded`, rounded to the file's dtype."""
         dtype = self.rows[semantic].dtype
         if semantic == "TEXCOORD_0":
             values = values * [1.0, -1.0] + [0.0, 1.0]
@@ -213,7 +213,7 @@ class Piece:
 
 
 def scene_pieces(container: GlbContainer) -> list[Piece]:
-    """The triangle primitives of the scene, node by node, parents first; a MeshFileError names the place."""
+    """The triangle primitives of the scene, node by node, parents first."""
     tree = container.tree
     nodes = tree.get("nodes", [])
     for node in nodes:

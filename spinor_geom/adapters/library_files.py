@@ -20,14 +20,14 @@ from spinor_geom.files import MOST_RATIO, is_bomb
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 _READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
-_MOST_PER_BYTE = 1000  # numbers that a byte of compressed data stands for
+_MOST_PER_BYTE = 1000  # numbers for each byte of a compressed file
 
 
 def read_vtk(data: bytes, *, suffix: str) -> FileContents:
-    """A file of VTK: XML polygonal data (.vtp), or legacy polygonal data or an unstructured grid of faces (.vtk)."""
+    """Polygonal data in XML (.vtp), or legacy polygonal data or an unstructured grid of faces (.vtk)."""
     import pyvista
 
-    # before VTK, which ends the process where it finds no memory for them
+    # VTK ends the process if it finds no memory for them
     for count in re.findall(rb"""NumberOf\w+\s*=\s*["'](\d+)""", data):
         if float(count) > _MOST_PER_BYTE * len(data):
             raise malformed("", f"announces {float(count):.0e} items in {len(data)} bytes", "check that it is complete")
@@ -37,14 +37,14 @@ def read_vtk(data: bytes, *, suffix: str) -> FileContents:
     reader.SetBinaryInputString(data, len(data))
     with pyvista.vtk_verbosity("off"), pyvista.VtkErrorCatcher(send_to_logging=False) as heard:
         reader.Update()
-    if heard.events:  # after an error it goes on with what it has, or with nothing
+    if heard.events:  # VTK returns a mesh after errors, too
         problem = f"VTK cannot read it ({heard.events[0].alert.splitlines()[-1]})"
         raise malformed("", problem, "check that it is complete")
     return _contents(pyvista.wrap(reader.GetOutput()), suffix)
 
 
 def read_3mf(data: bytes) -> FileContents:
-    """All meshes of a 3MF file wherever its build has them; colours and materials are not read."""
+    """All meshes of a 3MF file at all places of its build; colours and materials are not read."""
     import trimesh
 
     try:
@@ -55,7 +55,7 @@ def read_3mf(data: bytes) -> FileContents:
         scene = trimesh.load_scene(io.BytesIO(data), file_type="3mf", process=False)
     except MeshFileError:
         raise
-    # what trimesh and lxml raise for files that do not follow the format; lxml's errors are SyntaxErrors
+    # errors of trimesh and lxml for malformed files; lxml's errors are SyntaxErrors
     except (BadZipFile, SyntaxError, KeyError, IndexError, StopIteration, TypeError, ValueError) as error:
         raise malformed("", f"trimesh cannot read it ({type(error).__name__}: {error})", "check it") from error
     unseen = set(scene.geometry)
@@ -64,7 +64,7 @@ def read_3mf(data: bytes) -> FileContents:
         if name not in unseen:
             scene.add_geometry(scene.geometry[name].copy(), node_name=node, geom_name=node, transform=transform)
         unseen.discard(name)
-    for name in sorted(unseen):  # what is not built would not be written again; trimesh leaves `update` untyped
+    for name in sorted(unseen):  # trimesh would not write them; it leaves `update` untyped
         scene.graph.update(name, geometry=name, matrix=np.eye(4))  # type: ignore[no-untyped-call]
     unit = str(scene.metadata.get("units", "")).removesuffix("s")
     return _contents(scene, ".3mf", unit if unit in METRES else "millimeter")
@@ -119,7 +119,7 @@ def _contents(held: Any, suffix: str, unit: str = "") -> FileContents:
 
 
 def _grown(held: Any, extension: MeshExtension, suffix: str) -> Any:
-    """What a file holds with an extension appended; in VTK's formats with its patches as cell data."""
+    """A library's mesh with an extension appended; in VTK's formats with its patches as cell data."""
     made = extend(held, extension)
     if suffix != ".3mf" and "patch" not in held.cell_data:
         _label_patches(made, extension.face_loops)
@@ -127,14 +127,14 @@ def _grown(held: Any, extension: MeshExtension, suffix: str) -> Any:
 
 
 def _label_patches(mesh: Any, face_loops: np.ndarray) -> None:
-    """Gives cells the data "patch": the places of the loops for the last ones, −1 for those before."""
+    """Add the cell data "patch": the indices of the loops for the last cells, −1 for those before."""
     mesh.cell_data["patch"] = np.concatenate([np.full(mesh.n_cells - len(face_loops), -1), face_loops])
 
 
 def _encoded(held: Any, suffix: str, unit: str = "") -> bytes:
     if suffix == ".3mf":
         written, changed = io.BytesIO(held.export(file_type="3mf")), io.BytesIO()
-        # trimesh calls all numbers millimetres
+        # trimesh always writes millimetres
         with ZipFile(written) as source, ZipFile(changed, "w", ZIP_DEFLATED) as target:
             for name in source.namelist():
                 old, new = b'unit="millimeter"', f'unit="{unit}"'.encode()

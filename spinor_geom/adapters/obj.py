@@ -6,10 +6,9 @@ as text; no file that they name is opened.
 
 from __future__ import annotations
 
-import codecs
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from typing import BinaryIO
@@ -38,7 +37,7 @@ KEYWORDS = (b"v", b"vt", b"vn", b"f", b"l", b"o")
 NUMBERS = (b"v", b"vt", b"vn")  # keywords of lines of numbers
 ELEMENTS = {b"f": (3, "a face needs three corners"), b"l": (2, "a curve needs two vertices")}
 COLORED = ({6}, {7})  # words after `v` where all lines have colours
-WHOLE_LINES = re.compile(r".*(?<!\\)\n", re.DOTALL)
+WHOLE_LINE_END = re.compile(rb"(?<!\\)\n")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,36 +63,25 @@ def read_obj_stream(stream: BinaryIO) -> ObjText:
     Texture coordinates and normals become the attributes "uv" and "normal" if each vertex has only one. Pieces of
     curves are joined where two of them meet in a vertex. A MeshFileError names the line that cannot be read.
     """
+    data = stream.read()
+    newline = (re.search(rb"\r\n|\n|\r", data) or [NEWLINE])[0]
+    text = data.replace(b"\r\n", NEWLINE).replace(b"\r", NEWLINE).removeprefix(BYTE_ORDER_MARK)
+    if b"\0" in text:
+        line = text.count(NEWLINE, 0, text.index(0)) + 1
+        raise malformed(f"line {line}", "a zero byte, so this is no OBJ text", "check the file's format")
     reader = _Reader()
-    # one byte a letter, with all line ends alike
-    decoder = io.IncrementalNewlineDecoder(codecs.getincrementaldecoder("latin-1")(), translate=True)
-    last, line = b"", 1
-    for block in _blocks(stream, decoder):
-        if b"\0" in block:
-            at = f"line {line + block.count(NEWLINE, 0, block.index(0))}"
-            raise malformed(at, "a zero byte, so this is no OBJ text", "check the file's format")
-        reader.add(_Block(block.removeprefix(BYTE_ORDER_MARK) if line == 1 else block, first_line=line))
-        line, last = line + block.count(NEWLINE), block[-2:]
-    ends = decoder.newlines or "\n"
-    newline = (ends if isinstance(ends, str) else ends[0]).encode("ascii")
-    # a backslash at the very end would continue the last line into what follows
-    ending = b"" if last.endswith(NEWLINE) else newline
-    return reader.text(newline, ending + (newline if last.rstrip().endswith(b"\\") else b""))
-
-
-def _blocks(stream: BinaryIO, decoder: io.IncrementalNewlineDecoder) -> Iterator[bytes]:
-    """The file in blocks that end with a line that no backslash continues."""
-    rest = ""
-    while read := stream.read(BLOCK_SIZE):
-        rest += decoder.decode(read)
-        if whole := WHOLE_LINES.match(rest):
-            yield whole[0].encode("latin-1")
-            rest = rest[whole.end() :]
-        elif len(rest) > LONGEST_LINE:
+    start, line = 0, 1
+    while start < len(text):  # in blocks, as words take many times the memory of the file
+        end = WHOLE_LINE_END.search(text, start + BLOCK_SIZE)
+        stop = end.end() if end else len(text)
+        if stop - start > BLOCK_SIZE + LONGEST_LINE:
             problem = f"a line of more than {LONGEST_LINE >> 20} MiB"
             raise malformed("", problem, "check that this is an OBJ file, or write it in several pieces")
-    if rest := rest + decoder.decode(b"", final=True):
-        yield rest.encode("latin-1")
+        reader.add(_Block(text[start:stop], first_line=line))
+        start, line = stop, line + text.count(NEWLINE, start, stop)
+    # a backslash at the very end would continue the last line into what follows
+    ending = (not text.endswith(NEWLINE)) + text.rstrip().endswith(b"\\")
+    return reader.text(newline, newline * ending)
 
 
 class _Reader:

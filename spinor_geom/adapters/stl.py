@@ -1,4 +1,4 @@
-"""STL, text and binary: three corners for every triangle, nothing shared."""
+"""STL, text and binary: triangles with three vertices of their own each."""
 
 import re
 import struct
@@ -27,14 +27,14 @@ SOLID = "spinor_geom"
 
 
 def read_stl(data: bytes) -> FileContents:
-    """The triangles of an STL file as a soup: vertices 3i, 3i + 1, 3i + 2 are the corners of facet i.
+    """The triangles of an STL file: vertices 3i, 3i + 1, 3i + 2 are the corners of facet i.
 
-    Text positions are read as float64, binary ones are float32. Normals and attribute bytes are not kept.
+    Positions are float64 in text and float32 in binary files. Normals and attribute bytes are not kept.
     """
     is_text = data.removeprefix(BYTE_ORDER_MARK).lstrip()[:5].lower() == b"solid" and b"\0" not in data
     count = int(np.frombuffer(data, "<u4", 1, HEADER)[0]) if len(data) >= HEADER + 4 else 0
     size = HEADER + 4 + count * FACET.itemsize
-    # a header may begin like text; less than a facet of padding may follow in a file that is none
+    # the header of a binary file may begin like text; less than a facet of padding may follow
     if size <= len(data) < size + (1 if is_text else FACET.itemsize):
         corners, is_text = np.frombuffer(data, FACET, count, HEADER + 4)["corners"], False
     elif is_text:
@@ -56,7 +56,7 @@ def read_stl(data: bytes) -> FileContents:
 
 
 def encode_stl(contents: FileContents) -> bytes:
-    """An STL file of the triangles of all faces: text if the contents were, else binary and rounded to float32."""
+    """An STL file of the triangles of all faces: text if `is_text_stl`, else binary and rounded to float32."""
     faces, _ = contents.polygons.triangulated(contents.vertices)
     corners = contents.vertices[faces]
     # at size 1: products of very large or small edges would overflow or vanish
