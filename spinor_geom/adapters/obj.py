@@ -80,7 +80,7 @@ def read_obj_stream(stream: BinaryIO) -> ObjText:
         reader.add(_Block(text[start:stop], first_line=line))
         start, line = stop, line + text.count(NEWLINE, start, stop)
     # a backslash at the very end would continue the last line into what follows
-    ending = (not text.endswith(NEWLINE)) + text.rstrip().endswith(b"\\")
+    ending = (not text.endswith(NEWLINE)) + text[-2:].rstrip().endswith(b"\\")
     return reader.text(newline, newline * ending)
 
 
