@@ -249,35 +249,6 @@ def test_nothing_that_the_file_names_is_opened(tmp_path: Path, monkeypatch: pyte
     assert opened == [trap]
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("# only a comment\n", "no vertices"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1\n", "line 3: a vertex needs three coordinates, got 'v 0 1'"),
-        ("v 0 0 0\nv 1 zero 0\nv 0 1 0\n", "line 2: 'zero' is no number"),
-        (TRIANGLE + "f 1 2\n", "line 4: a face needs three corners, got 'f 1 2'"),
-        (TRIANGLE + "f 1 2 3\n\nf 1 2 4\n", "line 6: '4' names a vertex that does not exist, the file has 3"),
-        (TRIANGLE + "f 1 2 0\n", "line 4: '0' names a vertex"),
-        (TRIANGLE + "f 1 2 -4\n", "line 4: '-4' names a vertex"),
-        (TRIANGLE + "f 1 2 x\n", "line 4: 'x' is no corner"),
-        (TRIANGLE + "f 1/1 2/y 3/1\n", "line 4: '2/y' is no corner"),
-        (TRIANGLE + "f 1/1/1/1 2 3\n", "line 4: '1/1/1/1' is no corner"),
-        (TRIANGLE + "f /1 2 3\n", "line 4: '/1' is no corner"),
-        (TRIANGLE + "f 1 2 99999999999999999999999\n", "line 4: '99999999999999999999999' is no corner"),
-        (TRIANGLE + "f 1 \\\n 2 \\\n 7\n", "line 4: '7' names"),
-        (TRIANGLE + "# a \\\n b\n\nf 1 2 7\n", "line 7: '7' names"),
-        (TRIANGLE + "l 1\n", "line 4: a curve needs two vertices"),
-        (TRIANGLE + "l 1 9\n", "line 4: '9' names"),
-        (b"\x7fELF\x00\x01", "line 1: a zero byte"),
-    ],
-)
-def test_malformed_files_name_the_place(text: str | bytes, said: str) -> None:
-    with pytest.raises(MeshFileError) as caught:
-        parsed(text)
-    assert said in str(caught.value)
-    assert str(caught.value).startswith("a.obj")
-
-
 def test_every_truncation_of_a_file_is_read_or_refused_with_a_typed_error() -> None:
     data = (CUBE + "vt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1\nl 1 2 3\n").encode()
     refused = [stop for stop in range(len(data)) if not is_read_or_refused(data[:stop])]

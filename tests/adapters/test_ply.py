@@ -241,45 +241,6 @@ HEAD = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty floa
 FACES = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("solid\n", "line 1: does not begin with 'ply'"),
-        ("ply\nformat ascii 1.0\n", "header: has no line 'end_header'"),
-        ("ply\nend_header\n", "the format is None"),
-        ("ply\nformat utf8 1.0\nend_header\n", "the format is utf8"),
-        (HEAD + "nonsense 1\n" + FACES, "line 7: cannot understand 'nonsense 1'"),
-        (HEAD + "property half w\n" + FACES, "line 7: 'property half w' is of unknown type"),
-        (HEAD + "property float x\n" + FACES, "or the second of its name"),
-        (HEAD + "property list float int w\n" + FACES, "is of unknown type"),
-        (HEAD + "element vertex 3\n" + FACES, "two elements of one name"),
-        ("ply\nformat ascii 1.0\nelement vertex -3\nend_header\n", "line 3: cannot understand"),
-        (HEAD + "end_header\n0 0 0\n1 0 0\n0 1 0\n", "has no faces"),
-        (HEAD.replace("vertex 3", "vertex 0") + FACES + "3 0 1 2\n", "has no vertices"),
-        (HEAD.replace("float z", "float w") + FACES + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "have no x, y and z"),
-        (HEAD + FACES.replace("_indices", "es") + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "no list 'vertex_indices'"),
-        (HEAD + FACES + "0 0 0\n1 0 0\n", "announces 3, but the file ends within number 2"),
-        (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n", "announces 1, but the file ends within number 0"),
-        (HEAD + FACES + "0 0 0\n1 0\n0 1 0\n3 0 1 2\n", "line 11: cannot read vertex 1 from '1 0'"),
-        (HEAD + FACES + "0 0 0\n1 0 q\n0 1 0\n3 0 1 2\n", "line 11: cannot read vertex 1 from '1 0 q'"),
-        (HEAD + FACES + "0 0 0\n1 0 0\n\n0 1 0\n\n3 0 1\n", "line 15: cannot read face 0 from '3 0 1'"),
-        (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n3 0 1 99999999999\n", "cannot read face 0"),
-        (HEAD + FACES + "0 0 0\n1 0 0 7\n0 1 0\n3 0 1 2\n", "line 11: cannot read vertex 1 from '1 0 0 7'"),
-        (HEAD + FACES + "0 0 0 a\n1 0 0 a\n0 1 0 a\n3 0 1 2\n", "line 10: cannot read vertex 0 from '0 0 0 a'"),
-        (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n-3 0 1 2\n", "line 13: cannot read face 0"),
-        (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "face 0: names vertex 3, but there are vertices 0 to 2"),
-        (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n", "face 0: names vertex -1"),
-        (HEAD + FACES + "0 0 0\n1 0 0\n0 1 0\n2 0 1\n", "face 0: has 2 corners"),
-        (HEAD + FACES.replace("int vertex", "float vertex") + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "not integers"),
-    ],
-)
-def test_malformed_text_names_the_place(text: str, said: str) -> None:
-    with pytest.raises(MeshFileError) as caught:
-        parsed(text.encode())
-    assert said in str(caught.value)
-    assert str(caught.value).startswith("a.ply, ")
-
-
 @pytest.mark.parametrize("faces", [QUADS, MIXED], ids=["equal", "mixed"])
 @pytest.mark.parametrize("encoding", FORMATS)
 def test_every_truncation_is_refused_with_a_typed_error(encoding: str, faces: list[list[int]]) -> None:
