@@ -263,18 +263,6 @@ def is_read_or_refused(data: bytes) -> bool:
     return True
 
 
-@given(st.binary(max_size=200))
-def test_garbage_is_a_typed_error(data: bytes) -> None:
-    with pytest.raises(MeshFileError):
-        read_obj(data)
-
-
-def test_infinite_coordinate_names_the_vertex() -> None:
-    with pytest.raises(NonFiniteVertexError) as caught:
-        parsed("v 0 0 0\nv 1 0 1e999\nv 0 1 0\nf 1 2 3\n")
-    assert caught.value.fields["vertex"] == 1
-
-
 def test_path_and_text_give_a_mesh_file(tmp_path: Path) -> None:
     path = tmp_path / "CUBE.OBJ"
     path.write_text(CUBE)
