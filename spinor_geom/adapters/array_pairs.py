@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.adapters.vertex_data import grown_attributes
+from spinor_geom.adapters.vertex_data import append_attributes
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within, require_existing_vertices
 
 
@@ -25,7 +25,7 @@ class TriangleMeshAdapter:
         return TriangleMesh(
             np.concatenate([obj.vertices, extension.vertices]),
             np.concatenate([obj.faces, extension.faces]),
-            vertex_attributes=grown_attributes(obj.vertex_attributes, extension, vertices=len(obj.vertices)),
+            vertex_attributes=append_attributes(obj.vertex_attributes, extension, vertices=len(obj.vertices)),
             labels=obj.labels,
         )
 

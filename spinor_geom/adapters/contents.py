@@ -56,7 +56,7 @@ class FileContents:
         return cls(vertices=vertices, polygons=none, representatives=np.arange(len(vertices)), polylines=polylines)
 
 
-def malformed(place: str, problem: str, advice: str) -> MeshFileError:
+def malformed(place: str, problem: str, advice: str = "check that the file is complete") -> MeshFileError:
     """The error for a file that cannot be read: the place, as "line 12", what is wrong, and what to do."""
     if len(problem) > LONGEST_PROBLEM:
         problem = f"{problem[: LONGEST_PROBLEM // 2]} ... {problem[-LONGEST_PROBLEM // 2 :]}"
@@ -86,7 +86,7 @@ def real_numbers(words: Sequence[bytes]) -> list[float]:
     return list(map(float, words))
 
 
-def converted(
+def convert_words(
     words: Sequence[bytes],
     convert: Callable[[Sequence[bytes]], list[Value]],
     error: Callable[[int, str], MeshFileError],

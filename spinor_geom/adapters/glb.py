@@ -42,7 +42,7 @@ def read_glb(data: bytes) -> FileContents:
     except MeshFileError:
         raise
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError) as error:
-        raise malformed("JSON", f"does not follow glTF ({type(error).__name__}: {error})", "check the file") from error
+        raise malformed("JSON", f"does not follow glTF ({type(error).__name__}: {error})") from error
     if not pieces:
         raise malformed("scene", "has no triangles", "give a file with a surface in it")
     vertices = np.concatenate([piece.decoded("POSITION") for piece in pieces])
@@ -108,16 +108,16 @@ def _appended(data: bytes, pieces: Sequence[Piece], extension: MeshExtension) ->
     return container.encoded()
 
 
-def names_in_glb(contents: FileContents) -> dict[str, tuple[str]]:
+def names_in_glb(contents: FileContents) -> dict[str, str]:
     """The name of each attribute in a new GLB file, without attributes that are too wide or whose names clash."""
-    found: dict[str, tuple[str]] = {}
+    found: dict[str, str] = {}
     for name, values in contents.attributes.items():
         semantic = next((key for key, own in NAMES.items() if own == name), name)
         if not semantic.startswith(("COLOR_", "NORMAL", "TEXCOORD_")):
             semantic = f"_{name.upper().lstrip('_')}"
         fits = values.shape[1] <= 4 and (name != "normal" or values.shape[1] == 3)
-        if fits and (semantic,) not in found.values():
-            found[name] = (semantic,)
+        if fits and semantic not in found.values():
+            found[name] = semantic
     return found
 
 
@@ -125,7 +125,7 @@ def encode_glb(contents: FileContents) -> bytes:
     """A new GLB file with one mesh: positions as float32, in metres if the unit is known, and what attributes fit."""
     scale = METRES.get(contents.unit, 1.0)
     rows = {"POSITION": single_precision(contents.vertices * scale)}
-    for name, (semantic,) in names_in_glb(contents).items():
+    for name, semantic in names_in_glb(contents).items():
         values = contents.attributes[name]
         if name == "uv":
             values = values[:, :2] * [1.0, -1.0] + [0.0, 1.0]
@@ -231,7 +231,7 @@ def scene_pieces(container: GlbContainer) -> list[Piece]:
     while stack:
         number, parent = stack.pop()
         if number in seen:
-            raise malformed(f"node {number}", "has two parents", "check the file")
+            raise malformed(f"node {number}", "has two parents")
         seen.add(number)
         node = container.item("nodes", number)
         with np.errstate(over="ignore", invalid="ignore"):  # a position that is not finite is reported later
@@ -276,7 +276,7 @@ def _piece(
     rows = {semantic: container.values(accessor) for semantic, accessor in primitive["attributes"].items()}
     count = len(rows["POSITION"])
     if any(len(own) != count or own.shape[1] != WIDTHS.get(name, own.shape[1]) for name, own in rows.items()):
-        raise malformed(place, "its attributes do not have one row a vertex, of their own width", "check the file")
+        raise malformed(place, "its attributes do not have one row a vertex, of their own width")
     indices = np.arange(count)
     if "indices" in primitive:
         stored = container.values(primitive["indices"])

@@ -43,14 +43,14 @@ class GlbContainer:
         for name in LISTS:
             items = tree.get(name, [])
             if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
-                raise malformed("JSON", f"'{name}' is no list of objects", "check the file")
+                raise malformed("JSON", f"'{name}' is no list of objects")
         for number, view in enumerate(tree.get("bufferViews", [])):
             # buffer 0 without an address is the one inside the file
             outside = view["buffer"] != 0 or "uri" in tree["buffers"][0]
             start, stop = view.get("byteOffset", 0), view.get("byteOffset", 0) + view["byteLength"]
             if not outside and not 0 <= start <= stop <= len(binary):
                 problem = f"ends at byte {stop} of the binary buffer, which has {len(binary)}"
-                raise malformed(f"buffer view {number}", problem, "check that the file is complete")
+                raise malformed(f"buffer view {number}", problem)
             compressed = "EXT_meshopt_compression" in view.get("extensions", {})
             container.views.append(None if outside or compressed else binary[start:stop])
         return container
@@ -59,7 +59,7 @@ class GlbContainer:
         """An entry of one of the JSON's lists; a MeshFileError if there is none of that number."""
         items: list[Json] = self.tree.get(name, [])
         if type(number) is not int or not 0 <= number < len(items):
-            raise malformed("JSON", f"names number {number} of its {len(items)} {name}", "check the file")
+            raise malformed("JSON", f"names number {number} of its {len(items)} {name}")
         return items[number]
 
     def encoded(self) -> bytes:
@@ -91,8 +91,7 @@ class GlbContainer:
         row = width * dtype.itemsize
         stride = described.get("byteStride", row)
         if count < 0 or offset < 0 or stride < row or (count and offset + (count - 1) * stride + row > len(content)):
-            problem = f"announces {count} rows, more than buffer view {view} holds"
-            raise malformed(f"accessor {accessor}", problem, "check that the file is complete")
+            raise malformed(f"accessor {accessor}", f"announces {count} rows, more than buffer view {view} holds")
         return np.asarray(np.ndarray((count, width), dtype, content, offset, (stride, dtype.itemsize)))
 
     def store(self, rows: np.ndarray, *, target: int, like: int | None = None) -> int:
@@ -122,14 +121,13 @@ class GlbContainer:
 def _chunks(data: bytes) -> tuple[Json, bytes, bytes]:
     """The JSON, the binary chunk, and all chunks after these."""
     if len(data) < 20 or data[:4] != b"glTF":
-        raise malformed("byte 0", "does not begin like a binary glTF file", "check the file's format")
+        raise malformed("byte 0", "does not begin like a binary glTF file")
     version, length, json_length, json_type = struct.unpack_from("<IIII", data, 4)
     if version != 2 or json_type != JSON_CHUNK:
         raise malformed("byte 4", f"is glTF version {version}, only 2 is read", "convert the file")
     position = 20 + json_length
     if max(length, position) > len(data) or position > length:
-        problem = f"announces {max(length, position)} bytes, but the file has {len(data)}"
-        raise malformed("byte 8", problem, "check that the file is complete")
+        raise malformed("byte 8", f"announces {max(length, position)} bytes, but the file has {len(data)}")
     tree = _json(data[20:position])
     if position + 8 > length:
         return tree, b"", b""
@@ -139,7 +137,7 @@ def _chunks(data: bytes) -> tuple[Json, bytes, bytes]:
     end = position + 8 + binary_length
     if end > length:
         problem = f"announces {binary_length} bytes of binary data, but the file ends after {length - position - 8}"
-        raise malformed(f"byte {position}", problem, "check that the file is complete")
+        raise malformed(f"byte {position}", problem)
     return tree, data[position + 8 : end], data[end + -end % 4 : length]
 
 
@@ -147,11 +145,11 @@ def _json(text: bytes) -> Json:
     letters = np.frombuffer(STRING.sub(b"", text), np.uint8)
     steps = np.isin(letters, list(b"[{")).astype(np.int64) - np.isin(letters, list(b"]}"))
     if np.cumsum(steps).max(initial=0) > DEEPEST_JSON:
-        raise malformed("JSON", f"is nested more than {DEEPEST_JSON} levels deep", "check the file")
+        raise malformed("JSON", f"is nested more than {DEEPEST_JSON} levels deep")
     try:
         tree = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise malformed("JSON", str(error), "check that the file is complete") from None
+        raise malformed("JSON", str(error)) from None
     if not isinstance(tree, dict):
-        raise malformed("JSON", "is no object", "check the file")
+        raise malformed("JSON", "is no object")
     return tree

@@ -57,7 +57,7 @@ def read_3mf(data: bytes) -> FileContents:
         raise
     # errors of trimesh and lxml for malformed files; lxml's errors are SyntaxErrors
     except (BadZipFile, SyntaxError, KeyError, IndexError, StopIteration, TypeError, ValueError) as error:
-        raise malformed("", f"trimesh cannot read it ({type(error).__name__}: {error})", "check it") from error
+        raise malformed("", f"trimesh cannot read it ({type(error).__name__}: {error})") from error
     unseen = set(scene.geometry)
     for node in scene.graph.nodes_geometry:
         transform, name = scene.graph[node]
@@ -114,11 +114,11 @@ def _contents(held: Any, suffix: str, unit: str = "") -> FileContents:
         representatives=seam_representatives(mesh.vertices, polygons, appearance_of(mesh.vertex_attributes)),
         unit=unit,
         suffix=suffix,
-        appended=lambda extension: _encoded(_grown(held, extension, suffix), suffix, unit),
+        appended=lambda extension: _encoded(_extended(held, extension, suffix), suffix, unit),
     )
 
 
-def _grown(held: Any, extension: MeshExtension, suffix: str) -> Any:
+def _extended(held: Any, extension: MeshExtension, suffix: str) -> Any:
     """A library's mesh with an extension appended; in VTK's formats with its patches as cell data."""
     made = extend(held, extension)
     if suffix != ".3mf" and "patch" not in held.cell_data:

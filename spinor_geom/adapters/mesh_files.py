@@ -22,7 +22,7 @@ from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, names_in_ply, read_ply
 from spinor_geom.adapters.polygon_faces import Polygons, close_seams
 from spinor_geom.adapters.stl import encode_stl, read_stl
-from spinor_geom.adapters.vertex_data import grown_attributes
+from spinor_geom.adapters.vertex_data import append_attributes
 from spinor_geom.errors import (
     MeshError,
     MeshFileError,
@@ -121,7 +121,7 @@ class MeshFile(Shown):
             vertices=np.concatenate([old.vertices, extension.vertices]),
             polygons=old.polygons.followed_by(extension.faces),
             face_loops=np.append(old.loop_of_faces, extension.face_loops),
-            attributes=grown_attributes(old.attributes, extension, vertices=first),
+            attributes=append_attributes(old.attributes, extension, vertices=first),
             representatives=np.append(old.representatives, np.arange(first, first + len(extension.vertices))),
         )
         return MeshFile.of_contents(contents, path=self.path, read_sizes=self.read_sizes)
@@ -237,7 +237,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     if source.is_dir():
         raise MeshFileError(f"{source}: is a folder; name a file in it", path=source)
     suffix = known_suffix(source)
-    with naming(source):
+    with path_in_errors(source):
         try:
             data = source.read_bytes()
         except OSError as error:
@@ -259,7 +259,7 @@ def mesh_of_bytes(data: bytes, suffix: str, *, path: Path | None = None) -> Mesh
 def require_bytes(data: bytes) -> None:
     """Raise a MeshFileError for an empty file."""
     if not data:
-        raise malformed("", "is empty", "check that the file is complete")
+        raise malformed("", "is empty")
 
 
 def require_elements(contents: FileContents) -> None:
@@ -269,7 +269,7 @@ def require_elements(contents: FileContents) -> None:
 
 
 @contextmanager
-def naming(path: Path) -> Iterator[None]:
+def path_in_errors(path: Path) -> Iterator[None]:
     """Add the path to errors that are raised inside."""
     try:
         yield

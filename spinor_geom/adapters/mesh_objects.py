@@ -9,10 +9,10 @@ import numpy as np
 
 from spinor_geom.adapters.polygon_faces import Polygons, without_seams
 from spinor_geom.adapters.vertex_data import (
-    grown,
-    grown_attributes,
+    append_attributes,
+    append_most_frequent,
+    append_rows,
     most_frequent_row,
-    repeated,
     triangles_of,
     unit_vectors,
 )
@@ -48,7 +48,7 @@ class Open3DAdapter:
         """
         from open3d.utility import IntVector, Vector2dVector, Vector3dVector
 
-        attributes = grown_attributes(self._arrays(obj), extension, vertices=len(obj.vertices))
+        attributes = append_attributes(self._arrays(obj), extension, vertices=len(obj.vertices))
         vertices = np.concatenate([np.asarray(obj.vertices), extension.vertices])
         made = self._copy(obj, vertices, np.concatenate([np.asarray(obj.triangles), extension.faces]), attributes)
         count = len(extension.faces)
@@ -60,7 +60,7 @@ class Open3DAdapter:
             zeros = np.zeros((3 * count, 2))
             made.triangle_uvs = Vector2dVector(np.concatenate([np.asarray(obj.triangle_uvs), zeros]))
         if obj.has_triangle_material_ids():
-            made.triangle_material_ids = IntVector(repeated(np.asarray(obj.triangle_material_ids), count))
+            made.triangle_material_ids = IntVector(append_most_frequent(obj.triangle_material_ids, count))
         return made
 
     def merged(self, obj: Any, within: Within) -> Any:
@@ -123,9 +123,9 @@ class MeshioAdapter:
             return np.repeat(most_frequent_row(of_faces), len(extension.faces), axis=0)
 
         return meshio.Mesh(
-            points=grown(points, extension.vertices),
+            points=append_rows(points, extension.vertices),
             cells=[*((block.type, block.data) for block in obj.cells), ("triangle", extension.faces)],
-            point_data=grown_attributes(obj.point_data, extension, vertices=len(points)),
+            point_data=append_attributes(obj.point_data, extension, vertices=len(points)),
             cell_data={name: [*values, of_new_cells(values)] for name, values in obj.cell_data.items()},
             cell_sets={name: [*own, np.zeros(0, dtype=np.int64)] for name, own in obj.cell_sets.items()},
             **{name: deepcopy(getattr(obj, name)) for name in ("field_data", "point_sets", "gmsh_periodic", "info")},
@@ -184,7 +184,7 @@ class MeshSetAdapter:
         """
         mesh = self._current(obj)
         vertices = np.concatenate([mesh.vertex_matrix(), extension.vertices])
-        attributes = grown_attributes(self._arrays(mesh), extension, vertices=mesh.vertex_number())
+        attributes = append_attributes(self._arrays(mesh), extension, vertices=mesh.vertex_number())
         return self._copy(obj, vertices, np.concatenate([mesh.face_matrix(), extension.faces]), attributes)
 
     def merged(self, obj: pymeshlab.MeshSet, within: Within) -> pymeshlab.MeshSet:
@@ -225,9 +225,9 @@ class MeshSetAdapter:
             arrays["v_tex_coords_matrix"] = attributes["uv"]
         new = len(faces) - mesh.face_number()
         if mesh.has_face_color():
-            arrays["f_color_matrix"] = repeated(mesh.face_color_matrix(), new)
+            arrays["f_color_matrix"] = append_most_frequent(mesh.face_color_matrix(), new)
         if mesh.has_face_scalar():
-            arrays["f_scalar_array"] = repeated(mesh.face_scalar_array(), new)
+            arrays["f_scalar_array"] = append_most_frequent(mesh.face_scalar_array(), new)
         if mesh.has_wedge_tex_coord():
             arrays["w_tex_coords_matrix"] = np.concatenate([mesh.wedge_tex_coord_matrix(), np.zeros((3 * new, 2))])
         result = pymeshlab.MeshSet(verbose=False)

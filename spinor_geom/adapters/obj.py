@@ -20,7 +20,7 @@ from spinor_geom.adapters.contents import (
     BYTE_ORDER_MARK,
     FileContents,
     color_scale_of,
-    converted,
+    convert_words,
     malformed,
     nonfinite_rows,
     real_numbers,
@@ -68,7 +68,7 @@ def read_obj_stream(stream: BinaryIO) -> ObjText:
     text = data.replace(b"\r\n", NEWLINE).replace(b"\r", NEWLINE).removeprefix(BYTE_ORDER_MARK)
     if b"\0" in text:
         line = text.count(NEWLINE, 0, text.index(0)) + 1
-        raise malformed(f"line {line}", "a zero byte, so this is no OBJ text", "check the file's format")
+        raise malformed(f"line {line}", "a zero byte, so this is no OBJ text")
     reader = _Reader()
     start, line = 0, 1
     while start < len(text):  # in blocks, as words take many times the memory of the file
@@ -139,7 +139,7 @@ class _Reader:
     def text(self, newline: bytes, ending: bytes) -> ObjText:
         """The whole file; a MeshFileError if there are no vertices, or an index is out of range."""
         if not self.values[b"v"]:
-            raise malformed("", "has no vertices (`v` lines)", "check that the file is complete and is an OBJ file")
+            raise malformed("", "has no vertices (`v` lines)")
         vertices = np.concatenate([rows[:, :3] for rows in self.values[b"v"]])
         faces, curves = ([np.concatenate(parts) for parts in zip(*own, strict=True)] for own in self.elements.values())
         wrong: list[tuple[int, int]] = []
@@ -251,7 +251,7 @@ class _Block:
         if not (sizes == count).all():
             place = np.arange(len(words)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
             words = list(compress(words, (place < count).tobytes()))
-        return np.array(converted(words, real_numbers, error), dtype=np.float64).reshape(len(sizes), count)
+        return np.array(convert_words(words, real_numbers, error), dtype=np.float64).reshape(len(sizes), count)
 
     def corners(self, key: bytes, counts: dict[bytes, int]) -> Int[np.ndarray, "n 3"]:
         """The indices (position, texture, normal) from 0 of all corners on the lines; −1 where one is not given.
@@ -267,7 +267,7 @@ class _Block:
 
         corners = _uniform_corners(text, len(line_of))
         if corners is None:
-            corners = np.array(converted(text.split(), _any_corners, error), dtype=np.int64)
+            corners = np.array(convert_words(text.split(), _any_corners, error), dtype=np.int64)
         if (corners < 0).any():
             before = [counts[name] + np.searchsorted(self.lines[name], line_of) for name in NUMBERS]
             resolved = corners + np.stack(before, axis=1) + 1

@@ -7,8 +7,8 @@ from itertools import chain, islice, pairwise
 import numpy as np
 
 from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, malformed, text_rows
-from spinor_geom.adapters.ply import LONGEST_COUNT, contents_of
-from spinor_geom.adapters.records import Element, Property, Records, of_rows, rows_of
+from spinor_geom.adapters.ply import LONGEST_COUNT, contents_of_records
+from spinor_geom.adapters.records import Element, Property, Records, parse_rows, split_rows
 from spinor_geom.adapters.vertex_data import cast_values
 from spinor_geom.errors import MeshFileError
 
@@ -34,8 +34,8 @@ def read_off(data: bytes) -> FileContents:
     words = (lambda line: line.partition(b"#")[0].split()) if b"#" in text else bytes.split
     suffix = ".off"
     try:
-        rows, vertex = rows_of(text, start, vertex, words)
-        face_rows, face = rows_of(text, vertex.stop, face, words)
+        rows, vertex = split_rows(text, start, vertex, words)
+        face_rows, face = split_rows(text, vertex.stop, face, words)
     except MeshFileError:
         lines = [] if any(keyword) else text[face.count_at[1] :].splitlines()
         reflowed = _reflowed(list(chain.from_iterable(map(words, lines))), vertex.count, face.count)
@@ -53,8 +53,8 @@ def read_off(data: bytes) -> FileContents:
     columns = tuple(Property(name, color if name in COLORS else number) for name in names)
     # a colour may follow a face's size and corners
     face_rows = [row[: 1 + int(row[0])] if len(row) > 4 and SIZE.match(row[0]) else row for row in face_rows]
-    elements = {"vertex": of_rows(rows, replace(vertex, properties=columns)), "face": of_rows(face_rows, face)}
-    return contents_of(Records(data=data, newline=newline, elements=elements), suffix=suffix)
+    elements = {"vertex": parse_rows(rows, replace(vertex, properties=columns)), "face": parse_rows(face_rows, face)}
+    return contents_of_records(Records(data=data, newline=newline, elements=elements), suffix=suffix)
 
 
 def encode_off(contents: FileContents) -> bytes:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, color_scale_of, malformed, nonfinite_rows
 from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
-from spinor_geom.adapters.records import Element, Property, Records, binary_records, of_rows, read_binary, rows_of
+from spinor_geom.adapters.records import Element, Property, Records, binary_records, parse_rows, read_binary, split_rows
 from spinor_geom.adapters.vertex_data import most_frequent_row
 from spinor_geom.errors import PolygonError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
@@ -32,7 +32,7 @@ FACE_LISTS = ("vertex_indices", "vertex_index")
 
 def read_ply(data: bytes) -> FileContents:
     """The vertices, per-vertex properties and faces of a PLY file."""
-    return contents_of(read_records(data), suffix=".ply")
+    return contents_of_records(read_records(data), suffix=".ply")
 
 
 def read_records(data: bytes) -> Records:
@@ -43,8 +43,8 @@ def read_records(data: bytes) -> Records:
         if not element.properties:
             element = replace(element, stop=position)
         elif records.newline:
-            rows, element = rows_of(text, position, element)
-            element = of_rows(rows, element)
+            rows, element = split_rows(text, position, element)
+            element = parse_rows(rows, element)
         else:
             element = read_binary(data, position, element)
         elements[element.name] = element
@@ -56,10 +56,10 @@ def _read_header(data: bytes) -> tuple[int, Records]:
     """The size of a PLY file's header, and its elements without their records."""
     start = len(BYTE_ORDER_MARK) if data.startswith(BYTE_ORDER_MARK) else 0
     if not re.match(rb"ply\s", data[start : start + 4]):
-        raise malformed("line 1", "does not begin with 'ply'", "check the file's format")
+        raise malformed("line 1", "does not begin with 'ply'")
     end = re.search(rb"(?:^|[\r\n])end_header[ \t]*(\r\n|\n|\r)", data)
     if end is None:
-        raise malformed("header", "has no line 'end_header'", "check that the file is complete")
+        raise malformed("header", "has no line 'end_header'")
     # "\r" before binary data that begins with "\n" is ambiguous: the first line of the file decides
     newline = b"\r\n" if data[start + 3 : start + 5] == b"\r\n" else data[start + 3 : start + 4]
     size = end.start(1) + len(newline) if end[1].startswith(newline) else end.end()
@@ -100,7 +100,7 @@ def _property(description: list[str], order: str) -> Property | None:
     return None
 
 
-def contents_of(records: Records, *, suffix: str) -> FileContents:
+def contents_of_records(records: Records, *, suffix: str) -> FileContents:
     """The contents of a file from its records of vertices and faces; `suffix` as in `FileContents`.
 
     Colours, normals and texture coordinates become "color", "normal" and "uv"; every other scalar property of the
@@ -112,12 +112,12 @@ def contents_of(records: Records, *, suffix: str) -> FileContents:
     vertices, faces = records.elements["vertex"], records.elements["face"]
     corner_list = next((name for name in FACE_LISTS if name in faces.lengths), None)
     if not set("xyz") <= vertices.values.keys() - vertices.lengths.keys():
-        raise malformed("header", "the vertices have no x, y and z", "check the file")
+        raise malformed("header", "the vertices have no x, y and z")
     if corner_list is None:
-        raise malformed("header", "the faces have no list 'vertex_indices'", "check the file")
+        raise malformed("header", "the faces have no list 'vertex_indices'")
     corners = faces.values[corner_list]
     if corners.dtype.kind not in "iu":
-        raise malformed("header", "the corners of faces are not integers", "check the file")
+        raise malformed("header", "the corners of faces are not integers")
     points, groups = _table(vertices, tuple("xyz")), _attribute_groups(vertices)
     attributes = {attribute: _table(vertices, names) for attribute, names in groups.items()}
     polygons = Polygons.of_sizes(corners, faces.lengths[corner_list])

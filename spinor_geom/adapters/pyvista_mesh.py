@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from spinor_geom.adapters.polygon_faces import Polygons, without_seams
-from spinor_geom.adapters.vertex_data import grown, grown_attributes, repeated, triangles_of
+from spinor_geom.adapters.vertex_data import append_attributes, append_most_frequent, append_rows, triangles_of
 from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
 
@@ -46,8 +46,8 @@ class PyVistaAdapter:
         import pyvista
 
         polygons = polygons_of(obj)
-        attributes = grown_attributes(_arrays(obj), extension, vertices=obj.n_points)
-        points = grown(np.asarray(obj.points), extension.vertices)
+        attributes = append_attributes(_arrays(obj), extension, vertices=obj.n_points)
+        points = append_rows(np.asarray(obj.points), extension.vertices)
         made: Any
         if isinstance(obj, pyvista.UnstructuredGrid):
             new_cells = np.column_stack([np.full(len(extension.faces), 3), extension.faces]).ravel()
@@ -60,7 +60,7 @@ class PyVistaAdapter:
         for (name, _), values in zip(obj.point_data.items(), attributes.values(), strict=True):
             made.point_data[name] = values
         for name, values in obj.cell_data.items():
-            made.cell_data[name] = repeated(np.asarray(values), len(extension.faces))
+            made.cell_data[name] = append_most_frequent(values, len(extension.faces))
         for name, values in obj.field_data.items():
             made.field_data[name] = values
         _activate(obj.point_data, made.point_data)

@@ -172,10 +172,10 @@ def _ragged_records(data: bytes, position: int, element: Element) -> Element:
 
 def _too_short(element: Element, record: int) -> MeshFileError:
     problem = f"the header announces {element.count}, but the file ends within number {record}"
-    return malformed(f"element '{element.name}'", problem, "check that the file is complete")
+    return malformed(f"element '{element.name}'", problem)
 
 
-def rows_of(
+def split_rows(
     text: bytes, position: int, element: Element, words: Callable[[bytes], list[bytes]] = bytes.split
 ) -> tuple[list[list[bytes]], Element]:
     """The words of an element's records, one record on each line that is not blank, and the element with its lines."""
@@ -193,7 +193,7 @@ def rows_of(
     return rows, replace(element, stop=stream.tell(), lines=lines)
 
 
-def of_rows(rows: list[list[bytes]], element: Element) -> Element:
+def parse_rows(rows: list[list[bytes]], element: Element) -> Element:
     """An element with the records in some rows of words; a MeshFileError names the line that cannot be read."""
     try:
         return _of_words(rows, element)

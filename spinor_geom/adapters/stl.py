@@ -10,7 +10,7 @@ from jaxtyping import Float
 from spinor_geom.adapters.contents import (
     BYTE_ORDER_MARK,
     FileContents,
-    converted,
+    convert_words,
     malformed,
     nonfinite_rows,
     real_numbers,
@@ -41,9 +41,9 @@ def read_stl(data: bytes) -> FileContents:
         corners = _text_corners(data)
     else:
         problem = f"announces {count} facets, {size} bytes; has {len(data)} and does not begin with 'solid'"
-        raise malformed(f"byte {HEADER}", problem, "check that the file is complete and is an STL file")
+        raise malformed(f"byte {HEADER}", problem)
     if len(corners) == 0:
-        raise malformed("", "has no facets", "check that the file is complete")
+        raise malformed("", "has no facets")
     vertices = corners.reshape(-1, 3).astype(np.float64)
     wrong = nonfinite_rows(vertices)
     return FileContents(
@@ -86,9 +86,9 @@ def _text_corners(data: bytes) -> Float[np.ndarray, "f 3 3"]:
     begins = len(re.findall(rb"(?im)^[ \t]*facet\b", data[start:]))
     if begins != ends or len(words) != 3 * ends:
         problem = f"{begins} facets begin, {ends} end, and {len(words)} vertices can be read, three for each are needed"
-        raise malformed(f"about facet {min(ends, len(words) // 3)}", problem, "check that the file is complete")
+        raise malformed(f"about facet {min(ends, len(words) // 3)}", problem)
 
     def error(number: int, word: str) -> MeshFileError:
         return malformed(f"facet {number // 9}", f"'{word}' is no number", "correct it")
 
-    return np.array(converted(list(chain.from_iterable(words)), real_numbers, error)).reshape(-1, 3, 3)
+    return np.array(convert_words(list(chain.from_iterable(words)), real_numbers, error)).reshape(-1, 3, 3)

@@ -10,7 +10,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinor_geom.adapters.polygon_faces import without_seams
-from spinor_geom.adapters.vertex_data import grown_attributes, parts_of_faces, repeated, triangles_of, unit_vectors
+from spinor_geom.adapters.vertex_data import (
+    append_attributes,
+    append_most_frequent,
+    parts_of_faces,
+    triangles_of,
+    unit_vectors,
+)
 from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within, require_existing_vertices
 
@@ -48,17 +54,17 @@ class TrimeshAdapter:
         if "normal" not in extension.vertex_attributes:
             # trimesh caches normals whenever it computes them: they may have come after to_mesh
             arrays.pop("normal", None)
-        grown = grown_attributes(arrays, extension, vertices=len(obj.vertices))
+        attributes = append_attributes(arrays, extension, vertices=len(obj.vertices))
         new_faces = len(extension.faces)
         return trimesh.Trimesh(
             vertices=np.concatenate([np.asarray(obj.vertices), extension.vertices]),
             faces=np.concatenate([np.asarray(obj.faces), extension.faces]),
-            vertex_normals=grown.get("normal"),
-            vertex_attributes={name: grown[_attribute_name(obj, name)] for name in obj.vertex_attributes},
+            vertex_normals=attributes.get("normal"),
+            vertex_attributes={name: attributes[_attribute_name(obj, name)] for name in obj.vertex_attributes},
             face_attributes={
-                name: repeated(np.asarray(values), new_faces) for name, values in obj.face_attributes.items()
+                name: append_most_frequent(values, new_faces) for name, values in obj.face_attributes.items()
             },
-            visual=_grown_visual(obj, grown, new_faces),
+            visual=_extended_visual(obj, attributes, new_faces),
             metadata=deepcopy(obj.metadata),
             process=False,
             validate=False,
@@ -97,21 +103,21 @@ def _attribute_name(mesh: trimesh.Trimesh, name: str) -> str:
     return f"attribute {name}" if name in {"normal", "uv", "color", *_visual_arrays(mesh)} else name
 
 
-def _grown_visual(mesh: trimesh.Trimesh, grown: dict[str, np.ndarray], new_faces: int) -> Any:
-    """A copy of the mesh's visual with the grown attributes and one entry for each new face."""
+def _extended_visual(mesh: trimesh.Trimesh, attributes: dict[str, np.ndarray], new_faces: int) -> Any:
+    """A copy of the mesh's visual with other attributes and one more entry for each new face."""
     from trimesh.visual import ColorVisuals
 
     old: Any = mesh.visual
     if old.kind == "vertex":
-        return ColorVisuals(vertex_colors=grown["color"])
+        return ColorVisuals(vertex_colors=attributes["color"])
     if old.kind == "face":
-        return ColorVisuals(face_colors=repeated(np.asarray(old.face_colors), new_faces))
+        return ColorVisuals(face_colors=append_most_frequent(old.face_colors, new_faces))
     if old.kind != "texture":
         return None
     visual = old.copy()
-    visual.vertex_attributes.update({name: grown[name] for name in old.vertex_attributes})
+    visual.vertex_attributes.update({name: attributes[name] for name in old.vertex_attributes})
     if visual.face_materials is not None:
-        visual.face_materials = repeated(np.asarray(visual.face_materials), new_faces)
+        visual.face_materials = append_most_frequent(visual.face_materials, new_faces)
     return visual
 
 
@@ -169,12 +175,12 @@ class SceneAdapter:
     def extend(self, obj: trimesh.Scene, extension: MeshExtension) -> trimesh.Scene:
         """A new `Scene` whose geometries are extended; faces that join two of them are a MeshShapeError too."""
         parts = _parts(obj)
-        grown = obj.copy()
+        extended = obj.copy()
         old = sum(len(part.mesh.vertices) for part in parts)
         total = old + len(extension.vertices)
         require_existing_vertices(extension.faces, vertices=total)
         if not parts:
-            return grown
+            return extended
         counts = parts_of_faces(extension, [part.start for part in parts], old)
         joining = counts[(counts > 0).sum(axis=1) > 1]
         if len(joining):
@@ -193,7 +199,7 @@ class SceneAdapter:
             attributes = {name: given[key][own] for name, key in part.names.items() if key in given}
             if "normal" in attributes:
                 attributes["normal"] = unit_vectors(attributes["normal"] @ part.transform[:3, :3])
-            grown.geometry[part.geometry] = _MESHES.extend(
+            extended.geometry[part.geometry] = _MESHES.extend(
                 obj.geometry[part.geometry],
                 MeshExtension(
                     vertices=extension.vertices[own] @ back[:3, :3].T + back[:3, 3],
@@ -202,7 +208,7 @@ class SceneAdapter:
                     vertex_attributes=attributes,
                 ),
             )
-        return grown
+        return extended
 
 
 def _parts(scene: trimesh.Scene) -> list[_Part]:

@@ -20,7 +20,7 @@ def triangles_of(vertices: np.ndarray, faces: np.ndarray, arrays: Mapping[str, A
     return TriangleMesh(vertices, faces, vertex_attributes=attributes)
 
 
-def grown_attributes(arrays: Mapping[str, Any], extension: MeshExtension, *, vertices: int) -> dict[str, np.ndarray]:
+def append_attributes(arrays: Mapping[str, Any], extension: MeshExtension, *, vertices: int) -> dict[str, np.ndarray]:
     """Arrays (V, ...) of a mesh of `vertices` vertices, each followed by values at new vertices in its own dtype.
 
     These are the extension's attributes; for arrays that `triangles_of` leaves out, zeros or empty entries. Raises as
@@ -44,7 +44,7 @@ def grown_attributes(arrays: Mapping[str, Any], extension: MeshExtension, *, ver
                 f"vertex attribute {name!r} has {width} numbers a vertex in the mesh and {rows.shape[1]} in the "
                 "extension; give the same number"
             )
-        result[name] = grown(values, rows)
+        result[name] = append_rows(values, rows)
     return result
 
 
@@ -59,7 +59,7 @@ def _columns(values: np.ndarray) -> Real[np.ndarray, "v c"]:
     return rows.astype(np.float64) if rows.dtype.kind == "b" else rows
 
 
-def grown(values: np.ndarray, rows: Float[np.ndarray, "k c"]) -> np.ndarray:
+def append_rows(values: np.ndarray, rows: Float[np.ndarray, "k c"]) -> np.ndarray:
     """Values (V, ...) of any real dtype followed by new rows in the same dtype and trailing shape."""
     new = cast_values(rows, values.dtype).reshape(len(rows), *values.shape[1:])
     return np.concatenate([values, new])
@@ -77,9 +77,10 @@ def cast_values(values: Real[np.ndarray, "k c"], dtype: np.dtype[Any]) -> np.nda
     return np.asarray(np.clip(np.rint(np.nan_to_num(values)), float(limits.min), highest), dtype=dtype)
 
 
-def repeated(values: np.ndarray, count: int) -> np.ndarray:
-    """Values (F, ...) at faces, followed by `count` times the most frequent one."""
-    return np.concatenate([values, np.repeat(most_frequent_row(values), count, axis=0)])
+def append_most_frequent(values: Any, count: int) -> np.ndarray:
+    """An array of values (F, ...) at faces, followed by `count` times the most frequent one."""
+    array = np.asarray(values)
+    return np.concatenate([array, np.repeat(most_frequent_row(array), count, axis=0)])
 
 
 def most_frequent_row(values: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from spinor_geom.adapters import MeshFile, glb, read_mesh
 from spinor_geom.adapters.glb import read_glb
 from spinor_geom.adapters.glb_container import GlbContainer
-from spinor_geom.adapters.mesh_files import naming
+from spinor_geom.adapters.mesh_files import path_in_errors
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
@@ -25,7 +25,7 @@ CUBE = {"POSITION": VERTICES, "indices": INDICES}
 
 
 def parsed(data: bytes) -> MeshFile:
-    with naming(Path("a.glb")):
+    with path_in_errors(Path("a.glb")):
         return MeshFile.of_contents(read_glb(data), path=None)
 
 

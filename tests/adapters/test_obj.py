@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
-from spinor_geom.adapters.mesh_files import naming
+from spinor_geom.adapters.mesh_files import path_in_errors
 from spinor_geom.adapters.obj import read_obj
 from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.mesh.topology import boundary_edges
@@ -21,7 +21,7 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 
 def parsed(text: str | bytes) -> MeshFile:
     data = text.encode() if isinstance(text, str) else text
-    with naming(Path("a.obj")):
+    with path_in_errors(Path("a.obj")):
         return MeshFile.of_contents(read_obj(data), path=None)
 
 

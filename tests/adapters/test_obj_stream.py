@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import obj
-from spinor_geom.adapters.mesh_files import naming
+from spinor_geom.adapters.mesh_files import path_in_errors
 from spinor_geom.adapters.obj import ObjText, read_obj_stream
 from spinor_geom.errors import MeshFileError
 
@@ -40,7 +40,7 @@ LINES = (
 
 def read(text: str) -> ObjText | str:
     try:
-        with naming(Path("a.obj")):
+        with path_in_errors(Path("a.obj")):
             return read_obj_stream(io.BytesIO(text.encode()))
     except MeshFileError as error:
         return str(error)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import MeshFile, read_mesh
-from spinor_geom.adapters.mesh_files import naming
+from spinor_geom.adapters.mesh_files import path_in_errors
 from spinor_geom.adapters.off import read_off
 from spinor_geom.mesh.topology import boundary_edges
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, lid_for, open_cube
@@ -22,7 +22,7 @@ CUBE = f"OFF\n8 5 0\n{POINTS}{QUADS}"
 
 def parsed(text: str | bytes) -> MeshFile:
     data = text.encode() if isinstance(text, str) else text
-    with naming(Path("a.off")):
+    with path_in_errors(Path("a.off")):
         return MeshFile.of_contents(read_off(data), path=None)
 
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import MeshFile, read_mesh
-from spinor_geom.adapters.mesh_files import naming
+from spinor_geom.adapters.mesh_files import path_in_errors
 from spinor_geom.adapters.ply import read_ply, read_records
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.topology import boundary_edges
@@ -59,7 +59,7 @@ def ply(
 
 
 def parsed(data: bytes) -> MeshFile:
-    with naming(Path("a.ply")):
+    with path_in_errors(Path("a.ply")):
         return MeshFile.of_contents(read_ply(data), path=None)
 
 
