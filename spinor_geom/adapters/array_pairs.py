@@ -64,12 +64,11 @@ class PairAdapter:
         kept, new_index = self.to_mesh(obj).merge_map(within)
         vertices, faces = obj
         new_faces = new_index[_array(faces)]
-        if not isinstance(faces, np.ndarray):
-            import torch
+        if isinstance(faces, np.ndarray):
+            return _like_pair(obj, vertices[kept], new_faces.astype(faces.dtype))
+        import torch
 
-            kept, new_faces = torch.from_numpy(kept).to(vertices.device), torch.from_numpy(new_faces)
-            return _like_pair(obj, vertices[kept], new_faces.to(faces))
-        return _like_pair(obj, vertices[kept], new_faces.astype(faces.dtype))
+        return _like_pair(obj, vertices[torch.tensor(kept, device=vertices.device)], torch.tensor(new_faces).to(faces))
 
 
 def _array(values: Any) -> np.ndarray:
