@@ -11,10 +11,13 @@ from typing import Any
 class SpinorGeomError(Exception):
     """Base of all errors that the package raises on purpose; indices and figures are attributes.
 
-    `sentence` is the message of types that have only one, with the names of the attributes in braces.
+    Types with one message have it as their `sentence`, which is their docstring, too; braces hold names of attributes.
     """
 
     sentence = ""
+
+    def __init_subclass__(cls) -> None:
+        cls.__doc__ = cls.__doc__ or cls.sentence
 
     def __init__(self, message: str | None = None, **fields: Any) -> None:
         self.fields = {name: _tuples(value) for name, value in fields.items()}
@@ -39,14 +42,10 @@ class MeshShapeError(MeshError):
 
 
 class VertexIndexError(MeshError):
-    """A face names a vertex that does not exist."""
-
     sentence = "face {face} names vertex {index}, but the mesh has {vertices}, numbered from 0; correct its indices"
 
 
 class PolygonError(VertexIndexError):
-    """A face has fewer than three corners, or one that does not exist."""
-
     sentence = "face {face} {problem}; correct or remove it"
 
 
@@ -60,26 +59,18 @@ class NonFiniteVertexError(MeshError):
 
 
 class NoFacesError(MeshError):
-    """The mesh has vertices but no faces."""
-
     sentence = "the mesh has {vertices} vertices and no faces: no holes; make faces, or span a curve with solve_plateau"
 
 
 class MeshExtentError(MeshError):
-    """Powers of the mesh's lengths overflow or underflow."""
-
     sentence = "the mesh has an extent of {extent:.1e}, and powers of such lengths are no numbers; scale the mesh"
 
 
 class NonManifoldEdgeError(MeshError):
-    """An edge at a boundary loop has three or more faces."""
-
     sentence = "edge {edge} has the faces {faces}, at most 2 are allowed beside a loop; remove or split the others"
 
 
 class DuplicateVertexError(MeshError):
-    """The faces do not share vertices, as in STL files."""
-
     sentence = (
         "{count} boundary edges lie on one another, first at vertices {vertices}: the faces do not share their "
         "vertices; merge vertices of equal position first (read_mesh(path).merged(), TriangleMesh.merged(), --merge)"
@@ -107,26 +98,18 @@ class LoopError(SpinorGeomError, ValueError):
 
 
 class LoopTooShortError(LoopError):
-    """A loop has fewer than three points."""
-
     sentence = "a loop needs at least 3 points, got {points}; give a closed curve"
 
 
 class RepeatedPointError(LoopError):
-    """Two neighbouring points of a loop are equal."""
-
     sentence = "points {index} and its successor on the loop are equal; remove one of them"
 
 
 class CurveError(LoopError):
-    """The functions of a closed curve return wrong values."""
-
     sentence = "the curve {reason} (near s = {parameter:.6g}); give a closed one on [0, 1), its derivatives and corners"
 
 
 class ZeroWidthSlitError(LoopError):
-    """Both sides of the loop lie on each other."""
-
     sentence = (
         "{fraction:.0%} of the loop is a zero-width slit (its two sides are {apart}, first at vertices {vertices}); "
         "merge the vertices of equal position instead of filling it ({advice})"
@@ -134,8 +117,6 @@ class ZeroWidthSlitError(LoopError):
 
 
 class SeamError(LoopError):
-    """Edges of the loop lie on edges of another loop."""
-
     sentence = (
         "{count} edges of the loop and of another loop are {apart}, first {edge}: a seam between pieces that do not "
         "share their vertices, not only a hole; merge the vertices ({advice}), or fill it with loop= (--loop)"
@@ -143,8 +124,6 @@ class SeamError(LoopError):
 
 
 class TJunctionError(LoopError):
-    """The loop is a seam whose two sides are divided differently."""
-
     sentence = (
         "the loop is a seam with T-junctions, not only a hole: {count} boundary vertices lie on boundary edges, first "
         "vertex {vertex} on edge {edge}, {apart}; divide those edges there, or fill it with loop= (--loop)"
@@ -152,32 +131,22 @@ class TJunctionError(LoopError):
 
 
 class SheetBorderError(LoopError):
-    """The loop is the outer border of a sheet; a patch over it would lie on the mesh."""
-
     sentence = "it is the border of a sheet rather than a hole: {evidence}; name it in loop= (--loop) to fill it"
 
 
 class LoopIndexError(LoopError):
-    """The mesh has no loop of that index."""
-
     sentence = "loop {index} does not exist, the mesh has {loops} (numbered from 0, longest first)"
 
 
 class ForeignLoopError(LoopError):
-    """A loop object is not one of the mesh's boundary loops."""
-
     sentence = "the loop of {vertices} vertices is not a boundary loop of this mesh; take one from boundary_loops(mesh)"
 
 
 class ForeignRimError(LoopError):
-    """The mesh to compare with has another boundary than the surface."""
-
     sentence = "the mesh to compare with is not over the same rim: it has {boundary}; give the patch alone"
 
 
 class SelfCrossingLoopError(LoopError):
-    """The loop crosses or touches itself."""
-
     sentence = (
         "the loop crosses or touches itself: its edges {edges[0]} and {edges[1]} meet ({count} such pairs in all); "
         "move them apart, or give them a common vertex, which splits the loop"
@@ -185,50 +154,34 @@ class SelfCrossingLoopError(LoopError):
 
 
 class OpenCurveError(LoopError):
-    """A curve does not end at its first point."""
-
     sentence = "the curve is open: its ends are {gap:.6g} apart (mean edge {mean_edge:.3g}); close it, or raise closing"
 
 
 class KnottedLoopError(LoopError):
-    """The loop is knotted, so every disk over it crosses itself."""
-
     sentence = "the loop is knotted (determinant {determinant:.0f}), so every disk over it crosses itself; cut it up"
 
 
 class TooManyRimsError(LoopError):
-    """A surface between three or more loops was asked for."""
-
     sentence = "discrete minimal surfaces span one loop or join two, got loops of {sizes} vertices; give one or two"
 
 
 class SeveralRimsError(LoopError):
-    """The one loop of a surface was asked for that has several."""
-
     sentence = "the surface has {rims} rims; take its loops and curves from `rims`"
 
 
 class LoopsMeetError(LoopError):
-    """Two loops that are to be joined cross or touch each other."""
-
     sentence = "edge {edges[0]} of one loop and edge {edges[1]} of the other meet; move them apart, or merge vertices"
 
 
 class TwistedRimsError(LoopError):
-    """A bridge between two rims would join the inside of the mesh to its outside."""
-
     sentence = "the rims of loops {loops} have opposite orientations for a bridge; turn the faces of one piece over"
 
 
 class NoAreaError(LoopError):
-    """The loop encloses no area: its points lie on a line, or its sides on each other."""
-
     sentence = "the loop encloses no area (mean width {width:.1e}, mean edge {mean_edge:.3g}); merge or remove vertices"
 
 
 class LoneFaceError(LoopError):
-    """The loop is the outline of one face without neighbours."""
-
     sentence = "the loop is the outline of face {face} {vertices}, which has no neighbours; remove the face"
 
 
@@ -241,8 +194,6 @@ class FirstFillError(SpinorGeomError):
 
 
 class OutOfTimeError(SpinorGeomError):
-    """The time limit passed before there was a result."""
-
     sentence = "no surface was found within the time that was allowed; raise time_limit (--time-limit)"
 
 
@@ -251,8 +202,6 @@ class SurfaceError(SpinorGeomError):
 
 
 class PeriodError(SurfaceError):
-    """An associate surface does not close around a part of ∂Ω."""
-
     sentence = (
         "the associate surface of angle {angle:.6g} does not close around {around}: it moves by ({period[0]:.3g}, "
         "{period[1]:.3g}, {period[2]:.3g}) there; take a multiple of π, or a part that does not go around"
@@ -260,14 +209,10 @@ class PeriodError(SurfaceError):
 
 
 class SingularMatrixError(SpinorGeomError, ValueError):
-    """A Laplacian cannot be factored because faces have no area."""
-
     sentence = "a Laplacian of {size} inner vertices is singular, as faces have no area; check the loop for crossings"
 
 
 class UnsolvableError(SingularMatrixError):
-    """The equations of a surface have no solution in double precision."""
-
     sentence = (
         "equations for a surface over the loop cannot be solved ({reason}); check the loop for points that nearly "
         "coincide, and for parts of it that nearly touch"
@@ -283,14 +228,10 @@ class OptionError(SpinorGeomError, ValueError):
 
 
 class ArgumentTypeError(OptionError, TypeError):
-    """An argument of a function has the wrong type."""
-
     sentence = "{function} takes {takes}, not {found}"
 
 
 class TooManyPointsError(OptionError):
-    """An edge length needs more vertices than fit into memory."""
-
     sentence = (
         "patches with edges of {target:.6g} would need about {points:.1e} vertices for an area of {area:.6g}, more "
         "than {most:.0e}; give a longer target_edge_length (--edge-length), in mesh units"
@@ -302,14 +243,10 @@ class StorageError(SpinorGeomError):
 
 
 class ZeroOnContourError(SpinorGeomError):
-    """A holomorphic function has a zero on the contour along which its zeros are counted."""
-
     sentence = "the function has a zero on the boundary, or too near, by z = {z:.6g}; take a slightly different domain"
 
 
 class UnplacedZerosError(SpinorGeomError):
-    """The values of a holomorphic function on the boundary do not determine its zeros inside."""
-
     sentence = "the places of the function's {count} zeros in the domain cannot be determined; take a smaller domain"
 
 
@@ -318,8 +255,6 @@ class ImperfectFillWarning(UserWarning):
 
 
 class UnknownMeshTypeError(SpinorGeomError, TypeError):
-    """No adapter supports this type."""
-
     sentence = "{found} is not a mesh type known here; {advice}"
 
 
@@ -336,8 +271,6 @@ class BatchError(SpinorGeomError):
 
 
 class MissingPackageError(SpinorGeomError, ImportError):
-    """An optional package is not installed."""
-
     sentence = "{package} is not installed; install it, in a clone, with: pip install '.[{extra}]'"
 
 
