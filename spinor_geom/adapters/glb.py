@@ -170,7 +170,7 @@ class Piece:
     start: int  # index of its first vertex in the scene
     faces: Int[np.ndarray, "f 3"]  # over its own vertices
     rows: Mapping[str, np.ndarray]  # its attributes in the file's dtypes, by their glTF names
-    normalized: frozenset[str]  # attributes whose integers are fractions of the largest one
+    normalized: frozenset[str]  # attributes but colours whose integers are fractions of the largest one
     transform: Float[np.ndarray, "4 4"]  # from its own coordinates to the scene's
 
     @property
@@ -186,7 +186,7 @@ class Piece:
         """An attribute as float64 in the scene's coordinates; colours in the file's own scale."""
         rows = self.rows[semantic]
         values = rows.astype(np.float64)
-        if semantic in self.normalized and semantic != "COLOR_0":
+        if semantic in self.normalized:
             values = np.maximum(values / np.iinfo(rows.dtype).max, -1.0)
         if semantic == "TEXCOORD_0":
             return values * [1.0, -1.0] + [0.0, 1.0]
@@ -207,7 +207,7 @@ class Piece:
                 values = (values - self.transform[:3, 3]) @ np.linalg.inv(self.transform[:3, :3]).T
             elif semantic == "NORMAL":
                 values = unit_vectors(values @ self.transform[:3, :3])
-        if semantic in self.normalized and semantic != "COLOR_0":
+        if semantic in self.normalized:
             values = values * np.iinfo(dtype).max
         return cast_values(values, dtype)
 
@@ -287,7 +287,8 @@ def _piece(
         raise malformed(place, f"its indices are no triangles over its {count} vertices", "correct the indices")
     if not len(indices):
         return None
-    normalized = (name for name, item in primitive["attributes"].items() if tree["accessors"][item].get("normalized"))
+    accessors = {name: tree["accessors"][item] for name, item in primitive["attributes"].items() if name != "COLOR_0"}
+    normalized = (name for name, accessor in accessors.items() if accessor.get("normalized"))
     return Piece(
         node=node,
         primitive=index,

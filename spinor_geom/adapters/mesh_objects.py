@@ -72,8 +72,12 @@ class Open3DAdapter:
     def _arrays(self, obj: Any) -> dict[str, np.ndarray]:
         if hasattr(obj, "to_legacy"):
             raise MeshShapeError("the mesh is an open3d.t.geometry.TriangleMesh; give mesh.to_legacy()")
-        arrays = {"normal": np.asarray(obj.vertex_normals), "color": np.asarray(obj.vertex_colors)}
-        return {name: values for name, values in arrays.items() if len(values)}
+        arrays = {}
+        if obj.has_vertex_normals():
+            arrays["normal"] = np.asarray(obj.vertex_normals)
+        if obj.has_vertex_colors():
+            arrays["color"] = np.asarray(obj.vertex_colors)
+        return arrays
 
     def _copy(self, obj: Any, vertices: np.ndarray, triangles: np.ndarray, attributes: dict[str, np.ndarray]) -> Any:
         """A copy of a mesh with other vertices and triangles."""
