@@ -2,6 +2,7 @@
 
 import io
 import re
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -30,7 +31,7 @@ def read_vtk(data: bytes, *, suffix: str) -> FileContents:
     # VTK ends the process if it finds no memory for them
     for count in re.findall(rb"""NumberOf\w+\s*=\s*["'](\d+)""", data):
         if float(count) > _MOST_PER_BYTE * len(data):
-            raise malformed("", f"announces {float(count):.0e} items in {len(data)} bytes", "check that it is complete")
+            raise malformed("", f"announces {float(count):.0e} items in {len(data)} bytes")
     module, name = _READERS[suffix]
     reader = getattr(import_module(f"vtkmodules.{module}"), name)()
     reader.SetReadFromInputString(True)
@@ -38,9 +39,16 @@ def read_vtk(data: bytes, *, suffix: str) -> FileContents:
     with pyvista.vtk_verbosity("off"), pyvista.VtkErrorCatcher(send_to_logging=False) as heard:
         reader.Update()
     if heard.events:  # VTK returns a mesh after errors, too
-        problem = f"VTK cannot read it ({heard.events[0].alert.splitlines()[-1]})"
-        raise malformed("", problem, "check that it is complete")
-    return _contents(pyvista.wrap(reader.GetOutput()), suffix)
+        raise malformed("", f"VTK cannot read it ({heard.events[0].alert.splitlines()[-1]})")
+    surface = pyvista.wrap(reader.GetOutput())
+
+    def appended(extension: MeshExtension) -> bytes:
+        extended = extend(surface, extension)
+        if "patch" not in surface.cell_data:
+            _label_patches(extended, extension.face_loops)
+        return _vtk_bytes(extended, suffix)
+
+    return _contents(surface, suffix, appended)
 
 
 def read_3mf(data: bytes) -> FileContents:
@@ -67,7 +75,8 @@ def read_3mf(data: bytes) -> FileContents:
     for name in sorted(unseen):  # trimesh would not write them; it leaves `update` untyped
         scene.graph.update(name, geometry=name, matrix=np.eye(4))  # type: ignore[no-untyped-call]
     unit = str(scene.metadata.get("units", "")).removesuffix("s")
-    return _contents(scene, ".3mf", unit if unit in METRES else "millimeter")
+    unit = unit if unit in METRES else "millimeter"
+    return _contents(scene, ".3mf", lambda extension: _3mf_bytes(extend(scene, extension), unit), unit)
 
 
 def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
@@ -90,7 +99,7 @@ def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
         mesh.point_data.active_normals_name = "normal"
     if "uv" in contents.attributes:
         mesh.point_data.active_texture_coordinates_name = "uv"
-    return _encoded(mesh, suffix)
+    return _vtk_bytes(mesh, suffix)
 
 
 def encode_3mf(contents: FileContents) -> bytes:
@@ -99,12 +108,14 @@ def encode_3mf(contents: FileContents) -> bytes:
 
     triangles, _ = contents.polygons.triangulated(contents.vertices)
     scene = trimesh.Scene([trimesh.Trimesh(contents.vertices, triangles, process=False)])
-    return _encoded(scene, ".3mf", contents.unit or "millimeter")
+    return _3mf_bytes(scene, contents.unit or "millimeter")
 
 
-def _contents(held: Any, suffix: str, unit: str = "") -> FileContents:
-    mesh = to_mesh(held)
-    polygons = Polygons.of_triangles(mesh.faces) if suffix == ".3mf" else polygons_of(held)
+def _contents(
+    mesh_object: Any, suffix: str, appended: Callable[[MeshExtension], bytes], unit: str = ""
+) -> FileContents:
+    mesh = to_mesh(mesh_object)
+    polygons = Polygons.of_triangles(mesh.faces) if suffix == ".3mf" else polygons_of(mesh_object)
     return FileContents(
         vertices=mesh.vertices,
         polygons=polygons,
@@ -114,16 +125,8 @@ def _contents(held: Any, suffix: str, unit: str = "") -> FileContents:
         representatives=seam_representatives(mesh.vertices, polygons, appearance_of(mesh.vertex_attributes)),
         unit=unit,
         suffix=suffix,
-        appended=lambda extension: _encoded(_extended(held, extension, suffix), suffix, unit),
+        appended=appended,
     )
-
-
-def _extended(held: Any, extension: MeshExtension, suffix: str) -> Any:
-    """A library's mesh with an extension appended; in VTK's formats with its patches as cell data."""
-    made = extend(held, extension)
-    if suffix != ".3mf" and "patch" not in held.cell_data:
-        _label_patches(made, extension.face_loops)
-    return made
 
 
 def _label_patches(mesh: Any, face_loops: np.ndarray) -> None:
@@ -131,16 +134,18 @@ def _label_patches(mesh: Any, face_loops: np.ndarray) -> None:
     mesh.cell_data["patch"] = np.concatenate([np.full(mesh.n_cells - len(face_loops), -1), face_loops])
 
 
-def _encoded(held: Any, suffix: str, unit: str = "") -> bytes:
-    if suffix == ".3mf":
-        written, changed = io.BytesIO(held.export(file_type="3mf")), io.BytesIO()
-        # trimesh always writes millimetres
-        with ZipFile(written) as source, ZipFile(changed, "w", ZIP_DEFLATED) as target:
-            for name in source.namelist():
-                old, new = b'unit="millimeter"', f'unit="{unit}"'.encode()
-                target.writestr(name, source.read(name).replace(old, new, int(name.endswith(".model"))))
-        return changed.getvalue()
+def _vtk_bytes(mesh: Any, suffix: str) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"mesh{suffix}"
-        held.save(path)
+        mesh.save(path)
         return path.read_bytes()
+
+
+def _3mf_bytes(scene: Any, unit: str) -> bytes:
+    written, changed = io.BytesIO(scene.export(file_type="3mf")), io.BytesIO()
+    # trimesh always writes millimetres
+    with ZipFile(written) as source, ZipFile(changed, "w", ZIP_DEFLATED) as target:
+        for name in source.namelist():
+            old, new = b'unit="millimeter"', f'unit="{unit}"'.encode()
+            target.writestr(name, source.read(name).replace(old, new, int(name.endswith(".model"))))
+    return changed.getvalue()
