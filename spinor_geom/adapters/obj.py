@@ -92,6 +92,7 @@ class _Reader:
         self.widths: dict[bytes, set[int]] = {key: set() for key in NUMBERS}  # numbers of words after the keyword
         self.values: dict[bytes, list[Float[np.ndarray, "n k"]]] = {key: [] for key in NUMBERS}
         self.first_nonfinite = ""
+        self.unreadable: dict[bytes, MeshFileError] = {}  # raised only if the numbers are needed
         # for each block the corners of its elements, and the size, the line and the name of each element
         none = np.zeros(0, dtype=np.int64)
         self.elements = {key: [(none.reshape(0, 3), none, none, none)] for key in ELEMENTS}
@@ -109,8 +110,11 @@ class _Reader:
             if not self.first_nonfinite and len(wrong := nonfinite_rows(rows[:, :3])):
                 self.first_nonfinite = f"line {block.line_numbers[lines[wrong[0]]]}"
         for key in (b"vt", b"vn"):
-            if len(self.widths[key]) == 1:
-                self.values[key].append(block.floats(key, min(self.widths[key])))
+            if len(self.widths[key]) == 1 and key not in self.unreadable:
+                try:
+                    self.values[key].append(block.floats(key, min(self.widths[key])))
+                except MeshFileError as error:
+                    self.unreadable[key] = error
         starts, names = self._names(block)
         for key, (least, what) in ELEMENTS.items():
             block.require_words(key, least, what)
@@ -158,6 +162,8 @@ class _Reader:
             own = _index_of_each_vertex(faces[0][:, 0], faces[0][:, column], len(vertices), self.counts[key])
             widths = self.widths[key]
             if own is not None and len(widths) == 1 and (widths == {3} if name == "normal" else 0 not in widths):
+                if key in self.unreadable:
+                    raise self.unreadable[key]
                 corner_indices[name] = own
                 attributes[name] = np.where(own[:, None] >= 0, np.concatenate(self.values[key])[own], 0.0)
         pieces = np.split(curves[0][:, 0], np.cumsum(curves[1])[:-1]) if len(curves[1]) else []

@@ -220,6 +220,13 @@ def test_normals_alone_leave_the_texture_place_empty(tmp_path: Path) -> None:
     assert set(closed.mesh.vertex_attributes) == {"normal"}
 
 
+def test_unreadable_normals_matter_only_where_each_vertex_has_one() -> None:
+    text = TRIANGLE + "vn 0 0 1\nvn -nan(ind) 0 1\n"
+    assert dict(parsed(text + "f 1//1 2//2 3//1\nf 1//2 3//1 2//1\n").mesh.vertex_attributes) == {}
+    with pytest.raises(MeshFileError, match="line 5"):
+        parsed(text + "f 1//1 2//2 3//1\n")
+
+
 def test_weights_are_no_colors() -> None:
     assert dict(parsed("v 0 0 0 1\nv 1 0 0 1\nv 0 1 0 1\nf 1 2 3\n").mesh.vertex_attributes) == {}
     assert dict(parsed("v 0 0 0 1 1 1\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").mesh.vertex_attributes) == {}
