@@ -199,7 +199,7 @@ class _Block:
     """
 
     def __init__(self, data: bytes, *, first_line: int) -> None:
-        data += 2 * NEWLINE  # so that three letters stand wherever a word begins
+        data += 2 * NEWLINE  # so that two letters follow the first letter of every word
         ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord(NEWLINE))
         for mark, pattern in ((b"\\", rb"\\\n"), (b"#", rb"#[^\n]*")):
             if mark in data:
@@ -262,8 +262,8 @@ class _Block:
     def corners(self, key: bytes, counts: dict[bytes, int]) -> Int[np.ndarray, "n 3"]:
         """The indices (position, texture, normal) from 0 of all corners on the lines; −1 where one is not given.
 
-        `counts` has the numbers of lines in the blocks before this one. An index before the first element is returned
-        as it stands in the file, less 1.
+        `counts` has the numbers of lines in the blocks before this one. A position before the first vertex is returned
+        as in the file, less 1, for the error message.
         """
         text = self._text(key)
         line_of = np.repeat(self.lines[key], self.sizes[self.lines[key]])
@@ -284,8 +284,8 @@ class _Block:
 
 
 def _uniform_corners(text: bytes, count: int) -> Int[np.ndarray, "{count} 3"] | None:
-    """Corners as they stand in the file, 0 where not given; None unless they all have one form, and are well-formed."""
-    # what is left without the numbers tells whether all corners have one form, much faster than looking at each
+    """Corners as in the file, 0 where an index is not given; None unless all are valid and have the same form."""
+    # the form of a corner is the number of its slashes, if nothing else is left without its digits
     marks = text.translate(None, b"-0123456789").split()
     slashes = len(marks[0]) if marks else 0
     if slashes > 2 or marks != [b"/" * slashes] * (count if slashes else 0):
@@ -293,7 +293,7 @@ def _uniform_corners(text: bytes, count: int) -> Int[np.ndarray, "{count} 3"] | 
     text, is_signed = text.replace(b"//", b"/0/").replace(b"/", b" "), b"-" in text
     corners = np.zeros((count, 3), dtype=np.int64)
     try:
-        # of digits alone numpy reads numbers at a quarter of the time, those of 64 bits as negative ones
+        # `fromstring` takes a quarter of the time, but reads no signs; numbers of 64 bits become negative
         flat = np.array(list(map(int, text.split()))) if is_signed else np.fromstring(text, np.uint64, sep=" ")
         corners[:, : slashes + 1] = flat.reshape(count, slashes + 1)
     except (ValueError, OverflowError):
@@ -302,7 +302,7 @@ def _uniform_corners(text: bytes, count: int) -> Int[np.ndarray, "{count} 3"] | 
 
 
 def _any_corners(words: Sequence[bytes]) -> list[list[int]]:
-    """Corners in any of the four forms as they stand in the file, 0 where an index is not given."""
+    """Corners in any of the four forms as in the file, 0 where an index is not given."""
     corners = []
     for word in words:
         position, *others = word.split(b"/")
@@ -316,7 +316,7 @@ def _any_corners(words: Sequence[bytes]) -> list[list[int]]:
 def _index_of_each_vertex(
     positions: Int[np.ndarray, " n"], others: Int[np.ndarray, " n"], vertices: int, count: int
 ) -> Int[np.ndarray, " {vertices}"] | None:
-    """The texture or normal index of each vertex, −1 in no face; None unless it is one and the same at all corners."""
+    """The texture or normal index of each vertex, −1 in no face; None if a vertex has several, or a corner none."""
     if len(others) == 0 or (others < 0).any() or (others >= count).any():
         return None
     own = np.full(vertices, -1, dtype=np.int64)

@@ -210,12 +210,12 @@ def encode_ply(contents: FileContents) -> bytes:
         "end_header\n",
     ]
     vertices = binary_records(properties, columns, len(contents.vertices))
-    # before the corners of each face how many they are, and after them its patch, byte by byte
+    # the bytes of the corners, with the size of each face before its corners and its patch after them
     corners, sizes = contents.polygons.corners.astype("<i4"), contents.polygons.sizes.astype(count_dtype)
     patches = (np.zeros(0) if contents.face_loops is None else contents.face_loops).astype("<i4")
     starts = np.repeat(contents.polygons.starts[:-1] * corners.itemsize, count_dtype.itemsize)
     ends = np.repeat(contents.polygons.starts[1:][: len(patches)] * corners.itemsize, patches.itemsize)
-    # where one face ends and the next begins the patch comes first
+    # between two faces the patch of the first comes before the size of the second
     places, added = np.concatenate([ends, starts]), np.concatenate([patches.view(np.uint8), sizes.view(np.uint8)])
     faces = np.insert(corners.view(np.uint8), places, added)
     return "\n".join(header).encode("ascii") + vertices + faces.tobytes()
