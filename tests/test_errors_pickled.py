@@ -16,17 +16,11 @@ import pytest
 
 import spinor_geom
 from spinor_geom import TriangleMesh, boundary_loops, errors
-from spinor_geom.errors import (
-    MeshFileError,
-    NonFiniteVertexError,
-    SpinorGeomError,
-    UnknownMeshTypeError,
-)
+from spinor_geom.errors import MeshFileError, NonFiniteVertexError, SpinorGeomError
 from spinor_geom.isolate import FaultError
 
 OWN = {  # what types with an `__init__` of their own are made of
     NonFiniteVertexError: {"vertex": 3, "place": "line 4"},
-    UnknownMeshTypeError: {"found": "a.B", "known": ["c.D", "e.F"]},
 }
 
 

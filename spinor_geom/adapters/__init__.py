@@ -1,10 +1,9 @@
-"""Any mesh in, the same type out: arrays, tensors, trimesh, PyVista, Open3D, meshio, pymeshlab and files.
+"""Reads meshes of any type, and returns them extended in the same type.
 
-`to_mesh` gives the triangles of any mesh object that is known, `extend` appends new vertices and faces to it and
-returns an object of the same type whose original part is unchanged, `merged` one with vertices merged. An adapter for a
-further type is a class with `name`, `types`, `to_mesh` and `extend` (see `Adapter`), and `merged` if it can
-(`MergingAdapter`), made known by `register`. Nothing here imports one of these libraries before an object of theirs has
-to be built.
+Types: arrays, tensors, objects of trimesh, PyVista, Open3D, meshio and pymeshlab, and files. `to_mesh` returns the
+triangles, `extend` a new object of the same type with vertices and faces appended, `merged` one with vertices merged.
+`register` adds an adapter for a further type, see `Adapter`. A library is imported only when one of its objects is
+built.
 
     >>> import numpy as np
     >>> from spinor_geom.adapters import to_mesh
@@ -13,18 +12,17 @@ to be built.
     array([[0, 1, 2]])
 """
 
-from spinor_geom.adapters.arrays import ArrayPairAdapter, TensorPairAdapter, TriangleMeshAdapter
+from spinor_geom.adapters.array_pairs import PairAdapter, TriangleMeshAdapter
 from spinor_geom.adapters.mesh_files import MeshFile, MeshFileAdapter, read_mesh
 from spinor_geom.adapters.mesh_objects import MeshioAdapter, MeshSetAdapter, Open3DAdapter
-from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.adapters.pyvista_mesh import PyVistaAdapter
-from spinor_geom.adapters.registry import Adapter, MergingAdapter, extend, known_types, merged, register, to_mesh
-from spinor_geom.adapters.rims import Rim, is_mesh, to_rims
+from spinor_geom.adapters.registry import Adapter, extend, known_types, merged, register, to_mesh
+from spinor_geom.adapters.rim_arguments import Rim, is_mesh, to_rims
 from spinor_geom.adapters.trimesh_mesh import SceneAdapter, TrimeshAdapter
 
 for _adapter in (
-    ArrayPairAdapter(),
-    TensorPairAdapter(),
+    PairAdapter(),
     TrimeshAdapter(),
     SceneAdapter(),
     PyVistaAdapter(),
@@ -38,7 +36,6 @@ for _adapter in (
 
 __all__ = [
     "Adapter",
-    "MergingAdapter",
     "MeshFile",
     "Polygons",
     "Rim",

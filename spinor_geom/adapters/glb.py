@@ -12,44 +12,37 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.contents import (
-    METRES,
-    FileContents,
-    cast_values,
-    malformed,
-    parts_of_faces,
-    single_precision,
-    unit_vectors,
-)
+from spinor_geom.adapters.contents import METRES, FileContents, malformed, single_precision
 from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer, Json
-from spinor_geom.adapters.polygons import Polygons, seam_representatives
+from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
+from spinor_geom.adapters.vertex_data import cast_values, parts_of_faces, unit_vectors
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 TRIANGLES, STRIPS_AND_FANS = 4, (5, 6)  # a primitive's mode
 WIDTHS = {"POSITION": 3, "NORMAL": 3, "TEXCOORD_0": 2}
-# A mesh that many nodes show, or an array that many primitives name, is read once for each: what a scene may hold in
-# rows of arrays, beyond as many as the file has bytes; 35 bytes of memory or so each.
+# A mesh that many nodes show, or an array that many primitives name, is read once for each of them: the most rows of
+# arrays in a scene, of about 35 bytes each, unless the file itself has more bytes.
 MOST_ROWS = 10_000_000
-ROWS_OF_A_PRIMITIVE = 100  # what its Python objects take
-COPIED = ("JOINTS_", "WEIGHTS_", "TANGENT")  # from the nearest old vertex: their means mean nothing
+ROWS_OF_A_PRIMITIVE = 100  # the memory of its Python objects, in rows
+COPIED = ("JOINTS_", "WEIGHTS_", "TANGENT")  # from the nearest old vertex: they cannot be averaged
 NAMES = {"COLOR_0": "color", "NORMAL": "normal", "TEXCOORD_0": "uv"}
 
 
 def read_glb(data: bytes) -> FileContents:
     """All triangles of a GLB file's scene, in the scene's coordinates.
 
-    Primitives follow one another in the order of the nodes. A mesh that several nodes show is read once for each, up to
-    `MOST_ROWS` rows of arrays in all, or as many as the file has bytes. Skins are at rest. Edges along which any
-    attribute differs, and those between the primitives of one node (which differ in material), are seams and are
-    closed; nodes are not joined. Not read: Draco, meshopt, sparse arrays, strips, morph targets, data outside the file.
+    Primitives are in the order of the nodes. A mesh that several nodes show is read once for each, up to `MOST_ROWS`
+    rows in all. Skins are at rest. Edges along which any attribute differs, and those between the primitives of one
+    node (which differ in material), are seams and are closed; nodes are not joined. Not supported: Draco, meshopt,
+    sparse arrays, strips, morph targets, data outside the file.
     """
     try:
         pieces = scene_pieces(GlbContainer.read(data))
     except MeshFileError:
         raise
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError) as error:
-        raise malformed("JSON", f"does not follow glTF ({type(error).__name__}: {error})", "check the file") from error
+        raise malformed("JSON", f"does not follow glTF ({type(error).__name__}: {error})") from error
     if not pieces:
         raise malformed("scene", "has no triangles", "give a file with a surface in it")
     vertices = np.concatenate([piece.decoded("POSITION") for piece in pieces])
@@ -71,10 +64,10 @@ def read_glb(data: bytes) -> FileContents:
 
 
 def _appended(data: bytes, pieces: Sequence[Piece], extension: MeshExtension) -> bytes:
-    """The file with every new patch as a primitive of its own, like that which most of its rim belongs to.
+    """The file with every new patch as a primitive in the node and with the material of most vertices of its rim.
 
-    What the file has stays as it is. The patch has its own copies of the rim's vertices, bit by bit where those lie in
-    its node; new vertices that no new face uses are not written.
+    The elements of the file are unchanged. The patch has copies of the rim's vertices, equal bit for bit to those of
+    the same node. New vertices that no new face uses are not written.
     """
     if len(extension.faces) == 0:
         return data
@@ -115,16 +108,16 @@ def _appended(data: bytes, pieces: Sequence[Piece], extension: MeshExtension) ->
     return container.encoded()
 
 
-def names_in_glb(contents: FileContents) -> dict[str, tuple[str]]:
-    """What each attribute is called in a new GLB file, in capitals; without those that have no place or own name."""
-    found: dict[str, tuple[str]] = {}
+def names_in_glb(contents: FileContents) -> dict[str, str]:
+    """The name of each attribute in a new GLB file, without attributes that are too wide or whose names clash."""
+    found: dict[str, str] = {}
     for name, values in contents.attributes.items():
         semantic = next((key for key, own in NAMES.items() if own == name), name)
         if not semantic.startswith(("COLOR_", "NORMAL", "TEXCOORD_")):
             semantic = f"_{name.upper().lstrip('_')}"
         fits = values.shape[1] <= 4 and (name != "normal" or values.shape[1] == 3)
-        if fits and (semantic,) not in found.values():
-            found[name] = (semantic,)
+        if fits and semantic not in found.values():
+            found[name] = semantic
     return found
 
 
@@ -132,7 +125,7 @@ def encode_glb(contents: FileContents) -> bytes:
     """A new GLB file with one mesh: positions as float32, in metres if the unit is known, and what attributes fit."""
     scale = METRES.get(contents.unit, 1.0)
     rows = {"POSITION": single_precision(contents.vertices * scale)}
-    for name, (semantic,) in names_in_glb(contents).items():
+    for name, semantic in names_in_glb(contents).items():
         values = contents.attributes[name]
         if name == "uv":
             values = values[:, :2] * [1.0, -1.0] + [0.0, 1.0]
@@ -154,7 +147,7 @@ def encode_glb(contents: FileContents) -> bytes:
 
 
 def _representatives(vertices: Float[np.ndarray, "v 3"], pieces: list[Piece]) -> Int[np.ndarray, " v"]:
-    """For every vertex the one that stands for its place, found for each node by itself."""
+    """For every vertex the one that represents its position in its node."""
     representatives = np.empty(len(vertices), dtype=np.int64)
     for _, group in groupby(pieces, key=attrgetter("node")):
         own = list(group)
@@ -170,30 +163,30 @@ def _representatives(vertices: Float[np.ndarray, "v 3"], pieces: list[Piece]) ->
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
-    """One triangle primitive of one node: a run of the vertices of the whole scene."""
+    """A primitive of triangles in one node; its vertices follow each other in the scene."""
 
-    node: int  # the node's number
-    primitive: int  # the number of the primitive in the node's mesh
-    start: int  # the number of its first vertex in the scene
+    node: int  # index of the node
+    primitive: int  # index in the node's mesh
+    start: int  # index of its first vertex in the scene
     faces: Int[np.ndarray, "f 3"]  # over its own vertices
-    rows: Mapping[str, np.ndarray]  # its attributes as the file stores them, by their glTF names
-    normalized: frozenset[str]  # those whose integers stand for fractions of the largest one
+    rows: Mapping[str, np.ndarray]  # its attributes in the file's dtypes, by their glTF names
+    normalized: frozenset[str]  # attributes but colours whose integers are fractions of the largest one
     transform: Float[np.ndarray, "4 4"]  # from its own coordinates to the scene's
 
     @property
     def stop(self) -> int:
-        """One more than the number of its last vertex in the scene."""
+        """One more than the index of its last vertex in the scene."""
         return self.start + len(self.rows["POSITION"])
 
     def layout(self, semantic: str) -> tuple[int, np.dtype[Any]] | None:
-        """The width and the type of an attribute's rows, if it has any."""
+        """The width and the dtype of an attribute; None if it is missing."""
         return (self.rows[semantic].shape[1], self.rows[semantic].dtype) if semantic in self.rows else None
 
     def decoded(self, semantic: str) -> Float[np.ndarray, "n k"]:
         """An attribute as float64 in the scene's coordinates; colours in the file's own scale."""
         rows = self.rows[semantic]
         values = rows.astype(np.float64)
-        if semantic in self.normalized and semantic != "COLOR_0":
+        if semantic in self.normalized:
             values = np.maximum(values / np.iinfo(rows.dtype).max, -1.0)
         if semantic == "TEXCOORD_0":
             return values * [1.0, -1.0] + [0.0, 1.0]
@@ -205,7 +198,7 @@ class Piece:
             return unit_vectors(values @ np.linalg.inv(self.transform[:3, :3]))
 
     def encoded(self, semantic: str, values: Float[np.ndarray, "n k"]) -> np.ndarray:
-        """The inverse of `decoded`, rounded to what the file stores."""
+        """The inverse of `decoded`, rounded to the file's dtype."""
         dtype = self.rows[semantic].dtype
         if semantic == "TEXCOORD_0":
             values = values * [1.0, -1.0] + [0.0, 1.0]
@@ -214,13 +207,13 @@ class Piece:
                 values = (values - self.transform[:3, 3]) @ np.linalg.inv(self.transform[:3, :3]).T
             elif semantic == "NORMAL":
                 values = unit_vectors(values @ self.transform[:3, :3])
-        if semantic in self.normalized and semantic != "COLOR_0":
+        if semantic in self.normalized:
             values = values * np.iinfo(dtype).max
         return cast_values(values, dtype)
 
 
 def scene_pieces(container: GlbContainer) -> list[Piece]:
-    """The triangle primitives of the scene, node by node, parents first; a MeshFileError names the place."""
+    """The triangle primitives of the scene, node by node, parents first."""
     tree = container.tree
     nodes = tree.get("nodes", [])
     for node in nodes:
@@ -238,7 +231,7 @@ def scene_pieces(container: GlbContainer) -> list[Piece]:
     while stack:
         number, parent = stack.pop()
         if number in seen:
-            raise malformed(f"node {number}", "has two parents", "check the file")
+            raise malformed(f"node {number}", "has two parents")
         seen.add(number)
         node = container.item("nodes", number)
         with np.errstate(over="ignore", invalid="ignore"):  # a position that is not finite is reported later
@@ -283,7 +276,7 @@ def _piece(
     rows = {semantic: container.values(accessor) for semantic, accessor in primitive["attributes"].items()}
     count = len(rows["POSITION"])
     if any(len(own) != count or own.shape[1] != WIDTHS.get(name, own.shape[1]) for name, own in rows.items()):
-        raise malformed(place, "its attributes do not have one row a vertex, of their own width", "check the file")
+        raise malformed(place, "its attributes do not have one row a vertex, of their own width")
     indices = np.arange(count)
     if "indices" in primitive:
         stored = container.values(primitive["indices"])
@@ -294,7 +287,8 @@ def _piece(
         raise malformed(place, f"its indices are no triangles over its {count} vertices", "correct the indices")
     if not len(indices):
         return None
-    normalized = (name for name, item in primitive["attributes"].items() if tree["accessors"][item].get("normalized"))
+    accessors = {name: tree["accessors"][item] for name, item in primitive["attributes"].items() if name != "COLOR_0"}
+    normalized = (name for name, accessor in accessors.items() if accessor.get("normalized"))
     return Piece(
         node=node,
         primitive=index,

@@ -6,9 +6,9 @@ Only the buffer inside the file is read; a buffer or image that the JSON names b
 from __future__ import annotations
 
 import json
+import re
 import struct
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,8 @@ COMPONENT_CODES = {np.dtype(name): code for code, name in COMPONENTS.items()}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 JSON_CHUNK, BIN_CHUNK = 0x4E4F534A, 0x004E4942
-DEEPEST_JSON = 100  # levels; Python's JSON fails some hundreds deeper, and by how much depends on who calls
+DEEPEST_JSON = 100  # levels; Python's JSON has a limit of its own, which depends on the depth of the call
+STRING = re.compile(rb'"(?:[^"\\]|\\.)*"')
 LISTS = ("accessors", "buffers", "bufferViews", "meshes", "nodes", "scenes")
 
 Json = dict[str, Any]
@@ -32,7 +33,7 @@ class GlbContainer:
 
     tree: Json  # the JSON
     views: list[bytes | None]  # of each buffer view; None where they are not in the file, or compressed
-    chunks: bytes = b""  # the chunks after the binary one, whatever they are
+    chunks: bytes = b""  # the chunks after the binary one, as they are
 
     @classmethod
     def read(cls, data: bytes) -> GlbContainer:
@@ -42,27 +43,27 @@ class GlbContainer:
         for name in LISTS:
             items = tree.get(name, [])
             if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
-                raise malformed("JSON", f"'{name}' is no list of objects", "check the file")
+                raise malformed("JSON", f"'{name}' is no list of objects")
         for number, view in enumerate(tree.get("bufferViews", [])):
             # buffer 0 without an address is the one inside the file
             outside = view["buffer"] != 0 or "uri" in tree["buffers"][0]
             start, stop = view.get("byteOffset", 0), view.get("byteOffset", 0) + view["byteLength"]
             if not outside and not 0 <= start <= stop <= len(binary):
                 problem = f"ends at byte {stop} of the binary buffer, which has {len(binary)}"
-                raise malformed(f"buffer view {number}", problem, "check that the file is complete")
+                raise malformed(f"buffer view {number}", problem)
             compressed = "EXT_meshopt_compression" in view.get("extensions", {})
             container.views.append(None if outside or compressed else binary[start:stop])
         return container
 
     def item(self, name: str, number: Any) -> Json:
-        """An entry of one of the JSON's lists; a MeshFileError if it has none of that number."""
+        """An entry of one of the JSON's lists; a MeshFileError if there is none of that number."""
         items: list[Json] = self.tree.get(name, [])
         if type(number) is not int or not 0 <= number < len(items):
-            raise malformed("JSON", f"names number {number} of its {len(items)} {name}", "check the file")
+            raise malformed("JSON", f"names number {number} of its {len(items)} {name}")
         return items[number]
 
     def encoded(self) -> bytes:
-        """The file."""
+        """The bytes of the file."""
         binary, views = bytearray(), []
         for view, content in zip(self.tree.get("bufferViews", []), self.views, strict=True):
             if content is not None:
@@ -78,27 +79,25 @@ class GlbContainer:
         return struct.pack("<4sII", b"glTF", 2, 12 + len(body) + len(self.chunks)) + body + self.chunks
 
     def values(self, accessor: int) -> np.ndarray:
-        """The rows of an accessor, (n, k), as stored; a MeshFileError if they are not in the file as they should be."""
+        """The rows of an accessor, (n, k), in the file's dtype; a MeshFileError if the file does not hold them."""
         item = self.item("accessors", accessor)
         dtype: np.dtype[Any] = np.dtype(COMPONENTS[item["componentType"]])
-        count, offset, row = item["count"], item.get("byteOffset", 0), WIDTHS[item["type"]] * dtype.itemsize
-        view = None if "sparse" in item else item.get("bufferView")
+        count, width, offset = item["count"], WIDTHS[item["type"]], item.get("byteOffset", 0)
+        view = item.get("bufferView")
         described = {} if view is None else self.item("bufferViews", view)
-        content = None if view is None else self.views[view]
+        content = None if view is None or "sparse" in item else self.views[view]
         if content is None:
-            problem = "its data is not in the file, sparse, or compressed"
-            raise malformed(f"accessor {accessor}", problem, "convert the file")
+            raise malformed(f"accessor {accessor}", "its data is not in the file, sparse, or compressed", "convert it")
+        row = width * dtype.itemsize
         stride = described.get("byteStride", row)
         if count < 0 or offset < 0 or stride < row or (count and offset + (count - 1) * stride + row > len(content)):
-            problem = f"announces {count} rows, more than buffer view {view} holds"
-            raise malformed(f"accessor {accessor}", problem, "check that the file is complete")
-        shape = (count, WIDTHS[item["type"]])
-        return np.asarray(np.ndarray(shape, dtype, content, offset, (stride, dtype.itemsize)))
+            raise malformed(f"accessor {accessor}", f"announces {count} rows, more than buffer view {view} holds")
+        return np.asarray(np.ndarray((count, width), dtype, content, offset, (stride, dtype.itemsize)))
 
     def store(self, rows: np.ndarray, *, target: int, like: int | None = None) -> int:
-        """Put rows (n, k) in the file for `ARRAY_BUFFER` or `ELEMENT_ARRAY_BUFFER`, and give their accessor's number.
+        """Append rows (n, k) for `ARRAY_BUFFER` or `ELEMENT_ARRAY_BUFFER`, and return the number of their accessor.
 
-        It takes over the properties of another accessor.
+        Its other properties are those of accessor `like`.
         """
         count, width = rows.shape
         size = width * rows.dtype.itemsize
@@ -122,40 +121,35 @@ class GlbContainer:
 def _chunks(data: bytes) -> tuple[Json, bytes, bytes]:
     """The JSON, the binary chunk, and all chunks after these."""
     if len(data) < 20 or data[:4] != b"glTF":
-        raise malformed("byte 0", "does not begin like a binary glTF file", "check the file's format")
+        raise malformed("byte 0", "does not begin like a binary glTF file")
     version, length, json_length, json_type = struct.unpack_from("<IIII", data, 4)
     if version != 2 or json_type != JSON_CHUNK:
         raise malformed("byte 4", f"is glTF version {version}, only 2 is read", "convert the file")
-    if length > len(data) or 20 + json_length > length:
-        problem = f"announces {max(length, 20 + json_length)} bytes, but the file has {len(data)}"
-        raise malformed("byte 8", problem, "check that the file is complete")
-    try:
-        tree = json.loads(data[20 : 20 + json_length])
-    except (ValueError, RecursionError) as error:
-        raise malformed("JSON", str(error), "check that the file is complete") from None
-    if not isinstance(tree, dict):
-        raise malformed("JSON", "is no object", "check the file")
-    if _depth(tree) > DEEPEST_JSON:
-        raise malformed("JSON", f"is nested more than {DEEPEST_JSON} levels deep", "check the file")
     position = 20 + json_length
+    if max(length, position) > len(data) or position > length:
+        raise malformed("byte 8", f"announces {max(length, position)} bytes, but the file has {len(data)}")
+    tree = _json(data[20:position])
     if position + 8 > length:
         return tree, b"", b""
     binary_length, binary_type = struct.unpack_from("<II", data, position)
     if binary_type != BIN_CHUNK:
         return tree, b"", data[position:length]
-    if position + 8 + binary_length > length:
-        problem = f"announces {binary_length} bytes of binary data, but the file ends after {length - position - 8}"
-        raise malformed(f"byte {position}", problem, "check that the file is complete")
     end = position + 8 + binary_length
+    if end > length:
+        problem = f"announces {binary_length} bytes of binary data, but the file ends after {length - position - 8}"
+        raise malformed(f"byte {position}", problem)
     return tree, data[position + 8 : end], data[end + -end % 4 : length]
 
 
-def _depth(tree: Json) -> int:
-    """How deep objects and lists in the JSON are nested."""
-    depth = 0
-    level: list[Any] = [tree]
-    while level:
-        depth += 1
-        parts = chain.from_iterable(node.values() if isinstance(node, dict) else node for node in level)
-        level = [part for part in parts if isinstance(part, (dict, list))]
-    return depth
+def _json(text: bytes) -> Json:
+    letters = np.frombuffer(STRING.sub(b"", text), np.uint8)
+    steps = np.isin(letters, list(b"[{")).astype(np.int64) - np.isin(letters, list(b"]}"))
+    if np.cumsum(steps).max(initial=0) > DEEPEST_JSON:
+        raise malformed("JSON", f"is nested more than {DEEPEST_JSON} levels deep")
+    try:
+        tree = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise malformed("JSON", str(error)) from None
+    if not isinstance(tree, dict):
+        raise malformed("JSON", "is no object")
+    return tree

@@ -1,10 +1,8 @@
-"""Files whose formats other libraries own: VTK's polygonal data (.vtp, .vtk) through PyVista, 3MF through trimesh.
-
-What such a file holds is what its library reads of it, and it is written anew by that library, which has to be there.
-"""
+"""Files that libraries read and write: VTK's polygonal data (.vtp, .vtk) by PyVista, 3MF by trimesh."""
 
 import io
 import re
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,41 +11,48 @@ from zipfile import ZIP_DEFLATED, BadZipFile, ZipFile
 
 import numpy as np
 
-from spinor_geom.adapters.contents import METRES, FileContents, cast_values, malformed
-from spinor_geom.adapters.polygons import Polygons, appearance_of, seam_representatives
+from spinor_geom.adapters.contents import METRES, FileContents, malformed
+from spinor_geom.adapters.polygon_faces import Polygons, appearance_of, seam_representatives
 from spinor_geom.adapters.pyvista_mesh import polygons_of
 from spinor_geom.adapters.registry import extend, to_mesh
+from spinor_geom.adapters.vertex_data import cast_values
 from spinor_geom.errors import MeshFileError
 from spinor_geom.files import MOST_RATIO, is_bomb
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 _READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
-_MOST_PER_BYTE = 1000  # numbers that a byte of compressed data stands for
-LIBRARIES = {".vtp": ("pyvista",), ".vtk": ("pyvista",), ".3mf": ("lxml", "networkx")}  # other formats need none
+_MOST_PER_BYTE = 1000  # numbers for each byte of a compressed file
 
 
 def read_vtk(data: bytes, *, suffix: str) -> FileContents:
-    """A file of VTK: XML polygonal data (.vtp), or legacy polygonal data or an unstructured grid of faces (.vtk)."""
+    """Polygonal data in XML (.vtp), or legacy polygonal data or an unstructured grid of faces (.vtk)."""
     import pyvista
 
-    # before VTK, which ends the process where it finds no memory for them
+    # VTK ends the process if it finds no memory for them
     for count in re.findall(rb"""NumberOf\w+\s*=\s*["'](\d+)""", data):
         if float(count) > _MOST_PER_BYTE * len(data):
-            raise malformed("", f"announces {float(count):.0e} items in {len(data)} bytes", "check that it is complete")
+            raise malformed("", f"announces {float(count):.0e} items in {len(data)} bytes")
     module, name = _READERS[suffix]
     reader = getattr(import_module(f"vtkmodules.{module}"), name)()
     reader.SetReadFromInputString(True)
     reader.SetBinaryInputString(data, len(data))
     with pyvista.vtk_verbosity("off"), pyvista.VtkErrorCatcher(send_to_logging=False) as heard:
         reader.Update()
-    if heard.events:  # after an error it goes on with what it has, or with nothing
-        problem = f"VTK cannot read it ({heard.events[0].alert.splitlines()[-1]})"
-        raise malformed("", problem, "check that it is complete")
-    return _contents(pyvista.wrap(reader.GetOutput()), suffix)
+    if heard.events:  # VTK returns a mesh after errors, too
+        raise malformed("", f"VTK cannot read it ({heard.events[0].alert.splitlines()[-1]})")
+    surface = pyvista.wrap(reader.GetOutput())
+
+    def appended(extension: MeshExtension) -> bytes:
+        extended = extend(surface, extension)
+        if "patch" not in surface.cell_data:
+            _label_patches(extended, extension.face_loops)
+        return _vtk_bytes(extended, suffix)
+
+    return _contents(surface, suffix, appended)
 
 
 def read_3mf(data: bytes) -> FileContents:
-    """All meshes of a 3MF file wherever its build has them; colours and materials are not read."""
+    """All meshes of a 3MF file at all places of its build; colours and materials are not read."""
     import trimesh
 
     try:
@@ -58,19 +63,20 @@ def read_3mf(data: bytes) -> FileContents:
         scene = trimesh.load_scene(io.BytesIO(data), file_type="3mf", process=False)
     except MeshFileError:
         raise
-    # what trimesh and lxml raise for files that do not follow the format; lxml's errors are SyntaxErrors
+    # errors of trimesh and lxml for malformed files; lxml's errors are SyntaxErrors
     except (BadZipFile, SyntaxError, KeyError, IndexError, StopIteration, TypeError, ValueError) as error:
-        raise malformed("", f"trimesh cannot read it ({type(error).__name__}: {error})", "check it") from error
+        raise malformed("", f"trimesh cannot read it ({type(error).__name__}: {error})") from error
     unseen = set(scene.geometry)
     for node in scene.graph.nodes_geometry:
         transform, name = scene.graph[node]
         if name not in unseen:
             scene.add_geometry(scene.geometry[name].copy(), node_name=node, geom_name=node, transform=transform)
         unseen.discard(name)
-    for name in sorted(unseen):  # what is not built would not be written again; trimesh leaves `update` untyped
+    for name in sorted(unseen):  # trimesh would not write them; it leaves `update` untyped
         scene.graph.update(name, geometry=name, matrix=np.eye(4))  # type: ignore[no-untyped-call]
     unit = str(scene.metadata.get("units", "")).removesuffix("s")
-    return _contents(scene, ".3mf", unit if unit in METRES else "millimeter")
+    unit = unit if unit in METRES else "millimeter"
+    return _contents(scene, ".3mf", lambda extension: _3mf_bytes(extend(scene, extension), unit), unit)
 
 
 def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
@@ -93,7 +99,7 @@ def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
         mesh.point_data.active_normals_name = "normal"
     if "uv" in contents.attributes:
         mesh.point_data.active_texture_coordinates_name = "uv"
-    return _encoded(mesh, suffix)
+    return _vtk_bytes(mesh, suffix)
 
 
 def encode_3mf(contents: FileContents) -> bytes:
@@ -102,12 +108,14 @@ def encode_3mf(contents: FileContents) -> bytes:
 
     triangles, _ = contents.polygons.triangulated(contents.vertices)
     scene = trimesh.Scene([trimesh.Trimesh(contents.vertices, triangles, process=False)])
-    return _encoded(scene, ".3mf", contents.unit or "millimeter")
+    return _3mf_bytes(scene, contents.unit or "millimeter")
 
 
-def _contents(held: Any, suffix: str, unit: str = "") -> FileContents:
-    mesh = to_mesh(held)
-    polygons = Polygons.of_triangles(mesh.faces) if suffix == ".3mf" else polygons_of(held)
+def _contents(
+    mesh_object: Any, suffix: str, appended: Callable[[MeshExtension], bytes], unit: str = ""
+) -> FileContents:
+    mesh = to_mesh(mesh_object)
+    polygons = Polygons.of_triangles(mesh.faces) if suffix == ".3mf" else polygons_of(mesh_object)
     return FileContents(
         vertices=mesh.vertices,
         polygons=polygons,
@@ -117,33 +125,27 @@ def _contents(held: Any, suffix: str, unit: str = "") -> FileContents:
         representatives=seam_representatives(mesh.vertices, polygons, appearance_of(mesh.vertex_attributes)),
         unit=unit,
         suffix=suffix,
-        appended=lambda extension: _encoded(_grown(held, extension, suffix), suffix, unit),
+        appended=appended,
     )
 
 
-def _grown(held: Any, extension: MeshExtension, suffix: str) -> Any:
-    """What a file holds with an extension appended; in VTK's formats with its patches as cell data."""
-    made = extend(held, extension)
-    if suffix != ".3mf" and "patch" not in held.cell_data:
-        _label_patches(made, extension.face_loops)
-    return made
-
-
 def _label_patches(mesh: Any, face_loops: np.ndarray) -> None:
-    """Gives cells the data "patch": the places of the loops for the last ones, −1 for those before."""
+    """Add the cell data "patch": the indices of the loops for the last cells, −1 for those before."""
     mesh.cell_data["patch"] = np.concatenate([np.full(mesh.n_cells - len(face_loops), -1), face_loops])
 
 
-def _encoded(held: Any, suffix: str, unit: str = "") -> bytes:
-    if suffix == ".3mf":
-        written, changed = io.BytesIO(held.export(file_type="3mf")), io.BytesIO()
-        # trimesh calls all numbers millimetres
-        with ZipFile(written) as source, ZipFile(changed, "w", ZIP_DEFLATED) as target:
-            for name in source.namelist():
-                old, new = b'unit="millimeter"', f'unit="{unit}"'.encode()
-                target.writestr(name, source.read(name).replace(old, new, int(name.endswith(".model"))))
-        return changed.getvalue()
+def _vtk_bytes(mesh: Any, suffix: str) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"mesh{suffix}"
-        held.save(path)
+        mesh.save(path)
         return path.read_bytes()
+
+
+def _3mf_bytes(scene: Any, unit: str) -> bytes:
+    written, changed = io.BytesIO(scene.export(file_type="3mf")), io.BytesIO()
+    # trimesh always writes millimetres
+    with ZipFile(written) as source, ZipFile(changed, "w", ZIP_DEFLATED) as target:
+        for name in source.namelist():
+            old, new = b'unit="millimeter"', f'unit="{unit}"'.encode()
+            target.writestr(name, source.read(name).replace(old, new, int(name.endswith(".model"))))
+    return changed.getvalue()

@@ -1,26 +1,28 @@
-"""Mesh files: OBJ, PLY, STL, OFF and GLB, read without loss and written with patches appended; others by libraries."""
+"""Mesh files of all formats: read, extended, and written."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Int
 
-from spinor_geom.adapters.contents import FileContents, grown_attributes, malformed, nonfinite_rows
+from spinor_geom.adapters.contents import FileContents, malformed, nonfinite_rows
 from spinor_geom.adapters.glb import encode_glb, names_in_glb, read_glb
-from spinor_geom.adapters.library_files import LIBRARIES, encode_3mf, encode_vtk, read_3mf, read_vtk
+from spinor_geom.adapters.library_files import encode_3mf, encode_vtk, read_3mf, read_vtk
 from spinor_geom.adapters.obj import encode_obj, read_obj
 from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, names_in_ply, read_ply
-from spinor_geom.adapters.polygons import Polygons, close_seams
+from spinor_geom.adapters.polygon_faces import Polygons, close_seams
 from spinor_geom.adapters.stl import encode_stl, read_stl
+from spinor_geom.adapters.vertex_data import append_attributes
 from spinor_geom.errors import (
     MeshError,
     MeshFileError,
@@ -33,37 +35,43 @@ from spinor_geom.files import atomic_path
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
 from spinor_geom.shown import Shown, shortened
 
-# how each is read, where a MeshFileError names the place that cannot be, and written
-FORMATS: dict[str, tuple[Callable[[bytes], FileContents], Callable[[FileContents], bytes]]] = {
-    ".obj": (read_obj, encode_obj),
-    ".ply": (read_ply, encode_ply),
-    ".stl": (read_stl, encode_stl),
-    ".off": (read_off, encode_off),
-    ".glb": (read_glb, encode_glb),
-    ".vtp": (partial(read_vtk, suffix=".vtp"), partial(encode_vtk, suffix=".vtp")),
-    ".vtk": (partial(read_vtk, suffix=".vtk"), partial(encode_vtk, suffix=".vtk")),
-    ".3mf": (read_3mf, encode_3mf),
+
+class Format(NamedTuple):
+    """How files of one format are read and written."""
+
+    read: Callable[[bytes], FileContents]
+    encode: Callable[[FileContents], bytes]
+    names: Callable[[FileContents], Collection[str]]  # the attributes that a new file can hold
+    packages: tuple[str, ...] = ()  # required besides those of the project
+
+
+_attributes = attrgetter("attributes")
+FORMATS = {
+    ".obj": Format(read_obj, encode_obj, lambda contents: ("color", "uv", "normal")),
+    ".ply": Format(read_ply, encode_ply, names_in_ply),
+    ".stl": Format(read_stl, encode_stl, lambda contents: ()),
+    ".off": Format(read_off, encode_off, lambda contents: ("color",)),
+    ".glb": Format(read_glb, encode_glb, names_in_glb),
+    ".vtp": Format(partial(read_vtk, suffix=".vtp"), partial(encode_vtk, suffix=".vtp"), _attributes, ("pyvista",)),
+    ".vtk": Format(partial(read_vtk, suffix=".vtk"), partial(encode_vtk, suffix=".vtk"), _attributes, ("pyvista",)),
+    ".3mf": Format(read_3mf, encode_3mf, lambda contents: (), ("lxml", "networkx")),
 }
-# which attributes a new file of a format that names them can hold, with their names there
-_NAMES: dict[str, Callable[[FileContents], Mapping[str, object]]] = {".ply": names_in_ply, ".glb": names_in_glb}
-# the only attributes that the other formats have a place for
-_PLACES = {".obj": ("color", "uv", "normal"), ".off": ("color",), ".stl": (), ".3mf": ()}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshFile(Shown):
-    """A mesh file in memory: what it holds, its triangles, and what was appended to it.
+    """A mesh file in memory: its contents, its triangles, and what was appended to it.
 
-    Written in the format it was read from, a file keeps everything that was in it byte for byte (in GLB: every
-    element; in VTK's formats and 3MF: what their libraries read), and new elements follow the old ones. Written in
-    another format it keeps vertices, faces, curves and those attributes that the format has a place for.
+    Written in the format it was read from, a file keeps all its bytes (GLB: every element; VTK's formats and 3MF: what
+    their libraries read), and new elements follow the old ones. Written in another format it keeps vertices, faces,
+    curves and those attributes that the format can hold.
 
     Attributes:
         path: where it was read from, or None.
         contents: vertices, polygons, attributes and curves, old and new.
         mesh: the triangles: polygons split, and closed along texture and normal seams.
-        face_polygons: (F,) int64, the number of the polygon that each triangle of `mesh` comes from.
-        read_sizes: how many vertices and faces the file had when it was read; those that follow were appended.
+        face_polygons: (F,) int64, the index of the polygon of each triangle of `mesh`.
+        read_sizes: the numbers of vertices and faces that were read; those that follow were appended.
     """
 
     path: Path | None
@@ -81,8 +89,7 @@ class MeshFile(Shown):
         cls, contents: FileContents, *, path: Path | None, read_sizes: tuple[int, int] | None = None
     ) -> MeshFile:
         """Split the polygons and close the seams; without `read_sizes` nothing counts as appended."""
-        wrong = nonfinite_rows(contents.vertices)
-        if len(wrong):
+        if len(wrong := nonfinite_rows(contents.vertices)):
             raise NonFiniteVertexError(vertex=int(wrong[0]), place=contents.first_nonfinite)
         triangles, polygons = contents.polygons.triangulated(contents.vertices)
         faces, kept = close_seams(triangles, contents.representatives)
@@ -106,7 +113,7 @@ class MeshFile(Shown):
         return self.contents.polylines
 
     def extended(self, extension: MeshExtension) -> MeshFile:
-        """The file with new vertices and faces after its own; this object stays as it is. Raises as `extend`."""
+        """A new file with vertices and faces appended. Raises as `extend`."""
         old = self.contents
         first = len(old.vertices)
         contents = replace(
@@ -114,31 +121,32 @@ class MeshFile(Shown):
             vertices=np.concatenate([old.vertices, extension.vertices]),
             polygons=old.polygons.followed_by(extension.faces),
             face_loops=np.append(old.loop_of_faces, extension.face_loops),
-            attributes=grown_attributes(old.attributes, extension, vertices=first),
+            attributes=append_attributes(old.attributes, extension, vertices=first),
             representatives=np.append(old.representatives, np.arange(first, first + len(extension.vertices))),
         )
         return MeshFile.of_contents(contents, path=self.path, read_sizes=self.read_sizes)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was changed on the way from the file, a sentence each."""
+        """What was changed after reading, a sentence each."""
         return self.contents.notes
 
     def merged(self, within: Within = 0.0) -> MeshFile:
-        """The file with vertices of equal position merged, as soups need; `notes` counts them.
-
-        `within` is the largest distance of such vertices, as for `TriangleMesh.merged`.
+        """A new file with vertices of equal position merged, as files without shared vertices need.
 
         Of each group the vertex of lowest index stays, with its attributes. Polygons lose corners that now repeat the
-        one before, those of fewer than three corners (needles) are left out; curves stay whole. Such a file no longer
-        follows the one that was read: it is written anew, without materials and what else is not in `contents`.
+        one before; those of fewer than three corners are left out; curves stay whole. `notes` counts both. The new file
+        is written without materials and whatever else is not in `contents`.
+
+        Args:
+            within: the largest distance of merged vertices, as for `TriangleMesh.merged`.
         """
         mesh, new_index = TriangleMesh(
             self.contents.vertices,
-            self.contents.polygons.triangulated(self.contents.vertices)[0],
+            self.polygons.triangulated(self.contents.vertices)[0],
             vertex_attributes=self.contents.attributes,
         ).merged(within)
-        polygons = self.contents.polygons.renumbered(new_index).without_repeats()
+        polygons = self.polygons.renumbered(new_index).without_repeats()
         before, after = len(new_index), len(mesh.vertices)
         needles = len(self.polygons) - len(polygons)
         moved = float(np.linalg.norm(mesh.vertices[new_index] - self.contents.vertices, axis=1).max(initial=0.0))
@@ -152,7 +160,7 @@ class MeshFile(Shown):
             attributes=mesh.vertex_attributes,
             representatives=np.arange(len(mesh.vertices)),
             face_loops=None,
-            polylines=tuple(new_index[curve] for curve in self.contents.polylines),
+            polylines=tuple(new_index[curve] for curve in self.polylines),
             notes=(*self.notes, *notes),
             suffix="",
         )
@@ -161,11 +169,10 @@ class MeshFile(Shown):
     def write(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
         """Write the file, in the format that the suffix of `path` names.
 
-        The file appears complete or not at all, and after an error an old file of that name is as it was.
+        After an error an old file of that name is unchanged.
 
         Returns:
-            A sentence for each attribute that was left out because the format has no place for it, or cannot write its
-            name or its width.
+            A sentence for each attribute that the format cannot hold.
 
         Raises:
             MeshFileError: no known format, or the file cannot be written.
@@ -183,23 +190,19 @@ class MeshFile(Shown):
 
     def left_out(self, suffix: str) -> tuple[str, ...]:
         """A sentence for each attribute that a file of a format (such as ".ply") cannot hold."""
-        if self._follows(suffix):
+        if suffix not in FORMATS or self._follows(suffix):
             return ()
-        if suffix in _NAMES:
-            kept = tuple(_NAMES[suffix](self.contents))
-            why = "cannot hold its name, a second of that name, or so many columns; rename it"
-        else:
-            kept, why = _PLACES.get(suffix, tuple(self.contents.attributes)), "have no place for it"
-        advice = f"left out: {suffix} files {why}"
-        return tuple(f"the attribute {name!r} is {advice}" for name in self.contents.attributes if name not in kept)
+        kept = FORMATS[suffix].names(self.contents)
+        why = f"left out: {suffix} files have no place for it, for its name, or for so many columns"
+        return tuple(f"the attribute {name!r} is {why}" for name in self.contents.attributes if name not in kept)
 
     def _follows(self, suffix: str) -> bool:
-        """Whether a file of a format is the one that was read, and what was appended."""
+        """Whether a file of this format is the one that was read, extended."""
         return self.contents.appended is not None and self.contents.suffix == suffix
 
     def _encoded(self, suffix: str) -> bytes:
         if self.contents.appended is None or not self._follows(suffix):
-            return FORMATS[suffix][1](self.contents)
+            return FORMATS[suffix].encode(self.contents)
         vertices, faces = self.read_sizes
         new = self.contents.polygons.corners[self.contents.polygons.starts[faces] :].reshape(-1, 3)
         return self.contents.appended(
@@ -215,10 +218,9 @@ class MeshFile(Shown):
 def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     """Read a mesh file.
 
-    OBJ faces are read by position, so texture seams leave no trace; in PLY, OFF, GLB and VTK's formats, vertices that a
-    renderer's format split along texture or normal seams are closed up again in `MeshFile.mesh`. STL, which cannot
-    share vertices, is read with those of equal position, up to single precision, merged as by `MeshFile.merged`. No
-    other file is opened.
+    `MeshFile.mesh` is closed along texture and normal seams: OBJ faces are read by position, and in PLY, OFF, GLB and
+    VTK's formats vertices of equal position are joined along seams. STL, which cannot share vertices, is read with
+    vertices merged that are equal up to single precision. No other file is opened.
 
     Args:
         path: a file whose suffix is .obj, .ply, .stl, .off, .glb, .vtp, .vtk or .3mf, in any case.
@@ -235,7 +237,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     if source.is_dir():
         raise MeshFileError(f"{source}: is a folder; name a file in it", path=source)
     suffix = known_suffix(source)
-    with naming(source):
+    with path_in_errors(source):
         try:
             data = source.read_bytes()
         except OSError as error:
@@ -245,9 +247,9 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
 
 
 def mesh_of_bytes(data: bytes, suffix: str, *, path: Path | None = None) -> MeshFile:
-    """What `read_mesh` gives for a file of these bytes; its errors, which do not name the file."""
+    """The file that `read_mesh` returns for these bytes; errors do not name the file."""
     require_bytes(data)
-    file = MeshFile.of_contents(FORMATS[suffix][0](data), path=path)
+    file = MeshFile.of_contents(FORMATS[suffix].read(data), path=path)
     if suffix == ".stl":
         file = file.merged("rounding")
     require_elements(file.contents)
@@ -255,20 +257,20 @@ def mesh_of_bytes(data: bytes, suffix: str, *, path: Path | None = None) -> Mesh
 
 
 def require_bytes(data: bytes) -> None:
-    """A MeshFileError for a file without bytes."""
+    """Raise a MeshFileError for an empty file."""
     if not data:
-        raise malformed("", "is empty", "check that the file is complete")
+        raise malformed("", "is empty")
 
 
 def require_elements(contents: FileContents) -> None:
-    """A MeshFileError for a file of points alone."""
+    """Raise a MeshFileError for a file without faces and curves."""
     if len(contents.polygons) == 0 and not contents.polylines:
         raise malformed("", "has vertices but no faces and no curves", "give a file with a surface in it")
 
 
 @contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Errors of what is read inside name the file, before the place in it."""
+def path_in_errors(path: Path) -> Iterator[None]:
+    """Add the path to errors that are raised inside."""
     try:
         yield
     except NonFiniteVertexError as error:
@@ -303,11 +305,11 @@ def _opened(obj: MeshFile | str | os.PathLike[str]) -> MeshFile:
 
 
 def known_suffix(path: Path) -> str:
-    """The suffix of a file in small letters; raises, as `read_mesh`, where there is no such format or library."""
+    """The suffix of a file in small letters; raises as `read_mesh` if its format or library is unknown or missing."""
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         problem = f"'{path.suffix}' is no known format"
         raise MeshFileError(f"{path}: {problem}; use one of {', '.join(FORMATS)}", path=path, place="")
-    for package in LIBRARIES.get(suffix, ()):
+    for package in FORMATS[suffix].packages:
         require(package, extra="formats")
     return suffix

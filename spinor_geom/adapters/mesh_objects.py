@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spinor_geom.adapters.contents import (
-    grown,
-    grown_attributes,
+from spinor_geom.adapters.polygon_faces import Polygons, without_seams
+from spinor_geom.adapters.vertex_data import (
+    append_attributes,
+    append_most_frequent,
+    append_rows,
     most_frequent_row,
-    padded,
-    real_attributes,
-    repeated,
     triangles_of,
     unit_vectors,
 )
-from spinor_geom.adapters.polygons import Polygons, without_seams
 from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
 
@@ -40,66 +38,62 @@ class Open3DAdapter:
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
         """The triangles; a MeshShapeError if the mesh is one of tensors."""
-        carried = _of_open3d(obj)
-        return without_seams(
-            TriangleMesh(np.asarray(obj.vertices), np.asarray(obj.triangles), vertex_attributes=carried)
-        )
+        arrays = self._arrays(obj)
+        return without_seams(triangles_of(np.asarray(obj.vertices), np.asarray(obj.triangles), arrays))
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
         """A new mesh with the extension appended; textures are copied.
 
         New triangles get normals if the old ones have some, texture coordinates (0, 0), and the most frequent material.
         """
-        from open3d.geometry import TriangleMesh as Open3DMesh
-        from open3d.utility import IntVector, Vector2dVector, Vector3dVector, Vector3iVector
+        from open3d.utility import IntVector, Vector2dVector, Vector3dVector
 
-        attributes = grown_attributes(_of_open3d(obj), extension, vertices=len(obj.vertices))
+        attributes = append_attributes(self._arrays(obj), extension, vertices=len(obj.vertices))
+        vertices = np.concatenate([np.asarray(obj.vertices), extension.vertices])
+        made = self._copy(obj, vertices, np.concatenate([np.asarray(obj.triangles), extension.faces]), attributes)
         count = len(extension.faces)
-        made = Open3DMesh(obj)
-        made.vertices = Vector3dVector(np.concatenate([np.asarray(obj.vertices), extension.vertices]))
-        made.triangles = Vector3iVector(np.concatenate([np.asarray(obj.triangles), extension.faces.astype(np.int32)]))
-        if "normal" in attributes:
-            made.vertex_normals = Vector3dVector(attributes["normal"])
-        if "color" in attributes:
-            made.vertex_colors = Vector3dVector(np.clip(attributes["color"], 0.0, 1.0))
         if obj.has_triangle_normals():
-            a, b, c = np.moveaxis(np.asarray(made.vertices)[extension.faces], 1, 0)
+            a, b, c = np.moveaxis(vertices[extension.faces], 1, 0)
             normals = unit_vectors(np.cross(b - a, c - a))
             made.triangle_normals = Vector3dVector(np.concatenate([np.asarray(obj.triangle_normals), normals]))
         if obj.has_triangle_uvs():
             zeros = np.zeros((3 * count, 2))
             made.triangle_uvs = Vector2dVector(np.concatenate([np.asarray(obj.triangle_uvs), zeros]))
         if obj.has_triangle_material_ids():
-            made.triangle_material_ids = IntVector(repeated(np.asarray(obj.triangle_material_ids), count))
-        if obj.has_adjacency_list():
-            made.compute_adjacency_list()
+            made.triangle_material_ids = IntVector(append_most_frequent(obj.triangle_material_ids, count))
         return made
 
     def merged(self, obj: Any, within: Within) -> Any:
         """A new mesh with vertices merged; what belongs to triangles is copied."""
+        kept, new_index = self.to_mesh(obj).merge_map(within)
+        attributes = {name: values[kept] for name, values in self._arrays(obj).items()}
+        return self._copy(obj, np.asarray(obj.vertices)[kept], new_index[np.asarray(obj.triangles)], attributes)
+
+    def _arrays(self, obj: Any) -> dict[str, np.ndarray]:
+        if hasattr(obj, "to_legacy"):
+            raise MeshShapeError("the mesh is an open3d.t.geometry.TriangleMesh; give mesh.to_legacy()")
+        arrays = {}
+        if obj.has_vertex_normals():
+            arrays["normal"] = np.asarray(obj.vertex_normals)
+        if obj.has_vertex_colors():
+            arrays["color"] = np.asarray(obj.vertex_colors)
+        return arrays
+
+    def _copy(self, obj: Any, vertices: np.ndarray, triangles: np.ndarray, attributes: dict[str, np.ndarray]) -> Any:
+        """A copy of a mesh with other vertices and triangles."""
         from open3d.geometry import TriangleMesh as Open3DMesh
         from open3d.utility import Vector3dVector, Vector3iVector
 
-        kept, new_index = self.to_mesh(obj).merge_map(within)
         made = Open3DMesh(obj)
-        made.vertices = Vector3dVector(np.asarray(obj.vertices)[kept])
-        made.triangles = Vector3iVector(new_index[np.asarray(obj.triangles)].astype(np.int32))
-        made.vertex_normals = Vector3dVector(np.asarray(obj.vertex_normals)[kept[: len(obj.vertex_normals)]])
-        made.vertex_colors = Vector3dVector(np.asarray(obj.vertex_colors)[kept[: len(obj.vertex_colors)]])
+        made.vertices = Vector3dVector(vertices)
+        made.triangles = Vector3iVector(triangles.astype(np.int32))
+        if "normal" in attributes:
+            made.vertex_normals = Vector3dVector(attributes["normal"])
+        if "color" in attributes:
+            made.vertex_colors = Vector3dVector(np.clip(attributes["color"], 0.0, 1.0))
         if obj.has_adjacency_list():
             made.compute_adjacency_list()
         return made
-
-
-def _of_open3d(mesh: Any) -> dict[str, np.ndarray]:
-    if hasattr(mesh, "to_legacy"):
-        raise MeshShapeError("the mesh is an open3d.t.geometry.TriangleMesh; give mesh.to_legacy()")
-    carried = {}
-    if mesh.has_vertex_normals():
-        carried["normal"] = np.asarray(mesh.vertex_normals)
-    if mesh.has_vertex_colors():
-        carried["color"] = np.asarray(mesh.vertex_colors)
-    return carried
 
 
 class MeshioAdapter:
@@ -113,36 +107,30 @@ class MeshioAdapter:
 
         A plane mesh (two coordinates a point), or cells that are no faces, points or lines, are a MeshShapeError.
         """
-        points, polygons = _points_and_polygons(obj)
+        points, polygons = self._points_and_polygons(obj)
         vertices = points.astype(np.float64)
-        return triangles_of(vertices, polygons.triangulated(vertices)[0], real_attributes(obj.point_data))
+        return triangles_of(vertices, polygons.triangulated(vertices)[0], obj.point_data)
 
     def extend(self, obj: meshio.Mesh, extension: MeshExtension) -> meshio.Mesh:
         """A new mesh with the extension appended: its faces are a block of triangles of their own.
 
-        Point sets, cell sets and field data are copied. New cells get the cell data that occur most often among faces;
-        point data that are no real numbers get zeros or empty entries at new points.
+        Point sets, cell sets and field data are copied. New cells get the most frequent cell data of faces; point data
+        that are no real numbers get zeros or empty entries at new points.
         """
         import meshio
 
-        points, _ = _points_and_polygons(obj)
-        attributes = grown_attributes(real_attributes(obj.point_data), extension, vertices=len(points))
-        count = len(extension.faces)
-        blocks = [(block.type, block.data) for block in obj.cells]
-        of_faces = [number for number, block in enumerate(obj.cells) if block.type in FACES]
+        points, _ = self._points_and_polygons(obj)
 
-        def likeliest(values: list[Any]) -> np.ndarray:
-            among_faces = np.concatenate([np.asarray(values[number]) for number in of_faces])
-            return np.repeat(most_frequent_row(among_faces), count, axis=0)
+        def of_new_cells(values: list[Any]) -> np.ndarray:
+            blocks = zip(values, obj.cells, strict=True)
+            of_faces = np.concatenate([np.asarray(own) for own, block in blocks if block.type in FACES])
+            return np.repeat(most_frequent_row(of_faces), len(extension.faces), axis=0)
 
         return meshio.Mesh(
-            points=grown(points, extension.vertices),
-            cells=[*blocks, ("triangle", extension.faces)],
-            point_data={
-                name: attributes[name] if name in attributes else padded(values, len(extension.vertices))
-                for name, values in obj.point_data.items()
-            },
-            cell_data={name: [*values, likeliest(values)] for name, values in obj.cell_data.items()},
+            points=append_rows(points, extension.vertices),
+            cells=[*((block.type, block.data) for block in obj.cells), ("triangle", extension.faces)],
+            point_data=append_attributes(obj.point_data, extension, vertices=len(points)),
+            cell_data={name: [*values, of_new_cells(values)] for name, values in obj.cell_data.items()},
             cell_sets={name: [*own, np.zeros(0, dtype=np.int64)] for name, own in obj.cell_sets.items()},
             **{name: deepcopy(getattr(obj, name)) for name in ("field_data", "point_sets", "gmsh_periodic", "info")},
         )
@@ -152,30 +140,28 @@ class MeshioAdapter:
         import meshio
 
         kept, new_index = self.to_mesh(obj).merge_map(within)
+        same = ("cell_data", "cell_sets", "field_data", "gmsh_periodic", "info")
         return meshio.Mesh(
             points=np.asarray(obj.points)[kept],
             cells=[(block.type, new_index[np.asarray(block.data)]) for block in obj.cells],
             point_data={name: np.asarray(values)[kept] for name, values in obj.point_data.items()},
             point_sets={name: np.unique(new_index[np.asarray(own)]) for name, own in obj.point_sets.items()},
-            **{
-                name: deepcopy(getattr(obj, name))
-                for name in ("cell_data", "cell_sets", "field_data", "gmsh_periodic", "info")
-            },
+            **{name: deepcopy(getattr(obj, name)) for name in same},
         )
 
-
-def _points_and_polygons(mesh: meshio.Mesh) -> tuple[np.ndarray, Polygons]:
-    points = np.asarray(mesh.points)
-    if points.shape[1:] != (3,):
-        raise MeshShapeError("the points of the mesh have no third coordinate; append one, of zeros for a plane mesh")
-    others = sorted({block.type for block in mesh.cells} - {*FACES, *NO_FACES})
-    if others:
-        raise MeshShapeError(f"the mesh has cells that are no faces ({', '.join(others)}); give its surface alone")
-    blocks = [np.asarray(block.data) for block in mesh.cells if block.type in FACES]
-    sizes = [np.full(len(data), data.shape[1]) for data in blocks]
-    none = np.zeros(0, dtype=np.int64)
-    corners = np.concatenate([none, *(data.reshape(-1) for data in blocks)])
-    return points, Polygons.of_sizes(corners, np.concatenate([none, *sizes]))
+    def _points_and_polygons(self, mesh: meshio.Mesh) -> tuple[np.ndarray, Polygons]:
+        points = np.asarray(mesh.points)
+        if points.shape[1:] != (3,):
+            raise MeshShapeError(
+                "the points of the mesh have no third coordinate; append one, of zeros for a plane mesh"
+            )
+        others = sorted({block.type for block in mesh.cells} - {*FACES, *NO_FACES})
+        if others:
+            raise MeshShapeError(f"the mesh has cells that are no faces ({', '.join(others)}); give its surface alone")
+        blocks = [np.asarray(block.data) for block in mesh.cells if block.type in FACES]
+        none = np.zeros(0, dtype=np.int64)
+        corners = np.concatenate([none, *(data.reshape(-1) for data in blocks)])
+        return points, Polygons.of_sizes(corners, np.concatenate([none, *(np.full(*d.shape) for d in blocks)]))
 
 
 class MeshSetAdapter:
@@ -190,75 +176,69 @@ class MeshSetAdapter:
 
     def to_mesh(self, obj: pymeshlab.MeshSet) -> TriangleMesh:
         """The triangles of the current mesh; a MeshShapeError if the set holds none."""
-        mesh = _current_mesh(obj)
-        return TriangleMesh(mesh.vertex_matrix(), mesh.face_matrix(), vertex_attributes=_of_meshlab(mesh))
+        mesh = self._current(obj)
+        return TriangleMesh(mesh.vertex_matrix(), mesh.face_matrix(), vertex_attributes=self._arrays(mesh))
 
     def extend(self, obj: pymeshlab.MeshSet, extension: MeshExtension) -> pymeshlab.MeshSet:
-        """A new `MeshSet` whose current mesh is the old one with the extension appended; copies of the others follow.
+        """A new `MeshSet` whose current mesh is the old one with the extension appended, before copies of the others.
 
         Label, transform, vertex colours, scalars and texture coordinates, face colours and scalars, and wedge texture
-        coordinates are kept; new faces get the face colour and scalar that occur most often, and wedge texture
-        coordinates (0, 0). What pymeshlab gives no way to copy is not: texture images, custom attributes, and which
-        edges are diagonals of polygons.
+        coordinates are kept; new faces get the most frequent face colour and scalar, and wedge texture coordinates
+        (0, 0). pymeshlab cannot copy texture images, custom attributes, and which edges are diagonals of polygons.
         """
-        mesh = _current_mesh(obj)
-        vertices = mesh.vertex_matrix()
-        attributes = grown_attributes(_of_meshlab(mesh), extension, vertices=len(vertices))
-        faces = np.concatenate([mesh.face_matrix(), extension.faces.astype(np.int32)])
-        return _with_current_mesh(obj, np.concatenate([vertices, extension.vertices]), faces, attributes)
+        mesh = self._current(obj)
+        vertices = np.concatenate([mesh.vertex_matrix(), extension.vertices])
+        attributes = append_attributes(self._arrays(mesh), extension, vertices=mesh.vertex_number())
+        return self._copy(obj, vertices, np.concatenate([mesh.face_matrix(), extension.faces]), attributes)
 
     def merged(self, obj: pymeshlab.MeshSet, within: Within) -> pymeshlab.MeshSet:
         """A new `MeshSet` with the vertices of its current mesh merged; the rest is copied as by `extend`."""
-        mesh = _current_mesh(obj)
+        mesh = self._current(obj)
         kept, new_index = self.to_mesh(obj).merge_map(within)
-        attributes = {name: values[kept] for name, values in _of_meshlab(mesh).items()}
-        faces = new_index[mesh.face_matrix()].astype(np.int32)
-        return _with_current_mesh(obj, mesh.vertex_matrix()[kept], faces, attributes)
+        attributes = {name: values[kept] for name, values in self._arrays(mesh).items()}
+        return self._copy(obj, mesh.vertex_matrix()[kept], new_index[mesh.face_matrix()], attributes)
 
+    def _current(self, meshes: pymeshlab.MeshSet) -> pymeshlab.Mesh:
+        if meshes.mesh_number() == 0:
+            raise MeshShapeError("the MeshSet holds no mesh; load or add one first")
+        return meshes.current_mesh()
 
-def _with_current_mesh(
-    meshes: pymeshlab.MeshSet, vertices: np.ndarray, faces: np.ndarray, attributes: dict[str, np.ndarray]
-) -> pymeshlab.MeshSet:
-    """A new set with another current mesh, whose faces begin with those of the old one; copies of the others follow."""
-    import pymeshlab
+    def _arrays(self, mesh: pymeshlab.Mesh) -> dict[str, np.ndarray]:
+        arrays = {}
+        if mesh.has_vertex_color():
+            arrays["color"] = mesh.vertex_color_matrix()
+        if mesh.has_vertex_scalar():
+            arrays["scalar"] = mesh.vertex_scalar_array()[:, None]
+        if mesh.has_vertex_tex_coord():
+            arrays["uv"] = mesh.vertex_tex_coord_matrix()
+        return arrays
 
-    mesh = meshes.current_mesh()
-    arrays: dict[str, Any] = {}
-    if "color" in attributes:
-        arrays["v_color_matrix"] = np.clip(attributes["color"], 0.0, 1.0)
-    if "scalar" in attributes:
-        arrays["v_scalar_array"] = attributes["scalar"][:, 0]
-    if "uv" in attributes:
-        arrays["v_tex_coords_matrix"] = attributes["uv"]
-    new = len(faces) - mesh.face_number()
-    if mesh.has_face_color():
-        arrays["f_color_matrix"] = repeated(mesh.face_color_matrix(), new)
-    if mesh.has_face_scalar():
-        arrays["f_scalar_array"] = repeated(mesh.face_scalar_array(), new)
-    if mesh.has_wedge_tex_coord():
-        arrays["w_tex_coords_matrix"] = np.concatenate([mesh.wedge_tex_coord_matrix(), np.zeros((3 * new, 2))])
-    result = pymeshlab.MeshSet(verbose=False)
-    result.add_mesh(pymeshlab.Mesh(vertices, faces, **arrays), mesh.label())
-    if not np.array_equal(mesh.transform_matrix(), np.eye(4)):
-        result.set_matrix(transformmatrix=mesh.transform_matrix(), freeze=False)
-    for other in meshes:
-        if other.id() != mesh.id():
-            result.add_mesh(other, other.label(), set_as_current=False)
-    return result
+    def _copy(
+        self, meshes: pymeshlab.MeshSet, vertices: np.ndarray, faces: np.ndarray, attributes: dict[str, np.ndarray]
+    ) -> pymeshlab.MeshSet:
+        """A copy of a set with another current mesh, whose faces begin with those of the old one."""
+        import pymeshlab
 
-
-def _current_mesh(meshes: pymeshlab.MeshSet) -> pymeshlab.Mesh:
-    if meshes.mesh_number() == 0:
-        raise MeshShapeError("the MeshSet holds no mesh; load or add one first")
-    return meshes.current_mesh()
-
-
-def _of_meshlab(mesh: pymeshlab.Mesh) -> dict[str, np.ndarray]:
-    carried = {}
-    if mesh.has_vertex_color():
-        carried["color"] = mesh.vertex_color_matrix()
-    if mesh.has_vertex_scalar():
-        carried["scalar"] = mesh.vertex_scalar_array()[:, None]
-    if mesh.has_vertex_tex_coord():
-        carried["uv"] = mesh.vertex_tex_coord_matrix()
-    return carried
+        mesh = meshes.current_mesh()
+        arrays: dict[str, Any] = {}
+        if "color" in attributes:
+            arrays["v_color_matrix"] = np.clip(attributes["color"], 0.0, 1.0)
+        if "scalar" in attributes:
+            arrays["v_scalar_array"] = attributes["scalar"][:, 0]
+        if "uv" in attributes:
+            arrays["v_tex_coords_matrix"] = attributes["uv"]
+        new = len(faces) - mesh.face_number()
+        if mesh.has_face_color():
+            arrays["f_color_matrix"] = append_most_frequent(mesh.face_color_matrix(), new)
+        if mesh.has_face_scalar():
+            arrays["f_scalar_array"] = append_most_frequent(mesh.face_scalar_array(), new)
+        if mesh.has_wedge_tex_coord():
+            arrays["w_tex_coords_matrix"] = np.concatenate([mesh.wedge_tex_coord_matrix(), np.zeros((3 * new, 2))])
+        result = pymeshlab.MeshSet(verbose=False)
+        result.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32), **arrays), mesh.label())
+        if not np.array_equal(mesh.transform_matrix(), np.eye(4)):
+            result.set_matrix(transformmatrix=mesh.transform_matrix(), freeze=False)
+        for other in meshes:
+            if other.id() != mesh.id():
+                result.add_mesh(other, other.label(), set_as_current=False)
+        return result

@@ -1,17 +1,16 @@
-"""Wavefront OBJ read block by block, and appended to without a change of its own bytes.
+"""Wavefront OBJ: read block by block, and extended without a change of the bytes that were read.
 
-`v`, `vt`, `vn`, `f` and `l` are read, capitals too, and of `o` and `g` the names. Nothing that a file names is opened
-or run: `mtllib`, `call` and the like are lines of text, which stay in the file.
+The lines `v`, `vt`, `vn`, `f`, `l`, `o` and `g` are read, in capitals too. Others, such as `mtllib`, stay in the file
+as text; no file that they name is opened.
 """
 
 from __future__ import annotations
 
-import codecs
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import compress, pairwise
+from itertools import compress
 from typing import BinaryIO
 
 import numpy as np
@@ -21,149 +20,130 @@ from spinor_geom.adapters.contents import (
     BYTE_ORDER_MARK,
     FileContents,
     color_scale_of,
-    converted,
-    integer,
+    convert_words,
     malformed,
     nonfinite_rows,
-    real,
+    real_numbers,
 )
-from spinor_geom.adapters.polygons import Polygons, chained
+from spinor_geom.adapters.polygon_faces import Polygons, chained
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 BLOCK_SIZE = 1 << 22
 LONGEST_LINE = 1 << 25
-LARGEST_INDEX = 2**62  # so that sums of two indices fit 64 bits
-GROUP = "spinor_geom_fill"
 NEWLINE = b"\n"
-KEYS = (b"v", b"vt", b"vn", b"f", b"l", b"o")  # first words of lines
-COUNTED = (b"v", b"vt", b"vn")
-COLORED = ({6}, {7})  # words behind `v` where all lines have so many
+GROUP = "spinor_geom_fill"
+KEYWORDS = (b"v", b"vt", b"vn", b"f", b"l", b"o")
+NUMBERS = (b"v", b"vt", b"vn")  # keywords of lines of numbers
+ELEMENTS = {b"f": (3, "a face needs three corners"), b"l": (2, "a curve needs two vertices")}
+COLORED = ({6}, {7})  # words after `v` where all lines have colours
+WHOLE_LINE_END = re.compile(rb"(?<!\\)\n")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ObjText:
-    """An OBJ file's elements, and what is needed to go on writing it."""
+    """The elements of an OBJ file, and what is needed to append to it."""
 
-    contents: FileContents  # vertices, polygons, attributes and curves, without a source
+    contents: FileContents  # vertices, polygons, attributes and curves
     names: tuple[str, ...]  # of objects and groups, as "object/group"; the first is ""
-    face_names: Int[np.ndarray, " p"]  # of each polygon, as a number among them
-    curve_names: tuple[str, ...]  # of each of the contents' curves: that of its first piece
-    # for "uv" and "normal", where the file gives each vertex only one, its number there; −1 for a vertex in no face
+    face_names: Int[np.ndarray, " p"]  # for each polygon an index into `names`
+    curve_names: tuple[str, ...]  # for each curve the name of its first piece
+    # "uv" and "normal", where the file has one for each vertex: its index, −1 for a vertex in no face
     corner_indices: dict[str, Int[np.ndarray, " v"]]
-    counts: dict[str, int]  # of `vt` and `vn` lines, by the same names
-    newline: bytes  # what ends its lines
-    ending: bytes  # what has to follow its last byte before a new line can begin
+    counts: dict[str, int]  # number of `vt` and `vn` lines, under "uv" and "normal"
+    newline: bytes
+    ending: bytes  # what ends the last line, where the file does not
 
 
 def read_obj_stream(stream: BinaryIO) -> ObjText:
-    """The vertices, faces, curves and names of an OBJ file, read once from where the stream stands.
+    """Read the vertices, faces, curves and names of an OBJ file from the current position of a stream.
 
-    Faces are read by their position indices, so texture and normal seams leave no trace. `v` lines may carry colours
-    (three or four numbers after the coordinates; they count if all lines have them) or a weight (ignored). Texture
-    coordinates and normals become the attributes "uv" and "normal" where each vertex has only one. Pieces of curves are
-    joined where two of them meet in a vertex. A MeshFileError names the line that cannot be understood.
+    Faces are read by their position indices, so that texture and normal seams are no boundaries. `v` lines may have
+    colours (three or four numbers after the coordinates; ignored unless all lines have them) or a weight (ignored).
+    Texture coordinates and normals become the attributes "uv" and "normal" if each vertex has only one. Pieces of
+    curves are joined where two of them meet in a vertex. A MeshFileError names the line that cannot be read.
     """
+    data = stream.read()
+    newline = (re.search(rb"\r\n|\n|\r", data) or [NEWLINE])[0]
+    text = data.replace(b"\r\n", NEWLINE).replace(b"\r", NEWLINE).removeprefix(BYTE_ORDER_MARK)
+    if b"\0" in text:
+        line = text.count(NEWLINE, 0, text.index(0)) + 1
+        raise malformed(f"line {line}", "a zero byte, so this is no OBJ text")
     reader = _Reader()
-    # one byte a letter, with all line ends alike
-    decoder = io.IncrementalNewlineDecoder(codecs.getincrementaldecoder("latin-1")(), translate=True)
-    last, line = b"", 1
-    for block in _blocks(stream, decoder):
-        if b"\0" in block:
-            at = f"line {line + block.count(NEWLINE, 0, block.index(0))}"
-            raise malformed(at, "a zero byte, so this is no OBJ text", "check the file's format")
-        reader.add(_Block(block.removeprefix(BYTE_ORDER_MARK) if line == 1 else block, first_line=line))
-        line, last = line + block.count(NEWLINE), block[-2:]
-    ends = decoder.newlines or "\n"
-    newline = (ends if isinstance(ends, str) else ends[0]).encode("ascii")
-    # a backslash at the very end would continue the last line into what follows
-    ending = b"" if last.endswith(NEWLINE) else newline
-    return reader.text(newline, ending + (newline if last.rstrip().endswith(b"\\") else b""))
-
-
-def _blocks(stream: BinaryIO, decoder: io.IncrementalNewlineDecoder) -> Iterator[bytes]:
-    """The file in blocks that end with a line that no backslash continues."""
-    rest, searched = "", 0
-    while read := stream.read(BLOCK_SIZE):
-        rest += decoder.decode(read)
-        end = len(rest)
-        while (end := rest.rfind("\n", searched, end)) > 0 and rest[end - 1] == "\\":
-            pass
-        if end >= 0:
-            yield rest[: end + 1].encode("latin-1")
-            rest = rest[end + 1 :]
-        elif len(rest) > LONGEST_LINE:
+    start, line = 0, 1
+    while start < len(text):  # in blocks, as words take many times the memory of the file
+        end = WHOLE_LINE_END.search(text, start + BLOCK_SIZE)
+        stop = end.end() if end else len(text)
+        if stop - start > BLOCK_SIZE + LONGEST_LINE:
             problem = f"a line of more than {LONGEST_LINE >> 20} MiB"
             raise malformed("", problem, "check that this is an OBJ file, or write it in several pieces")
-        searched = len(rest)
-    if rest := rest + decoder.decode(b"", final=True):
-        yield rest.encode("latin-1")
+        reader.add(_Block(text[start:stop], first_line=line))
+        start, line = stop, line + text.count(NEWLINE, start, stop)
+    # a backslash at the very end would continue the last line into what follows
+    ending = (not text.endswith(NEWLINE)) + text[-2:].rstrip().endswith(b"\\")
+    return reader.text(newline, newline * ending)
 
 
 class _Reader:
-    """What the blocks read so far have given."""
+    """Collects what the blocks of a file hold."""
 
     def __init__(self) -> None:
-        self.counts = dict.fromkeys(COUNTED, 0)
-        self.widths: dict[bytes, set[int]] = {key: set() for key in COUNTED}  # words of their lines
-        self.values: dict[bytes, list[Float[np.ndarray, "n k"]]] = {key: [] for key in COUNTED}
+        self.counts = dict.fromkeys(NUMBERS, 0)
+        self.widths: dict[bytes, set[int]] = {key: set() for key in NUMBERS}  # numbers of words after the keyword
+        self.values: dict[bytes, list[Float[np.ndarray, "n k"]]] = {key: [] for key in NUMBERS}
         self.first_nonfinite = ""
-        self.unreadable: dict[bytes, MeshFileError] = {}
-        # of faces and curves in each block: their corners, and of each how many these are, its line and its name
+        self.unreadable: dict[bytes, MeshFileError] = {}  # raised only if the numbers are needed
+        # for each block the corners of its elements, and the size, the line and the name of each element
         none = np.zeros(0, dtype=np.int64)
-        self.elements = {key: [(none.reshape(0, 3), none, none, none)] for key in (b"f", b"l")}
+        self.elements = {key: [(none.reshape(0, 3), none, none, none)] for key in ELEMENTS}
         self.names = {"": 0}
         self.of_object = self.of_group = ""
 
     def add(self, block: _Block) -> None:
-        block.check_sizes(b"v", least=3, what="a vertex needs three coordinates")
-        if len(block.standing[b"v"]):
+        block.require_words(b"v", 3, "a vertex needs three coordinates")
+        for key in NUMBERS:
+            self.widths[key] |= block.widths(key)
+        if len(lines := block.lines[b"v"]):
             widths = block.widths(b"v")
-            self.widths[b"v"] |= widths
             rows = block.floats(b"v", min(widths) if widths in COLORED else 3)
             self.values[b"v"].append(rows)
             if not self.first_nonfinite and len(wrong := nonfinite_rows(rows[:, :3])):
-                self.first_nonfinite = f"line {block.line_numbers[block.standing[b'v'][wrong[0]]]}"
-        block.check_sizes(b"f", least=3, what="a face needs three corners")
-        block.check_sizes(b"l", least=2, what="a curve needs two vertices")
-        starts, names = self._names(block)
-        for key in (b"f", b"l"):
-            lines = block.standing[key]
-            if len(lines):
-                corners = block.corners(key, self.counts)
-                own_names = np.array(names, dtype=np.int64)[np.searchsorted(starts, lines) - 1]
-                self.elements[key].append((corners, block.sizes[lines], block.line_numbers[lines], own_names))
+                self.first_nonfinite = f"line {block.line_numbers[lines[wrong[0]]]}"
         for key in (b"vt", b"vn"):
-            # as long as they may all be used; an unreadable one matters only then
-            self.widths[key] |= block.widths(key)
-            if len(self.widths[key]) != 1 or key in self.unreadable or min(self.widths[key]) < 1:
-                self.values[key].clear()
-                continue
-            try:
-                self.values[key].append(block.floats(key, min(self.widths[key])))
-            except MeshFileError as error:
-                self.unreadable[key] = error
-        for key in COUNTED:
-            self.counts[key] += len(block.standing[key])
+            if len(self.widths[key]) == 1 and key not in self.unreadable:
+                try:
+                    self.values[key].append(block.floats(key, min(self.widths[key])))
+                except MeshFileError as error:
+                    self.unreadable[key] = error
+        starts, names = self._names(block)
+        for key, (least, what) in ELEMENTS.items():
+            block.require_words(key, least, what)
+            if len(lines := block.lines[key]):
+                own_names = np.array(names, dtype=np.int64)[np.searchsorted(starts, lines) - 1]
+                corners = block.corners(key, self.counts)
+                self.elements[key].append((corners, block.sizes[lines], block.line_numbers[lines], own_names))
+        for key in NUMBERS:
+            self.counts[key] += len(block.lines[key])
 
     def _names(self, block: _Block) -> tuple[list[int], list[int]]:
-        """Behind which lines of a block which name holds, as a number."""
-        starts, numbers = [-1], [self._number()]
-        for line in block.standing[b"o"].tolist():
-            keyword, *words = block.row(line)
+        """The lines of a block after which the object or group changes, and the number of its name."""
+        starts, numbers = [-1], [self._name()]
+        for line in block.lines[b"o"].tolist():
+            keyword, *words = block.words(line)
             name = b" ".join(words).decode("utf-8", "replace")
             self.of_object, self.of_group = (name, "") if keyword in b"oO" else (self.of_object, name)
             starts.append(line)
-            numbers.append(self._number())
+            numbers.append(self._name())
         return starts, numbers
 
-    def _number(self) -> int:
+    def _name(self) -> int:
+        """The number of the current object and group."""
         return self.names.setdefault("/".join(filter(None, (self.of_object, self.of_group))), len(self.names))
 
     def text(self, newline: bytes, ending: bytes) -> ObjText:
-        """All of it; a MeshFileError if there are no vertices, or an index is of none."""
+        """The whole file; a MeshFileError if there are no vertices, or an index is out of range."""
         if not self.values[b"v"]:
-            raise malformed("", "has no vertices (`v` lines)", "check that the file is complete and is an OBJ file")
+            raise malformed("", "has no vertices (`v` lines)")
         vertices = np.concatenate([rows[:, :3] for rows in self.values[b"v"]])
         faces, curves = ([np.concatenate(parts) for parts in zip(*own, strict=True)] for own in self.elements.values())
         wrong: list[tuple[int, int]] = []
@@ -181,12 +161,11 @@ class _Reader:
         for column, name, key in ((1, "uv", b"vt"), (2, "normal", b"vn")):
             own = _index_of_each_vertex(faces[0][:, 0], faces[0][:, column], len(vertices), self.counts[key])
             widths = self.widths[key]
-            if own is None or len(widths) != 1 or 0 in widths or (name == "normal" and widths != {3}):
-                continue
-            if key in self.unreadable:
-                raise self.unreadable[key]
-            corner_indices[name] = own
-            attributes[name] = np.where(own[:, None] >= 0, np.concatenate(self.values[key])[own], 0.0)
+            if own is not None and len(widths) == 1 and (widths == {3} if name == "normal" else 0 not in widths):
+                if key in self.unreadable:
+                    raise self.unreadable[key]
+                corner_indices[name] = own
+                attributes[name] = np.where(own[:, None] >= 0, np.concatenate(self.values[key])[own], 0.0)
         pieces = np.split(curves[0][:, 0], np.cumsum(curves[1])[:-1]) if len(curves[1]) else []
         chains, names = chained(pieces), tuple(self.names)
         contents = FileContents(
@@ -211,14 +190,16 @@ class _Reader:
 
 
 class _Block:
-    """The lines of a part of an OBJ file, those that end with a backslash joined to the next.
+    """Part of an OBJ file, split into lines; one that ends with a backslash is joined to the next.
 
-    Known are the number of each line in the file, how many words follow the first on it (−1 on blank lines), and which
-    lines begin with each of `KEYS`; those of groups stand among those of objects.
+    Attributes:
+        line_numbers: of each line in the file, from 1.
+        sizes: how many words follow the first one on each line, −1 on blank lines.
+        lines: which lines begin with each of `KEYWORDS`; those of groups are among those of objects.
     """
 
     def __init__(self, data: bytes, *, first_line: int) -> None:
-        data += 2 * NEWLINE  # so that three letters stand wherever a word begins
+        data += 2 * NEWLINE  # so that two letters follow the first letter of every word
         ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord(NEWLINE))
         for mark, pattern in ((b"\\", rb"\\\n"), (b"#", rb"#[^\n]*")):
             if mark in data:
@@ -236,65 +217,65 @@ class _Block:
         two[is_space[second]] = 0
         keywords = np.where(is_space[second] | is_space[second + 1], one + (two << 8), 0)
         keywords[keywords == ord("g")] = ord("o")
-        self.standing = {key: filled[keywords == int.from_bytes(key, "little")] for key in KEYS}
+        self.lines = {key: filled[keywords == int.from_bytes(key, "little")] for key in KEYWORDS}
         letters[first] = letters[second[two > 0]] = ord(" ")
-        self._data, self._behind_keys, self._line_ends = data, letters.tobytes(), np.append(0, ends[is_end] + 1)
+        self._data, self._after_keywords, self._line_ends = data, letters.tobytes(), np.append(0, ends[is_end] + 1)
 
-    def row(self, line: int) -> list[bytes]:
+    def words(self, line: int) -> list[bytes]:
         return self._data[self._line_ends[line] : self._line_ends[line + 1]].split()
 
     def widths(self, key: bytes) -> set[int]:
-        return set(np.unique(self.sizes[self.standing[key]]).tolist())
+        return set(np.unique(self.sizes[self.lines[key]]).tolist())
 
     def _text(self, key: bytes) -> bytes:
-        """What follows the key on all of its lines."""
-        lines = self.standing[key]
+        """What follows the keyword on all of its lines."""
+        lines = self.lines[key]
         after_gap = np.flatnonzero(np.diff(lines, prepend=-2) > 1)
         last = np.append(lines[after_gap[1:] - 1], lines[-1:])
         runs = zip(self._line_ends[lines[after_gap]].tolist(), self._line_ends[last + 1].tolist(), strict=True)
-        return b"".join([self._behind_keys[start:stop] for start, stop in runs])
+        return b"".join([self._after_keywords[start:stop] for start, stop in runs])
 
     def _error(self, line: int, problem: str, advice: str) -> MeshFileError:
         return malformed(f"line {self.line_numbers[line]}", problem, advice)
 
-    def check_sizes(self, key: bytes, *, least: int, what: str) -> None:
-        """Whether enough words follow the key on all of its lines."""
-        lines = self.standing[key]
+    def require_words(self, key: bytes, least: int, what: str) -> None:
+        """A MeshFileError unless so many words follow the keyword on all of its lines."""
+        lines = self.lines[key]
         for line in lines[self.sizes[lines] < least][:1].tolist():
-            text = b" ".join(self.row(line)).decode("utf-8", "replace")
+            text = b" ".join(self.words(line)).decode("utf-8", "replace")
             raise self._error(line, f"{what}, got '{text}'", "complete or remove the line")
 
     def floats(self, key: bytes, count: int) -> Float[np.ndarray, "n {count}"]:
-        """The first words behind the key on all of its lines, as numbers."""
+        """The first words after the keyword on all of its lines, as numbers."""
 
         def error(number: int, word: str) -> MeshFileError:
-            line = self.standing[key][number // count]
+            line = self.lines[key][number // count]
             return self._error(line, f"'{word}' is no number", "correct the line")
 
-        text, sizes = self._text(key), self.sizes[self.standing[key]]
+        text, sizes = self._text(key), self.sizes[self.lines[key]]
         words = text.split()
         if not (sizes == count).all():
             place = np.arange(len(words)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
             words = list(compress(words, (place < count).tobytes()))
-        convert = real if b"_" in text else float  # `float` takes underscores, at a fraction of the time of `real`
-        return np.array(converted(words, convert, error), dtype=np.float64).reshape(-1, count)
+        return np.array(convert_words(words, real_numbers, error), dtype=np.float64).reshape(len(sizes), count)
 
     def corners(self, key: bytes, counts: dict[bytes, int]) -> Int[np.ndarray, "n 3"]:
         """The indices (position, texture, normal) from 0 of all corners on the lines; −1 where one is not given.
 
-        `counts` elements stand in the blocks before this one. A position before the first of all is as it is written.
+        `counts` has the numbers of lines in the blocks before this one. A position before the first vertex is returned
+        as in the file, less 1, for the error message.
         """
         text = self._text(key)
-        line_of = np.repeat(self.standing[key], self.sizes[self.standing[key]])
+        line_of = np.repeat(self.lines[key], self.sizes[self.lines[key]])
 
         def error(number: int, word: str) -> MeshFileError:
             return self._error(line_of[number], f"'{word}' is no corner", "write v, v/vt, v//vn or v/vt/vn")
 
         corners = _uniform_corners(text, len(line_of))
         if corners is None:
-            corners = np.array(converted(text.split(), _corner, error), dtype=np.int64)
+            corners = np.array(convert_words(text.split(), _any_corners, error), dtype=np.int64)
         if (corners < 0).any():
-            before = [counts[name] + np.searchsorted(self.standing[name], line_of) for name in COUNTED]
+            before = [counts[name] + np.searchsorted(self.lines[name], line_of) for name in NUMBERS]
             resolved = corners + np.stack(before, axis=1) + 1
             corners = np.where((corners < 0) & (resolved > 0), resolved, corners)
             # an index before the file's first element must not pass for "not given"
@@ -303,8 +284,8 @@ class _Block:
 
 
 def _uniform_corners(text: bytes, count: int) -> Int[np.ndarray, "{count} 3"] | None:
-    """Corners as they stand in the file, 0 where not given; None unless they all have one form, and are well-formed."""
-    # what is left without the numbers tells whether all corners have one form, much faster than looking at each
+    """Corners as in the file, 0 where an index is not given; None unless all are valid and have the same form."""
+    # the form of a corner is the number of its slashes, if nothing else is left without its digits
     marks = text.translate(None, b"-0123456789").split()
     slashes = len(marks[0]) if marks else 0
     if slashes > 2 or marks != [b"/" * slashes] * (count if slashes else 0):
@@ -312,7 +293,7 @@ def _uniform_corners(text: bytes, count: int) -> Int[np.ndarray, "{count} 3"] | 
     text, is_signed = text.replace(b"//", b"/0/").replace(b"/", b" "), b"-" in text
     corners = np.zeros((count, 3), dtype=np.int64)
     try:
-        # of digits alone numpy reads numbers at a quarter of the time, those of 64 bits as negative ones
+        # `fromstring` takes a quarter of the time, but reads no signs; numbers of 64 bits become negative
         flat = np.array(list(map(int, text.split()))) if is_signed else np.fromstring(text, np.uint64, sep=" ")
         corners[:, : slashes + 1] = flat.reshape(count, slashes + 1)
     except (ValueError, OverflowError):
@@ -320,21 +301,22 @@ def _uniform_corners(text: bytes, count: int) -> Int[np.ndarray, "{count} 3"] | 
     return corners if is_signed or corners.min() >= 0 else None
 
 
-def _corner(word: bytes) -> tuple[int, int, int]:
-    """One corner, in any of the four forms."""
-    parts = [*word.split(b"/"), b"", b""]
-    if len(parts) > 5:
-        raise ValueError(word)
-    position, texture, normal = integer(parts[0]), integer(parts[1] or b"0"), integer(parts[2] or b"0")
-    if max(abs(position), abs(texture), abs(normal)) > LARGEST_INDEX:
-        raise ValueError(word)
-    return position, texture, normal
+def _any_corners(words: Sequence[bytes]) -> list[list[int]]:
+    """Corners in any of the four forms as in the file, 0 where an index is not given."""
+    corners = []
+    for word in words:
+        position, *others = word.split(b"/")
+        indices = [int(position), *(int(other or b"0") for other in others)]
+        if len(indices) > 3 or b"_" in word or not -(2**63) <= min(indices) <= max(indices) < 2**63:
+            raise ValueError(word)
+        corners.append(indices + [0] * (3 - len(indices)))
+    return corners
 
 
 def _index_of_each_vertex(
     positions: Int[np.ndarray, " n"], others: Int[np.ndarray, " n"], vertices: int, count: int
 ) -> Int[np.ndarray, " {vertices}"] | None:
-    """The texture or normal index of each vertex, −1 in no face; None unless it is one and the same at all corners."""
+    """The texture or normal index of each vertex, −1 in no face; None if a vertex has several, or a corner none."""
     if len(others) == 0 or (others < 0).any() or (others >= count).any():
         return None
     own = np.full(vertices, -1, dtype=np.int64)
@@ -343,7 +325,7 @@ def _index_of_each_vertex(
 
 
 def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
-    """What to write after a file's last byte: vertices with all that the file gives each of its own, and faces."""
+    """What to write after the last byte of the file: vertices with the attributes that the file has, and faces."""
     if len(extension.vertices) == 0 and len(extension.faces) == 0:
         return b""
     colors = [extension.vertex_attributes["color"]] if "color" in text.contents.attributes else []
@@ -354,25 +336,16 @@ def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
         if name in text.corner_indices:
             lines.append(_number_lines(keyword, extension.vertex_attributes[name], newline))
             first = text.counts[name]
-            all_indices = np.concatenate([text.corner_indices[name], np.arange(first, first + len(extension.vertices))])
+            indices = np.concatenate([text.corner_indices[name], np.arange(first, first + len(extension.vertices))])
             # a vertex in no face has none: any valid number will do
-            corners.append(np.maximum(all_indices[extension.faces.ravel()], 0) + 1)
-    for start, stop in runs_of(extension.face_loops):
-        lines.append(f"g {GROUP}_{extension.face_loops[start]}{newline}")
-        own = [numbers[3 * start : 3 * stop] for numbers in corners]
-        sizes = np.full(stop - start, 3)
-        lines.append(_face_lines(own, sizes, newline, skip_uv="uv" not in text.corner_indices))
+            corners.append(np.maximum(indices[extension.faces.ravel()], 0) + 1)
+    sizes, has_uv = np.full(len(extension.faces), 3), "uv" in text.corner_indices
+    lines.append(_face_lines(corners, sizes, extension.face_loops, newline, has_uv=has_uv))
     return text.ending + "".join(lines).encode("ascii")
 
 
-def runs_of(values: Int[np.ndarray, " n"]) -> list[tuple[int, int]]:
-    """Where runs of equal values start and stop."""
-    starts = np.flatnonzero(np.diff(values)) + 1
-    return list(pairwise([0, *starts.tolist(), len(values)])) if len(values) else []
-
-
 def read_obj(data: bytes) -> FileContents:
-    """What `read_obj_stream` reads of an OBJ file, with its text as the source to append to."""
+    """The contents of an OBJ file, which can be extended."""
     text = read_obj_stream(io.BytesIO(data))
     return replace(text.contents, suffix=".obj", appended=lambda extension: data + added_lines(text, extension))
 
@@ -386,25 +359,30 @@ def encode_obj(contents: FileContents) -> bytes:
         if name in contents.attributes:
             lines.append(_number_lines(keyword, contents.attributes[name]))
             corners.append(contents.polygons.corners + 1)
-    starts, loops = contents.polygons.starts, contents.loop_of_faces
-    for first, last in runs_of(loops):
-        lines += [f"g {GROUP}_{loops[first]}\n"] if loops[first] >= 0 else []
-        own = [numbers[starts[first] : starts[last]] for numbers in corners]
-        lines.append(_face_lines(own, contents.polygons.sizes[first:last], skip_uv="uv" not in contents.attributes))
+    sizes, has_uv = contents.polygons.sizes, "uv" in contents.attributes
+    lines.append(_face_lines(corners, sizes, contents.loop_of_faces, has_uv=has_uv))
     lines += ["l " + " ".join(map(str, (curve + 1).tolist())) + "\n" for curve in contents.polylines]
     return "".join(lines).encode("ascii")
 
 
 def _number_lines(keyword: str, rows: Float[np.ndarray, "n k"], newline: str = "\n") -> str:
-    """A line for each row, of numbers from which the very same float64 values are read."""
+    """A line for each row, with all digits of its float64 values."""
     line = f"{keyword}{' %r' * rows.shape[1]}{newline}"
     return line * len(rows) % tuple(rows.ravel().tolist())
 
 
 def _face_lines(
-    corners: Sequence[Int[np.ndarray, " n"]], sizes: Int[np.ndarray, " f"], newline: str = "\n", *, skip_uv: bool
+    corners: Sequence[Int[np.ndarray, " n"]],
+    sizes: Int[np.ndarray, " f"],
+    loops: Int[np.ndarray, " f"],
+    newline: str = "\n",
+    *,
+    has_uv: bool,
 ) -> str:
-    """Faces by the numbers at all their corners: of positions, texture (or a gap) and normals."""
-    word = " " + ("//" if skip_uv else "/").join(["%d"] * len(corners))
+    """Faces by the indices at all their corners (position, texture, normal); each patch is a group."""
+    word = " " + ("/" if has_uv else "//").join(["%d"] * len(corners))
     of_size = {size: f"f{word * size}{newline}" for size in np.unique(sizes).tolist()}
-    return "".join(map(of_size.__getitem__, sizes.tolist())) % tuple(np.stack(corners, axis=1).ravel().tolist())
+    lines = [of_size[size] for size in sizes.tolist()]
+    for first in np.flatnonzero(np.diff(loops, prepend=-1)):
+        lines[first] = f"g {GROUP}_{loops[first]}{newline}{lines[first]}"
+    return "".join(lines) % tuple(np.stack(corners, axis=1).ravel().tolist())

@@ -1,4 +1,4 @@
-"""OFF: text, with polygons, colours, normals and texture coordinates; read and appended to like the records of PLY."""
+"""OFF, text: polygons, colours, normals and texture coordinates, as records like those of PLY."""
 
 import re
 from dataclasses import replace
@@ -6,12 +6,13 @@ from itertools import chain, islice, pairwise
 
 import numpy as np
 
-from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, cast_values, malformed, text_rows
-from spinor_geom.adapters.ply import LONGEST_COUNT, contents_of
-from spinor_geom.adapters.records import Element, Property, Records, of_rows, rows_of
+from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, malformed, text_rows
+from spinor_geom.adapters.ply import LONGEST_COUNT, contents_of_records
+from spinor_geom.adapters.records import Element, Property, Records, parse_rows, split_rows
+from spinor_geom.adapters.vertex_data import cast_values
 from spinor_geom.errors import MeshFileError
 
-# Geomview's order: ST, C, N before OFF; 4 (four coordinates) and n (any number) are not surfaces in space
+# in Geomview's order; the prefixes 4 and n (four or n coordinates) are not supported
 KEYWORD = re.compile(rb"(ST|st)?(C|c)?(N)?(?:OFF|off)$")
 SIZE = re.compile(rb"([3-9]|[1-9]\d{1,8})$")  # of a face
 COLORS = ("red", "green", "blue", "alpha")
@@ -21,8 +22,8 @@ CORNERS = Property("vertex_indices", np.dtype("i4"), np.dtype("u4"))
 def read_off(data: bytes) -> FileContents:
     """The vertices, with colours, normals and texture coordinates, and the faces of an OFF file.
 
-    One vertex and one face a line; colours of faces are kept in the file but not read. Plain files whose lines
-    are broken elsewhere are read too, and written anew. Other kinds of OFF (binary, four or n coordinates) are not.
+    Each vertex and each face has a line; colours of faces are kept in the file but not read. Files without colours,
+    normals and texture coordinates may have other line breaks, and are then written anew.
     """
     if b"\0" in data:
         raise malformed(f"byte {data.index(0)}", "a zero byte, so this is no OFF text", "binary OFF is not read")
@@ -33,8 +34,8 @@ def read_off(data: bytes) -> FileContents:
     words = (lambda line: line.partition(b"#")[0].split()) if b"#" in text else bytes.split
     suffix = ".off"
     try:
-        rows, vertex = rows_of(text, start, vertex, words)
-        face_rows, face = rows_of(text, vertex.stop, face, words)
+        rows, vertex = split_rows(text, start, vertex, words)
+        face_rows, face = split_rows(text, vertex.stop, face, words)
     except MeshFileError:
         lines = [] if any(keyword) else text[face.count_at[1] :].splitlines()
         reflowed = _reflowed(list(chain.from_iterable(map(words, lines))), vertex.count, face.count)
@@ -52,8 +53,8 @@ def read_off(data: bytes) -> FileContents:
     columns = tuple(Property(name, color if name in COLORS else number) for name in names)
     # a colour may follow a face's size and corners
     face_rows = [row[: 1 + int(row[0])] if len(row) > 4 and SIZE.match(row[0]) else row for row in face_rows]
-    elements = {"vertex": of_rows(rows, replace(vertex, properties=columns)), "face": of_rows(face_rows, face)}
-    return contents_of(Records(data=data, newline=newline, elements=elements), suffix=suffix)
+    elements = {"vertex": parse_rows(rows, replace(vertex, properties=columns)), "face": parse_rows(face_rows, face)}
+    return contents_of_records(Records(data=data, newline=newline, elements=elements), suffix=suffix)
 
 
 def encode_off(contents: FileContents) -> bytes:
@@ -68,7 +69,7 @@ def encode_off(contents: FileContents) -> bytes:
 
 
 def _header(text: bytes) -> tuple[tuple[bytes | None, ...], Element, Element]:
-    """Which columns the keyword announces, and vertices and faces as they are counted."""
+    """The prefixes of the keyword, and the elements "vertex" and "face" without their records."""
     found = re.compile(rb"[^\s#]+|#[^\n]*").finditer(text, text.startswith(BYTE_ORDER_MARK) and len(BYTE_ORDER_MARK))
     words = list(islice((word for word in found if not word[0].startswith(b"#")), 3))
     keyword: tuple[bytes | None, ...] = ()
@@ -92,7 +93,7 @@ def _header(text: bytes) -> tuple[tuple[bytes | None, ...], Element, Element]:
 
 
 def _reflowed(words: list[bytes], vertices: int, faces: int) -> tuple[list[list[bytes]], list[list[bytes]]] | None:
-    """Vertices of three numbers, then faces without colours, however they stand in lines; None for other words."""
+    """The words of vertices of three numbers and of faces without colours, whatever the line breaks; else None."""
     for rest in (words[1:], words):
         starts = list(range(0, 3 * vertices, 3)) if 3 * vertices <= len(rest) else []
         stop = 3 * len(starts)
@@ -106,7 +107,7 @@ def _reflowed(words: list[bytes], vertices: int, faces: int) -> tuple[list[list[
 
 
 def _names(keyword: tuple[bytes | None, ...], width: int) -> tuple[str, ...]:
-    """What the numbers of a vertex are: position, normal, colour, texture, then what no keyword announces."""
+    """The names of the numbers of a vertex, by the keyword and by how many they are; () if these do not fit."""
     has_uv, has_color, has_normal = map(bool, keyword or (None,) * 3)
     rest = width - 3 - 3 * has_normal - 2 * has_uv
     has_color = has_color or (rest in (3, 4) and not has_uv)  # many programs write colours under the plain keyword

@@ -1,4 +1,4 @@
-"""PLY: text and binary, with every per-vertex property, polygons, and whatever else a file holds."""
+"""PLY, text and binary: polygons and all properties of vertices; other elements are kept when a file is extended."""
 
 import re
 from collections.abc import Mapping
@@ -8,16 +8,11 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.adapters.contents import (
-    BYTE_ORDER_MARK,
-    FileContents,
-    color_scale_of,
-    malformed,
-    most_frequent_row,
-    nonfinite_rows,
-)
-from spinor_geom.adapters.polygons import Polygons, seam_representatives
-from spinor_geom.adapters.records import Element, Property, Records, binary_records, of_rows, read_binary, rows_of
+from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, color_scale_of, malformed, nonfinite_rows
+from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
+from spinor_geom.adapters.records import Element, Property, Records, binary_records, parse_rows, read_binary, split_rows
+from spinor_geom.adapters.vertex_data import most_frequent_row
+from spinor_geom.errors import PolygonError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 NUMPY_TYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
@@ -26,7 +21,7 @@ TYPES = {np.dtype(kind).name: kind for kind in NUMPY_TYPES} | dict(zip(OLD_NAMES
 BYTE_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
 LONGEST_COUNT = 18  # digits; no file holds more
 LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r)")
-# attributes that several properties make up, by the names that programs give these
+# attributes of several properties, with the names that programs use for these
 GROUPS: Mapping[str, tuple[tuple[str, ...], ...]] = {
     "color": (("red", "green", "blue", "alpha"), ("red", "green", "blue"), ("r", "g", "b")),
     "normal": (("nx", "ny", "nz"),),
@@ -37,19 +32,19 @@ FACE_LISTS = ("vertex_indices", "vertex_index")
 
 def read_ply(data: bytes) -> FileContents:
     """The vertices, per-vertex properties and faces of a PLY file."""
-    return contents_of(read_records(data), suffix=".ply")
+    return contents_of_records(read_records(data), suffix=".ply")
 
 
 def read_records(data: bytes) -> Records:
-    """The header and all records of a PLY file; a MeshFileError names the place that cannot be read."""
+    """The header and all records of a PLY file."""
     position, records = _read_header(data)
     text, elements = data.replace(b"\r", b"\n") if records.newline == b"\r" else data, {}
     for element in records.elements.values():
         if not element.properties:
             element = replace(element, stop=position)
         elif records.newline:
-            rows, element = rows_of(text, position, element)
-            element = of_rows(rows, element)
+            rows, element = split_rows(text, position, element)
+            element = parse_rows(rows, element)
         else:
             element = read_binary(data, position, element)
         elements[element.name] = element
@@ -58,14 +53,14 @@ def read_records(data: bytes) -> Records:
 
 
 def _read_header(data: bytes) -> tuple[int, Records]:
-    """Where the header of a PLY file ends, and its elements, which have no records yet."""
+    """The size of a PLY file's header, and its elements without their records."""
     start = len(BYTE_ORDER_MARK) if data.startswith(BYTE_ORDER_MARK) else 0
     if not re.match(rb"ply\s", data[start : start + 4]):
-        raise malformed("line 1", "does not begin with 'ply'", "check the file's format")
+        raise malformed("line 1", "does not begin with 'ply'")
     end = re.search(rb"(?:^|[\r\n])end_header[ \t]*(\r\n|\n|\r)", data)
     if end is None:
-        raise malformed("header", "has no line 'end_header'", "check that the file is complete")
-    # an end like "\r" before binary data that begins with "\n" is ambiguous; the first line of the file tells
+        raise malformed("header", "has no line 'end_header'")
+    # "\r" before binary data that begins with "\n" is ambiguous: the first line of the file decides
     newline = b"\r\n" if data[start + 3 : start + 5] == b"\r\n" else data[start + 3 : start + 4]
     size = end.start(1) + len(newline) if end[1].startswith(newline) else end.end()
     lines = [(line.start(), line[0].decode("latin-1").rstrip()) for line in LINE.finditer(data, start, size)]
@@ -96,7 +91,7 @@ def _read_header(data: bytes) -> tuple[int, Records]:
 
 
 def _property(description: list[str], order: str) -> Property | None:
-    """A property as its header line describes it after the word "property", or None if it cannot be understood."""
+    """The property that the words after "property" in a header line describe, or None if they are not valid."""
     match description:
         case [kind, name] if kind in TYPES:
             return Property(name, np.dtype(order + TYPES[kind]))
@@ -105,12 +100,11 @@ def _property(description: list[str], order: str) -> Property | None:
     return None
 
 
-def contents_of(records: Records, *, suffix: str) -> FileContents:
-    """What records of the elements "vertex" and "face" mean, in a file of some format ("" where none can be appended).
+def contents_of_records(records: Records, *, suffix: str) -> FileContents:
+    """The contents of a file from its records of vertices and faces; `suffix` as in `FileContents`.
 
     Colours, normals and texture coordinates become "color", "normal" and "uv"; every other scalar property of the
-    vertices becomes an attribute under its own name. Positions whose vertices differ in texture coordinates or normals
-    are seams. Vertices and faces there must be; else it is a MeshFileError.
+    vertices becomes an attribute under its own name. Edges along which texture coordinates or normals differ are seams.
     """
     for name, what in (("vertex", "vertices"), ("face", "faces")):
         if name not in records.elements or records.elements[name].count == 0:
@@ -118,18 +112,21 @@ def contents_of(records: Records, *, suffix: str) -> FileContents:
     vertices, faces = records.elements["vertex"], records.elements["face"]
     corner_list = next((name for name in FACE_LISTS if name in faces.lengths), None)
     if not set("xyz") <= vertices.values.keys() - vertices.lengths.keys():
-        raise malformed("header", "the vertices have no x, y and z", "check the file")
+        raise malformed("header", "the vertices have no x, y and z")
     if corner_list is None:
-        raise malformed("header", "the faces have no list 'vertex_indices'", "check the file")
+        raise malformed("header", "the faces have no list 'vertex_indices'")
     corners = faces.values[corner_list]
     if corners.dtype.kind not in "iu":
-        raise malformed("header", "the corners of faces are not integers", "check the file")
+        raise malformed("header", "the corners of faces are not integers")
     points, groups = _table(vertices, tuple("xyz")), _attribute_groups(vertices)
     attributes = {attribute: _table(vertices, names) for attribute, names in groups.items()}
     polygons = Polygons.of_sizes(corners, faces.lengths[corner_list])
-    for face, problem in polygons.defects(len(points)):
+    try:
+        polygons.require_valid(len(points))
+    except PolygonError as error:
+        face, problem = error.fields["face"], error.fields["problem"]
         place = ", ".join(filter(None, (faces.line(face), f"face {face}")))
-        raise malformed(place, problem, "correct or remove the face")
+        raise malformed(place, problem, "correct or remove the face") from None
     appearance = [attributes[name] for name in ("uv", "normal") if name in groups]
     wrong, color_scale = nonfinite_rows(points), 1.0
     if "color" in groups:
@@ -155,14 +152,14 @@ def contents_of(records: Records, *, suffix: str) -> FileContents:
 def _appended(
     records: Records, groups: Mapping[str, tuple[str, ...]], corner_list: str, extension: MeshExtension
 ) -> bytes:
-    """The file with records added; new faces get the values that occur most often, a colour as a whole; lists zeros."""
+    """The file with records added; new faces get the most frequent values, a colour as a whole, and lists of zeros."""
     vertices = dict(zip("xyz", extension.vertices.T, strict=True))
     for attribute, names in groups.items() if len(extension.vertices) else ():
         vertices |= dict(zip(names, extension.vertex_attributes[attribute].T, strict=True))
     count = len(extension.faces)
     own = records.elements["face"]
     faces: dict[str, np.ndarray] = {}
-    # those of a colour together: no face may have the most frequent red with the most frequent green
+    # of a colour all together: the most frequent red and the most frequent green may be of different colours
     for names in (*_attribute_groups(own).values(), *((name,) for name in "xyz" if name in own.values)):
         row = most_frequent_row(_table(own, names))
         faces |= dict(zip(names, np.repeat(row, count, axis=0).T, strict=True))
@@ -172,7 +169,7 @@ def _appended(
 
 
 def names_in_ply(contents: FileContents) -> dict[str, tuple[str, ...]]:
-    """The properties of each attribute in a new PLY file, of which names are ASCII and differ; without other ones."""
+    """The properties of each attribute in a new PLY file, without attributes whose names are not ASCII or clash."""
     found: dict[str, tuple[str, ...]] = {}
     taken = set("xyz")
     for attribute, values in contents.attributes.items():
@@ -190,7 +187,7 @@ def names_in_ply(contents: FileContents) -> dict[str, tuple[str, ...]]:
 def encode_ply(contents: FileContents) -> bytes:
     """A new binary PLY file: positions and attributes as float64, colours as bytes.
 
-    Where faces were added, each face has the property "patch", the place of its loop, −1 for faces that were read.
+    Where faces were added, each face has the property "patch": the index of its loop, −1 for faces that were read.
     """
     columns = dict(zip("xyz", contents.vertices.T, strict=True))
     types = dict.fromkeys("xyz", "double")
@@ -213,12 +210,12 @@ def encode_ply(contents: FileContents) -> bytes:
         "end_header\n",
     ]
     vertices = binary_records(properties, columns, len(contents.vertices))
-    # before the corners of each face how many they are, and after them its patch, byte by byte
+    # the bytes of the corners, with the size of each face before its corners and its patch after them
     corners, sizes = contents.polygons.corners.astype("<i4"), contents.polygons.sizes.astype(count_dtype)
     patches = (np.zeros(0) if contents.face_loops is None else contents.face_loops).astype("<i4")
     starts = np.repeat(contents.polygons.starts[:-1] * corners.itemsize, count_dtype.itemsize)
     ends = np.repeat(contents.polygons.starts[1:][: len(patches)] * corners.itemsize, patches.itemsize)
-    # where one face ends and the next begins the patch comes first
+    # between two faces the patch of the first comes before the size of the second
     places, added = np.concatenate([ends, starts]), np.concatenate([patches.view(np.uint8), sizes.view(np.uint8)])
     faces = np.insert(corners.view(np.uint8), places, added)
     return "\n".join(header).encode("ascii") + vertices + faces.tobytes()
@@ -230,7 +227,7 @@ def _table(element: Element, names: tuple[str, ...]) -> Float[np.ndarray, "n _"]
 
 
 def _attribute_groups(vertices: Element) -> dict[str, tuple[str, ...]]:
-    """Which scalar properties make up each attribute; those in no group are attributes of their own."""
+    """The scalar properties of each attribute; those in no group are attributes of their own."""
     groups: dict[str, tuple[str, ...]] = {}
     free = [name for name in vertices.values if name not in {"x", "y", "z", *vertices.lengths}]
     for attribute, choices in GROUPS.items():

@@ -1,6 +1,7 @@
-"""Records of vertices, faces and whatever else a PLY or OFF file holds, text and binary, whatever they mean."""
+"""The records of PLY and OFF files, text and binary: arrays of numbers by the names of their properties."""
 
 import io
+import math
 import struct
 from array import array
 from collections.abc import Callable, Mapping, Sequence
@@ -12,36 +13,36 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int, Shaped
 
-from spinor_geom.adapters.contents import cast_values, is_readable, malformed, real, text_rows
+from spinor_geom.adapters.contents import first_unreadable, malformed, real_numbers, text_rows
+from spinor_geom.adapters.vertex_data import cast_values
 from spinor_geom.errors import MeshFileError
 
 LARGEST_RECORD = 1 << 30  # bytes; numpy's records are below 2 GiB
 
 
 class Property(NamedTuple):
-    """One property of an element: its name, the type of its value or values, and of a list that of their number."""
+    """One property of an element: a number, or a list of numbers."""
 
     name: str
     dtype: np.dtype[Any]
-    count_dtype: np.dtype[Any] | None = None
+    count_dtype: np.dtype[Any] | None = None  # of a list's length; None for a number
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Element:
-    """One kind of record, and the records of a file."""
+    """One kind of record, such as "vertex", and the records of a file."""
 
-    name: str  # what they are
-    count: int  # how many the header announces
-    count_at: tuple[int, int]  # where in the file that number stands, the bytes from and to
-    properties: tuple[Property, ...] = ()  # what each is made of
-    stop: int = 0  # where they end in the file, in bytes
-    lines: Sequence[int] = ()  # on which line of a text each stands, from 1
-    # by the properties' names; those of lists one list after the other, with the lists' lengths
-    values: Mapping[str, Shaped[np.ndarray, " _"]] = field(default_factory=dict)
-    lengths: Mapping[str, Int[np.ndarray, " n"]] = field(default_factory=dict)
+    name: str
+    count: int  # the number of records that the header announces
+    count_at: tuple[int, int]  # first and last byte of that number in the file
+    properties: tuple[Property, ...] = ()
+    stop: int = 0  # the byte after the last record
+    lines: Sequence[int] = ()  # the line of each record in a text file, from 1
+    values: Mapping[str, Shaped[np.ndarray, " _"]] = field(default_factory=dict)  # of lists one after the other
+    lengths: Mapping[str, Int[np.ndarray, " n"]] = field(default_factory=dict)  # of lists
 
     def line(self, record: int) -> str:
-        """On which line a record stands, as "line 12"; "" where none is known."""
+        """The line of a record, as "line 12"; "" where it is not known."""
         return f"line {self.lines[record]}" if self.lines else ""
 
 
@@ -49,14 +50,16 @@ class Element:
 class Records:
     """A file of records as it was read."""
 
-    data: bytes  # its bytes
-    newline: bytes  # how lines end; b"" where records are binary
-    elements: Mapping[str, Element]  # the kinds of records by name, in the file's order
+    data: bytes
+    newline: bytes  # b"" for binary records
+    elements: Mapping[str, Element]  # by name, in the file's order
 
     def appended(self, columns: Mapping[str, Mapping[str, np.ndarray]]) -> bytes:
-        """The file with records after those of some elements; all other bytes but their counts stay.
+        """The file with records added to some elements; of its own bytes only their counts change.
 
-        For each of these elements come its new values by the properties' names, (n,) or (n, k) for lists, else empty.
+        Args:
+            columns: for each of these elements the new values of its properties, (n,) or (n, k) for lists; lists that
+                are not given are empty.
         """
         edits = []
         for element in self.elements.values():
@@ -80,7 +83,7 @@ class Records:
 
 
 def binary_records(properties: tuple[Property, ...], columns: Mapping[str, np.ndarray], count: int) -> bytes:
-    """So many binary records whose lists are equally long; columns as of `Records.appended`, for one element."""
+    """So many binary records whose lists are equally long; columns as in `Records.appended`, for one element."""
     tables = _tables(properties, columns, count, as_text=False)
     return np.hstack([np.ascontiguousarray(table).view(np.uint8) for table in tables]).tobytes()
 
@@ -88,7 +91,7 @@ def binary_records(properties: tuple[Property, ...], columns: Mapping[str, np.nd
 def _tables(
     properties: tuple[Property, ...], columns: Mapping[str, np.ndarray], count: int, *, as_text: bool
 ) -> list[Shaped[np.ndarray, "{count} _"]]:
-    """What records hold, side by side, in the declared types; text holds all digits, whatever the header declares."""
+    """The columns of records, side by side, in the declared types; in text real numbers keep all their digits."""
     tables = []
     for item in properties:
         values = columns.get(item.name, np.zeros((count, 0))).reshape(count, -1)
@@ -100,86 +103,82 @@ def _tables(
 
 def read_binary(data: bytes, position: int, element: Element) -> Element:
     """An element with the records that begin at byte `position`; a MeshFileError if the file ends before they do."""
-    run = _equal_records(data, position, element)
-    stop = position + run.nbytes
+    records = _equal_records(data, position, element)
+    if records is None:
+        return _ragged_records(data, position, element)
+    values = {item.name: records[item.name].reshape(-1) for item in element.properties}
     lists = [item.name for item in element.properties if item.count_dtype is not None]
-    values = {item.name: run[item.name].reshape(-1) for item in element.properties}
-    lengths = {name: np.full(len(run), run.dtype[name].shape[0]) for name in lists}
-    if len(run) < element.count:
-        others, other_lengths, stop = _walk(data, stop, element, len(run))
-        values = {name: np.append(own, others[name]) for name, own in values.items()}
-        lengths = {name: np.append(own, other_lengths[name]) for name, own in lengths.items()}
-    return replace(element, stop=stop, values=values, lengths=lengths)
+    lengths = {name: np.full(element.count, records.dtype[name].shape[0]) for name in lists}
+    return replace(element, stop=position + records.nbytes, values=values, lengths=lengths)
 
 
-def _equal_records(data: bytes, position: int, element: Element) -> np.ndarray:
-    """As a structured array the records up to the first whose lists are not as long as those of record 0."""
+def _equal_records(data: bytes, position: int, element: Element) -> np.ndarray | None:
+    """The records as a structured array; None unless all are there, with lists as long as those of the first one."""
     fields: list[tuple[Any, ...]] = []
+    lengths: dict[str, Any] = {}
     offset = position
-    lengths = {}
-    fitting = element.count
     for item in element.properties:
+        shape: tuple[int, ...] = ()
         if item.count_dtype is not None:
-            width = item.count_dtype.itemsize
-            length = int(np.frombuffer(data[offset : offset + width].ljust(width, b"\0"), item.count_dtype)[0])
-            offset += width
-            if not 0 <= length * item.dtype.itemsize <= min(len(data) - offset, LARGEST_RECORD):
-                length = fitting = 0
-            lengths[item.name] = length
-            fields += [(f"length of {item.name}", item.count_dtype), (item.name, item.dtype, (length,))]
-            offset += length * item.dtype.itemsize
-        else:
-            fields.append((item.name, item.dtype))
-            offset += item.dtype.itemsize
-    fitting = min(fitting, max(len(data) - position, 0) // (offset - position))
-    records: np.ndarray = np.ndarray(fitting, np.dtype(fields), data, min(position, len(data)))
-    differs = np.zeros(fitting, dtype=bool)
-    for name, length in lengths.items():
-        differs |= records[f"length of {name}"] != length
-    return records[: int(differs.argmax())] if differs.any() else records
+            prefix = data[offset : offset + item.count_dtype.itemsize]
+            offset += item.count_dtype.itemsize
+            if offset > len(data):
+                return None
+            length = np.frombuffer(prefix, item.count_dtype)[0]
+            if not 0 <= float(length) * item.dtype.itemsize <= min(len(data) - offset, LARGEST_RECORD):
+                return None
+            lengths[f"length of {item.name}"], shape = length, (int(length),)
+            fields.append((f"length of {item.name}", item.count_dtype))
+        fields.append((item.name, item.dtype, shape))
+        offset += item.dtype.itemsize * math.prod(shape)
+    fitting = (len(data) - position) // (offset - position)
+    if fitting < element.count:
+        if not lengths:
+            raise _too_short(element, fitting)
+        return None
+    records: np.ndarray = np.ndarray(element.count, np.dtype(fields), data, position)
+    return records if all((records[name] == length).all() for name, length in lengths.items()) else None
 
 
-def _walk(
-    data: bytes, position: int, element: Element, first: int
-) -> tuple[dict[str, np.ndarray], dict[str, Int[np.ndarray, " n"]], int]:
-    """Values and lengths of lists, which may differ, of the records from number `first` on, and where these end."""
+def _ragged_records(data: bytes, position: int, element: Element) -> Element:
+    """The records, each of which begins where the one before it ends."""
     columns = []
     for item in element.properties:
         order = None if item.count_dtype is None else item.count_dtype.str[0].replace("|", "<") + item.count_dtype.char
         columns.append((list[bytes](), array("q"), item.dtype.itemsize, order and struct.Struct(order)))
-    for record in range(first, element.count):  # each begins where the one before it ends
-        for pieces, sizes, width, count in columns:
-            size = width
+    for record in range(element.count):
+        for pieces, lengths, size, count in columns:
             if count:
                 if position + count.size > len(data):
                     raise _too_short(element, record)
-                (number,) = count.unpack_from(data, position)
-                if not 0 <= number == number // 1:
+                (length,) = count.unpack_from(data, position)
+                if not 0 <= length == length // 1:
                     raise _too_short(element, record)
-                sizes.append(int(number))
-                size *= int(number)
+                lengths.append(int(length))
+                size *= int(length)
                 position += count.size
             pieces.append(data[position : position + size])
             position += size
         if position > len(data):
             raise _too_short(element, record)
-    values, lengths = {}, {}
-    for item, (pieces, sizes, _, count) in zip(element.properties, columns, strict=True):
-        values[item.name] = np.frombuffer(b"".join(pieces), item.dtype)
-        if count:
-            lengths[item.name] = np.array(sizes)
-    return values, lengths, position
+    named = list(zip(element.properties, columns, strict=True))
+    return replace(
+        element,
+        stop=position,
+        values={item.name: np.frombuffer(b"".join(pieces), item.dtype) for item, (pieces, *_) in named},
+        lengths={item.name: np.array(lengths) for item, (_, lengths, _, count) in named if count},
+    )
 
 
 def _too_short(element: Element, record: int) -> MeshFileError:
     problem = f"the header announces {element.count}, but the file ends within number {record}"
-    return malformed(f"element '{element.name}'", problem, "check that the file is complete")
+    return malformed(f"element '{element.name}'", problem)
 
 
-def rows_of(
+def split_rows(
     text: bytes, position: int, element: Element, words: Callable[[bytes], list[bytes]] = bytes.split
 ) -> tuple[list[list[bytes]], Element]:
-    """The words of an element's records, one on each next line that holds any, and the element with its lines."""
+    """The words of an element's records, one record on each line that is not blank, and the element with its lines."""
     stream = io.BytesIO(text)
     stream.seek(position)
     rows, lines = [], []
@@ -194,22 +193,20 @@ def rows_of(
     return rows, replace(element, stop=stream.tell(), lines=lines)
 
 
-def of_rows(rows: list[list[bytes]], element: Element) -> Element:
-    """An element with the records that some rows of words hold; a MeshFileError names the line that cannot be read."""
+def parse_rows(rows: list[list[bytes]], element: Element) -> Element:
+    """An element with the records in some rows of words; a MeshFileError names the line that cannot be read."""
     try:
         return _of_words(rows, element)
     except (ValueError, OverflowError) as error:
-        convert = partial(_of_words, element=element)
-        number = next(number for number, row in enumerate(rows) if not is_readable([row], convert))
+        number = first_unreadable(rows, partial(_of_words, element=element))
         problem = f"cannot read {element.name} {number} from '{b' '.join(rows[number][:12]).decode('latin-1')}'"
         raise malformed(element.line(number), problem, "correct the line") from error
 
 
 def _of_words(rows: list[list[bytes]], element: Element) -> Element:
-    """An element with records in lines of text, read like binary ones in which every number has 64 bits."""
+    """An element with records in rows of words, read like binary records of float64 numbers."""
     words, wide = list(chain.from_iterable(rows)), np.dtype(np.float64)
-    # `float` takes underscores, at a fraction of the time of `real`
-    numbers = np.array(list(map(real if b"_" in b"".join(words) else float, words)))
+    numbers = np.array(real_numbers(words))
     items = tuple(Property(item.name, wide, item.count_dtype and wide) for item in element.properties)
     read = read_binary(numbers.tobytes(), 0, replace(element, count=len(rows), properties=items))
     width = len(items) + sum(read.lengths.values())

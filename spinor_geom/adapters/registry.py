@@ -1,28 +1,32 @@
-"""Which adapter serves which type: decided by name, so that no optional library is imported to find out."""
+"""The table of adapters: types are compared by name, so that no optional library is imported."""
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 from spinor_geom.errors import OptionError, UnknownMeshTypeError
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
 
 
-@runtime_checkable
 class Adapter(Protocol):
-    """Translates one kind of mesh object to a `TriangleMesh`, and appends to it; raises more only where it says so."""
+    """Converts one kind of mesh object to a `TriangleMesh`, and appends to it.
+
+    An adapter may have a third method, `merged(obj, within)`: a new object of the type of `obj` with the vertices
+    merged that `TriangleMesh.merge_map` returns. Of each group the vertex of lowest index stays, with its attributes,
+    and all faces stay, in their order.
+    """
 
     @property
     def name(self) -> str:
-        """How error messages call what this adapter takes."""
+        """What error messages call the objects that this adapter supports."""
 
     @property
     def types(self) -> tuple[str, ...]:
-        """The types it serves, each as "package.Class": the top-level package and the class's own name.
+        """The supported types, each as "package.Class": the top-level package and the class's own name.
 
-        "pair of package.Class" is a tuple or list (vertices, faces) of two such objects. Subclasses are served too.
+        "pair of package.Class" is a tuple or list (vertices, faces) of two such objects. Subclasses are supported too.
         """
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
-        """The triangles of `obj`, its vertices all and in its own order; a MeshError if its arrays are no mesh."""
+        """The triangles of `obj`, with all its vertices in their order; a MeshError if its arrays are no mesh."""
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
         """A new object of the type of `obj`: what `obj` holds, unchanged, followed by the extension.
@@ -33,22 +37,11 @@ class Adapter(Protocol):
         """
 
 
-@runtime_checkable
-class MergingAdapter(Adapter, Protocol):
-    """An adapter that can merge vertices, too."""
-
-    def merged(self, obj: Any, within: Within) -> Any:
-        """A new object of the type of `obj` with the vertices merged that `TriangleMesh.merge_map` names.
-
-        Of each group the vertex of lowest index stays, with its attributes. All faces stay, in their order.
-        """
-
-
 _adapters: dict[str, Adapter] = {}
 
 
 def register(adapter: Adapter) -> None:
-    """Let an adapter serve its types from now on, instead of any adapter that served them before."""
+    """Use an adapter for its types from now on, instead of earlier ones."""
     for name in adapter.types:
         _adapters[name] = adapter
 
@@ -56,10 +49,10 @@ def register(adapter: Adapter) -> None:
 def to_mesh(obj: Any) -> TriangleMesh:
     """The triangles of any known mesh object or mesh file.
 
-    The result has all vertices of `obj` in their own order, so that the indices of loops and extensions are those of
-    `obj`. Quads and larger polygons are split into triangles. Where a renderer's format splits vertices along texture
-    or normal seams, faces name the vertex of lowest index at each place, so that a seam is not a boundary. Nothing
-    else is merged, cleaned or reordered.
+    The result has all vertices of `obj` in their order, so that indices of loops and extensions are those of `obj`.
+    Quads and larger polygons are split into triangles. Where a renderer's format splits vertices along texture or
+    normal seams, faces name the vertex of lowest index at each place, so that a seam is not a boundary. Nothing else is
+    merged, cleaned or reordered.
 
     Args:
         obj: a `TriangleMesh`, a pair (vertices, faces) of numpy arrays or torch tensors, a `trimesh.Trimesh` or
@@ -68,7 +61,7 @@ def to_mesh(obj: Any) -> TriangleMesh:
             was registered for.
 
     Raises:
-        UnknownMeshTypeError: no adapter knows the type.
+        UnknownMeshTypeError: no adapter supports the type.
         MeshError: the mesh has an index out of range, a coordinate that is not finite, or arrays of the wrong shape.
         MeshFileError: the file is missing or malformed.
     """
@@ -78,18 +71,16 @@ def to_mesh(obj: Any) -> TriangleMesh:
 def extend(obj: Any, extension: MeshExtension) -> Any:
     """A new object of the type of `obj`, with new vertices and faces appended.
 
-    What `obj` holds is an unchanged prefix of the result: vertices bit by bit, faces (quads and polygons too),
-    attributes and metadata. `obj` itself is not changed. A path gives a `MeshFile`, to be written where one likes.
+    Vertices (bit for bit), faces (quads and polygons too), attributes and metadata of `obj` come first in the result,
+    unchanged. `obj` itself is not changed. A path gives a `MeshFile`, which is not written yet.
 
     Args:
         obj: as for `to_mesh`.
         extension: what to append; its attributes are those of `to_mesh(obj)`.
 
     Raises:
-        UnknownMeshTypeError: no adapter knows the type.
-        VertexIndexError: a new face names a vertex that neither `obj` nor the extension has.
-        MeshShapeError: an attribute of `to_mesh(obj)` is missing in the extension or has another width.
-        MeshFileError: the file is missing or malformed.
+        UnknownMeshTypeError, MeshFileError: as for `to_mesh`.
+        VertexIndexError, MeshShapeError: as for `Adapter.extend`.
     """
     return _adapter_of(obj).extend(obj, extension)
 
@@ -101,25 +92,25 @@ def merged(obj: Any, within: Within) -> Any:
     differ. No two corners of a face are merged that are at different places. A path gives a `MeshFile`.
 
     Raises:
-        UnknownMeshTypeError: no adapter knows the type.
+        UnknownMeshTypeError, MeshError, MeshFileError: as for `to_mesh`.
         OptionError: the adapter of the type cannot merge vertices.
-        MeshError, MeshFileError: as for `to_mesh`.
     """
     adapter = _adapter_of(obj)
-    if not isinstance(adapter, MergingAdapter):
+    merge = getattr(adapter, "merged", None)
+    if merge is None:
         raise OptionError(
             f"vertices of {adapter.name} cannot be merged here; merge them with that library, or give (vertices, faces)"
         )
-    return adapter.merged(obj, within)
+    return merge(obj, within)
 
 
 def known_types() -> tuple[str, ...]:
-    """How error messages call the types that are known, in the order of their registration."""
+    """The names of all adapters, in the order of their registration."""
     return tuple(dict.fromkeys(adapter.name for adapter in _adapters.values()))
 
 
 def _adapter_of(obj: Any) -> Adapter:
-    """That of the nearest of an object's classes; of a pair, of the classes that both its members have."""
+    """The adapter of the nearest class of an object; for a pair, of the nearest class of both members."""
     names = [_class_name(cls) for cls in type(obj).__mro__]
     if isinstance(obj, (tuple, list)) and len(obj) == 2:
         second = type(obj[1]).__mro__
@@ -127,7 +118,11 @@ def _adapter_of(obj: Any) -> Adapter:
     for name in names:
         if name in _adapters:
             return _adapters[name]
-    raise UnknownMeshTypeError(found=_description(obj), known=known_types())
+    found, known = _description(obj), known_types()
+    advice = f"give one of: {', '.join(known)}"
+    if found.endswith(".PointCloud"):
+        advice = "points have no holes: make faces first, or span a closed curve of points with solve_plateau"
+    raise UnknownMeshTypeError(found=found, known=known, advice=advice)
 
 
 def _class_name(cls: type) -> str:

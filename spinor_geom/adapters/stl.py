@@ -1,4 +1,4 @@
-"""STL, text and binary: three corners for every triangle, nothing shared."""
+"""STL, text and binary: triangles with three vertices of their own each."""
 
 import re
 import struct
@@ -10,15 +10,15 @@ from jaxtyping import Float
 from spinor_geom.adapters.contents import (
     BYTE_ORDER_MARK,
     FileContents,
-    converted,
+    convert_words,
     malformed,
     nonfinite_rows,
-    real,
+    real_numbers,
     single_precision,
     text_rows,
-    unit_vectors,
 )
-from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.adapters.polygon_faces import Polygons
+from spinor_geom.adapters.vertex_data import unit_vectors
 from spinor_geom.errors import MeshFileError
 
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -27,23 +27,23 @@ SOLID = "spinor_geom"
 
 
 def read_stl(data: bytes) -> FileContents:
-    """The triangles of an STL file as a soup: vertices 3i, 3i + 1, 3i + 2 are the corners of facet i.
+    """The triangles of an STL file: vertices 3i, 3i + 1, 3i + 2 are the corners of facet i.
 
-    Text positions are read as float64, binary ones are float32. Normals and attribute bytes are not kept.
+    Positions are float64 in text and float32 in binary files. Normals and attribute bytes are not kept.
     """
     is_text = data.removeprefix(BYTE_ORDER_MARK).lstrip()[:5].lower() == b"solid" and b"\0" not in data
     count = int(np.frombuffer(data, "<u4", 1, HEADER)[0]) if len(data) >= HEADER + 4 else 0
     size = HEADER + 4 + count * FACET.itemsize
-    # a header may begin like text; less than a facet of padding may follow in a file that is none
+    # the header of a binary file may begin like text; less than a facet of padding may follow
     if size <= len(data) < size + (1 if is_text else FACET.itemsize):
         corners, is_text = np.frombuffer(data, FACET, count, HEADER + 4)["corners"], False
     elif is_text:
         corners = _text_corners(data)
     else:
         problem = f"announces {count} facets, {size} bytes; has {len(data)} and does not begin with 'solid'"
-        raise malformed(f"byte {HEADER}", problem, "check that the file is complete and is an STL file")
+        raise malformed(f"byte {HEADER}", problem)
     if len(corners) == 0:
-        raise malformed("", "has no facets", "check that the file is complete")
+        raise malformed("", "has no facets")
     vertices = corners.reshape(-1, 3).astype(np.float64)
     wrong = nonfinite_rows(vertices)
     return FileContents(
@@ -56,7 +56,7 @@ def read_stl(data: bytes) -> FileContents:
 
 
 def encode_stl(contents: FileContents) -> bytes:
-    """An STL file of the triangles of all faces: text if the contents were, else binary and rounded to float32."""
+    """An STL file of the triangles of all faces: text if `is_text_stl`, else binary and rounded to float32."""
     faces, _ = contents.polygons.triangulated(contents.vertices)
     corners = contents.vertices[faces]
     # at size 1: products of very large or small edges would overflow or vanish
@@ -86,9 +86,9 @@ def _text_corners(data: bytes) -> Float[np.ndarray, "f 3 3"]:
     begins = len(re.findall(rb"(?im)^[ \t]*facet\b", data[start:]))
     if begins != ends or len(words) != 3 * ends:
         problem = f"{begins} facets begin, {ends} end, and {len(words)} vertices can be read, three for each are needed"
-        raise malformed(f"about facet {min(ends, len(words) // 3)}", problem, "check that the file is complete")
+        raise malformed(f"about facet {min(ends, len(words) // 3)}", problem)
 
     def error(number: int, word: str) -> MeshFileError:
         return malformed(f"facet {number // 9}", f"'{word}' is no number", "correct it")
 
-    return np.array(converted(list(chain.from_iterable(words)), real, error)).reshape(-1, 3, 3)
+    return np.array(convert_words(list(chain.from_iterable(words)), real_numbers, error)).reshape(-1, 3, 3)

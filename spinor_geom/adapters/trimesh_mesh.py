@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.contents import (
-    grown_attributes,
-    padded,
+from spinor_geom.adapters.polygon_faces import without_seams
+from spinor_geom.adapters.vertex_data import (
+    append_attributes,
+    append_most_frequent,
     parts_of_faces,
-    real_attributes,
-    repeated,
     triangles_of,
     unit_vectors,
 )
-from spinor_geom.adapters.polygons import without_seams
 from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within, require_existing_vertices
 
@@ -39,38 +37,34 @@ class TrimeshAdapter:
 
     def to_mesh(self, obj: trimesh.Trimesh) -> TriangleMesh:
         """The triangles, closed along texture seams."""
-        mesh = triangles_of(np.asarray(obj.vertices), np.asarray(obj.faces), _carried(obj))
+        mesh = triangles_of(np.asarray(obj.vertices), np.asarray(obj.faces), _arrays(obj))
         visual: Any = obj.visual
         return without_seams(mesh) if visual.kind == "texture" else mesh
 
     def extend(self, obj: trimesh.Trimesh, extension: MeshExtension) -> trimesh.Trimesh:
         """A new `Trimesh` with the extension appended; material, metadata and attributes are copied.
 
-        New faces get the face colour and the face attributes that occur most often. Attributes that are no real
-        numbers get zeros or empty entries at new vertices. Normals are kept only if the extension has them, else
-        trimesh computes them when they are asked for.
+        New faces get the most frequent face colour and face attributes. Attributes that are no real numbers get zeros
+        or empty entries at new vertices. Normals are kept only if the extension has them, else trimesh computes them
+        when they are asked for.
         """
         import trimesh
 
-        carried = _carried(obj)
+        arrays = _arrays(obj)
         if "normal" not in extension.vertex_attributes:
             # trimesh caches normals whenever it computes them: they may have come after to_mesh
-            carried.pop("normal", None)
-        grown = grown_attributes(carried, extension, vertices=len(obj.vertices))
-        own = {_attribute_name(obj, name): name for name in obj.vertex_attributes}
-        count = len(extension.vertices)
+            arrays.pop("normal", None)
+        attributes = append_attributes(arrays, extension, vertices=len(obj.vertices))
+        new_faces = len(extension.faces)
         return trimesh.Trimesh(
             vertices=np.concatenate([np.asarray(obj.vertices), extension.vertices]),
             faces=np.concatenate([np.asarray(obj.faces), extension.faces]),
-            vertex_normals=grown.pop("normal", None),
-            vertex_attributes={
-                name: grown.pop(key) if key in grown else padded(obj.vertex_attributes[name], count)
-                for key, name in own.items()
-            },
+            vertex_normals=attributes.get("normal"),
+            vertex_attributes={name: attributes[_attribute_name(obj, name)] for name in obj.vertex_attributes},
             face_attributes={
-                name: repeated(np.asarray(values), len(extension.faces)) for name, values in obj.face_attributes.items()
+                name: append_most_frequent(values, new_faces) for name, values in obj.face_attributes.items()
             },
-            visual=_grown_visual(obj, grown, new_faces=len(extension.faces)),
+            visual=_extended_visual(obj, attributes, new_faces),
             metadata=deepcopy(obj.metadata),
             process=False,
             validate=False,
@@ -80,7 +74,7 @@ class TrimeshAdapter:
         """A new `Trimesh` with vertices merged; material, metadata and attributes are copied."""
         kept, new_index = self.to_mesh(obj).merge_map(within)
         # before update_vertices drops them
-        normals = _carried(obj).get("normal")
+        normals = _arrays(obj).get("normal")
         made = obj.copy()
         made.update_vertices(kept, inverse=new_index)
         if normals is not None:
@@ -89,47 +83,41 @@ class TrimeshAdapter:
         return made
 
 
-def _carried(mesh: trimesh.Trimesh) -> dict[str, np.ndarray]:
-    """The real-valued attributes at the vertices under the names they have in a `TriangleMesh`."""
-    carried: dict[str, Any] = dict(_visual_attributes(mesh))
+def _arrays(mesh: trimesh.Trimesh) -> dict[str, Any]:
+    """The arrays at the vertices under their names in a `TriangleMesh`."""
+    arrays = _visual_arrays(mesh)
     # the only place where trimesh keeps normals that were given; asking for mesh.vertex_normals would compute them
     if "vertex_normals" in mesh._cache:
-        carried["normal"] = np.asarray(mesh._cache["vertex_normals"])
-    carried |= {_attribute_name(mesh, name): values for name, values in mesh.vertex_attributes.items()}
-    count = len(mesh.vertices)
-    return {name: values for name, values in real_attributes(carried).items() if values.shape[:1] == (count,)}
+        arrays["normal"] = np.asarray(mesh._cache["vertex_normals"])
+    return arrays | {_attribute_name(mesh, name): values for name, values in mesh.vertex_attributes.items()}
 
 
-def _visual_attributes(mesh: trimesh.Trimesh) -> dict[str, np.ndarray]:
+def _visual_arrays(mesh: trimesh.Trimesh) -> dict[str, Any]:
     visual: Any = mesh.visual
     if visual.kind == "vertex":
         return {"color": np.asarray(visual.vertex_colors)}
-    if visual.kind == "texture":
-        return {name: np.asarray(values) for name, values in visual.vertex_attributes.items()}
-    return {}
+    return dict(visual.vertex_attributes) if visual.kind == "texture" else {}
 
 
 def _attribute_name(mesh: trimesh.Trimesh, name: str) -> str:
-    return f"attribute {name}" if name in {"normal", "uv", "color", *_visual_attributes(mesh)} else name
+    return f"attribute {name}" if name in {"normal", "uv", "color", *_visual_arrays(mesh)} else name
 
 
-def _grown_visual(mesh: trimesh.Trimesh, grown: dict[str, np.ndarray], *, new_faces: int) -> Any:
-    """A copy of the mesh's visual with the grown attributes and one entry for each new face."""
+def _extended_visual(mesh: trimesh.Trimesh, attributes: dict[str, np.ndarray], new_faces: int) -> Any:
+    """A copy of the mesh's visual with other attributes and one more entry for each new face."""
     from trimesh.visual import ColorVisuals
 
     old: Any = mesh.visual
     if old.kind == "vertex":
-        return ColorVisuals(vertex_colors=grown["color"])
+        return ColorVisuals(vertex_colors=attributes["color"])
     if old.kind == "face":
-        return ColorVisuals(face_colors=repeated(np.asarray(old.face_colors), new_faces))
+        return ColorVisuals(face_colors=append_most_frequent(old.face_colors, new_faces))
     if old.kind != "texture":
         return None
     visual = old.copy()
-    for name in old.vertex_attributes:
-        if name in grown:
-            visual.vertex_attributes[name] = grown[name]
+    visual.vertex_attributes.update({name: attributes[name] for name in old.vertex_attributes})
     if visual.face_materials is not None:
-        visual.face_materials = repeated(np.asarray(visual.face_materials), new_faces)
+        visual.face_materials = append_most_frequent(visual.face_materials, new_faces)
     return visual
 
 
@@ -143,20 +131,25 @@ class _Part:
     geometry: str  # its name
     mesh: TriangleMesh
     transform: Float[np.ndarray, "4 4"]  # to the scene, at the first node that shows it
-    start: int  # the number of its first vertex among those of all parts
-    names: dict[str, str]  # what each attribute is called among those of all parts
+    start: int  # index of its first vertex among those of all parts
+    names: dict[str, str]  # of its attributes among those of all parts
 
-    def placed(self, faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "f 3"]:
-        """Faces in the scene's sense of rotation, or back: turned over where the transform mirrors."""
+    @property
+    def vertices(self) -> slice:
+        """The indices of its vertices among those of all parts."""
+        return slice(self.start, self.start + len(self.mesh.vertices))
+
+    def oriented(self, faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "f 3"]:
+        """Faces in the scene's orientation, or back: reversed if the transform mirrors."""
         return faces[:, ::-1] if np.linalg.det(self.transform[:3, :3]) < 0 else faces
 
 
 class SceneAdapter:
     """`trimesh.Scene`: every `Trimesh` in it once, in the scene's coordinates; points and paths are kept as they are.
 
-    A geometry that several nodes show stands where the first of them shows it. Attributes are those that
-    `trimesh.Trimesh` has; where two geometries have different ones of one name, those of the later get its own name as
-    a prefix. At vertices of geometries that lack an attribute it is 0.
+    A geometry that several nodes show has the place of the first of them. Attributes are those of `trimesh.Trimesh`;
+    where two geometries have different ones of one name, those of the later get its own name as a prefix. At vertices
+    of geometries that lack an attribute it is 0.
     """
 
     name = "trimesh.Scene"
@@ -169,57 +162,53 @@ class SceneAdapter:
         vertices = np.zeros((total, 3))
         attributes: dict[str, np.ndarray] = {}
         for part in parts:
-            rows = slice(part.start, part.start + len(part.mesh.vertices))
-            vertices[rows] = part.mesh.vertices @ part.transform[:3, :3].T + part.transform[:3, 3]
+            vertices[part.vertices] = part.mesh.vertices @ part.transform[:3, :3].T + part.transform[:3, 3]
             for name, values in part.mesh.vertex_attributes.items():
                 if name == "normal":
                     values = unit_vectors(values @ np.linalg.inv(part.transform[:3, :3]))
-                attributes.setdefault(part.names[name], np.zeros((total, values.shape[1])))[rows] = values
-        return TriangleMesh(
-            vertices,
-            np.concatenate([np.zeros((0, 3), dtype=np.int64), *(p.placed(p.mesh.faces) + p.start for p in parts)]),
-            vertex_attributes=attributes,
-            labels={part.names[name] for part in parts for name in part.mesh.labels},
-        )
+                attributes.setdefault(part.names[name], np.zeros((total, values.shape[1])))[part.vertices] = values
+        faces = [part.oriented(part.mesh.faces) + part.start for part in parts]
+        labels = {part.names[name] for part in parts for name in part.mesh.labels}
+        none = np.zeros((0, 3), dtype=np.int64)
+        return TriangleMesh(vertices, np.concatenate([none, *faces]), vertex_attributes=attributes, labels=labels)
 
     def extend(self, obj: trimesh.Scene, extension: MeshExtension) -> trimesh.Scene:
-        """A new `Scene` whose geometries have grown, all else copied; faces that join two are a MeshShapeError too."""
+        """A new `Scene` whose geometries are extended; faces that join two of them are a MeshShapeError too."""
         parts = _parts(obj)
-        grown = obj.copy()
+        extended = obj.copy()
         old = sum(len(part.mesh.vertices) for part in parts)
-        require_existing_vertices(extension.faces, vertices=old + len(extension.vertices))
+        total = old + len(extension.vertices)
+        require_existing_vertices(extension.faces, vertices=total)
         if not parts:
-            return grown
-        votes = parts_of_faces(extension, [part.start for part in parts], old)
-        joining = votes[(votes > 0).sum(axis=1) > 1]
+            return extended
+        counts = parts_of_faces(extension, [part.start for part in parts], old)
+        joining = counts[(counts > 0).sum(axis=1) > 1]
         if len(joining):
             joined = " and ".join(repr(parts[number].geometry) for number in np.flatnonzero(joining[0])[:2])
             raise MeshShapeError(f"new faces join the geometries {joined} of the scene; give scene.to_mesh() instead")
-        owner = votes.argmax(axis=1)
-        owner_of_vertex = np.zeros(old + len(extension.vertices), dtype=np.int64)
+        owner = counts.argmax(axis=1)
+        owner_of_vertex = np.zeros(total, dtype=np.int64)
         owner_of_vertex[extension.faces] = owner[:, None]
         for number, part in enumerate(parts):
-            count = len(part.mesh.vertices)
-            faces = owner == number
-            own = np.flatnonzero(owner_of_vertex[old:] == number)
-            new_index = np.zeros(old + len(extension.vertices), dtype=np.int64)
-            new_index[part.start : part.start + count] = np.arange(count)
-            new_index[old + own] = count + np.arange(len(own))
+            faces, own = owner == number, np.flatnonzero(owner_of_vertex[old:] == number)
+            members = np.concatenate([np.arange(total)[part.vertices], old + own])
+            new_index = np.zeros(total, dtype=np.int64)
+            new_index[members] = np.arange(len(members))
             back = np.linalg.inv(part.transform)
             given = extension.vertex_attributes
             attributes = {name: given[key][own] for name, key in part.names.items() if key in given}
             if "normal" in attributes:
                 attributes["normal"] = unit_vectors(attributes["normal"] @ part.transform[:3, :3])
-            grown.geometry[part.geometry] = _MESHES.extend(
+            extended.geometry[part.geometry] = _MESHES.extend(
                 obj.geometry[part.geometry],
                 MeshExtension(
                     vertices=extension.vertices[own] @ back[:3, :3].T + back[:3, 3],
-                    faces=part.placed(new_index[extension.faces[faces]]),
+                    faces=part.oriented(new_index[extension.faces[faces]]),
                     face_loops=extension.face_loops[faces],
                     vertex_attributes=attributes,
                 ),
             )
-        return grown
+        return extended
 
 
 def _parts(scene: trimesh.Scene) -> list[_Part]:
@@ -231,7 +220,6 @@ def _parts(scene: trimesh.Scene) -> list[_Part]:
         transforms.setdefault(geometry, np.asarray(transform, dtype=np.float64))
     parts: list[_Part] = []
     kinds: dict[str, tuple[int, bool]] = {}
-    start = 0
     for geometry, obj in scene.geometry.items():
         if not isinstance(obj, trimesh.Trimesh):
             continue
@@ -240,7 +228,7 @@ def _parts(scene: trimesh.Scene) -> list[_Part]:
         for name, values in mesh.vertex_attributes.items():
             kind = (values.shape[1], name in mesh.labels)
             names[name] = name if kinds.setdefault(name, kind) == kind else f"{geometry} {name}"
+        start = parts[-1].vertices.stop if parts else 0
         transform = transforms.get(geometry, np.eye(4))
         parts.append(_Part(geometry=geometry, mesh=mesh, transform=transform, start=start, names=names))
-        start += len(mesh.vertices)
     return parts

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from spinor_geom.adapters.obj import ObjText
-from spinor_geom.adapters.polygons import chained
+from spinor_geom.adapters.polygon_faces import chained
 from spinor_geom.errors import (
     KnottedLoopError,
     LoopTooShortError,

@@ -22,7 +22,7 @@ from spinor_geom.adapters.mesh_files import (
     require_elements,
 )
 from spinor_geom.adapters.obj import ObjText, added_lines, read_obj_stream
-from spinor_geom.adapters.polygons import Polygons
+from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.loops import NamedLoop, curve_loops
 from spinor_geom.batching.options import BatchOptions
@@ -362,4 +362,4 @@ def _write_mesh(contents: FileContents, path: Path) -> None:
         triangles, _ = contents.polygons.triangulated(contents.vertices)
         np.savez(path, vertices=contents.vertices, faces=contents.representatives[triangles])
         return
-    path.write_bytes(FORMATS[path.suffix][1](contents))
+    path.write_bytes(FORMATS[path.suffix].encode(contents))

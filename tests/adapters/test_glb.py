@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from spinor_geom.adapters import MeshFile, glb, read_mesh
 from spinor_geom.adapters.glb import read_glb
 from spinor_geom.adapters.glb_container import GlbContainer
-from spinor_geom.adapters.mesh_files import naming
-from spinor_geom.errors import MeshFileError, NonFiniteVertexError
+from spinor_geom.adapters.mesh_files import path_in_errors
+from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from tests.adapters.shapes import extensions, glb_file, is_closed, lid, open_cube
@@ -25,7 +25,7 @@ CUBE = {"POSITION": VERTICES, "indices": INDICES}
 
 
 def parsed(data: bytes) -> MeshFile:
-    with naming(Path("a.glb")):
+    with path_in_errors(Path("a.glb")):
         return MeshFile.of_contents(read_glb(data), path=None)
 
 
@@ -302,12 +302,6 @@ def test_agrees_with_trimesh(tmp_path: Path) -> None:
     assert np.allclose(anew.visual.vertex_colors, other.visual.vertex_colors, atol=1)
 
 
-def test_foreign_chunk_instead_of_the_buffer_is_no_buffer() -> None:
-    start = 20 + struct.unpack_from("<I", GOOD, 12)[0]
-    with pytest.raises(MeshFileError, match="which has 0"):
-        parsed(GOOD[: start + 4] + b"XXXX" + GOOD[start + 8 :])
-
-
 def test_primitives_without_triangles_are_passed_over(tmp_path: Path) -> None:
     file = parsed(glb_file([{"POSITION": VERTICES, "indices": INDICES[:0]}, CUBE]))
     assert len(file.mesh.vertices) == 8
@@ -351,85 +345,6 @@ def nested(levels: int) -> list:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda tree: tree["accessors"][0].update(count=9), "accessor 0: announces 9 rows"),
-        (lambda tree: tree["accessors"][0].update(byteOffset=8), "accessor 0: announces 8 rows"),
-        (lambda tree: tree["accessors"][0].update(count=-1), "accessor 0: announces -1"),
-        (lambda tree: tree["accessors"][0].update(count=10**15), "accessor 0: announces 1000000000000000"),
-        (lambda tree: tree["accessors"][0].pop("bufferView"), "accessor 0: its data is not in the file"),
-        (lambda tree: tree["accessors"][0].update(type="VEC2"), "one row a vertex"),
-        (lambda tree: tree["accessors"][0].update(componentType=1), "does not follow glTF (KeyError: 1)"),
-        (lambda tree: tree["accessors"].clear(), "names number 0 of its 0 accessors"),
-        (lambda tree: tree["accessors"].__setitem__(0, 5), "'accessors' is no list of objects"),
-        (lambda tree: tree["bufferViews"][0].update(byteLength=10**6), "buffer view 0: ends at byte 1000000"),
-        (lambda tree: tree["bufferViews"][0].update(byteStride=2), "accessor 0: announces"),
-        (lambda tree: tree["buffers"][0].update(uri="../secret.bin"), "its data is not in the file"),
-        (lambda tree: tree["bufferViews"][0].update(extensions={"EXT_meshopt_compression": {}}), "or compressed"),
-        (
-            lambda tree: primitive_of(tree).update(extensions={"KHR_draco_mesh_compression": {}}),
-            "compressed with Draco",
-        ),
-        (lambda tree: primitive_of(tree).update(mode=5), "mesh 0, primitive 0: is a triangle strip or fan"),
-        (lambda tree: primitive_of(tree).update(mode=1), "scene: has no triangles"),
-        (lambda tree: tree["accessors"][1].update(count=29), "mesh 0, primitive 0: its indices are no triangles"),
-        (lambda tree: tree["accessors"][0].update(count=7), "over its 7 vertices"),
-        (lambda tree: tree["nodes"][0].update(children=[0]), "node 0: has two parents"),
-        (lambda tree: tree["nodes"].clear(), "names number 0 of its 0 nodes"),
-        (lambda tree: tree["nodes"][0].update(scale=[1, 0, 1]), "node 0: its transform flattens the mesh"),
-        (lambda tree: tree["nodes"][0].update(matrix=[1, 2]), "does not follow glTF (ValueError"),
-        (lambda tree: tree.update(nodes={"a": 1}), "'nodes' is no list of objects"),
-        (lambda tree: primitive_of(tree)["attributes"].update(POSITION=-1), "names number -1 of its 2 accessors"),
-        (lambda tree: primitive_of(tree)["attributes"].update(NORMAL=1), "one row a vertex"),
-        (lambda tree: primitive_of(tree).update(targets=[{"POSITION": 0}]), "mesh 0, primitive 0: has morph targets"),
-        (
-            lambda tree: tree["accessors"][0].update(sparse={"count": 1}),
-            "accessor 0: its data is not in the file, spar",
-        ),
-        (lambda tree: tree["accessors"][0].update(bufferView=9), "names number 9 of its 2 bufferViews"),
-        (lambda tree: tree["nodes"].append({"mesh": []}), "names number [] of its 1 meshes"),
-        (lambda tree: tree.update(extras=nested(101)), "nested more than 100 levels deep"),
-    ],
-)
-def test_malformed_json_names_the_place(change: object, said: str) -> None:
-    with pytest.raises(MeshFileError) as caught:
-        parsed(with_tree(GOOD, change))
-    assert said in str(caught.value)
-    assert str(caught.value).startswith("a.glb, ")
-
-
-def without_buffer() -> bytes:
-    length = 20 + struct.unpack_from("<I", GOOD, 12)[0]
-    return GOOD[:8] + struct.pack("<I", length) + GOOD[12:length]
-
-
-def cut_in_the_buffer() -> bytes:
-    return GOOD[:8] + struct.pack("<I", len(GOOD) - 8) + GOOD[12:-8]
-
-
-@pytest.mark.parametrize(
-    ("data", "said"),
-    [
-        (b"glTF", "byte 0"),
-        (b"x" * 100, "byte 0: does not begin"),
-        (GOOD[:4] + b"\1\0\0\0" + GOOD[8:], "byte 4: is glTF version 1"),
-        (GOOD[:-4], "byte 8: announces"),
-        (GOOD[:12] + b"\xff\xff" + GOOD[14:], "byte 8: announces"),
-        (GOOD[:20] + b"?" + GOOD[21:], "JSON: Expecting value"),
-        (with_tree(GOOD, lambda tree: tree.clear()), "scene: has no triangles"),
-        (struct.pack("<4sIIII", b"glTF", 2, 22, 2, 0x4E4F534A) + b"[]", "JSON: is no object"),
-        (cut_in_the_buffer(), "bytes of binary data, but the file ends after"),
-        (without_buffer(), "buffer view 0: ends at byte 96 of the binary buffer, which has 0"),
-        (without_buffer() + b"\0\0\0\0other", "buffer view 0: ends at byte 96 of the binary buffer, which has 0"),
-    ],
-)
-def test_malformed_containers_name_the_place(data: bytes, said: str) -> None:
-    with pytest.raises(MeshFileError) as caught:
-        parsed(data)
-    assert said in str(caught.value)
-
-
-@pytest.mark.parametrize(
     "extra",
     [
         {"animations": [{"channels": 3, "samplers": [{"input": 5}, 7]}]},
@@ -467,16 +382,6 @@ def test_every_truncation_is_refused_with_a_typed_error() -> None:
     for stop in range(0, len(GOOD), 7):
         with pytest.raises(MeshFileError):
             read_glb(GOOD[:stop])
-
-
-@given(st.integers(0, len(GOOD) - 1), st.integers(0, 255))
-def test_a_changed_byte_is_read_or_refused_with_a_typed_error(place: int, value: int) -> None:
-    data = bytearray(GOOD)
-    data[place] = value
-    try:
-        parsed(bytes(data))
-    except (MeshFileError, NonFiniteVertexError):
-        return
 
 
 def test_second_texture_set_survives_a_new_file(tmp_path: Path) -> None:

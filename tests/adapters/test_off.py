@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import MeshFile, read_mesh
-from spinor_geom.adapters.mesh_files import naming
+from spinor_geom.adapters.mesh_files import path_in_errors
 from spinor_geom.adapters.off import read_off
-from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.mesh.topology import boundary_edges
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, lid_for, open_cube
 
@@ -23,7 +22,7 @@ CUBE = f"OFF\n8 5 0\n{POINTS}{QUADS}"
 
 def parsed(text: str | bytes) -> MeshFile:
     data = text.encode() if isinstance(text, str) else text
-    with naming(Path("a.off")):
+    with path_in_errors(Path("a.off")):
         return MeshFile.of_contents(read_off(data), path=None)
 
 
@@ -112,48 +111,3 @@ def test_agrees_with_trimesh(tmp_path: Path) -> None:
     assert np.array_equal(file.mesh.faces, other.faces)
     file.merged().write(tmp_path / "again.off")
     assert np.array_equal(trimesh.load(tmp_path / "again.off", process=False).vertices, other.vertices)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("", "line 1: the counts"),
-        ("OFF\n", "line 1: the counts"),
-        ("OFF BINARY\n8 5 0\n", "line 1: 'OFF BINARY' is no kind"),
-        ("4OFF\n8 5 0\n", "line 1: '4OFF' is no kind"),
-        ("OFF\nfoo bar\n", "line 2: the counts"),
-        ("OFF\n0 0 0\n", "line 2: the counts of vertices and faces are missing or zero"),
-        ("OFF\n8 5 0\n" + POINTS, "element 'face': the header announces 5, but the file ends within number 0"),
-        (
-            "OFF\n999999999999 5 0\n" + POINTS,
-            "element 'vertex': the header announces 999999999999, but the file ends within number 8",
-        ),
-        (CUBE.replace("0.0 0.0 0.0\n", "0.0 0.0\n"), "line 3: a vertex with 2 numbers"),
-        (CUBE.replace("0.0 0.0 1.0\n", "0.0 0.0\n"), "line 4: cannot read vertex 1 from '0.0 0.0'"),
-        (CUBE.replace("0.0 0.0 1.0\n", "0.0 0.0 x\n"), "line 4: cannot read vertex 1 from '0.0 0.0 x'"),
-        (CUBE.replace("OFF", "NOFF"), "line 3: a vertex with 3 numbers does not fit"),
-        (CUBE.replace("OFF", "COFF"), "line 3: a vertex with 3 numbers does not fit"),
-        (CUBE.replace("4 0 1 3 2", "4 0 1 3"), "line 11: cannot read face 0 from '4 0 1 3'"),
-        (CUBE.replace("4 0 1 3 2", "2 0 1"), "line 11, face 0: has 2 corners, a face needs three"),
-        (CUBE.replace("4 0 1 3 2", "4 0 1 3 q"), "line 11: cannot read face 0 from '4 0 1 3 q'"),
-        (
-            CUBE.replace("4 0 1 3 2", "4 0 1 3 99999999999999999999"),
-            "line 11: cannot read face 0 from '4 0 1 3 99999999999999999999'",
-        ),
-        (CUBE.replace("4 0 1 3 2", "k 0 1 3 2"), "line 11: cannot read face 0 from 'k 0 1 3 2'"),
-        (CUBE.replace("4 0 1 3 2", "-4 0 1 3 2"), "line 11: cannot read face 0 from '-4 0 1 3 2'"),
-        (CUBE.replace("4 0 1 3 2", "4 0 1 3 8"), "line 11, face 0: names vertex 8, but there are vertices 0 to 7"),
-        (b"OFF\n\0", "byte 4: a zero byte"),
-    ],
-)
-def test_malformed_files_name_the_place(text: str | bytes, said: str) -> None:
-    with pytest.raises(MeshFileError) as caught:
-        parsed(text)
-    assert said in str(caught.value)
-
-
-@given(st.binary(max_size=200))
-def test_garbage_is_a_typed_error(data: bytes) -> None:
-    for garbage in (data, b"OFF\n" + data):
-        with pytest.raises((MeshFileError, NonFiniteVertexError)):
-            read_off(garbage)

@@ -1,4 +1,4 @@
-"""What a user holds of a closed curve: a loop, points, a curve in formulas, or a mesh with a hole."""
+"""Converts arguments that describe closed curves: loops, points, analytic curves, or a mesh with a hole."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ Rim: TypeAlias = BoundaryLoop | ClosedCurve
 
 
 def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
-    """The closed curves that `what` stands for.
+    """The closed curves that an argument describes.
 
     Args:
-        what: a loop, a curve in formulas, (m, 3) points of a closed curve, a sequence of these, or a mesh of any known
+        what: a loop, an analytic curve, (m, 3) points of a closed curve, a sequence of these, or a mesh of any known
             type or the path of a mesh file, of which one loop is taken.
-        loop: the loop's place in `boundary_loops(mesh)`; None where the mesh has just one.
+        loop: the index of the loop in `boundary_loops(mesh)`; None if the mesh has only one.
 
     Raises:
-        OptionError: `loop` names none of a mesh with several loops, or `what` is no mesh.
+        OptionError: `loop` is missing for a mesh with several loops, or given for a curve.
         LoopIndexError: the mesh has no such loop.
         LoopError: the points are no closed curve, see `BoundaryLoop.from_points`.
         UnknownMeshTypeError, MeshError, MeshFileError: as `boundary_loops`.
@@ -42,9 +42,9 @@ def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
 
 
 def is_mesh(what: Any) -> bool:
-    """Whether `what` is to be read as a mesh, and not as one or several curves.
+    """Whether an argument is a mesh, and not one or several curves.
 
-    Two arrays are the vertices and faces of a mesh where the second holds integers, else two curves.
+    Two arrays are the vertices and faces of a mesh if the second has integers, else two curves.
     """
     if isinstance(what, (list, tuple)):
         kind = str(getattr(what[1], "dtype", "")) if len(what) == 2 else ""

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spinor_geom.adapters.polygons import Polygons, chained, close_seams, seam_representatives
+from spinor_geom.adapters.polygon_faces import Polygons, chained, close_seams, seam_representatives
 from spinor_geom.errors import VertexIndexError
 from spinor_geom.mesh.topology import boundary_edges, is_watertight
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS

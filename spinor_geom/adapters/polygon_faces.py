@@ -1,8 +1,8 @@
-"""Faces of any number of corners, as files hold them, the triangles they stand for, and seams between them."""
+"""Faces of any number of corners, their triangulation, and the closing of seams between faces."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -14,8 +14,7 @@ from spinor_geom.mesh.loops import repeats_a_vertex
 from spinor_geom.mesh.topology import boundary_edges, coincident_vertices, linked
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
-# a polygon of n corners is split in the best of its n fans, which take n² triangles; a larger one in the first
-LARGEST_SEARCHED = 32
+LARGEST_SEARCHED = 32  # corners: comparing all fans of a polygon takes time quadratic in its corners
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,11 +22,11 @@ class Polygons:
     """Faces of any number of corners: face i has the corners corners[starts[i]:starts[i + 1]]."""
 
     corners: Int[np.ndarray, " n"]  # int64, vertex indices of all faces, one face after the other
-    starts: Int[np.ndarray, " p"]  # int64, where each face begins; the last entry, one more than there are faces, is n
+    starts: Int[np.ndarray, " p"]  # int64, where each face begins, and at the end n
 
     @classmethod
     def of_sizes(cls, corners: Int[np.ndarray, " n"], sizes: Int[np.ndarray, " p"]) -> Polygons:
-        """Faces given by all their corners in one row and the number of corners of each."""
+        """Faces given by the corners of all, one after the other, and the number of corners of each."""
         starts = np.zeros(len(sizes) + 1, dtype=np.int64)
         np.cumsum(sizes, out=starts[1:])
         return cls(corners=np.asarray(corners, dtype=np.int64), starts=starts)
@@ -47,7 +46,7 @@ class Polygons:
 
     @property
     def sizes(self) -> Int[np.ndarray, " p"]:
-        """How many corners each face has, (P,) int64."""
+        """The number of corners of each face, (P,) int64."""
         return np.diff(self.starts)
 
     def followed_by(self, faces: Int[np.ndarray, "t 3"]) -> Polygons:
@@ -55,20 +54,20 @@ class Polygons:
         sizes = np.concatenate([self.sizes, np.full(len(faces), 3)])
         return Polygons.of_sizes(np.concatenate([self.corners, faces.reshape(-1)]), sizes)
 
-    def defects(self, vertices: int) -> Iterator[tuple[int, str]]:
-        """The first faces without three corners, and with one beyond so many vertices; what is wrong with each."""
-        for face in np.flatnonzero(self.sizes < 3)[:1].tolist():
-            yield face, f"has {self.sizes[face]} corners, a face needs three"
-        for corner in np.flatnonzero((self.corners < 0) | (self.corners >= vertices))[:1]:
+    def require_valid(self, vertices: int) -> None:
+        """A PolygonError for a face of fewer than three corners, or with an index that is not below `vertices`."""
+        for face in np.flatnonzero(self.sizes < 3).tolist():
+            raise PolygonError(face=face, problem=f"has {self.sizes[face]} corners, a face needs three")
+        for corner in np.flatnonzero((self.corners < 0) | (self.corners >= vertices)):
             problem = f"names vertex {self.corners[corner]}, but there are vertices 0 to {vertices - 1}"
-            yield int(np.searchsorted(self.starts, corner, side="right")) - 1, problem
+            raise PolygonError(face=int(np.searchsorted(self.starts, corner, side="right")) - 1, problem=problem)
 
     def renumbered(self, new_index: Int[np.ndarray, " v"]) -> Polygons:
-        """The same faces with vertex v called new_index[v]."""
+        """The same faces with new_index[v] in place of v."""
         return Polygons(corners=new_index[self.corners], starts=self.starts)
 
     def without_repeats(self) -> Polygons:
-        """The faces without corners equal to the next one, and without faces that then have fewer than three."""
+        """The faces without corners equal to the next one; faces that then have fewer than three are left out."""
         following = np.arange(1, len(self.corners) + 1)
         following[self.starts[1:] - 1] = self.starts[:-1]
         kept = self.corners != self.corners[following]
@@ -83,15 +82,14 @@ class Polygons:
         return [flat[start:stop] for start, stop in pairwise(self.starts.tolist())]
 
     def triangulated(self, vertices: Float[np.ndarray, "v 3"]) -> tuple[Int[np.ndarray, "t 3"], Int[np.ndarray, " t"]]:
-        """The faces split into triangles (T, 3), in the same order, and the polygon (T,) each comes from.
+        """The faces split into triangles (T, 3), in the same order, and the index (T,) of the face of each.
 
-        A polygon of n corners becomes the n − 2 triangles of a fan from one of its corners: of the fans from its up to
-        32 corners, the one whose triangle most against the polygon's area vector is best (so a quad with a reflex
-        corner is split along its inner diagonal); of equal fans the one from the earliest corner.
-        A PolygonError tells of a face with fewer than three corners, or one that does not exist.
+        A polygon is split into the fan of triangles from one of its corners. It is the fan that maximises the least
+        inner product of a triangle's area vector with the polygon's, so that a quad with a reflex corner is split along
+        its inner diagonal; of equal fans the one from the earliest corner. Polygons of more than `LARGEST_SEARCHED`
+        corners get the fan from the first one. Raises as `require_valid`.
         """
-        for face, problem in self.defects(len(vertices)):
-            raise PolygonError(face=face, problem=problem)
+        self.require_valid(len(vertices))
         pieces = self.sizes - 2
         starts = np.concatenate([[0], np.cumsum(pieces)])
         triangles = np.empty((int(starts[-1]), 3), dtype=np.int64)
@@ -104,7 +102,7 @@ class Polygons:
 
 
 def _best_fans(vertices: Float[np.ndarray, "v 3"], corners: Int[np.ndarray, "m n"]) -> Int[np.ndarray, "m n-2 3"]:
-    """The best fan of each of m polygons with n corners."""
+    """The fans of `triangulated` for m polygons with n corners."""
     size = corners.shape[1]
     if size == 3:
         return corners[:, None]
@@ -134,10 +132,12 @@ def _least_agreement(vertices: Float[np.ndarray, "v 3"], fans: Int[np.ndarray, "
 
 
 def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[tuple[int, Int[np.ndarray, " _"]], ...]:
-    """Pieces of polylines (k ≥ 2 vertex indices each) joined into curves as long as possible.
+    """Pieces of polylines (k ≥ 2 vertex indices each) joined at every vertex where exactly two of their ends meet.
 
-    Pieces are joined, turned round where needed, at every vertex where exactly two of their ends meet. A closed curve
-    begins and ends with the same vertex. With each comes the number of its first piece, which gives it its direction.
+    Pieces are reversed where needed. A closed curve begins and ends with the same vertex.
+
+    Returns:
+        For each curve the index of its first piece, which determines its direction, and its vertices.
     """
     pieces = [element.tolist() for element in elements]
     ends: dict[int, list[int]] = {}
@@ -166,12 +166,12 @@ def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[tuple[int, Int[n
 def seam_representatives(
     vertices: Float[np.ndarray, "v 3"], polygons: Polygons, appearance: Iterable[Shaped[np.ndarray, "v _"]]
 ) -> Int[np.ndarray, " v"]:
-    """For every vertex the one that stands for its place: itself, or along a seam the lowest of those joined there.
+    """For every vertex the one that represents its position: along a seam the lowest index, elsewhere itself.
 
-    A seam is a pair of boundary edges that lie on each other in opposite directions, with no third one there, and whose
-    ends are shared or lie where vertices of one position differ in appearance: values (V, k) that a renderer keeps at
-    each vertex. So pieces that merely touch stay apart, and so do vertices that are equal in everything: they were put
-    there twice on purpose, or by a format that cannot share vertices, and only the user knows which.
+    A seam is a pair of boundary edges with equal ends in opposite directions, and no third one there. Each end is a
+    shared vertex, or vertices at its position differ in `appearance`, values (V, k) that a renderer keeps at each
+    vertex. So pieces that merely touch are not joined, nor are vertices that are equal in everything: whether these
+    are to be merged only the user knows.
     """
     place = coincident_vertices(vertices)
     differs = np.zeros(len(vertices), dtype=bool)
@@ -191,7 +191,7 @@ def seam_representatives(
 
 
 def _edge_pairs(edges: Int[np.ndarray, "b 2"]) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-    """Where in a list of directed edges an edge and its reverse stand, if no third one has the same two ends."""
+    """The indices of directed edges and of their reverses, where no third edge has the same two ends."""
     low, high = edges.min(axis=1), edges.max(axis=1)
     order = np.lexsort((high, low))
     starts = np.flatnonzero(np.diff(low[order], prepend=-1) | np.diff(high[order], prepend=-1))
@@ -204,10 +204,9 @@ def _edge_pairs(edges: Int[np.ndarray, "b 2"]) -> tuple[Int[np.ndarray, " p"], I
 def close_seams(
     faces: Int[np.ndarray, "f 3"], representatives: Int[np.ndarray, " v"]
 ) -> tuple[Int[np.ndarray, "g 3"], Bool[np.ndarray, " f"]]:
-    """The triangles over the vertices that stand for their places, and which of the given ones these are, (F,) bool.
+    """The triangles over the vertices that represent their positions, and which of the given ones these are, (F,) bool.
 
-    A triangle with three different vertices of which two now are one (the slivers at the poles of a textured globe) has
-    no area and is left out.
+    A triangle of which two vertices become one (as at the poles of a textured globe) has no area and is left out.
     """
     closed = representatives[faces]
     kept = ~repeats_a_vertex(closed) | repeats_a_vertex(faces)
@@ -215,13 +214,13 @@ def close_seams(
 
 
 def appearance_of(attributes: Mapping[str, Float[np.ndarray, "v _"]]) -> list[Float[np.ndarray, "v _"]]:
-    """Those of a mesh's attributes that a renderer keeps at each vertex."""
+    """The attributes of a mesh that a renderer keeps at each vertex."""
     return [attributes[name] for name in ("uv", "normal", "color") if name in attributes]
 
 
 def without_seams(mesh: TriangleMesh) -> TriangleMesh:
     """A mesh closed along the edges where texture coordinates, normals or colours differ."""
-    polygons = Polygons.of_triangles(mesh.faces)
-    appearance = appearance_of(mesh.vertex_attributes)
-    closed, _ = close_seams(mesh.faces, seam_representatives(mesh.vertices, polygons, appearance))
+    polygons, appearance = Polygons.of_triangles(mesh.faces), appearance_of(mesh.vertex_attributes)
+    representatives = seam_representatives(mesh.vertices, polygons, appearance)
+    closed, _ = close_seams(mesh.faces, representatives)
     return TriangleMesh(mesh.vertices, closed, vertex_attributes=mesh.vertex_attributes, labels=mesh.labels)
