@@ -1,27 +1,27 @@
-"""Plots: figures on logarithmic axes, surfaces in space, and functions in the colours of complex numbers."""
+"""Figures by matplotlib: logarithmic plots, complex functions as colours, and rows of drawn surfaces."""
 
 from __future__ import annotations
 
 import html
 import io
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
 
 import matplotlib
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Complex, Float
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.tri import Triangulation
+from matplotlib.image import imread
 from numpy.typing import ArrayLike
 
 from spinor_geom.mesh.curve import CurveFunction
-from spinor_geom.surface import SpinorSurface
-from spinor_geom.surface.weierstrass import WeierstrassSurface
+from spinor_geom.render.png import drawn
+from spinor_geom.render.portrait import Portrait, closed_line
 
-# largest chroma in OKLCH, and how it rises from black and falls to white: inside sRGB for every hue
+# largest chroma in OKLCH, and its slopes at black and at white, so that all hues lie inside sRGB
 _CHROMA, _RISE, _FALL = 0.125, 0.25, 0.5
-_RINGS = 0.08  # of lightness, between one power of two of the modulus and the next
+_RINGS = 0.08  # relative step of the lightness at powers of two
 # Source: Ottosson, "A perceptual color space for image processing" (2020).
 _TO_LMS = np.array(
     [[1.0, 0.3963377774, 0.2158037573], [1.0, -0.1055613458, -0.0638541728], [1.0, -0.0894841775, -1.2914855480]]
@@ -33,11 +33,8 @@ _TO_RGB = np.array(
         [-0.0041960863, -0.7034186147, 1.7076147010],
     ]
 )
-_SIZE = 4.0  # inches, of a side of the square for a surface
-_ZOOM = 1.2  # by which axes in space are enlarged, which leave room for what they do not have here
-_RIM = 400  # points of a boundary
-_GRID = (16, 96)  # circles and points on each, of a surface over the unit disk
-_PHASE, _PIXELS = 2.2, 160  # inches and points of a side of a function's picture
+_SIZE, _SIDE = 4.0, 640  # inches and pixels of a side of a surface's picture
+_PHASE, _PIXELS = 2.2, 160  # inches and pixels of a side of a function's picture
 
 HolomorphicFunction = Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, " n"]]
 
@@ -50,7 +47,7 @@ def log_log(
     slopes: Mapping[str, int] | None = None,
     linear_x: bool = False,
 ) -> Figure:
-    """Lines, (x, y) by label, on logarithmic axes; with slopes, by label, lines of those through their first points."""
+    """Lines (x, y) by label on logarithmic axes; `slopes` adds lines of given slope through their first points."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.add_subplot()
     for label, (at, value) in lines.items():
@@ -73,7 +70,7 @@ def log_log(
 
 
 def inline_svg(figure: Figure, alt: str) -> str:
-    """A figure as an `svg` element of a page, without a background, its black in the page's own colour of text."""
+    """A figure as an `svg` element without a background; black becomes the page's text colour."""
     for legend in figure.legends:
         legend.set_frame_on(False)
     buffer = io.StringIO()
@@ -87,8 +84,8 @@ def inline_svg(figure: Figure, alt: str) -> str:
 def domain_colours(value: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
     """Colours in sRGB, 0 to 1: red for positive numbers, blue-green for negative ones, black at 0, white at ∞.
 
-    The lightness grows with the modulus and steps back a little at every power of two, so that moduli can be counted
-    like the rings of a map; equal steps of the argument look equally large. NaN is white.
+    The lightness grows with the modulus, with a small step back at every power of two; equal steps of the argument
+    look equally large. NaN is white.
     """
     modulus = np.abs(value)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -105,66 +102,40 @@ def domain_colours(value: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pt
     return np.asarray(np.where(np.isnan(rgb), 1.0, rgb))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Drawn:
-    """A surface as triangles."""
-
-    position: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "f 3"]
-    rim: Float[np.ndarray, "m 3"]  # closed sequence of points of its boundary
-    value: Float[np.ndarray, " n"] | None = None  # what the colour of each vertex tells; one colour for all without
-    marks: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))  # with a cross
-
-    @classmethod
-    def of(cls, surface: SpinorSurface | WeierstrassSurface, grid: tuple[int, int] = _GRID) -> Drawn:
-        """A surface over a grid on the unit disk: so many circles, and points on each; see `disk_grid`."""
-        z, faces = disk_grid(*grid)
-        rim = np.exp(2j * np.pi * np.arange(_RIM) / _RIM)
-        return cls(position=surface.position(z), faces=faces, rim=surface.position(rim))
-
-
-def disk_grid(circles: int, around: int) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, "f 3"]]:
-    """Points of the unit disk on circles of equally spaced radii, its centre first, and triangles between them."""
-    turns = np.arange(around) / around
-    z = np.concatenate([[0], (np.arange(1, circles + 1)[:, None] / circles * np.exp(2j * np.pi * turns)).ravel()])
-    return z, np.asarray(Triangulation(z.real, z.imag).triangles, dtype=np.int64)
-
-
 def surfaces(
-    drawn: Mapping[str, Drawn], *, curves: Mapping[str, CurveFunction] | None = None, across: int = 4
+    portraits: Mapping[str, Portrait], *, curves: Mapping[str, CurveFunction] | None = None, across: int = 4
 ) -> Figure:
-    """Surfaces by title, so many in a row: their boundaries in black, in red the Γ(t) that they should have."""
-    across = min(across, len(drawn))
-    down = -(-len(drawn) // across)
+    """Surfaces by title, `across` in a row, with a scale for the first field of each.
+
+    Args:
+        portraits: the surfaces with their boundaries.
+        curves: Γ(t) for each, on which its boundary should lie; drawn in red.
+        across: pictures in a row.
+
+    Raises:
+        MissingPackageError: pyvista is not installed.
+        RenderError: the drawing failed.
+    """
+    scenes = []
+    for title, portrait in portraits.items():
+        gamma = [] if curves is None else [closed_line(curves[title](np.linspace(0, 1, 400)), colour="#d62728")]
+        scenes.append(Portrait(layers=(*portrait.layers, *gamma)).scene(size=(1, 1)))
+    with drawn(scenes, size=(_SIDE * len(scenes), _SIDE)) as (path,):
+        pictures = np.split(imread(path), len(scenes), axis=1)
+    across = min(across, len(scenes))
+    down = -(-len(scenes) // across)
     figure = Figure(figsize=(_SIZE * across, _SIZE * down), layout="constrained")
-    for place, (title, one) in enumerate(drawn.items()):
-        # lines and crosses over the triangles, which would hide them by halves
-        axes: Any = figure.add_subplot(
-            down, across, place + 1, projection="3d", proj_type="ortho", computed_zorder=False, title=title
-        )
-        # without smooth edges, which would leave a pale seam between any two triangles
-        look = {"color": "#8fb3d9", "linewidth": 0, "antialiased": False}
-        mesh = axes.plot_trisurf(*one.position.T, triangles=one.faces, **look)
-        if one.value is not None:
-            mesh.set_array(one.value[one.faces].mean(axis=1))
-            mesh.set_cmap("viridis")
-            figure.colorbar(mesh, ax=axes, shrink=0.5)
-        lines = {"black": np.append(one.rim, one.rim[:1], axis=0)}
-        if curves is not None:
-            lines["red"] = curves[title](np.linspace(0, 1, _RIM))
-        for colour, points in lines.items():
-            axes.plot(*points.T, color=colour, linewidth=1)
-        axes.plot(*one.marks.T, marker="x", markersize=9, markeredgewidth=2, color="black", linestyle="none")
-        shown = np.concatenate(list(lines.values()))
-        low, high = shown.min(axis=0), shown.max(axis=0)
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-        axes.set_box_aspect(high - low, zoom=_ZOOM)
+    for place, (title, scene, picture) in enumerate(zip(portraits, scenes, pictures, strict=True)):
+        axes = figure.add_subplot(down, across, place + 1, title=title)
+        axes.imshow(picture)
         axes.set_axis_off()
+        for scale in scene.colour_scales.values():
+            figure.colorbar(ScalarMappable(Normalize(scale.low, scale.high), "viridis"), ax=axes, shrink=0.5)
     return figure
 
 
 def phases(rows: Mapping[str, Mapping[str, HolomorphicFunction]]) -> Figure:
-    """Functions on the unit disk in the colours of `domain_colours`, by name in rows by title."""
+    """Functions on the unit disk by `domain_colours`: by name, in rows by title."""
     across = max(len(row) for row in rows.values())
     figure = Figure(figsize=(_PHASE * across, _PHASE * len(rows)), layout="constrained")
     axes = figure.subplots(len(rows), across, squeeze=False)

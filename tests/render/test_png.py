@@ -18,14 +18,14 @@ from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.isolate import Event, FaultError, Process
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render import png
-from spinor_geom.render.layers import View
-from spinor_geom.render.portrait import fill_scene, loops_scene
+from spinor_geom.render.fill_scene import fill_scene, loops_scene
+from spinor_geom.render.scene import Scene
 from tests.fill.shapes import tube
 from tests.systems import signals
 
 
 @pytest.fixture(scope="module")
-def scene() -> tuple[View, ...]:
+def scene() -> tuple[Scene, ...]:
     return fill_scene(fill_hole(tube(), return_report=True)[1])
 
 
@@ -45,7 +45,7 @@ def pixels(path: Path) -> np.ndarray:
     return np.asarray(image.active_scalars).reshape(height, width, -1)[::-1, :, :3].astype(int)
 
 
-def test_the_patch_is_orange_and_only_on_the_right(scene: tuple[View, ...], tmp_path: Path) -> None:
+def test_the_patch_is_orange_and_only_on_the_right(scene: tuple[Scene, ...], tmp_path: Path) -> None:
     path = tmp_path / "picture.png"
     png.write_png(scene, path)
     image = pixels(path)
@@ -65,7 +65,7 @@ def test_rims_are_drawn_with_their_numbers_and_without_patches(tmp_path: Path) -
     mesh = TriangleMesh(*tube())
     scene = loops_scene(mesh, boundary_loops(mesh))
     png.write_png(scene, tmp_path / "numbered.png")
-    png.write_png([replace(view, labels=()) for view in scene], tmp_path / "bare.png")
+    png.write_png([replace(one, labels=()) for one in scene], tmp_path / "bare.png")
     numbered, bare = pixels(tmp_path / "numbered.png"), pixels(tmp_path / "bare.png")
     changed = (numbered != bare).any(axis=-1)
     assert 50 < changed.sum() < 5000
@@ -92,7 +92,7 @@ DRAWING = "import {}; from spinor_geom.isolate import serve; serve(lambda *_: ex
     ],
 )
 def test_a_failed_drawing_is_a_typed_error_and_leaves_no_file(
-    scene: tuple[View, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, imported: str, done: str, words: str
+    scene: tuple[Scene, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, imported: str, done: str, words: str
 ) -> None:
     (tmp_path / "instead_of_drawing.py").write_text(DRAWING.format(imported, done))
     monkeypatch.syspath_prepend(tmp_path)

@@ -19,7 +19,7 @@ from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render import shapes
-from spinor_geom.render.layers import VIRIDIS
+from spinor_geom.render.scene import VIRIDIS
 from tests.browser import browser, visit
 from tests.fill.shapes import tube
 
