@@ -41,7 +41,7 @@ def _view(arguments: argparse.Namespace) -> None:
     title = f"{arguments.input.name}{f', {shape.colour_field}'.replace('_', ' ') * arguments.curvature}"
     fields = {title: shape.curvature} if arguments.curvature else {}
     mesh = Faces(vertices=shape.vertices, faces=shape.faces, fields=fields, **MESH)
-    scene = Scene(layers=[mesh, Lines(vertices=shape.vertices, edges=shape.rims, width=1.0)], title=title)
+    scene = Scene(layers=[mesh, Lines(vertices=shape.vertices, edges=shape.boundary, width=1.0)], title=title)
     draw_apart([scene], _SIZE, [0.0], None, time_limit=math.inf)  # as long as it is looked at
 
 

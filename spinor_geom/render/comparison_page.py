@@ -49,15 +49,16 @@ def comparison_page(
 
 def _side_by_side(comparison: Comparison) -> list[Faces]:
     """Both meshes, the second one moved along the longest side of their bounding box."""
-    fine = comparison.surface_mesh
-    extent = np.ptp(comparison.patch.vertices, axis=0)
+    patch, baseline, fine = comparison.patch, comparison.baseline, comparison.surface_mesh
+    meshes = (patch.vertices, patch.faces), (baseline.vertices, baseline.faces)
+    extent = np.ptp(patch.vertices, axis=0)
     shift = np.where(np.arange(3) == np.argmax(extent), _GAP * extent, 0.0)
     return [
         Faces(
-            vertices=mesh.vertices + k * shift,
-            faces=mesh.faces,
-            fields={_DISTANCE: distances_to_mesh(mesh.vertices, fine.vertices, fine.faces)},
+            vertices=vertices + k * shift,
+            faces=faces,
+            fields={_DISTANCE: distances_to_mesh(vertices, fine.vertices, fine.faces)},
             edges=True,
         )
-        for k, mesh in enumerate((comparison.patch, comparison.baseline))
+        for k, (vertices, faces) in enumerate(meshes)
     ]

@@ -21,7 +21,7 @@ from spinor_geom.mesh.operators import vertex_normals
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.render.camera import Camera
 from spinor_geom.render.portrait import grid_lines
-from spinor_geom.render.scene import PATCH, Dots, Faces, Layer, Lines
+from spinor_geom.render.scene import ALWAYS, PATCH, Dots, Faces, Layer, Lines
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 MEAN = "mean curvature |H| of the mesh, 1/mesh unit"
@@ -42,7 +42,7 @@ class LoopViews:
     patch: Patch
     surface: SpinorSurface
     fields: Mapping[str, Float[np.ndarray, " n"]]  # at the patch's vertices, NaN where unknown
-    baseline_figures: Mapping[str, Any]  # of the discrete minimal surface, or why there is none
+    baseline_figures: dict[str, Any]  # of the discrete minimal surface, or why there is none
     normals: Float[np.ndarray, "n 3"]  # of the surface at the patch's vertices, on the side of the patch's faces
 
     @property
@@ -58,10 +58,11 @@ class LoopViews:
     def _faces(self) -> Faces:
         return patch_faces(self.patch, self.fields)
 
-    def _grid(self, vertices: Float[np.ndarray, "n 3"], **options: str) -> Lines:
+    def _grid(self, vertices: Float[np.ndarray, "n 3"], *, switch: str | None = None, loop: str = ALWAYS) -> Lines:
         """The image of a square grid in Ω on the patch with other vertices."""
         points, edges = grid_lines(self.patch.points, self.patch.faces, vertices)
-        return Lines(vertices=points, edges=edges, colour="#ffffff", halo=_GRID_COLOUR, width=1.6, **options)
+        look: dict[str, Any] = {"colour": "#ffffff", "halo": _GRID_COLOUR, "width": 1.6}
+        return Lines(vertices=points, edges=edges, switch=switch, loop=loop, **look)
 
     def _boundary(self, vertices: Float[np.ndarray, "n 3"], width: float) -> Lines:
         edges = np.stack([np.arange(self.patch.boundary_size), rim_successors(self.patch.rims)], axis=1)

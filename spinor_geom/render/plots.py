@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import html
-import io
 from collections.abc import Callable, Mapping
 
-import matplotlib
 import numpy as np
 from jaxtyping import Complex, Float
 from matplotlib.cm import ScalarMappable
@@ -67,18 +64,6 @@ def log_log(
     axes.grid(visible=True, which="both", alpha=0.2)
     figure.legend(loc="outside right upper", fontsize="small")
     return figure
-
-
-def inline_svg(figure: Figure, alt: str) -> str:
-    """A figure as an `svg` element without a background; black becomes the page's text colour."""
-    for legend in figure.legends:
-        legend.set_frame_on(False)
-    buffer = io.StringIO()
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": alt}):
-        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
-    drawing = buffer.getvalue()
-    drawing = drawing[drawing.index("<svg") :].replace("#000000", "currentColor")
-    return drawing.replace("<svg", f'<svg role="img" fill="currentColor" aria-label="{html.escape(alt)}"', 1)
 
 
 def domain_colours(value: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:

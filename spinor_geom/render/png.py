@@ -93,13 +93,12 @@ def draw(scenes: Sequence[Scene], size: tuple[int, int], angles: Sequence[float]
     """
     import pyvista
 
-    in_window = folder is None
     plotter: Any = pyvista.Plotter(
-        off_screen=not in_window,
+        off_screen=folder is not None,
         shape=(1, len(scenes)),
         window_size=list(size),
         border=False,
-        lighting="light kit" if in_window else "none",
+        lighting="light kit" if folder is None else "none",
         title=scenes[0].title,
     )
     turning = []
@@ -110,7 +109,7 @@ def draw(scenes: Sequence[Scene], size: tuple[int, int], angles: Sequence[float]
         radius = scene.camera.radius if scene.camera else float(np.ptp(points, axis=0).max()) / 2
         for layer in scene.layers:
             if isinstance(layer, Faces) and len(layer.faces):
-                move = _add_faces(plotter, layer, scales, with_bar=in_window)
+                move = _add_faces(plotter, layer, scales, with_bar=folder is None)
             elif isinstance(layer, Lines) and len(layer.edges):
                 move = _add_lines(plotter, layer, _THICKNESS * layer.width * radius)
             elif isinstance(layer, Dots) and len(layer.vertices):
@@ -129,7 +128,7 @@ def draw(scenes: Sequence[Scene], size: tuple[int, int], angles: Sequence[float]
             plotter.add_point_labels(np.array(places), list(texts), font_size=_LABEL_SIZE, always_visible=True, **boxes)
         if scene.camera is not None:
             _look(plotter, scene.camera, points)
-    if in_window:
+    if folder is None:
         if plotter.render_window.GetClassName() in _WITHOUT_WINDOW:
             # VTK falls back to off-screen rendering if the display does not answer
             sys.exit("bad X server")

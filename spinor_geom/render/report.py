@@ -28,7 +28,7 @@ from spinor_geom.render.loop_views import (
     patch_faces,
 )
 from spinor_geom.render.page import Views, cell, document, panel, picture, table
-from spinor_geom.render.plots import domain_colours, inline_svg, log_log
+from spinor_geom.render.plots import domain_colours
 from spinor_geom.render.scene import Scene
 
 MOST_LOOPS = 8  # loops with exact surfaces, the longest first, whose Ω and functions are shown
@@ -36,12 +36,7 @@ MOST_FACES = 120_000  # triangles of the mesh that are shown, the nearest to its
 _KEYS = "Drag to turn, with Shift to move, wheel or + and − to zoom, double click or 0 to start again."
 _MOST_REMARKS = 3  # more are folded
 _PIXELS = 144  # of the longer side of a function's picture
-_PAGE_STYLE = """body { max-width: 90rem; margin: 1rem auto } h1 { font-size: 1.5rem; margin: 1rem 0 .5rem }
-.beside { display: grid; grid-template-columns: minmax(0, 9fr) minmax(0, 4fr) }
-@media (max-width: 50rem) { .beside { display: block } }
-.refused { background: var(--alert); padding: .5rem 1rem; border-radius: 4px; margin: .5rem 0 }
-.all { max-height: 40rem; overflow: auto } .all th { white-space: normal } .functions img { width: 13rem }
-.plot svg { max-width: 44rem; width: 100%; height: auto } [hidden] { display: none }"""
+_PAGE_STYLE = "body { max-width: 90rem; margin: 1rem auto } h1 { font-size: 1.5rem; margin: 1rem 0 .5rem }"
 
 
 def report(
@@ -87,7 +82,6 @@ def report(
             *_scenes(result, details, views),
             *(_loop_section(one, (comparisons or {}).get(one.outcome.index)) for one in details),
             *_continuations(result.loops),
-            *_convergence(exact[:MOST_LOOPS]),
             "<h2>All loops</h2>",
             f'<div class="all">{_loop_table(result.loops)}</div>',
             views.script(),
@@ -125,7 +119,7 @@ def _remarks(remarks: Sequence[str]) -> list[str]:
         return []
     lines = "".join(f"<li>{html.escape(line[0].upper() + line[1:])}</li>" for line in remarks)
     return [
-        f'<details class="refused"{" open" * (len(remarks) <= _MOST_REMARKS)}><summary>Remarks: {len(remarks)}'
+        f'<details class="remarks"{" open" * (len(remarks) <= _MOST_REMARKS)}><summary>Remarks: {len(remarks)}'
         f"</summary><ul>{lines}</ul></details>"
     ]
 
@@ -234,25 +228,6 @@ def _continuations(outcomes: Sequence[LoopOutcome]) -> list[str]:
         f"<h2>Loop {index}</h2><p>The patch continues the tangents and the curvature of the mesh around it.</p>"
         f"{_figure_table(continuation.to_dict())}"
         for index, continuation in smooth[:MOST_LOOPS]
-    ]
-
-
-def _convergence(outcomes: Sequence[LoopOutcome]) -> list[str]:
-    lines = {}
-    for outcome in outcomes:
-        steps = () if outcome.solution is None else outcome.solution.history
-        for method in dict.fromkeys(step.method for step in steps):
-            own = [step for step in steps if step.method == method]
-            lines[f"loop {outcome.index}, {method}"] = ([s.index for s in own], [s.residual for s in own])
-    if not lines:
-        return []
-    figure = log_log(lines, x="step", y="residual", linear_x=True)
-    # mathematical type for the ticks takes longer to set than everything else in the plot
-    figure.axes[0].yaxis.set_major_formatter("{x:.0e}")
-    return [
-        "<h2>Convergence</h2><p>Gauss-Newton: RMS distance from the loop's curve at the nodes, in diagonals of the "
-        "loop. Douglas-Newton: RMS gradient of the energy, relative to its two factors.</p>",
-        f'<div class="plot">{inline_svg(figure, "residual after each step")}</div>',
     ]
 
 

@@ -3,7 +3,7 @@
 import html
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,11 @@ from spinor_geom.errors import MeshFileError
 from spinor_geom.fill.result import FillResult
 from spinor_geom.measures import discrete_mean_curvature
 from spinor_geom.mesh.topology import boundary_edges
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_surface
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render.page import Views, document
-from spinor_geom.render.scene import MESH, PATCH, Faces, Layer, Lines, Scene, viridis
+from spinor_geom.render.scene import Faces, Lines, Scene, viridis
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 GAUSS, MEAN, NORMAL = "gauss_curvature", "mean_curvature", "normal"
@@ -35,9 +36,8 @@ class Shape:
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "f 3"]
-    values: Mapping[str, np.ndarray] = field(default_factory=dict)  # (n,) or (n, k), names as in `Shown`
+    values: Mapping[str, np.ndarray]  # (n,) or (n, k), names as in `Shown`
     colour_field: str = MEAN  # name of the values shown by colours
-    patch_faces: Int[np.ndarray, " p"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def curvature(self) -> Float[np.ndarray, " n"]:
@@ -45,7 +45,7 @@ class Shape:
         return self.values[self.colour_field]
 
     @property
-    def rims(self) -> Int[np.ndarray, "r 2"]:
+    def boundary(self) -> Int[np.ndarray, "r 2"]:
         """The edges with one face."""
         return boundary_edges(self.faces)
 
@@ -72,25 +72,16 @@ class Shape:
         facts = f"{title}: {len(self.vertices)} vertices, {len(self.faces)} triangles"
         if len(self.faces) > MOST_FACES:
             return f"<p>{html.escape(facts)}; too many to show here, to_pyvista() gives an object to plot.</p>"
+        name = f"{self.colour_field.replace('_', ' ')}, 1/unit{'²' * (self.colour_field == GAUSS)}"
+        surface = Faces(vertices=self.vertices, faces=self.faces, fields={name: self.curvature})
+        boundary = Lines(vertices=self.vertices, edges=self.boundary, width=2.5)
         views = Views()
-        scene = Scene(title=facts, layers=self._layers(), unit="units", shape="wide")
+        scene = Scene(title=facts, layers=[surface, boundary], unit="units", shape="wide")
         page = document(facts, [views.figure(scene), views.script()], style=_FRAME_STYLE)
         return (
             f'<iframe title="{html.escape(title)}" srcdoc="{html.escape(page)}" width="100%" height="{_HEIGHT}" '
             'style="border: 0" sandbox="allow-scripts"></iframe>'
         )
-
-    def _layers(self) -> list[Layer]:
-        name = f"{self.colour_field.replace('_', ' ')}, 1/unit{'²' * (self.colour_field == GAUSS)}"
-        in_patch = np.isin(np.arange(len(self.faces)), self.patch_faces)
-        layers: list[Layer] = [
-            Faces(vertices=self.vertices, faces=self.faces[chosen], fields={name: self.curvature}, **look)
-            for chosen, look in ((~in_patch, MESH), (in_patch, PATCH))
-            if chosen.any()
-        ]
-        if len(self.rims):
-            layers.append(Lines(vertices=self.vertices, edges=self.rims, width=2.5))
-        return layers
 
 
 def shape_of(shown: Any) -> Shape:
@@ -105,13 +96,15 @@ def shape_of(shown: Any) -> Shape:
         return _minimal(mesh_surface(shown), shown)
     if isinstance(shown, PlateauSolution):
         return _minimal(mesh_patch(shown), shown.surface)
-    if isinstance(shown, FillResult):
-        added = np.arange(len(shown.extension.faces))
-        return replace(shape_of(shown.mesh), patch_faces=len(shown.original.faces) + added)
     if isinstance(shown, (Patch, DiscreteMinimalSurface)):
-        return _mesh(shown.vertices, shown.faces, {})
-    mesh = to_mesh(shown)
-    return _mesh(mesh.vertices, mesh.faces, mesh.vertex_attributes)
+        mesh = TriangleMesh(shown.vertices, shown.faces)
+    else:
+        mesh = to_mesh(shown.mesh if isinstance(shown, FillResult) else shown)
+    mean = np.full(len(mesh.vertices), np.nan)
+    if len(mesh.faces):
+        curvature = discrete_mean_curvature(mesh.vertices, mesh.faces)
+        mean[curvature.vertices] = curvature.values
+    return Shape(vertices=mesh.vertices, faces=mesh.faces, values={**mesh.vertex_attributes, MEAN: mean})
 
 
 def _minimal(patch: Patch, surface: SpinorSurface) -> Shape:
@@ -120,13 +113,3 @@ def _minimal(patch: Patch, surface: SpinorSurface) -> Shape:
         GAUSS: np.asarray(surface.gauss_curvature(patch.points)),
     }
     return Shape(vertices=patch.vertices, faces=patch.faces, values=values, colour_field=GAUSS)
-
-
-def _mesh(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], attributes: Mapping[str, np.ndarray]
-) -> Shape:
-    mean = np.full(len(vertices), np.nan)
-    if len(faces):
-        curvature = discrete_mean_curvature(vertices, faces)
-        mean[curvature.vertices] = curvature.values
-    return Shape(vertices=vertices, faces=faces, values={**attributes, MEAN: mean})

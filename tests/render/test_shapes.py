@@ -140,6 +140,6 @@ def test_names_are_escaped_twice_and_large_meshes_are_told_in_numbers(monkeypatc
 
 
 def test_rims_are_the_open_edges(filled: FillResult) -> None:
-    assert len(shapes.shape_of(filled).rims) == 0
+    assert len(shapes.shape_of(filled).boundary) == 0
     mesh = filled.original
-    np.testing.assert_array_equal(shapes.shape_of(mesh).rims, boundary_edges(mesh.faces))
+    np.testing.assert_array_equal(shapes.shape_of(mesh).boundary, boundary_edges(mesh.faces))
