@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from spinor_geom.mesh.operators import vertex_normals
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.render.camera import Camera
 from spinor_geom.render.portrait import grid_lines
-from spinor_geom.render.scene import ALWAYS, PATCH, Dots, Faces, Layer, Lines
+from spinor_geom.render.scene import PATCH, Dots, Faces, Layer, Lines, Scale, Scene
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 MEAN = "mean curvature |H| of the mesh, 1/mesh unit"
@@ -46,90 +45,78 @@ class LoopViews:
     normals: Float[np.ndarray, "n 3"]  # of the surface at the patch's vertices, on the side of the patch's faces
 
     @property
-    def _loop(self) -> str:
-        return str(self.outcome.index)
-
-    @cached_property
-    def _plane(self) -> Float[np.ndarray, "n 3"]:
-        """The patch's vertices in Ω, with z = 0."""
-        return flat_coordinates(self.patch.points)
-
-    @property
     def _faces(self) -> Faces:
         return patch_faces(self.patch, self.fields)
 
-    def _grid(self, vertices: Float[np.ndarray, "n 3"], *, switch: str | None = None, loop: str = ALWAYS) -> Lines:
+    def _grid(self, vertices: Float[np.ndarray, "n 3"], *, switch: str | None = None) -> Lines:
         """The image of a square grid in Ω on the patch with other vertices."""
         points, edges = grid_lines(self.patch.points, self.patch.faces, vertices)
-        look: dict[str, Any] = {"colour": "#ffffff", "halo": _GRID_COLOUR, "width": 1.6}
-        return Lines(vertices=points, edges=edges, switch=switch, loop=loop, **look)
+        return Lines(vertices=points, edges=edges, colour="#ffffff", halo=_GRID_COLOUR, width=1.6, switch=switch)
 
     def _boundary(self, vertices: Float[np.ndarray, "n 3"], width: float) -> Lines:
         edges = np.stack([np.arange(self.patch.boundary_size), rim_successors(self.patch.rims)], axis=1)
-        return Lines(vertices=vertices, edges=edges, width=width, loop=self._loop)
+        return Lines(vertices=vertices, edges=edges, width=width)
 
     def in_space(self) -> list[Layer]:
         """The patch in the mesh's space, with its grid and its normals."""
         vertices = self.patch.vertices
         tips = vertices + _NORMAL_LENGTH * self.outcome.loop.mean_edge_length * self.normals
         shown = np.flatnonzero(np.isfinite(tips).all(axis=1))
-        pairs = np.arange(2 * len(shown)).reshape(2, -1).T
+        ends, pairs = np.concatenate([vertices[shown], tips[shown]]), np.arange(2 * len(shown)).reshape(2, -1).T
         return [
             self._faces,
             self._grid(vertices, switch=GRID),
-            Lines(
-                vertices=np.concatenate([vertices[shown], tips[shown]]),
-                edges=pairs,
-                colour=_NORMAL_COLOUR,
-                switch=NORMALS,
-            ),
+            Lines(vertices=ends, edges=pairs, colour=_NORMAL_COLOUR, switch=NORMALS),
         ]
 
-    def in_plane(self) -> list[Layer]:
+    def plane_scene(self, scales: Mapping[str, Scale]) -> Scene:
         """The patch in Ω, its grid, the poles of the network, and the zeros of p and q."""
+        plane = flat_coordinates(self.patch.points)
         p_zeros, q_zeros = _zeros(self.surface)
         dots = ((_poles(self.surface), _POLE_COLOUR, 5.0), (p_zeros, _P_COLOUR, 9.0), (q_zeros, _Q_COLOUR, 9.0))
-        return [
-            replace(self._faces, vertices=self._plane, loop=self._loop),
-            self._grid(self._plane, loop=self._loop),
-            self._boundary(self._plane, 2.5),
-            *(
-                Dots(vertices=flat_coordinates(z), colour=colour, width=size, loop=self._loop)
-                for z, colour, size in dots
-                if len(z)
-            ),
-        ]
+        return Scene(
+            title="Ω and its grid; poles of the network violet, zeros of p black, of q white",
+            layers=[
+                replace(self._faces, vertices=plane),
+                self._grid(plane),
+                self._boundary(plane, 2.5),
+                *(Dots(vertices=flat_coordinates(z), colour=colour, width=size) for z, colour, size in dots if len(z)),
+            ],
+            camera=Camera.around(plane, np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])),
+            scales=scales,
+            unit="units of Ω",
+            flat=True,
+            shape="square",
+            panel=True,
+        )
 
-    @property
-    def plane_camera(self) -> Camera:
-        """Looks at Ω from above."""
-        return Camera.around(self._plane, np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0]))
-
-    def on_sphere(self) -> list[Layer]:
-        """The Gauss map: unit normals of the patch on the unit sphere, with circles of latitude and longitude."""
+    def sphere_scene(self, scales: Mapping[str, Scale]) -> Scene:
+        """The image of the Gauss map on the unit sphere, seen from its middle."""
         known = np.nan_to_num(self.normals)
         faces = self.patch.faces[np.isfinite(self.normals).all(axis=1)[self.patch.faces].all(axis=1)]
-        return [
-            *_sphere(self._loop),
-            replace(self._faces, vertices=1.005 * known, faces=faces, loop=self._loop),
-            self._grid(1.008 * known, loop=self._loop),
-            self._boundary(1.01 * known, 1.2),
-        ]
-
-    @property
-    def sphere_camera(self) -> Camera:
-        """Looks at the middle of the Gauss map's image."""
         mean = np.nanmean(self.normals, axis=0)
         size = np.linalg.norm(mean)
         camera = Camera.facing(np.zeros((1, 3)), mean / size if size > 0 else np.array([0.0, 0.0, 1.0]))
-        return replace(camera, radius=1.0)
+        return Scene(
+            title="The Gauss map: normals of the patch on the unit sphere",
+            layers=[
+                *_sphere(),
+                replace(self._faces, vertices=1.005 * known, faces=faces),
+                self._grid(1.008 * known),
+                self._boundary(1.01 * known, 1.2),
+            ],
+            camera=replace(camera, radius=1.0),
+            scales=scales,
+            shape="square",
+            panel=True,
+        )
 
     def functions(self, pixels: int) -> dict[str, Complex[np.ndarray, "h w"]]:
         """p, q, f = −2q² and g = −p/q at the pixels of a raster over Ω, NaN outside; `pixels` on its longer side."""
         domain = self.surface.domain
-        low, high = self._plane.min(axis=0), self._plane.max(axis=0)
-        step = float((high - low).max()) / pixels
-        x, y = (np.arange(a, b, step) + step / 2 for a, b in zip(low[:2], high[:2], strict=True))
+        plane = plane_coordinates(self.patch.points)
+        step = float(np.ptp(plane, axis=0).max()) / pixels
+        x, y = (np.arange(own.min(), own.max(), step) + step / 2 for own in plane.T)
         z = x + 1j * y[:, None]
         inside = domain.contains(z)
         p, q = (np.full(z.shape, np.nan + 0j) for _ in range(2))
@@ -206,7 +193,7 @@ def _zeros(surface: SpinorSurface) -> list[Complex[np.ndarray, " k"]]:
         return [np.zeros(0, dtype=np.complex128)] * 2
 
 
-def _sphere(loop: str) -> list[Layer]:
+def _sphere() -> list[Layer]:
     """A sphere with circles of latitude and longitude every 30°."""
     ball = trimesh.creation.uv_sphere(radius=_BALL, count=(24, 48))
     t, tilt = np.linspace(0, 2 * np.pi, 49), np.radians(np.arange(30, 181, 30))[:, None]
@@ -216,6 +203,6 @@ def _sphere(loop: str) -> list[Layer]:
     number = np.arange(circles.size // 3).reshape(-1, len(t))
     edges = np.stack([number[:, :-1], number[:, 1:]], axis=-1).reshape(-1, 2)
     return [
-        Faces(vertices=np.array(ball.vertices), faces=np.array(ball.faces), colour=_SPHERE_COLOUR, loop=loop),
-        Lines(vertices=circles.reshape(-1, 3), edges=edges, colour=_CIRCLE_COLOUR, width=1, loop=loop),
+        Faces(vertices=np.array(ball.vertices), faces=np.array(ball.faces), colour=_SPHERE_COLOUR),
+        Lines(vertices=circles.reshape(-1, 3), edges=edges, colour=_CIRCLE_COLOUR, width=1),
     ]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.render.scene import UNKNOWN_COLOUR, VIRIDIS, Faces, Layer, Lines, Scene
+from spinor_geom.render.scene import UNKNOWN_COLOUR, VIRIDIS, Faces, Layer, Lines, Scene, overview
 
 _LONG = 60  # characters from which on a cell's text wraps
 _LESS = "\\u003c"  # "<" in JSON: "</script" or "<!--" in a text would end or hide the element
@@ -79,7 +79,7 @@ class Views:
         place = f"view-{len(self._views)}"
         points = np.concatenate([layer.vertices for layer in scene.layers])
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
-        cameras = {loop: camera for loop, camera in {"": scene.camera, **scene.loop_cameras}.items() if camera}
+        cameras = {"": scene.camera or overview(scene.layers), **scene.loop_cameras}
         data = {
             **{name: getattr(scene, name) for name in ("title", "panel", "unit", "flat")},
             "place": place,

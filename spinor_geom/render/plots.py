@@ -103,8 +103,10 @@ def surfaces(
     """
     scenes = []
     for title, portrait in portraits.items():
-        gamma = [] if curves is None else [closed_line(curves[title](np.linspace(0, 1, 400)), colour="#d62728")]
-        scenes.append(Portrait(layers=(*portrait.layers, *gamma)).scene(size=(1, 1)))
+        layers = portrait.layers
+        if curves is not None:
+            layers += (closed_line(curves[title](np.linspace(0, 1, 400)), colour="#d62728", width=1.5),)
+        scenes.append(Portrait(layers=layers).scene(size=(1, 1)))
     with drawn(scenes, size=(_SIDE * len(scenes), _SIDE)) as (path,):
         pictures = np.split(imread(path), len(scenes), axis=1)
     across = min(across, len(scenes))

@@ -15,7 +15,7 @@ from spinor_geom.errors import RenderError, require
 from spinor_geom.files import atomic_path
 from spinor_geom.isolate import FaultError, Process, serve
 from spinor_geom.render.camera import Camera
-from spinor_geom.render.scene import Dots, Faces, Lines, Scale, Scene
+from spinor_geom.render.scene import Dots, Faces, Lines, Scale, Scene, overview
 
 WIDTH, HEIGHT = 1600, 800
 TIME_LIMIT = 300.0  # seconds; software rendering of a million triangles takes a few
@@ -106,14 +106,14 @@ def draw(scenes: Sequence[Scene], size: tuple[int, int], angles: Sequence[float]
         plotter.subplot(0, column)
         plotter.set_background("white")
         points, scales = np.concatenate([layer.vertices for layer in scene.layers]), scene.colour_scales
-        radius = scene.camera.radius if scene.camera else float(np.ptp(points, axis=0).max()) / 2
+        camera = scene.camera or overview(scene.layers)
         for layer in scene.layers:
             if isinstance(layer, Faces) and len(layer.faces):
                 move = _add_faces(plotter, layer, scales, with_bar=folder is None)
             elif isinstance(layer, Lines) and len(layer.edges):
-                move = _add_lines(plotter, layer, _THICKNESS * layer.width * radius)
+                move = _add_lines(plotter, layer, _THICKNESS * layer.width * camera.radius)
             elif isinstance(layer, Dots) and len(layer.vertices):
-                ball = pyvista.Sphere(radius=_THICKNESS * layer.width * radius)
+                ball = pyvista.Sphere(radius=_THICKNESS * layer.width * camera.radius)
                 balls = pyvista.PolyData(layer.vertices).glyph(geom=ball, scale=False, orient=False)
                 plotter.add_mesh(balls, color=layer.colour, **_LINE)
                 continue
@@ -126,8 +126,9 @@ def draw(scenes: Sequence[Scene], size: tuple[int, int], angles: Sequence[float]
             places, texts = zip(*scene.labels, strict=True)
             boxes = {"text_color": "black", "shape_color": "white", "shape_opacity": 0.8, "show_points": False}
             plotter.add_point_labels(np.array(places), list(texts), font_size=_LABEL_SIZE, always_visible=True, **boxes)
-        if scene.camera is not None:
-            _look(plotter, scene.camera, points)
+        _place(plotter, camera, points)
+        if folder is not None:
+            _light(plotter, camera)
     if folder is None:
         if plotter.render_window.GetClassName() in _WITHOUT_WINDOW:
             # VTK falls back to off-screen rendering if the display does not answer
@@ -193,15 +194,17 @@ def _add_lines(plotter: Any, layer: Lines, radius: float) -> Callable[[Any], Non
     return move
 
 
-def _look(plotter: Any, camera: Camera, points: Any) -> None:
-    """Places the camera, and lights that move with it."""
+def _light(plotter: Any, camera: Camera) -> None:
     import pyvista
 
-    reach = np.linalg.norm(points - camera.focus, axis=1).max()
     for towards, strength in _LIGHTS:
         place = camera.focus + np.array(towards) @ camera.frame
         light = pyvista.Light(position=place, focal_point=camera.focus, intensity=strength, light_type="scene light")
         plotter.add_light(light, only_active=True)
+
+
+def _place(plotter: Any, camera: Camera, points: Any) -> None:
+    reach = np.linalg.norm(points - camera.focus, axis=1).max()
     plotter.enable_parallel_projection()
     plotter.camera.focal_point = camera.focus
     plotter.camera.position = camera.focus + 10 * max(camera.radius, reach) * camera.direction

@@ -20,15 +20,12 @@ from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.meshing.embed import mesh_surface
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.render.camera import Camera, upright
 from spinor_geom.render.png import drawn, write_png
-from spinor_geom.render.scene import GRID_COLOUR, RIM_COLOUR, SIDES, Faces, Layer, Lines, Scene
+from spinor_geom.render.scene import EYE, GRID_COLOUR, RIM_COLOUR, SIDES, Faces, Layer, Lines, Scene, overview
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 
-EYE = (1.0, -2.0, 1.3)  # direction from the surface to the eye: in front and above, the third axis upwards
 SIZE = (900, 720)
-_ALONG = 0.999
 GAUSS = "Gauss curvature"
 VERTICES = 4000
 GRID_LINES = 16  # across the longer side of Ω
@@ -123,18 +120,14 @@ class Portrait:
         self, angles: Sequence[float] = (0.0,), *, eye: Sequence[float] = EYE, size: tuple[int, int] = SIZE
     ) -> Scene:
         """The layers with a camera that shows all members of the family at some angles."""
-        direction = np.asarray(eye, dtype=np.float64) / np.linalg.norm(eye)
-        # a view along the third axis has the second one upwards
-        axis = np.eye(3)[2 if abs(direction[2]) < _ALONG else 1]
-        points = np.concatenate([layer.turned(angle) for layer in self.layers for angle in angles])
-        camera = Camera.around(points, direction, upright(direction, axis), aspect=size[0] / size[1])
+        camera = overview(self.layers, eye=eye, aspect=size[0] / size[1], angles=angles)
         return Scene(layers=self.layers, camera=camera)
 
 
-def closed_line(points: Float[np.ndarray, "n 3"], *, colour: str = RIM_COLOUR) -> Lines:
+def closed_line(points: Float[np.ndarray, "n 3"], *, colour: str = RIM_COLOUR, width: float = 2.5) -> Lines:
     """A closed line through points."""
     ring = np.arange(len(points))
-    return Lines(vertices=points, edges=np.stack([ring, np.roll(ring, -1)], axis=1), colour=colour, width=2.5)
+    return Lines(vertices=points, edges=np.stack([ring, np.roll(ring, -1)], axis=1), colour=colour, width=width)
 
 
 def disk_grid(circles: int, around: int) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, "f 3"]]:

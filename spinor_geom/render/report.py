@@ -109,7 +109,7 @@ def _summary(result: FillResult) -> str:
         f"{filled} of {count} loops filled; {len(result.original.vertices)} vertices and {len(result.original.faces)} "
         f"triangles before, {len(result.extension.vertices)} and {len(result.extension.faces)} added. The filled mesh "
         f"is {'watertight' if result.watertight else 'not watertight'}; "
-        f"{f'the patches have {crossings} intersecting pairs of faces' if crossings else 'no patch intersects'}. "
+        f"{f'the patches have {crossings} intersecting pairs of faces' if crossings else 'no patch intersects anything'}. "
         f"{result.timings['total']:.2g} s. {' '.join(f'{note}.' for note in result.notes)}"
     )
 
@@ -155,28 +155,16 @@ def _scenes(result: FillResult, details: Sequence[LoopViews], views: Views) -> l
     left_out = len(result.original.faces) - len(mesh.faces)
     if left_out:
         parts.append(f"<p>{left_out} triangles of the mesh that are far from its loops are not shown.</p>")
-    if not details:
-        return [*parts, f'<div class="beside">{views.figure(scene)}</div>']
-    if len(patches) > len(details):
+    if 0 < len(details) < len(patches):
         parts.append(f"<p>Only the {len(details)} longest loops with exact surfaces have details.</p>")
-    plane = Scene(
-        title="Ω and its grid; poles of the network violet, zeros of p black, of q white",
-        layers=[layer for one in details for layer in one.in_plane()],
-        loop_cameras={str(one.outcome.index): one.plane_camera for one in details},
-        unit="units of Ω",
-        flat=True,
-        shape="square",
-        panel=True,
+    scales = scene.colour_scales
+    main = views.figure(scene)
+    beside = "".join(
+        f'<div data-loop="{one.outcome.index}">{views.figure(one.plane_scene(scales))}'
+        f"{views.figure(one.sphere_scene(scales))}</div>"
+        for one in details
     )
-    sphere = Scene(
-        title="The Gauss map: normals of the patch on the unit sphere",
-        layers=[layer for one in details for layer in one.on_sphere()],
-        loop_cameras={str(one.outcome.index): one.sphere_camera for one in details},
-        shape="square",
-        panel=True,
-    )
-    beside = f"<div>{views.figure(plane)}{views.figure(sphere)}</div>"
-    return [*parts, f'<div class="beside">{views.figure(scene)}{beside}</div>']
+    return [*parts, f'<div class="beside">{main}<div>{beside}</div></div>']
 
 
 def _near(mesh: TriangleMesh, points: np.ndarray) -> TriangleMesh:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.render.camera import Camera
+from spinor_geom.render.camera import Camera, upright
 
 # Colours of meshes, patches, rims and values.
 MESH: dict[str, Any] = {"colour": "#c9ced6", "inside": "#8d7f73"}
@@ -20,8 +20,10 @@ VIRIDIS = (  # from low to high, perceptually uniform
     *("#440154", "#482475", "#414487", "#355f8d", "#2a788e", "#21918c"),
     *("#22a884", "#44bf70", "#7ad151", "#bddf26", "#fde725"),
 )
+EYE = (1.0, -2.0, 1.3)  # direction from a surface to the eye: in front and above
+_ALONG = 0.999
+_TURNS = np.linspace(0, 2 * np.pi, 24, endpoint=False).tolist()
 _TAIL = 0.03  # quantile at each end of a colour scale, against outliers
-ALWAYS = ""  # value of `Layer.loop` for a layer that is not tied to one loop
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,7 +37,6 @@ class Layer:
     vertices: Float[np.ndarray, "n 3"]
     colour: str = RIM_COLOUR
     switch: str | None = None  # check box of the page's panel that shows the layer; None: always shown
-    loop: str = ALWAYS  # the layer is shown only while this loop is selected
     conjugate: Float[np.ndarray, "n 3"] | None = None
 
     def turned(self, angle: float) -> Float[np.ndarray, "n 3"]:
@@ -97,10 +98,10 @@ class Scene:
 
     layers: Sequence[Layer]
     title: str = ""
-    camera: Camera | None = None  # None: chosen by the page or window; a picture needs one
+    camera: Camera | None = None  # None: see `overview`
     labels: Sequence[tuple[Float[np.ndarray, "3"], str]] = ()  # texts at points, in pictures only
     scales: Mapping[str, Scale] = field(default_factory=dict)  # by field, where `Scale.of` its values is not wanted
-    loop_cameras: Mapping[str, Camera] = field(default_factory=dict)  # cameras by the selected loop
+    loop_cameras: Mapping[str, Camera] = field(default_factory=dict)  # by the loop selected in the page's panel
     panel: bool = False  # whether the view follows the page's panel; else it shows the first field
     unit: str | None = None  # unit of lengths for a ruler; None: no ruler
     flat: bool = False  # a plane figure: dragging moves it and does not rotate it
@@ -116,6 +117,28 @@ class Scene:
         }
         known = {name: Scale.of(own) for name, own in values.items() if np.isfinite(own).any()}
         return known | dict(self.scales)
+
+
+def overview(
+    layers: Sequence[Layer],
+    *,
+    eye: Sequence[float] = EYE,
+    aspect: float = 1.0,
+    angles: Sequence[float] | None = None,
+) -> Camera:
+    """A camera that shows all layers, with the third axis upwards (the second one for a view along the third).
+
+    Args:
+        layers: of a scene.
+        eye: direction from the surface to the eye.
+        aspect: width of the picture per height.
+        angles: the members of the associate family that are shown; None: all.
+    """
+    direction = np.asarray(eye, dtype=np.float64) / np.linalg.norm(eye)
+    axis = np.eye(3)[2 if abs(direction[2]) < _ALONG else 1]
+    turns = _TURNS if angles is None else angles
+    points = np.concatenate([layer.turned(angle) for layer in layers for angle in turns])
+    return Camera.around(points, direction, upright(direction, axis), aspect=aspect)
 
 
 def viridis(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:

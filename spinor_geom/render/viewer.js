@@ -192,16 +192,11 @@
     }
 
     reset() {
-      const camera = this.cameras[this.chosen] || this.cameras[""];
-      this.pivot.quaternion.setFromEuler(new THREE.Euler(this.flat ? 0 : -1, 0, this.flat ? 0 : 0.6));
-      this.world.position.set(0, 0, 0);
-      this.camera.zoom = 0.9;
-      if (camera) {
-        const [right, up, direction] = camera.frame.map((row) => new THREE.Vector3(...row));
-        this.pivot.quaternion.setFromRotationMatrix(new THREE.Matrix4().makeBasis(right, up, direction).transpose());
-        this.world.position.set(...camera.focus.map((x, k) => (this.middle[k] - x) / this.reach));
-        this.camera.zoom = 0.92 * this.reach / camera.radius;
-      }
+      const { focus, frame, radius } = this.cameras[this.chosen] || this.cameras[""];
+      const basis = new THREE.Matrix4().makeBasis(...frame.map((row) => new THREE.Vector3(...row)));
+      this.pivot.quaternion.setFromRotationMatrix(basis.transpose());
+      this.world.position.set(...focus.map((x, k) => (this.middle[k] - x) / this.reach));
+      this.camera.zoom = 0.92 * this.reach / radius;
     }
     // rotates by angles, or moves by shares of half the picture's height
     drag(x, y, moves) {
@@ -244,7 +239,7 @@
       const range = this.scales[field], other = loop !== this.chosen;
       Object.assign(this, { on, chosen: loop });
       for (const part of this.parts) {
-        part.group.visible = (part.loop === "" || part.loop === loop) && (!part.switch || on.has(part.switch));
+        part.group.visible = !part.switch || on.has(part.switch);
         if (part.kind !== "faces") continue;
         part.wires.visible = part.edges === true || on.has(part.edges);
         if (field !== this.field) part.paint(field, range);

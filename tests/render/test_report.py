@@ -59,7 +59,7 @@ def canvas(opened: Visit, number: int) -> np.ndarray:
     from PIL import Image
 
     opened.page.wait_for_timeout(50)
-    shot = opened.page.locator("canvas").nth(number).screenshot()
+    shot = opened.page.locator("canvas:visible").nth(number).screenshot()
     return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
 
 
@@ -74,7 +74,7 @@ def orange(image: np.ndarray) -> float:
 
 
 def test_the_mesh_the_domain_and_the_gauss_map_are_drawn(opened: Visit) -> None:
-    assert opened.page.locator("canvas").count() == 3
+    assert opened.page.locator("canvas:visible").count() == 3
     for number in range(3):
         image = canvas(opened, number)
         assert orange(image) > 0.01
@@ -151,7 +151,7 @@ def test_mouse_wheel_and_keys_turn_move_and_zoom(opened: Visit) -> None:
 
 
 def test_views_have_rulers_and_names_for_those_who_do_not_see(opened: Visit) -> None:
-    rulers = opened.page.locator(".ruler").all_inner_texts()
+    rulers = opened.page.locator(".ruler:visible").all_inner_texts()
     assert len(rulers) == 2
     assert all(f"{float(text.split()[0]):e}"[0] in "125" for text in rulers)
     assert "mesh units" in rulers[0]
@@ -266,7 +266,7 @@ def test_a_bridge_is_shown_with_both_rims_and_its_discrete_annulus() -> None:
     first, second = hole.places
     _, report = spinor_geom.fill_hole((hole.vertices, hole.faces), bridge=(first, second), return_report=True)
     views = loop_views(report.loops[first])
-    (rim,) = (layer for layer in views.in_plane() if type(layer).__name__ == "Lines" and layer.width == 2.5)
+    (rim,) = (layer for layer in views.plane_scene({}).layers if type(layer).__name__ == "Lines" and layer.width == 2.5)
     start, end = rim.vertices[rim.edges].swapaxes(0, 1)
     # rings of 24 points: no line leads from one to the other
     assert (np.linalg.norm(start - end, axis=1) < 0.3 * np.linalg.norm(start, axis=1)).all()
