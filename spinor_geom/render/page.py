@@ -4,11 +4,12 @@ import base64
 import html
 import json
 import math
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from spinor_geom.render.scene import UNKNOWN_COLOUR, VIRIDIS, Faces, Layer, Lines, Scene, overview
 
@@ -79,20 +80,30 @@ class Views:
         place = f"view-{len(self._views)}"
         points = np.concatenate([layer.vertices for layer in scene.layers])
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        reach = max(farthest(layer, middle) for layer in scene.layers) or 1.0
+
+        def scaled(points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+            """Points of the unit ball, whose positions in single precision are good wherever the scene lies."""
+            return (points - middle) / reach
+
         cameras = {"": scene.camera or overview(scene.layers), **scene.loop_cameras}
-        data = {
-            **{name: getattr(scene, name) for name in ("title", "panel", "unit", "flat")},
-            "place": place,
-            "layers": [self._layer(layer) for layer in scene.layers],
-            "middle": middle.tolist(),
-            "reach": max(farthest(layer, middle) for layer in scene.layers) or 1.0,
-            "scales": {name: vars(scale) for name, scale in scene.colour_scales.items()},
-            "cameras": {
-                loop: {"focus": camera.focus.tolist(), "frame": camera.frame.tolist(), "radius": camera.radius}
-                for loop, camera in cameras.items()
-            },
-        }
-        self._views.append(data)
+        self._views.append(
+            {
+                **{name: getattr(scene, name) for name in ("title", "panel", "unit", "flat")},
+                "place": place,
+                "reach": reach,
+                "layers": [self._layer(layer, scaled) for layer in scene.layers],
+                "scales": {name: vars(scale) for name, scale in scene.colour_scales.items()},
+                "cameras": {
+                    loop: {
+                        "focus": scaled(camera.focus).tolist(),
+                        "frame": camera.frame.tolist(),
+                        "radius": camera.radius / reach,
+                    }
+                    for loop, camera in cameras.items()
+                },
+            }
+        )
         return f'<figure class="view {scene.shape}" id="{place}"></figure>'
 
     def script(self) -> str:
@@ -112,9 +123,11 @@ class Views:
             ]
         )
 
-    def _layer(self, layer: Layer) -> dict[str, object]:
+    def _layer(self, layer: Layer, scaled: Callable[[np.ndarray], np.ndarray]) -> dict[str, object]:
         """A layer in JSON's types; arrays by index."""
         data: dict[str, object] = {"kind": type(layer).__name__.lower(), **vars(layer)}
+        data["vertices"] = scaled(layer.vertices)
+        data["conjugate"] = None if layer.conjugate is None else scaled(layer.conjugate)
         if isinstance(layer, Faces):
             fields = {name: self._array(values) for name, values in layer.fields.items()}
             data |= {"elements": data.pop("faces"), "fields": fields}

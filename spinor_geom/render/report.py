@@ -104,12 +104,12 @@ def _summary(result: FillResult) -> str:
     count, filled = len(result.loops), sum(outcome.filled for outcome in result.loops)
     if not count:
         return "The mesh has no boundary loops: nothing to fill."
-    crossings = sum(outcome.intersections for outcome in result.loops)
+    pairs = sum(outcome.intersections for outcome in result.loops)
+    intersections = f"the patches have {pairs} intersecting pairs of faces" if pairs else "no patch intersects anything"
     return (
         f"{filled} of {count} loops filled; {len(result.original.vertices)} vertices and {len(result.original.faces)} "
         f"triangles before, {len(result.extension.vertices)} and {len(result.extension.faces)} added. The filled mesh "
-        f"is {'watertight' if result.watertight else 'not watertight'}; "
-        f"{f'the patches have {crossings} intersecting pairs of faces' if crossings else 'no patch intersects anything'}. "
+        f"is {'watertight' if result.watertight else 'not watertight'}; {intersections}. "
         f"{result.timings['total']:.2g} s. {' '.join(f'{note}.' for note in result.notes)}"
     )
 

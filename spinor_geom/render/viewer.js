@@ -123,12 +123,12 @@
       if (this.halo) add(Object.assign(stroke(this.halo, this.width + 2, 0.0012), { depthWrite: false }), 1);
       add(stroke(this.colour, this.width, this.kind === "dots" ? 0.002 : 0.0014), 2);
     }
-    // the vertices scaled to the unit ball, for an angle of the associate family
+    // the vertices for an angle of the associate family
     points(angle) {
-      const own = array(this.vertices, Float32Array), { middle, reach } = this.view;
-      if (this.conjugate === undefined) return own.map((x, k) => (x - middle[k % 3]) / reach);
-      const other = array(this.conjugate, Float32Array), c = Math.cos(angle), s = Math.sin(angle);
-      return own.map((x, k) => (c * (x - middle[k % 3]) + s * (other[k] - middle[k % 3])) / reach);
+      const own = array(this.vertices, Float32Array), c = Math.cos(angle), s = Math.sin(angle);
+      if (this.conjugate === undefined) return own.slice();
+      const other = array(this.conjugate, Float32Array);
+      return own.map((x, k) => c * x + s * other[k]);
     }
     gathered(angle) {
       const points = this.points(angle), made = new Float32Array(3 * this.elements.length);
@@ -195,8 +195,8 @@
       const { focus, frame, radius } = this.cameras[this.chosen] || this.cameras[""];
       const basis = new THREE.Matrix4().makeBasis(...frame.map((row) => new THREE.Vector3(...row)));
       this.pivot.quaternion.setFromRotationMatrix(basis.transpose());
-      this.world.position.set(...focus.map((x, k) => (this.middle[k] - x) / this.reach));
-      this.camera.zoom = 0.92 * this.reach / radius;
+      this.world.position.set(...focus.map((x) => -x));
+      this.camera.zoom = 0.92 / radius;
     }
     // rotates by angles, or moves by shares of half the picture's height
     drag(x, y, moves) {

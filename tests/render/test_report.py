@@ -177,7 +177,7 @@ def domain_width(opened: Visit) -> float:
             const arrays = JSON.parse(document.getElementById("arrays").textContent);
             const text = atob(arrays[view.layers[0].vertices]), bytes = Uint8Array.from(text, (c) => c.charCodeAt(0));
             const x = [...new Float32Array(bytes.buffer)].filter((_, k) => k % 3 === 0);
-            return Math.max(...x) - Math.min(...x); }"""
+            return view.reach * (Math.max(...x) - Math.min(...x)); }"""
         )
     )
 
