@@ -203,7 +203,9 @@ def draw(folders: Sequence[Path]) -> None:
             pieces = pieces_of(folder)
             scale = scale_of(pieces)
             first, *others = (
-                Portrait.of_mesh(piece.vertices, piece.faces, np.clip(piece.fields[DISTANCE], scale.low, scale.high))
+                Portrait.of_mesh(
+                    piece.vertices, piece.faces, {DISTANCE: np.clip(piece.fields[DISTANCE], scale.low, scale.high)}
+                )
                 for piece in pieces.values()
             )
             path = Path(place) / f"{folder.name}.png"

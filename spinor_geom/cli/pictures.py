@@ -14,7 +14,7 @@ from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.errors import OptionError, RenderError, require
 from spinor_geom.files import SURFACE_SUFFIX
 from spinor_geom.render.png import draw_apart, require_png
-from spinor_geom.render.scene import MESH, Faces, Lines, Scene
+from spinor_geom.render.scene import Scene
 
 if TYPE_CHECKING:
     from spinor_geom.render.shapes import Shape
@@ -38,10 +38,7 @@ def _view(arguments: argparse.Namespace) -> None:
             "'spinor-geom fill ... --html report.html' writes a page for any browser"
         )
     shape = _shape(arguments.input, arguments.merge)
-    title = f"{arguments.input.name}{f', {shape.colour_field}'.replace('_', ' ') * arguments.curvature}"
-    fields = {title: shape.curvature} if arguments.curvature else {}
-    mesh = Faces(vertices=shape.vertices, faces=shape.faces, fields=fields, **MESH)
-    scene = Scene(layers=[mesh, Lines(vertices=shape.vertices, edges=shape.boundary, width=1.0)], title=title)
+    scene = Scene(layers=shape.portrait(curvature=arguments.curvature).layers, title=arguments.input.name)
     draw_apart([scene], _SIZE, [0.0], None, time_limit=math.inf)  # as long as it is looked at
 
 
@@ -49,10 +46,8 @@ def _render(arguments: argparse.Namespace) -> None:
     require("pyvista", extra="render")
     require_png(arguments.output)
     require_writable(arguments.output)
-    from spinor_geom.render.portrait import Portrait
-
     shape = _shape(arguments.input, arguments.merge)
-    portrait = Portrait.of_mesh(shape.vertices, shape.faces, shape.curvature if arguments.curvature else None)
+    portrait = shape.portrait(curvature=arguments.curvature)
     # scans and models stand on y in most formats, formulas on z
     if (arguments.up or ("z" if arguments.input.suffix.lower() == SURFACE_SUFFIX else "y")) == "y":
         portrait = portrait.moved([[1, 0, 0], [0, 0, -1], [0, 1, 0]])

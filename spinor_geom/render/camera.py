@@ -37,7 +37,7 @@ class Camera:
         frame = _frame(direction, up)
         seen = points @ frame.T
         low, high = seen.min(axis=0), seen.max(axis=0)
-        radius = float(((high - low)[:2] / [aspect, 1]).max() / 2)
+        radius = float(((high - low)[:2] / [aspect, 1]).max() / 2) or 1.0
         return cls(focus=(low + high) / 2 @ frame, direction=direction, up=up, radius=radius)
 
     @classmethod

@@ -38,7 +38,6 @@ def comparison_page(
             title=f"{name}: the exact surface's mesh, then the {comparison.method}",
             layers=_side_by_side(comparison),
             unit="mesh units",
-            shape="wide",
         )
         body += [f"<h2>{html.escape(name)}</h2>", table(head, rows), views.figure(scene)]
     text = document(title, [*body, views.script()])

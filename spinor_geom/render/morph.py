@@ -65,7 +65,7 @@ def checked_suffix(path: Path) -> str:
 def family_page(surface: SpinorSurface, *, title: str) -> str:
     """A page with the surface, coloured by Gauss curvature, and a slider for θ."""
     text = "Drag to turn, wheel to zoom; the slider sets the angle θ of the associate family."
-    scene = Scene(title=text, layers=associate_family(surface), shape="wide")
+    scene = Scene(title=text, layers=associate_family(surface))
     views = Views()
     return document(title, [f"<h1>{html.escape(title)}</h1>", views.figure(scene), views.script()])
 

@@ -62,11 +62,10 @@ class Portrait:
         cls,
         vertices: Float[np.ndarray, "n 3"],
         faces: Int[np.ndarray, "f 3"],
-        values: Float[np.ndarray, " n"] | None = None,
+        fields: Mapping[str, Float[np.ndarray, " n"]] | None = None,
     ) -> Portrait:
-        """A mesh with its boundary, coloured by values at its vertices, else with one colour for each side."""
-        fields = {} if values is None else {"": values}
-        surface = Faces(vertices=vertices, faces=faces, fields=fields, **SIDES)
+        """A mesh with its boundary, coloured by the first field, else with one colour for each side."""
+        surface = Faces(vertices=vertices, faces=faces, fields=fields or {}, **SIDES)
         return cls(layers=(surface, Lines(vertices=vertices, edges=boundary_edges(faces), width=2.5)))
 
     @classmethod

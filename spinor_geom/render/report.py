@@ -143,7 +143,6 @@ def _scenes(result: FillResult, details: Sequence[LoopViews], views: Views) -> l
         camera=hole_camera(used, shown_loop(result.loops)),
         loop_cameras={str(index): hole_camera(used, result.loops[index]) for index in patches},
         unit="mesh units",
-        shape="wide",
         panel=True,
     )
     controls = panel(

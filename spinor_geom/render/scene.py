@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -105,7 +105,7 @@ class Scene:
     panel: bool = False  # whether the view follows the page's panel; else it shows the first field
     unit: str | None = None  # unit of lengths for a ruler; None: no ruler
     flat: bool = False  # a plane figure: dragging moves it and does not rotate it
-    shape: str = ""  # class in page.css: "wide", "square" or small
+    shape: Literal["wide", "square"] = "wide"  # class in page.css
 
     @property
     def colour_scales(self) -> dict[str, Scale]:
@@ -116,7 +116,7 @@ class Scene:
             for name in dict.fromkeys(name for own in fields for name in own)
         }
         known = {name: Scale.of(own) for name, own in values.items() if np.isfinite(own).any()}
-        return known | dict(self.scales)
+        return {**known, **self.scales}
 
 
 def overview(

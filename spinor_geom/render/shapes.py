@@ -16,12 +16,12 @@ from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface
 from spinor_geom.errors import MeshFileError
 from spinor_geom.fill.result import FillResult
 from spinor_geom.measures import discrete_mean_curvature
-from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_surface
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render.page import Views, document
-from spinor_geom.render.scene import Faces, Lines, Scene, viridis
+from spinor_geom.render.portrait import Portrait
+from spinor_geom.render.scene import Scene, viridis
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 GAUSS, MEAN, NORMAL = "gauss_curvature", "mean_curvature", "normal"
@@ -44,10 +44,10 @@ class Shape:
         """The values shown by colours."""
         return self.values[self.colour_field]
 
-    @property
-    def boundary(self) -> Int[np.ndarray, "r 2"]:
-        """The edges with one face."""
-        return boundary_edges(self.faces)
+    def portrait(self, *, curvature: bool) -> Portrait:
+        """The triangles and their boundary, coloured by curvature or with one colour for each side."""
+        name = f"{self.colour_field.replace('_', ' ')}, 1/unit{'²' * (self.colour_field == GAUSS)}"
+        return Portrait.of_mesh(self.vertices, self.faces, {name: self.curvature} if curvature else None)
 
     def write_gltf(self, path: str | os.PathLike[str]) -> None:
         """See `Shown.to_gltf`."""
@@ -72,11 +72,8 @@ class Shape:
         facts = f"{title}: {len(self.vertices)} vertices, {len(self.faces)} triangles"
         if len(self.faces) > MOST_FACES:
             return f"<p>{html.escape(facts)}; too many to show here, to_pyvista() gives an object to plot.</p>"
-        name = f"{self.colour_field.replace('_', ' ')}, 1/unit{'²' * (self.colour_field == GAUSS)}"
-        surface = Faces(vertices=self.vertices, faces=self.faces, fields={name: self.curvature})
-        boundary = Lines(vertices=self.vertices, edges=self.boundary, width=2.5)
         views = Views()
-        scene = Scene(title=facts, layers=[surface, boundary], unit="units", shape="wide")
+        scene = Scene(title=facts, layers=self.portrait(curvature=True).layers, unit="units")
         page = document(facts, [views.figure(scene), views.script()], style=_FRAME_STYLE)
         return (
             f'<iframe title="{html.escape(title)}" srcdoc="{html.escape(page)}" width="100%" height="{_HEIGHT}" '

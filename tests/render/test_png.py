@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.cli.main import main
-from spinor_geom.errors import MissingPackageError, RenderError, require
+from spinor_geom.errors import RenderError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.isolate import Event, FaultError, Process
@@ -126,11 +126,6 @@ def test_a_job_is_a_closed_file_when_it_is_read(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(Process, "run", run)
     png.draw_apart("a", 1, time_limit=1.0)
     assert read == [("a", 1)]
-
-
-def test_a_missing_package_is_named_with_its_extra() -> None:
-    with pytest.raises(MissingPackageError, match=r"pip install '\.\[render\]'"):
-        require("no_such_package_at_all", extra="render")
 
 
 def test_the_command_says_so_before_it_works(
