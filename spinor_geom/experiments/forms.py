@@ -16,12 +16,12 @@ from spinor_geom import gallery
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import UnplacedZerosError, ZeroOnContourError
 from spinor_geom.experiments.experiment import Experiment, Outcome, kept_as
+from spinor_geom.experiments.figures import log_log, over_disk, surfaces
 from spinor_geom.experiments.paper_surfaces import boundary_distance, solved_by_network
 from spinor_geom.gallery import KnownCurve, KnownDisk
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.render.plots import log_log, surfaces
 from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.scene import Dots
 from spinor_geom.surface import BranchPoint, SpinorSurface
@@ -153,7 +153,7 @@ def marked(surface: SpinorSurface | WeierstrassSurface, points: Sequence[BranchP
     """A surface with dots at its branch points."""
     z = np.array([point.z for point in points], dtype=np.complex128)
     dots = Dots(vertices=surface.position(z), colour="black", width=12)
-    return Portrait(layers=(*Portrait.over_disk(surface).layers, dots))
+    return Portrait(layers=(*over_disk(surface).layers, dots))
 
 
 def _poles_of_g(surface: SpinorSurface) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from spinor_geom.errors import OptionError, require
 from spinor_geom.files import atomic_path, write_text
 from spinor_geom.render.page import Views, document
+from spinor_geom.render.png import drawn
 from spinor_geom.render.portrait import Portrait, associate_family
 from spinor_geom.render.scene import Scene
 from spinor_geom.surface import SpinorSurface
@@ -46,7 +47,8 @@ def morph(surface: SpinorSurface, path: str | os.PathLike[str], *, frames: int =
         write_text(target, family_page(surface, title=f"associate family of {target.stem}"))
         return
     angles = (2 * np.pi * np.arange(frames) / frames).tolist()
-    with atomic_path(target) as temporary, Portrait.of(surface).frames(angles, size=_SIZE) as pictures:
+    scene = Portrait.of(surface).scene(angles, size=_SIZE)
+    with atomic_path(target) as temporary, drawn([scene], size=_SIZE, angles=angles) as pictures:
         (_write_gif if suffix == ".gif" else _write_mp4)(pictures, temporary)
 
 

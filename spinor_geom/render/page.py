@@ -84,7 +84,7 @@ class Views:
 
         def scaled(points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
             """Points of the unit ball, whose positions in single precision are good wherever the scene lies."""
-            return (points - middle) / reach
+            return np.asarray((points - middle) / reach)
 
         cameras = {"": scene.camera or overview(scene.layers), **scene.loop_cameras}
         self._views.append(

@@ -4,26 +4,22 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import igl
 import numpy as np
 from jaxtyping import Complex, Float, Int
 from numpy.typing import ArrayLike
-from scipy.spatial import Delaunay
 
 from spinor_geom.errors import PeriodError, require_type
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.meshing.embed import mesh_surface
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.render.png import drawn, write_png
-from spinor_geom.render.scene import EYE, GRID_COLOUR, RIM_COLOUR, SIDES, Faces, Layer, Lines, Scene, overview
+from spinor_geom.render.png import write_png
+from spinor_geom.render.scene import EYE, GRID_COLOUR, SIDES, Faces, Layer, Lines, Scene, overview
 from spinor_geom.surface import SpinorSurface
-from spinor_geom.surface.weierstrass import WeierstrassSurface
 
 SIZE = (900, 720)
 GAUSS = "Gauss curvature"
@@ -34,7 +30,7 @@ _LARGEST_PERIOD = 1e-6  # relative to the primitives along ∂Ω; quadrature err
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Portrait:
-    """A picture of surfaces and lines; `frames` turns those with a conjugate through their family."""
+    """A picture of surfaces and lines."""
 
     layers: tuple[Layer, ...]
 
@@ -68,19 +64,6 @@ class Portrait:
         surface = Faces(vertices=vertices, faces=faces, fields=fields or {}, **SIDES)
         return cls(layers=(surface, Lines(vertices=vertices, edges=boundary_edges(faces), width=2.5)))
 
-    @classmethod
-    def over_disk(
-        cls,
-        surface: SpinorSurface | WeierstrassSurface,
-        *,
-        grid: tuple[int, int] = (16, 96),
-        fields: Mapping[str, Float[np.ndarray, " n"]] | None = None,
-    ) -> Portrait:
-        """A surface over the unit disk and its boundary; fields have their values on `disk_grid(*grid)`."""
-        z, faces = disk_grid(*grid)
-        rim = surface.position(np.exp(2j * np.pi * np.arange(400) / 400))
-        return cls(layers=(Faces(vertices=surface.position(z), faces=faces, fields=fields or {}), closed_line(rim)))
-
     def moved(self, matrix: ArrayLike, shift: ArrayLike = (0.0, 0.0, 0.0)) -> Portrait:
         """The picture of x ↦ matrix·x + shift, without the family."""
         linear, by = np.asarray(matrix, dtype=np.float64), np.asarray(shift, dtype=np.float64)
@@ -106,34 +89,12 @@ class Portrait:
         """
         write_png([self.scene(eye=eye, size=size)], path, size=size)
 
-    def frames(
-        self, angles: Sequence[float], *, eye: Sequence[float] = EYE, size: tuple[int, int] = SIZE
-    ) -> AbstractContextManager[list[Path]]:
-        """Draws members of the family as `write` does, all at one scale: a PNG for each angle θ, in radians.
-
-        The files are temporary. Layers without a conjugate do not move.
-        """
-        return drawn([self.scene(angles, eye=eye, size=size)], size=size, angles=angles)
-
     def scene(
         self, angles: Sequence[float] = (0.0,), *, eye: Sequence[float] = EYE, size: tuple[int, int] = SIZE
     ) -> Scene:
         """The layers with a camera that shows all members of the family at some angles."""
         camera = overview(self.layers, eye=eye, aspect=size[0] / size[1], angles=angles)
         return Scene(layers=self.layers, camera=camera)
-
-
-def closed_line(points: Float[np.ndarray, "n 3"], *, colour: str = RIM_COLOUR, width: float = 2.5) -> Lines:
-    """A closed line through points."""
-    ring = np.arange(len(points))
-    return Lines(vertices=points, edges=np.stack([ring, np.roll(ring, -1)], axis=1), colour=colour, width=width)
-
-
-def disk_grid(circles: int, around: int) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, "f 3"]]:
-    """Points of the unit disk on circles of equally spaced radii, its centre first, and triangles between them."""
-    turns = np.arange(around) / around
-    z = np.concatenate([[0], (np.arange(1, circles + 1)[:, None] / circles * np.exp(2j * np.pi * turns)).ravel()])
-    return z, np.asarray(Delaunay(np.column_stack([z.real, z.imag])).simplices, dtype=np.int64)
 
 
 def associate_family(surface: SpinorSurface, *, vertices: int = VERTICES) -> tuple[Faces, Lines, Lines]:

@@ -17,6 +17,7 @@ from spinor_geom.errors import require_type
 from spinor_geom.files import write_text
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.render.domain_colours import domain_colours
 from spinor_geom.render.fill_scene import hole_camera, mesh_layers, shown_loop, used_vertices
 from spinor_geom.render.loop_views import (
     MEAN,
@@ -28,7 +29,6 @@ from spinor_geom.render.loop_views import (
     patch_faces,
 )
 from spinor_geom.render.page import Views, cell, document, panel, picture, table
-from spinor_geom.render.plots import domain_colours
 from spinor_geom.render.scene import Scene
 
 MOST_LOOPS = 8  # loops with exact surfaces, the longest first, whose Ω and functions are shown

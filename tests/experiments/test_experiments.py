@@ -20,6 +20,7 @@ from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import (
     NAMES,
+    figures,
     forms,
     paper_surfaces,
     quadrature,
@@ -29,8 +30,7 @@ from spinor_geom.experiments import experiment as experiments_run
 from spinor_geom.experiments.experiment import Done, Outcome, experiment, report, reproduce
 from spinor_geom.experiments.trainings import DOUGLAS, OURS, PAPER
 from spinor_geom.holomorphic import PowerSeries
-from spinor_geom.render import plots
-from spinor_geom.render.portrait import Portrait, disk_grid
+from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.scene import Dots
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, rmsprop, train_by_rmsprop
@@ -243,7 +243,7 @@ def test_branch_points_on_the_boundary_are_said_to_be_there():
 
 
 def test_triangles_of_the_disk_cover_it_once_and_turn_one_way():
-    z, faces = disk_grid(5, 12)
+    z, faces = figures.disk_grid(5, 12)
     a, b, c = z[faces].T
     areas = ((b - a).conj() * (c - a)).imag / 2
     assert areas.min() > 0
@@ -254,8 +254,8 @@ def test_surfaces_are_drawn_whole_with_dots_and_a_scale_of_colours():
     surface = gallery.enneper(1.0).surface
     field = {"|H|": np.linspace(0, 1, 1 + 3 * 24)}
     dots = Dots(vertices=surface.position(np.array([0j])), colour="#ff00ff", width=20)
-    dotted = Portrait(layers=(*Portrait.over_disk(surface, grid=(3, 24)).layers, dots))
-    figure = plots.surfaces({"a": dotted, "b": Portrait.over_disk(surface, grid=(3, 24), fields=field)})
+    dotted = Portrait(layers=(*figures.over_disk(surface, grid=(3, 24)).layers, dots))
+    figure = figures.surfaces({"a": dotted, "b": figures.over_disk(surface, grid=(3, 24), fields=field)})
     assert [axes.get_title() for axes in figure.axes] == ["a", "b", ""]  # the third is a scale of colours
     for axes, has_dots in zip(figure.axes[:2], (True, False), strict=True):
         picture = np.asarray(axes.images[0].get_array())[..., :3]
@@ -409,7 +409,7 @@ def test_what_the_paper_says_and_was_not_seen_is_an_exit_status(tmp_path, capsys
 
 
 def test_functions_are_drawn_black_where_they_vanish_and_white_outside_the_disk():
-    figure = plots.phases({"row": {"z": lambda z: z}})
+    figure = figures.phases({"row": {"z": lambda z: z}})
     (image,) = figure.axes[0].images
     pixels = image.get_array()
     middle = len(pixels) // 2

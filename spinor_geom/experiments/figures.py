@@ -1,35 +1,26 @@
-"""Figures by matplotlib: logarithmic plots, complex functions as colours, and rows of drawn surfaces."""
+"""Figures of the experiments: logarithmic plots, functions on the unit disk, and surfaces over it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from numpy.typing import ArrayLike
+from scipy.spatial import Delaunay
 
 from spinor_geom.mesh.curve import CurveFunction
+from spinor_geom.render.domain_colours import domain_colours
 from spinor_geom.render.png import drawn
-from spinor_geom.render.portrait import Portrait, closed_line
+from spinor_geom.render.portrait import Portrait
+from spinor_geom.render.scene import RIM_COLOUR, Faces, Lines
+from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.weierstrass import WeierstrassSurface
 
-# largest chroma in OKLCH, and its slopes at black and at white, so that all hues lie inside sRGB
-_CHROMA, _RISE, _FALL = 0.125, 0.25, 0.5
-_RINGS = 0.08  # relative step of the lightness at powers of two
-# Source: Ottosson, "A perceptual color space for image processing" (2020).
-_TO_LMS = np.array(
-    [[1.0, 0.3963377774, 0.2158037573], [1.0, -0.1055613458, -0.0638541728], [1.0, -0.0894841775, -1.2914855480]]
-)
-_TO_RGB = np.array(
-    [
-        [4.0767416621, -3.3077115913, 0.2309699292],
-        [-1.2684380046, 2.6097574011, -0.3413193965],
-        [-0.0041960863, -0.7034186147, 1.7076147010],
-    ]
-)
 _SIZE, _SIDE = 4.0, 640  # inches and pixels of a side of a surface's picture
 _PHASE, _PIXELS = 2.2, 160  # inches and pixels of a side of a function's picture
 
@@ -66,27 +57,6 @@ def log_log(
     return figure
 
 
-def domain_colours(value: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-    """Colours in sRGB, 0 to 1: red for positive numbers, blue-green for negative ones, black at 0, white at ∞.
-
-    The lightness grows with the modulus, with a small step back at every power of two; equal steps of the argument
-    look equally large. NaN is white.
-    """
-    modulus = np.abs(value)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        octave = np.log2(modulus)
-        share = modulus / (1 + modulus)
-        ring = np.where(np.isfinite(octave), octave - np.floor(octave), 0.0)
-    share = np.where(np.isinf(modulus), 1.0, share)
-    lightness = share**0.7 * (1 - _RINGS * (1 - ring))
-    chroma = np.minimum(_CHROMA, np.minimum(_RISE * lightness, _FALL * (1 - lightness)))
-    hue = np.angle(value) + np.radians(25.0)  # red
-    lab = np.stack([lightness, chroma * np.cos(hue), chroma * np.sin(hue)], axis=-1)
-    linear = np.clip((lab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0.0, 1.0)
-    rgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.asarray(np.where(np.isnan(rgb), 1.0, rgb))
-
-
 def surfaces(
     portraits: Mapping[str, Portrait], *, curves: Mapping[str, CurveFunction] | None = None, across: int = 4
 ) -> Figure:
@@ -119,6 +89,31 @@ def surfaces(
         for scale in scene.colour_scales.values():
             figure.colorbar(ScalarMappable(Normalize(scale.low, scale.high), "viridis"), ax=axes, shrink=0.5)
     return figure
+
+
+def over_disk(
+    surface: SpinorSurface | WeierstrassSurface,
+    *,
+    grid: tuple[int, int] = (16, 96),
+    fields: Mapping[str, Float[np.ndarray, " n"]] | None = None,
+) -> Portrait:
+    """A surface over the unit disk and its boundary; fields have their values on `disk_grid(*grid)`."""
+    z, faces = disk_grid(*grid)
+    rim = surface.position(np.exp(2j * np.pi * np.arange(400) / 400))
+    return Portrait(layers=(Faces(vertices=surface.position(z), faces=faces, fields=fields or {}), closed_line(rim)))
+
+
+def closed_line(points: Float[np.ndarray, "n 3"], *, colour: str = RIM_COLOUR, width: float = 2.5) -> Lines:
+    """A closed line through points."""
+    ring = np.arange(len(points))
+    return Lines(vertices=points, edges=np.stack([ring, np.roll(ring, -1)], axis=1), colour=colour, width=width)
+
+
+def disk_grid(circles: int, around: int) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, "f 3"]]:
+    """Points of the unit disk on circles of equally spaced radii, its centre first, and triangles between them."""
+    turns = np.arange(around) / around
+    z = np.concatenate([[0], (np.arange(1, circles + 1)[:, None] / circles * np.exp(2j * np.pi * turns)).ravel()])
+    return z, np.asarray(Delaunay(np.column_stack([z.real, z.imag])).simplices, dtype=np.int64)
 
 
 def phases(rows: Mapping[str, Mapping[str, HolomorphicFunction]]) -> Figure:
