@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 from numpy.typing import ArrayLike
 
+from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.errors import PeriodError, require_type
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.topology import boundary_edges
@@ -120,11 +121,11 @@ def associate_family(surface: SpinorSurface, *, vertices: int = VERTICES) -> tup
     ends, lines = grid_lines(mesh.points, mesh.faces, known)
     own, conjugate, gauss = np.split(np.concatenate([known, ends]), [3, 6], axis=1)
     places: dict[str, Any] = {"vertices": own, "conjugate": conjugate - conjugate.mean(axis=0) + own.mean(axis=0)}
-    ring = np.arange(mesh.boundary_size)
+    boundary = np.stack([np.arange(mesh.boundary_size), rim_successors(mesh.rims)], axis=1)
     return (
         Faces(**places, faces=mesh.faces, fields={GAUSS: gauss[:, 0]}, **SIDES),
         Lines(**places, edges=lines + len(known), colour=GRID_COLOUR, width=0.75),
-        Lines(**places, edges=np.stack([ring, np.roll(ring, -1)], axis=1), width=2.5),
+        Lines(**places, edges=boundary, width=2.5),
     )
 
 
