@@ -17,7 +17,7 @@ from spinor_geom.isolate import FaultError, Process, serve
 from spinor_geom.render.camera import Camera
 from spinor_geom.render.scene import Dots, Faces, Lines, Scale, Scene, overview
 
-WIDTH, HEIGHT = 1600, 800
+SIZE = (1600, 800)
 TIME_LIMIT = 300.0  # seconds; software rendering of a million triangles takes a few
 TIME_OF_FRAME = 5.0  # additional seconds for each frame
 DRAWING, WINDOW = "spinor_geom.render.png", "VTK_DEFAULT_OPENGL_WINDOW"  # module, and environment variable of VTK
@@ -31,7 +31,7 @@ _KEYS = "w wireframe, s surface, r reset, q quit"
 _WITHOUT_WINDOW = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
 
 
-def write_png(scenes: Sequence[Scene], path: str | os.PathLike[str], *, size: tuple[int, int] | None = None) -> None:
+def write_png(scenes: Sequence[Scene], path: str | os.PathLike[str], *, size: tuple[int, int] = SIZE) -> None:
     """Draws scenes side by side; the file is replaced as a whole.
 
     Raises:
@@ -39,7 +39,7 @@ def write_png(scenes: Sequence[Scene], path: str | os.PathLike[str], *, size: tu
         RenderError: the suffix is not .png, or the drawing failed.
     """
     require_png(path)
-    with drawn(scenes, size=size or (WIDTH, HEIGHT)) as (picture,), atomic_path(path) as target:
+    with drawn(scenes, size=size) as (picture,), atomic_path(path) as target:
         target.write_bytes(picture.read_bytes())
 
 

@@ -29,13 +29,6 @@ def scene() -> tuple[Scene, ...]:
     return fill_scene(fill_hole(tube(), return_report=True)[1])
 
 
-@pytest.fixture
-def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A quarter of the pixels."""
-    monkeypatch.setattr(png, "WIDTH", 800)
-    monkeypatch.setattr(png, "HEIGHT", 400)
-
-
 def pixels(path: Path) -> np.ndarray:
     """(height, width, 3) of a PNG, top row first."""
     import pyvista
@@ -49,10 +42,10 @@ def test_the_patch_is_orange_and_only_on_the_right(scene: tuple[Scene, ...], tmp
     path = tmp_path / "picture.png"
     png.write_png(scene, path)
     image = pixels(path)
-    assert image.shape == (png.HEIGHT, png.WIDTH, 3)
+    assert image.shape == (*png.SIZE[::-1], 3)
     red, green, blue = np.moveaxis(image, -1, 0)
     orange = (red > 1.4 * green) & (green > 1.4 * blue) & (red > 120)
-    left, right = orange[:, : png.WIDTH // 2], orange[:, png.WIDTH // 2 :]
+    left, right = np.split(orange, 2, axis=1)
     assert right.mean() > 0.05
     assert left.mean() < 0.001
     white = (image == 255).all(axis=-1)
@@ -60,12 +53,11 @@ def test_the_patch_is_orange_and_only_on_the_right(scene: tuple[Scene, ...], tmp
     assert [item.name for item in tmp_path.iterdir()] == ["picture.png"]
 
 
-@pytest.mark.usefixtures("small")
 def test_rims_are_drawn_with_their_numbers_and_without_patches(tmp_path: Path) -> None:
     mesh = TriangleMesh(*tube())
     scene = loops_scene(mesh, boundary_loops(mesh))
-    png.write_png(scene, tmp_path / "numbered.png")
-    png.write_png([replace(one, labels=()) for one in scene], tmp_path / "bare.png")
+    png.write_png(scene, tmp_path / "numbered.png", size=(800, 400))
+    png.write_png([replace(one, labels=()) for one in scene], tmp_path / "bare.png", size=(800, 400))
     numbered, bare = pixels(tmp_path / "numbered.png"), pixels(tmp_path / "bare.png")
     changed = (numbered != bare).any(axis=-1)
     assert 50 < changed.sum() < 5000
