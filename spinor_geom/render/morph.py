@@ -3,6 +3,7 @@
 import html
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from spinor_geom.errors import OptionError, require
 from spinor_geom.files import atomic_path, write_text
 from spinor_geom.render.page import Views, document
 from spinor_geom.render.png import drawn
-from spinor_geom.render.portrait import Portrait, associate_family
+from spinor_geom.render.portrait import surface_layers
 from spinor_geom.render.scene import Scene
 from spinor_geom.surface import SpinorSurface
 
@@ -47,7 +48,8 @@ def morph(surface: SpinorSurface, path: str | os.PathLike[str], *, frames: int =
         write_text(target, family_page(surface, title=f"associate family of {target.stem}"))
         return
     angles = (2 * np.pi * np.arange(frames) / frames).tolist()
-    scene = Portrait.of(surface).scene(angles, size=_SIZE)
+    faces, *lines = surface_layers(surface, family=True)
+    scene = Scene(layers=(replace(faces, fields={}), *lines))
     with atomic_path(target) as temporary, drawn([scene], size=_SIZE, angles=angles) as pictures:
         (_write_gif if suffix == ".gif" else _write_mp4)(pictures, temporary)
 
@@ -67,7 +69,7 @@ def checked_suffix(path: Path) -> str:
 def family_page(surface: SpinorSurface, *, title: str) -> str:
     """A page with the surface, coloured by Gauss curvature, and a slider for θ."""
     text = "Drag to turn, wheel to zoom; the slider sets the angle θ of the associate family."
-    scene = Scene(title=text, layers=associate_family(surface))
+    scene = Scene(title=text, layers=surface_layers(surface, family=True))
     views = Views()
     return document(title, [f"<h1>{html.escape(title)}</h1>", views.figure(scene), views.script()])
 

@@ -37,7 +37,7 @@ class Portrait:
 
     @classmethod
     def of(cls, surface: SpinorSurface | PlateauSolution, *, vertices: int = VERTICES) -> Portrait:
-        """A surface, or that of a solution, with its boundary, the image of a grid in Ω, and its associate family.
+        """A surface, or that of a solution, with its boundary and the image of a grid in Ω.
 
         Args:
             surface: what to draw.
@@ -45,13 +45,12 @@ class Portrait:
 
         Raises:
             ArgumentTypeError: `surface` is neither a surface nor a solution.
-            PeriodError: see `associate_family`.
             SurfaceError: the surface is not finite on its domain.
         """
         takes = "a SpinorSurface or a PlateauSolution"
         require_type(surface, (SpinorSurface, PlateauSolution), function="Portrait.of", takes=takes)
         whole = surface.surface if isinstance(surface, PlateauSolution) else surface
-        faces, *lines = associate_family(whole, vertices=vertices)
+        faces, *lines = surface_layers(whole, vertices=vertices)
         return cls(layers=(replace(faces, fields={}), *lines))
 
     @classmethod
@@ -66,15 +65,13 @@ class Portrait:
         return cls(layers=(surface, Lines(vertices=vertices, edges=boundary_edges(faces), width=2.5)))
 
     def moved(self, matrix: ArrayLike, shift: ArrayLike = (0.0, 0.0, 0.0)) -> Portrait:
-        """The picture of x ↦ matrix·x + shift, without the family."""
+        """The picture of x ↦ matrix·x + shift."""
         linear, by = np.asarray(matrix, dtype=np.float64), np.asarray(shift, dtype=np.float64)
-        moved = [replace(layer, vertices=layer.vertices @ linear.T + by, conjugate=None) for layer in self.layers]
-        return Portrait(layers=tuple(moved))
+        return Portrait(layers=tuple(replace(one, vertices=one.vertices @ linear.T + by) for one in self.layers))
 
     def beside(self, *others: Portrait) -> Portrait:
-        """One picture of several, at their positions in space, without families."""
-        layers = [replace(layer, conjugate=None) for one in (self, *others) for layer in one.layers]
-        return Portrait(layers=tuple(layers))
+        """One picture of several, at their positions in space."""
+        return Portrait(layers=tuple(layer for one in (self, *others) for layer in one.layers))
 
     def write(self, path: str | os.PathLike[str], *, eye: Sequence[float] = EYE, size: tuple[int, int] = SIZE) -> None:
         """Draws a PNG.
@@ -90,43 +87,53 @@ class Portrait:
         """
         write_png([self.scene(eye=eye, size=size)], path, size=size)
 
-    def scene(
-        self, angles: Sequence[float] = (0.0,), *, eye: Sequence[float] = EYE, size: tuple[int, int] = SIZE
-    ) -> Scene:
-        """The layers with a camera that shows all members of the family at some angles."""
-        camera = overview(self.layers, eye=eye, aspect=size[0] / size[1], angles=angles)
-        return Scene(layers=self.layers, camera=camera)
+    def scene(self, *, eye: Sequence[float] = EYE, size: tuple[int, int] = SIZE) -> Scene:
+        """The layers with a camera that shows all of them; arguments as in `write`."""
+        return Scene(layers=self.layers, camera=overview(self.layers, eye=eye, aspect=size[0] / size[1]))
 
 
-def associate_family(surface: SpinorSurface, *, vertices: int = VERTICES) -> tuple[Faces, Lines, Lines]:
-    """A surface and its conjugate, which span the family with e^{iθ}φ: isometric, same normals and Gauss curvature.
+def surface_layers(
+    surface: SpinorSurface, *, vertices: int = VERTICES, family: bool = False
+) -> tuple[Faces, Lines, Lines]:
+    """A surface with its Gauss curvature as a field, the image of a square grid in Ω, and the boundary.
+
+    With `family` the layers have the conjugate surface too. It spans the associate family with the surface, φ replaced
+    by e^{iθ}φ, whose members are isometric and have the same normals and Gauss curvature.
 
     Returns:
-        The surface with its Gauss curvature as a field, the image of a square grid in Ω, and the boundary, all on the
-        same vertices, those of the boundary first.
+        Layers on the same vertices, those of the boundary first.
 
     Raises:
-        PeriodError: ∮ φ dz ≠ 0 around ∂Ω or a hole (as around poles), so that the conjugate surface does not close.
+        PeriodError: the conjugate surface does not close: ∮ φ dz ≠ 0 around ∂Ω or a hole, as around poles of p or q.
         SurfaceError: the surface is not finite on its domain.
     """
-    if not surface.domain.holes:  # around holes, `associate` checks it
-        (rim,) = surface.rim_primitives(surface.order)
-        period = rim.at_breaks[-1]
-        if not np.abs(period).max() <= _LARGEST_PERIOD * np.abs(rim.at_breaks).max():
-            around = "the domain's boundary, as p or q has a pole inside"
-            raise PeriodError(angle=np.pi / 2, around=around, period=(-period.imag).tolist())
+    if family:
+        _require_closed_conjugate(surface)
     mesh = mesh_surface(surface, vertices=vertices)
-    turned, gauss = surface.associate(np.pi / 2).position(mesh.points), surface.gauss_curvature(mesh.points)
-    known = np.column_stack([mesh.vertices, turned, gauss])
+    conjugate = surface.associate(np.pi / 2).position(mesh.points) if family else mesh.vertices
+    known = np.column_stack([mesh.vertices, conjugate, surface.gauss_curvature(mesh.points)])
     ends, lines = grid_lines(mesh.points, mesh.faces, known)
     own, conjugate, gauss = np.split(np.concatenate([known, ends]), [3, 6], axis=1)
-    places: dict[str, Any] = {"vertices": own, "conjugate": conjugate - conjugate.mean(axis=0) + own.mean(axis=0)}
+    places: dict[str, Any] = {"vertices": own}
+    if family:
+        places["conjugate"] = conjugate - conjugate.mean(axis=0) + own.mean(axis=0)
     boundary = np.stack([np.arange(mesh.boundary_size), rim_successors(mesh.rims)], axis=1)
     return (
         Faces(**places, faces=mesh.faces, fields={GAUSS: gauss[:, 0]}, **SIDES),
         Lines(**places, edges=lines + len(known), colour=GRID_COLOUR, width=0.75),
         Lines(**places, edges=boundary, width=2.5),
     )
+
+
+def _require_closed_conjugate(surface: SpinorSurface) -> None:
+    """Raises a PeriodError if ∮ φ dz ≠ 0 around ∂Ω; around holes `SpinorSurface.associate` checks it."""
+    if surface.domain.holes:
+        return
+    (rim,) = surface.rim_primitives(surface.order)
+    period = rim.at_breaks[-1]
+    if not np.abs(period).max() <= _LARGEST_PERIOD * np.abs(rim.at_breaks).max():
+        around = "the domain's boundary, as p or q has a pole inside"
+        raise PeriodError(angle=np.pi / 2, around=around, period=(-period.imag).tolist())
 
 
 def grid_lines(

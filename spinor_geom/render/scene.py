@@ -119,25 +119,19 @@ class Scene:
         return {**known, **self.scales}
 
 
-def overview(
-    layers: Sequence[Layer],
-    *,
-    eye: Sequence[float] = EYE,
-    aspect: float = 1.0,
-    angles: Sequence[float] | None = None,
-) -> Camera:
-    """A camera that shows all layers, with the third axis upwards (the second one for a view along the third).
+def overview(layers: Sequence[Layer], *, eye: Sequence[float] = EYE, aspect: float = 1.0) -> Camera:
+    """A camera that shows all layers and members of their families.
 
     Args:
         layers: of a scene.
-        eye: direction from the surface to the eye.
+        eye: direction to the eye; the third axis is upwards, or the second one if the view is along the third.
         aspect: width of the picture per height.
-        angles: the members of the associate family that are shown; None: all.
     """
     direction = np.asarray(eye, dtype=np.float64) / np.linalg.norm(eye)
     axis = np.eye(3)[2 if abs(direction[2]) < _ALONG else 1]
-    turns = _TURNS if angles is None else angles
-    points = np.concatenate([layer.turned(angle) for layer in layers for angle in turns])
+    points = np.concatenate(
+        [layer.turned(angle) for layer in layers for angle in ((0.0,) if layer.conjugate is None else _TURNS)]
+    )
     return Camera.around(points, direction, upright(direction, axis), aspect=aspect)
 
 

@@ -13,6 +13,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import spinor_geom
 from spinor_geom import gallery
 from spinor_geom.cli.main import main
 from spinor_geom.domain import PlaneDomain
@@ -22,7 +23,7 @@ from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.meshing.embed import mesh_surface
 from spinor_geom.render.morph import SUFFIXES, morph
 from spinor_geom.render.page import farthest
-from spinor_geom.render.portrait import GAUSS, GRID_LINES, associate_family, grid_lines
+from spinor_geom.render.portrait import GAUSS, GRID_LINES, Portrait, grid_lines, surface_layers
 from spinor_geom.render.scene import Faces
 from spinor_geom.surface import SpinorSurface
 from tests.browser import browser, visit
@@ -57,7 +58,7 @@ def catenoid_on_a_ring() -> SpinorSurface:
 
 @pytest.fixture(scope="module")
 def catenoid() -> Faces:
-    return associate_family(gallery.catenoid().surface, vertices=600)[0]
+    return surface_layers(gallery.catenoid().surface, vertices=600, family=True)[0]
 
 
 @given(angle=ANGLES)
@@ -100,7 +101,7 @@ def test_edges_keep_their_lengths_to_second_order() -> None:
     surface = gallery.enneper(1.0).surface
     errors, sizes = [], []
     for vertices in (300, 1200, 4800):
-        family, *_ = associate_family(surface, vertices=vertices)
+        family, *_ = surface_layers(surface, vertices=vertices, family=True)
         own = edge_lengths(family, 0.0)
         errors.append(np.abs(edge_lengths(family, 1.0) / own - 1).mean())
         sizes.append(own.mean())
@@ -134,14 +135,25 @@ def test_lines_of_the_grid_lie_in_the_domain_and_are_straight_there() -> None:
 
 def test_a_pole_in_the_domain_has_no_family_and_the_error_says_so() -> None:
     with pytest.raises(PeriodError, match=r"the domain's boundary.*-12\.6") as caught:
-        associate_family(catenoid_on_a_ring())
+        surface_layers(catenoid_on_a_ring(), family=True)
     np.testing.assert_allclose(caught.value.period, [0, 0, -4 * np.pi], atol=1e-9)
+
+
+def test_a_surface_without_family_has_a_picture() -> None:
+    t = 2 * np.pi * np.arange(24) / 24
+    circle = np.column_stack([np.cos(t), np.sin(t), 0 * t])
+    annulus = spinor_geom.solve_plateau([circle, circle + np.array([0, 0, 0.8])])
+    with pytest.raises(PeriodError):
+        surface_layers(annulus.surface, family=True)
+    boundary = Portrait.of(annulus).layers[-1]
+    start, end = boundary.vertices[boundary.edges].swapaxes(0, 1)
+    assert np.abs(end - start)[:, 2].max() < 0.1  # no line from one boundary curve to the other
 
 
 def test_a_point_is_no_surface() -> None:
     nothing = SpinorSurface(PowerSeries(torch.zeros(2, 2, dtype=torch.complex128)), PlaneDomain.disk())
     with pytest.raises(SurfaceError, match="area 0"):
-        associate_family(nothing)
+        surface_layers(nothing)
 
 
 def test_an_animation_has_its_frames_and_begins_with_the_surface(tmp_path: Path) -> None:
@@ -188,7 +200,7 @@ def test_the_page_holds_surface_and_conjugate(tmp_path: Path) -> None:
     (data,) = re.findall(r'<script type="application/json" id="arrays">(.*?)</script>', text, re.DOTALL)
     arrays = json.loads(data)
     surface, grid, rim = view["layers"]
-    family, *_ = associate_family(gallery.enneper(0.8).surface)
+    family, *_ = surface_layers(gallery.enneper(0.8).surface, family=True)
     assert view["layers"][0]["fields"].keys() == {GAUSS}
     for layer in (surface, grid, rim):
         for name, expected in (("vertices", family.vertices), ("conjugate", family.conjugate)):
