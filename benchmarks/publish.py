@@ -21,7 +21,7 @@ from spinor_geom.bench.page import LOCAL, OLDER, Table, filler_table, pieces_of,
 from spinor_geom.bench.runner import PICTURED, SUITES, VIEWS, read_records
 from spinor_geom.bench.worker import DISTANCE
 from spinor_geom.files import atomic_path, write_text
-from spinor_geom.render.portrait import plain_portrait
+from spinor_geom.render.portrait import Portrait
 
 HERE = Path(__file__).parent
 README, PICTURE = HERE / "README.md", HERE.parent / "docs" / "cut-outs.png"
@@ -203,7 +203,9 @@ def draw(folders: Sequence[Path]) -> None:
             pieces = pieces_of(folder)
             scale = scale_of(pieces)
             first, *others = (
-                plain_portrait(piece.vertices, piece.faces, np.clip(piece.fields[DISTANCE], scale.low, scale.high))
+                Portrait.of_mesh(
+                    piece.vertices, piece.faces, {DISTANCE: np.clip(piece.fields[DISTANCE], scale.low, scale.high)}
+                )
                 for piece in pieces.values()
             )
             path = Path(place) / f"{folder.name}.png"

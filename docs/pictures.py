@@ -39,9 +39,9 @@ def gallery_strip(pictures: Sequence[Path]) -> Image.Image:
 def continuation_picture(folder: Path) -> Image.Image:
     """A head without its crown: open, under a film, and continued."""
     import spinor_geom
-    from spinor_geom.render.layers import Camera
+    from spinor_geom.render.camera import Camera
+    from spinor_geom.render.fill_scene import fill_scene
     from spinor_geom.render.png import write_png
-    from spinor_geom.render.portrait import fill_scene
 
     bust = spinor_geom.read_mesh(folder / "data/demosthenes_low_res.obj").mesh
     is_kept = bust.vertices[bust.faces][:, :, 1].min(axis=1) < _CROWN

@@ -1,7 +1,6 @@
-"""Measures of meshes, one definition each: Hausdorff distance by sampling, mean curvature, angles of triangles."""
+"""Measures of meshes: Hausdorff distance by sampling, mean curvature, angles of triangles."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import igl
 import numpy as np
@@ -17,10 +16,10 @@ from spinor_geom.mesh.topology import boundary_edges, referenced_vertices
 class OneSidedDistance:
     """Distances from the points of one mesh to the nearest points of another, in mesh units."""
 
-    max: float  # at a sample
-    mean: float  # by area
-    samples: int  # their number
-    spacing: float  # no point is farther than this from a sample: the true largest is at most max + spacing
+    max: float  # over the samples
+    mean: float  # weighted by area
+    samples: int
+    spacing: float  # largest distance of a point from a sample: the maximum over all points is at most max + spacing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,11 +48,12 @@ def hausdorff_distance(
     *,
     samples: int = 20_000,
 ) -> HausdorffDistance:
-    """Symmetric Hausdorff distance max(max_a d(a, B), max_b d(b, A)), with the mean distances.
+    """Symmetric Hausdorff distance max(max_a d(a, B), max_b d(b, A)) and mean distances of two meshes.
 
-    Each mesh is sampled at the vertices of a mesh whose faces are divided into four, equally often, until it has at
-    least `samples` faces; the distance of a sample to the other mesh is exact, to its faces and not only its vertices.
-    A mesh without faces is an OptionError.
+    Distances of samples, see `mesh_samples`, to the faces of the other mesh are exact.
+
+    Raises:
+        OptionError: a mesh has no faces.
     """
     if len(faces_a) == 0 or len(faces_b) == 0:
         raise OptionError("a Hausdorff distance needs two meshes with at least one face each")
@@ -66,27 +66,23 @@ def hausdorff_distance(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurfaceSamples:
-    """Points of a surface, the areas that they stand for, and how far from them another of its points is at most."""
+    """Points of a surface, the area around each, and the largest distance of the surface from its nearest sample."""
 
     points: Float[np.ndarray, "k 3"]
     areas: Float[np.ndarray, " k"]
     spacing: float
 
     def summary(self, distance: Float[np.ndarray, " k"]) -> OneSidedDistance:
-        """Distances of the points, one each, as one figure."""
-        return OneSidedDistance(
-            max=float(distance.max()),
-            mean=float(distance @ self.areas / self.areas.sum()) if self.areas.sum() > 0 else float(distance.mean()),
-            samples=len(distance),
-            spacing=self.spacing,
-        )
+        """Figures of distances, one for each point."""
+        mean = float(np.average(distance, weights=self.areas if self.areas.any() else None))
+        return OneSidedDistance(max=float(distance.max()), mean=mean, samples=len(distance), spacing=self.spacing)
 
 
 def mesh_samples(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], count: int) -> SurfaceSamples:
-    """The vertices of a mesh whose faces are divided into four, equally often, until it has at least `count` faces."""
+    """The vertices of a mesh after as many subdivisions of all faces into four as give at least `count` faces."""
     times = max(0, int(np.ceil(np.log(count / len(faces)) / np.log(4))))
     fine, fine_faces = igl.upsample(*igl_arrays(vertices, faces), times)
-    fine_faces = fine_faces.astype(np.int64)  # libigl's own kind of 64-bit integers is not numpy's int64
+    fine_faces = fine_faces.astype(np.int64)  # libigl returns another 64-bit type
     used = np.unique(fine_faces)
     corners = fine[fine_faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
@@ -101,11 +97,11 @@ def mesh_samples(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3
 def distances_to_mesh(
     points: Float[np.ndarray, "k 3"], vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
 ) -> Float[np.ndarray, " k"]:
-    """Exact distances of points from a mesh, to its faces and not only its vertices."""
+    """Exact distances of points from a mesh of triangles or of segments."""
     squared, _, _ = igl.point_mesh_squared_distance(
         np.ascontiguousarray(points, dtype=np.float64), *igl_arrays(vertices, faces)
     )
-    # round-off may leave a tiny negative square where the meshes touch
+    # round-off can make it negative
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 
 
@@ -115,22 +111,22 @@ class DiscreteMeanCurvature:
 
     vertices: Int[np.ndarray, " k"]  # indices of the inner vertices
     values: Float[np.ndarray, " k"]  # |H| there
-    tangential: Float[np.ndarray, " k"]  # what pulls them along the surface: how uneven the triangles are, no curvature
+    tangential: Float[np.ndarray, " k"]  # the same of the area gradient's tangential part, due to uneven triangles
     areas: Float[np.ndarray, " k"]  # mixed Voronoi areas there, in squared mesh units
 
-    @cached_property
+    @property
     def max(self) -> float:
         """Largest |H|; 0 without inner vertices."""
         return float(self.values.max(initial=0.0))
 
-    @cached_property
+    @property
     def rms(self) -> float:
-        """Root of the mean of H² by area; 0 without inner vertices."""
+        """Root mean square of H, weighted by area; 0 without inner vertices."""
         return self._root_mean_square(self.values)
 
-    @cached_property
+    @property
     def tangential_rms(self) -> float:
-        """The same of `tangential`."""
+        """Root mean square of `tangential`."""
         return self._root_mean_square(self.tangential)
 
     def _root_mean_square(self, values: Float[np.ndarray, " k"]) -> float:
@@ -141,10 +137,9 @@ class DiscreteMeanCurvature:
 def discrete_mean_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> DiscreteMeanCurvature:
     """Mean curvature |H_i| = |n_i · Σ_j ½(cot α_ij + cot β_ij)(x_i − x_j)| / (2 A_i) at inner vertices.
 
-    The sum is the gradient of the mesh's area by x_i, α_ij and β_ij are the angles opposite to edge ij, A_i is the
-    mixed Voronoi area, n_i the normal, the mean of those of the faces by area. H is the mean of the principal
-    curvatures, 1/R on a sphere. The part of the gradient across n_i is no curvature: it comes from uneven triangles,
-    and is given beside it. Vertices on the boundary and unreferenced ones are left out.
+    The sum is the gradient of the mesh's area with respect to x_i; α_ij and β_ij are the angles opposite to edge ij,
+    A_i is the mixed Voronoi area, n_i the area-weighted normal. H is the mean of the principal curvatures, 1/R on a
+    sphere. Vertices on the boundary and unreferenced ones are left out.
 
     Source: Meyer, Desbrun, Schröder & Barr (2003), Discrete differential-geometry operators for triangulated
     2-manifolds.
@@ -158,11 +153,11 @@ def discrete_mean_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.nd
     normal = vertex_normals(vertices, faces)[inner]
     along = np.einsum("ik,ik->i", gradient, normal)
     across = np.linalg.norm(gradient - along[:, None] * normal, axis=1)
-    # where the faces' normals cancel there is none: all of the gradient counts
+    # no normal if those of the faces cancel: the whole gradient counts
     bend = np.where(normal.any(axis=1), np.abs(along), across)
 
     def by_area(magnitude: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        # a vertex whose faces have no area has no curvature: infinite where they pull at it
+        # without area: infinite, or 0 if the gradient is
         still = np.where(magnitude > 0, np.inf, 0.0)
         return np.asarray(np.divide(magnitude, 2 * area, out=still, where=area > 0))
 
@@ -170,6 +165,5 @@ def discrete_mean_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.nd
 
 
 def smallest_angles(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " f"]:
-    """Smallest angle of every triangle of a mesh, in degrees; 0 for a triangle without area."""
-    # two equal corners leave the angles undefined
+    """Smallest angle of every triangle of a mesh, in degrees; 0 if two corners are equal."""
     return np.asarray(np.nan_to_num(np.degrees(internal_angles(vertices, faces)), nan=0.0).min(axis=1))

@@ -1,4 +1,4 @@
-"""What every surface and mesh of the package can do with itself: be seen, and become another library's object."""
+"""Mixin of surfaces and meshes: display in notebooks and conversion to other libraries."""
 
 from __future__ import annotations
 
@@ -16,22 +16,20 @@ if TYPE_CHECKING:
 
     from spinor_geom.render.shapes import Shape
 
-
 MOST_SHOWN = 300  # characters of a description
 
 
 def shortened(text: str) -> str:
-    """A description of at most 300 characters; what is beyond is left out of its middle."""
+    """A description cut to at most 300 characters, in the middle."""
     half = (MOST_SHOWN - 3) // 2
     return text if len(text) <= MOST_SHOWN else f"{text[:half]} … {text[-half:]}"
 
 
 class Shown:
-    """A surface or mesh that shows itself in Jupyter and converts to what other libraries take.
+    """A surface or mesh with a view in Jupyter and conversions to types of other libraries.
 
-    A surface in formulas is meshed for it, with about 4000 vertices. What is known at the vertices goes along under
-    these names: "normal" and "gauss_curvature" of a minimal surface, "mean_curvature" (|H| at the inner vertices, NaN
-    at the boundary) of a mesh, and a mesh's own attributes.
+    A SpinorSurface is meshed first, with about 4000 vertices. Values at the vertices are converted too: "normal" and
+    "gauss_curvature" of a minimal surface; of a mesh "mean_curvature" (|H|, NaN at the boundary) and its attributes.
     """
 
     def _shape(self) -> Shape:
@@ -40,11 +38,11 @@ class Shown:
         return shape_of(self)
 
     def _repr_html_(self) -> str:
-        """The shape in a frame of its own, to turn and to zoom; Jupyter calls it."""
+        """An interactive view; called by Jupyter."""
         return self._shape().framed(title=type(self).__name__)
 
     def to_pyvista(self) -> pyvista.PolyData:
-        """A `pyvista.PolyData` with the values at the vertices as point data; a MissingPackageError without pyvista."""
+        """A `pyvista.PolyData` with the values as point data; raises MissingPackageError without pyvista."""
         require("pyvista", extra="render")
         import pyvista
 
@@ -55,7 +53,7 @@ class Shown:
         return made
 
     def to_trimesh(self) -> trimesh.Trimesh:
-        """A `trimesh.Trimesh` with the same vertices and faces, none merged, and vertex attributes."""
+        """A `trimesh.Trimesh` with the same vertices and faces, and the values as vertex attributes."""
         import trimesh
 
         shape = self._shape()
@@ -77,10 +75,12 @@ class Shown:
         return torch.tensor(np.array(shape.vertices)), torch.tensor(np.array(shape.faces))
 
     def to_gltf(self, path: str | os.PathLike[str]) -> None:
-        """Writes a binary glTF file whose vertex colours tell the curvature, in viridis from low to high.
+        """Writes a binary glTF file coloured by Gauss curvature (minimal surface) or |H| (mesh); grey where undefined.
 
-        It is the Gauss curvature of a minimal surface, and |H| of a mesh; grey where there is none.
+        Args:
+            path: `.glb` file, replaced as a whole.
 
-        The file at `path`, with the suffix .glb, is replaced as a whole; a MeshFileError where it cannot be written.
+        Raises:
+            MeshFileError: another suffix, or the file cannot be written.
         """
         self._shape().write_gltf(path)

@@ -69,7 +69,7 @@ def test_table_and_dictionary_hold_the_figures(enneper):
     table = str(enneper)
     for word in (
         "area",
-        "area beside the surface's",
+        "relative area excess",
         "to the surface, max",
         "between the meshes, max",
         "|H| max",

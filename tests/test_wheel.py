@@ -125,7 +125,7 @@ def test_the_wheel_holds_every_module_and_nothing_else(wheel: Path) -> None:
     expected = {path.relative_to(ROOT).as_posix() for path in (ROOT / "spinor_geom").rglob("*.py")}
     assert held == expected | {
         "spinor_geom/py.typed",
-        *(f"spinor_geom/render/{name}" for name in ("page.css", "viewer.js")),
+        *(f"spinor_geom/render/{name}" for name in ("page.css", "three.LICENSE", "three.min.js", "viewer.js")),
     }
 
 
@@ -135,6 +135,7 @@ def test_the_wheel_has_its_licence_and_its_command(unpacked: Path) -> None:
     assert metadata["Name"] == "spinor-geom"
     assert metadata["License-Expression"] == "MIT"
     assert "MIT License" in (info / "licenses" / "LICENSE").read_text(encoding="utf-8")
+    assert "three.js authors" in (info / "licenses/spinor_geom/render/three.LICENSE").read_text(encoding="utf-8")
     entries = (info / "entry_points.txt").read_text(encoding="utf-8")
     assert "spinor-geom = spinor_geom.cli.main:main" in entries
     assert "[pyvista.accessors]\nspinor = spinor_geom.fill.pyvista_accessor" in entries

@@ -19,8 +19,8 @@ from spinor_geom.bench.runner import VIEWS, Run
 from spinor_geom.bench.worker import DISTANCE, REMOVED
 from spinor_geom.files import write_text
 from spinor_geom.render import page
-from spinor_geom.render.layers import Faces, Scale
-from spinor_geom.render.page import Scene, Views, cell, markdown
+from spinor_geom.render.page import Views, cell, markdown
+from spinor_geom.render.scene import Faces, Scale, Scene
 
 PAGE, TABLES, CSV = "report.html", "tables.md", "records.csv"
 LOCAL = ("key", "package", "data", "view", "repeat", "said", "seconds_all")  # fields of this machine

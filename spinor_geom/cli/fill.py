@@ -69,8 +69,8 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     if arguments.report is not None:
         write_json(arguments.report, report)
     if arguments.picture is not None:
+        from spinor_geom.render.fill_scene import fill_scene
         from spinor_geom.render.png import write_png
-        from spinor_geom.render.portrait import fill_scene
 
         write_png(fill_scene(result), arguments.picture)
     if arguments.html is not None:

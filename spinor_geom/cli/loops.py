@@ -28,8 +28,8 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     loops = find_boundary_loops(mesh.mesh, sheets)
     notes = mesh_notes(mesh.mesh, loops, sheets)
     if arguments.picture is not None:
+        from spinor_geom.render.fill_scene import loops_scene
         from spinor_geom.render.png import write_png
-        from spinor_geom.render.portrait import loops_scene
 
         arguments.picture.parent.mkdir(parents=True, exist_ok=True)
         write_png(loops_scene(mesh.mesh, loops), arguments.picture)

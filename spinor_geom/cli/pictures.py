@@ -13,8 +13,8 @@ from spinor_geom.cli.console import ExitStatus
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.errors import OptionError, RenderError, require
 from spinor_geom.files import SURFACE_SUFFIX
-from spinor_geom.render.layers import MESH, Faces, Lines, View
 from spinor_geom.render.png import draw_apart, require_png
+from spinor_geom.render.scene import Scene
 
 if TYPE_CHECKING:
     from spinor_geom.render.shapes import Shape
@@ -38,21 +38,16 @@ def _view(arguments: argparse.Namespace) -> None:
             "'spinor-geom fill ... --html report.html' writes a page for any browser"
         )
     shape = _shape(arguments.input, arguments.merge)
-    title = f"{arguments.input.name}{f', {shape.curvature}'.replace('_', ' ') * arguments.curvature}"
-    fields = {title: shape.clipped} if arguments.curvature else {}
-    mesh = Faces(vertices=shape.vertices, faces=shape.faces, fields=fields, **MESH)
-    view = View(layers=[mesh, Lines(vertices=shape.vertices, edges=shape.rims, width=1.0)])
-    draw_apart([view], _SIZE, [0.0], None, title, time_limit=math.inf)  # as long as it is looked at
+    scene = Scene(layers=shape.portrait(curvature=arguments.curvature).layers, title=arguments.input.name)
+    draw_apart([scene], _SIZE, [0.0], None, time_limit=math.inf)  # as long as it is looked at
 
 
 def _render(arguments: argparse.Namespace) -> None:
     require("pyvista", extra="render")
     require_png(arguments.output)
     require_writable(arguments.output)
-    from spinor_geom.render.portrait import plain_portrait
-
     shape = _shape(arguments.input, arguments.merge)
-    portrait = plain_portrait(shape.vertices, shape.faces, shape.clipped if arguments.curvature else None)
+    portrait = shape.portrait(curvature=arguments.curvature)
     # scans and models stand on y in most formats, formulas on z
     if (arguments.up or ("z" if arguments.input.suffix.lower() == SURFACE_SUFFIX else "y")) == "y":
         portrait = portrait.moved([[1, 0, 0], [0, 0, -1], [0, 1, 0]])

@@ -78,7 +78,7 @@ def _bench(arguments: argparse.Namespace) -> ExitStatus:
 
 
 def _reproduce(arguments: argparse.Namespace) -> ExitStatus:
-    for package in ("matplotlib", "markdown_it"):
+    for package in ("matplotlib", "markdown_it", "pyvista"):
         require(package, extra="experiments")
     from spinor_geom.experiments.experiment import PAGE, Done, reproduce
 

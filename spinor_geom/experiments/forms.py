@@ -16,12 +16,14 @@ from spinor_geom import gallery
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import UnplacedZerosError, ZeroOnContourError
 from spinor_geom.experiments.experiment import Experiment, Outcome, kept_as
+from spinor_geom.experiments.figures import log_log, over_disk, surfaces
 from spinor_geom.experiments.paper_surfaces import boundary_distance, solved_by_network
 from spinor_geom.gallery import KnownCurve, KnownDisk
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.render.plots import Drawn, log_log, surfaces
+from spinor_geom.render.portrait import Portrait
+from spinor_geom.render.scene import Dots
 from spinor_geom.surface import BranchPoint, SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
@@ -147,10 +149,11 @@ def counted(points: tuple[BranchPoint, ...] | None) -> str:
     return f"{len(points)}, {lasting} not removable" if points else "none"
 
 
-def marked(surface: SpinorSurface | WeierstrassSurface, points: Sequence[BranchPoint]) -> Drawn:
-    """A surface with crosses where branch points lie in space."""
+def marked(surface: SpinorSurface | WeierstrassSurface, points: Sequence[BranchPoint]) -> Portrait:
+    """A surface with dots at its branch points."""
     z = np.array([point.z for point in points], dtype=np.complex128)
-    return replace(Drawn.of(surface), marks=surface.position(z))
+    dots = Dots(vertices=surface.position(z), colour="black", width=12)
+    return Portrait(layers=(*over_disk(surface).layers, dots))
 
 
 def _poles_of_g(surface: SpinorSurface) -> str:
@@ -235,7 +238,7 @@ def prescribed_row(form: str, order: int) -> dict[str, Any]:
     }
 
 
-def drawn() -> dict[str, Drawn]:
+def drawn() -> dict[str, Portrait]:
     """Surfaces with the zero of order 1, and the spinors' after a small change of p."""
     p, q = pair_with_zero(1)
     moved = p + np.array([_PERTURBATION, *[0.0] * (len(p) - 1)])
@@ -255,7 +258,7 @@ EXPERIMENTS = {
         paper="(R cos t, R sin t, α sin kt) with R = 1, k = 3, α = 0.2; networks of 10 layers of 20 units, RMSprop, "
         "800 epochs; the spinors come near to the curve, the Weierstrass-Enneper form fails.",
         here="The same training from the same random numbers, then a network of ours and Douglas-Newton. Seen means "
-        "that the Weierstrass-Enneper form stays at least twice as far from the curve. Crosses mark branch points.",
+        "that the Weierstrass-Enneper form stays at least twice as far from the curve. Dots mark branch points.",
         measure=twisted_circle,
         full=_TRAININGS,
         quick=_QUICK,
@@ -267,7 +270,7 @@ EXPERIMENTS = {
         here="(a cos t + b cos 3t, a sin t - b sin 3t, 2√(ab) sin 2t), b = 1 - a, on the unit sphere: at a = 0.8 one "
         "disk is known, at a = 0.75 the symmetric one is unstable and two mirror images of less area are stable. "
         f"'{SERIES}' keeps the symmetric disk it finds first; '{LEFT}' leaves it where it is unstable, and '{NETWORK}' "
-        "takes over from there. A disk counts as found where its area is. Crosses mark branch points. Seen means that "
+        "takes over from there. A disk counts as found where its area is. Dots mark branch points. Seen means that "
         "the Weierstrass-Enneper form stays at least twice as far from every seam.",
         measure=tennis_seam,
         full={"parameters": (0.8, 0.75), **_TRAININGS},
@@ -278,7 +281,7 @@ EXPERIMENTS = {
         paper="A zero of φ of order m is a branch point that a small change of the surface removes if and only if m is "
         "even; p and q make even orders only, and a generic f has simple zeros.",
         here="Zeros by the argument principle, and the lift to SU(2) of the surface's frame along a circle around "
-        "each: on polynomials with a zero of known order, and on polynomials with normal random coefficients. Crosses "
+        "each: on polynomials with a zero of known order, and on polynomials with normal random coefficients. Dots "
         "mark branch points. Seen means that the lift agrees with the order everywhere, and that random f and g have "
         "branch points that last where random p and q have none.",
         measure=lasting,

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from spinor_geom.domain.quadrature import RuleName
 from spinor_geom.experiments.experiment import Experiment, Outcome
+from spinor_geom.experiments.figures import disk_grid, log_log, over_disk, surfaces
 from spinor_geom.experiments.paper_surfaces import reconstructed
 from spinor_geom.gallery import catenoid
-from spinor_geom.render.plots import Drawn, disk_grid, log_log, surfaces
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.curvature import mean_curvature_of_integrals
 from spinor_geom.training import LevenbergMarquardt
@@ -101,7 +100,7 @@ def heat_maps(*, grid: tuple[int, int], steps: int, network: LevenbergMarquardt)
         largest, mean = float(np.nanmax(curvature)), float(np.nanmean(curvature))
         scaled = largest * surface_size(surface)
         rows.append({"surface": name, "max |H|": largest, "mean |H|": mean, "max |H|·diagonal": scaled})
-        drawn[name] = replace(Drawn.of(surface, grid), value=curvature)
+        drawn[name] = over_disk(surface, grid=grid, fields={"|H|": curvature})
     worst = max(rows, key=lambda row: row["max |H|·diagonal"])
     return Outcome(
         rows=rows,

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
 from spinor_geom.experiments.experiment import Experiment, Outcome, kept_as
+from spinor_geom.experiments.figures import HolomorphicFunction, log_log, over_disk, phases, surfaces
 from spinor_geom.experiments.paper_surfaces import (
     boundary_distance,
     boundary_of,
@@ -24,7 +25,6 @@ from spinor_geom.experiments.paper_surfaces import (
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.render.plots import Drawn, HolomorphicFunction, log_log, phases, surfaces
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_rmsprop
 
@@ -48,7 +48,7 @@ def tangents(*, weights: Sequence[float], epochs: Sequence[int], rmsprop: RMSpro
         for epoch, trained in zip(epochs, states, strict=True):
             distances = {"distance/diagonal": trained.max_per_diagonal, "rms/diagonal": trained.rms_per_diagonal}
             rows.append({"λ": weight, "epoch": epoch, **distances})
-            drawn[f"λ = {weight:g}, epoch {epoch}"] = Drawn.of(trained.surface)
+            drawn[f"λ = {weight:g}, epoch {epoch}"] = over_disk(trained.surface)
     last = {weight: row for weight in weights for row in rows if row["λ"] == weight}
     without, with_tangents = last[weights[0]], last[weights[-1]]
     told = "; ".join(
@@ -157,7 +157,7 @@ def prescribed(*, depth: int, network: LevenbergMarquardt, random: RMSprop, pert
             rows.append(
                 {**row, **fit.residuals, "Möbius a": f"{fit.center:.2g}", "Möbius turn": fit.turn, "sign": fit.sign}
             )
-        drawn = {method: Drawn.of(surface) for method, surface in {"prescribed": truth, **found}.items()}
+        drawn = {method: over_disk(surface) for method, surface in {"prescribed": truth, **found}.items()}
         file = f"prescribed-{name.replace(' ', '-')}"
         pictures[file] = surfaces(drawn, curves=dict.fromkeys(drawn, curve.point))
         pictures[f"{file}-functions"] = phases(

@@ -1,4 +1,4 @@
-"""A page about comparisons: their figures, and both meshes side by side, coloured by distance to the exact surface."""
+"""A page of comparisons: their figures, and both meshes side by side, coloured by distance to the exact surface."""
 
 from __future__ import annotations
 
@@ -11,40 +11,33 @@ import numpy as np
 from spinor_geom.comparison import Comparison
 from spinor_geom.files import write_text
 from spinor_geom.measures import distances_to_mesh
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.meshing.embed import Patch
-from spinor_geom.render.layers import Faces, Scale
-from spinor_geom.render.page import Scene, Views, document, table
+from spinor_geom.render.page import Views, document, table
+from spinor_geom.render.scene import Faces, Scene
 
-DISTANCE = "distance to the exact surface, mesh units"
-_GAP = 1.15  # widths from one mesh to the next
+_DISTANCE = "distance to the exact surface, mesh units"
+_GAP = 1.15  # from one mesh to the next, in widths
 
 
 def comparison_page(
     comparisons: Mapping[str, Comparison], path: str | os.PathLike[str] | None = None, *, title: str
 ) -> str:
-    """One file for any browser: for each comparison, by its name, a table and a view of its two meshes.
+    """A page in one file with a table and a view of both meshes for each comparison.
 
     Args:
         comparisons: by name, such as "loop 0".
-        path: where to write the page as well.
-        title: of the page.
+        path: file to write, besides returning the page.
+        title: title of the page.
 
     Raises:
-        RenderError: the viewer's library was not found.
         OSError: the file cannot be written.
     """
     views, body = Views(), [f"<h1>{html.escape(title)}</h1>"]
     for name, comparison in comparisons.items():
         head, *rows = comparison.rows()
-        layers = _side_by_side(comparison)
-        values = np.concatenate([layer.fields[DISTANCE] for layer in layers])
         scene = Scene(
             title=f"{name}: the exact surface's mesh, then the {comparison.method}",
-            layers=layers,
-            scales={DISTANCE: Scale.of(values)},
+            layers=_side_by_side(comparison),
             unit="mesh units",
-            shape="wide",
         )
         body += [f"<h2>{html.escape(name)}</h2>", table(head, rows), views.figure(scene)]
     text = document(title, [*body, views.script()])
@@ -54,17 +47,17 @@ def comparison_page(
 
 
 def _side_by_side(comparison: Comparison) -> list[Faces]:
-    """Both meshes with the distance of their vertices, the second moved along the longest side of their box."""
-    fine = comparison.surface_mesh
-    meshes: tuple[Patch | TriangleMesh, ...] = (comparison.patch, comparison.baseline)
-    extent = np.ptp(comparison.patch.vertices, axis=0)
+    """Both meshes, the second one moved along the longest side of their bounding box."""
+    patch, baseline, fine = comparison.patch, comparison.baseline, comparison.surface_mesh
+    meshes = (patch.vertices, patch.faces), (baseline.vertices, baseline.faces)
+    extent = np.ptp(patch.vertices, axis=0)
     shift = np.where(np.arange(3) == np.argmax(extent), _GAP * extent, 0.0)
     return [
         Faces(
-            vertices=mesh.vertices + k * shift,
-            faces=mesh.faces,
-            fields={DISTANCE: distances_to_mesh(mesh.vertices, fine.vertices, fine.faces)},
+            vertices=vertices + k * shift,
+            faces=faces,
+            fields={_DISTANCE: distances_to_mesh(vertices, fine.vertices, fine.faces)},
             edges=True,
         )
-        for k, mesh in enumerate(meshes)
+        for k, (vertices, faces) in enumerate(meshes)
     ]

@@ -1,22 +1,20 @@
-"""The one way to write a page for a browser: one file with all it needs, in light and in dark, surfaces to turn."""
+"""HTML pages in one file: text, tables, pictures, and scenes to rotate, in light and dark mode."""
 
 import base64
 import html
 import json
 import math
-import re
-from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Container, Iterable, Sequence
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from spinor_geom.errors import RenderError
-from spinor_geom.render.layers import UNKNOWN_COLOUR, VIRIDIS, Camera, Faces, Layer, Lines, Scale
+from spinor_geom.render.scene import UNKNOWN_COLOUR, VIRIDIS, Faces, Layer, Lines, Scene, overview
 
-_LONG = 60  # letters, from which on the text of a cell is broken into lines
-_LESS = "\\u003c"  # "<" in JSON
+_LONG = 60  # characters from which on a cell's text wraps
+_LESS = "\\u003c"  # "<" in JSON: "</script" or "<!--" in a text would end or hide the element
 
 
 def _file(name: str) -> str:
@@ -24,7 +22,7 @@ def _file(name: str) -> str:
 
 
 def document(title: str, body: Sequence[str], *, style: str = "") -> str:
-    """A whole page of pieces of HTML; the style is CSS of this page, after that of all pages."""
+    """A whole page from pieces of HTML; `style` is CSS added to page.css."""
     return "\n".join(
         [
             "<!doctype html>",
@@ -39,7 +37,7 @@ def document(title: str, body: Sequence[str], *, style: str = "") -> str:
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, marked: Container[int] = ()) -> str:
-    """A table of plain text; the marked rows miss what was asked for."""
+    """An HTML table of plain text; the marked rows are highlighted."""
     head = "".join(f'<th scope="col">{html.escape(column)}</th>' for column in columns)
     lines = (
         f"<tr{' class=missed' * (k in marked)}>"
@@ -51,7 +49,7 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, marked: Cont
 
 
 def cell(value: Any, digits: int = 4) -> str:
-    """The text of a figure in a table, nothing for what there is not."""
+    """The text of a value in a table; empty for None and NaN."""
     if value is None or isinstance(value, bool):
         return {None: "", True: "yes", False: "no"}[value]
     if isinstance(value, float):
@@ -60,83 +58,76 @@ def cell(value: Any, digits: int = 4) -> str:
 
 
 def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """The same table in markdown, one text per column."""
+    """The same table in Markdown."""
     lines = [[text.replace("|", "\\|") for text in line] for line in (columns, ["---"] * len(columns), *rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def picture(data: bytes, alt: str) -> str:
-    """A PNG inside the page."""
+    """A PNG as an `img` element that contains the data."""
     return f'<img alt="{html.escape(alt)}" src="data:image/png;base64,{base64.b64encode(data).decode()}">'
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Scene:
-    """Surfaces, lines and points to be looked at together.
-
-    Without the panel the view has a list of the scales of the layers' fields, the first shown first.
-    """
-
-    title: str
-    layers: Sequence[Layer]
-    scales: Mapping[str, Scale] = field(default_factory=dict)
-    panel: bool = False  # whether it follows the page's controls, see `panel`
-    cameras: Mapping[str, Camera] = field(default_factory=dict)  # at first, by loop of the panel; `ALWAYS` for others
-    unit: str | None = None  # of lengths, for the ruler; none is drawn without
-    flat: bool = False  # whether it lies in the plane of the picture, and is moved and not turned
-    spins: bool = False  # whether it turns by itself until it is touched
-    shape: str = ""  # "" (small), "square" or "wide"
-
-
 class Views:
-    """The views of one page: `figure` where each is to stand, `script` once at the page's end."""
+    """The scenes of one page: `figure` gives the element of each, `script` the program, once at the end of the page."""
 
     def __init__(self) -> None:
         self._views: list[dict[str, object]] = []
-        self._places: dict[str, int] = {}  # each array once, however many layers have it
+        self._arrays: dict[str, int] = {}  # the index of each array; arrays that layers share are stored once
 
     def figure(self, scene: Scene) -> str:
-        """The element in which the view will stand."""
+        """The element in which the scene is shown."""
         place = f"view-{len(self._views)}"
         points = np.concatenate([layer.vertices for layer in scene.layers])
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
-        data = {
-            **{name: getattr(scene, name) for name in ("title", "panel", "unit", "flat", "spins")},
-            "place": place,
-            "layers": [self._layer(layer) for layer in scene.layers],
-            "middle": middle.tolist(),
-            "reach": max(farthest(layer, middle) for layer in scene.layers) or 1.0,
-            "scales": {name: vars(scale) for name, scale in scene.scales.items()},
-            "cameras": {
-                loop: {"focus": camera.focus.tolist(), "frame": camera.frame.tolist(), "radius": camera.radius}
-                for loop, camera in scene.cameras.items()
-            },
-        }
-        self._views.append(data)
+        reach = max(farthest(layer, middle) for layer in scene.layers) or 1.0
+
+        def scaled(points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+            """Points of the unit ball, whose positions in single precision are good wherever the scene lies."""
+            return np.asarray((points - middle) / reach)
+
+        cameras = {"": scene.camera or overview(scene.layers), **scene.loop_cameras}
+        self._views.append(
+            {
+                **{name: getattr(scene, name) for name in ("title", "panel", "unit", "flat")},
+                "place": place,
+                "reach": reach,
+                "layers": [self._layer(layer, scaled) for layer in scene.layers],
+                "scales": {name: vars(scale) for name, scale in scene.colour_scales.items()},
+                "cameras": {
+                    loop: {
+                        "focus": scaled(camera.focus).tolist(),
+                        "frame": camera.frame.tolist(),
+                        "radius": camera.radius / reach,
+                    }
+                    for loop, camera in cameras.items()
+                },
+            }
+        )
         return f'<figure class="view {scene.shape}" id="{place}"></figure>'
 
     def script(self) -> str:
-        """The data of all views and the program that shows them."""
+        """The data of all scenes, and the program that shows them."""
         data = {
             "colours": {"stops": VIRIDIS, "unknown": UNKNOWN_COLOUR},
-            "arrays": list(self._places),
+            "arrays": list(self._arrays),
             "views": self._views,
         }
         return "\n".join(
             [
-                # "</script" would end the script element, "<!--" with a "<script" after it hide its end
                 *(
                     f'<script type="application/json" id="{name}">{json.dumps(value).replace("<", _LESS)}</script>'
                     for name, value in data.items()
                 ),
-                f"<script>{three_js()}</script>",
-                f"<script>{_file('viewer.js')}</script>",
+                *(f"<script>{_file(name)}</script>" for name in ("three.min.js", "viewer.js")),
             ]
         )
 
-    def _layer(self, layer: Layer) -> dict[str, object]:
-        """A layer in JSON's types; arrays as their places among all."""
+    def _layer(self, layer: Layer, scaled: Callable[[np.ndarray], np.ndarray]) -> dict[str, object]:
+        """A layer in JSON's types; arrays by index."""
         data: dict[str, object] = {"kind": type(layer).__name__.lower(), **vars(layer)}
+        data["vertices"] = scaled(layer.vertices)
+        data["conjugate"] = None if layer.conjugate is None else scaled(layer.conjugate)
         if isinstance(layer, Faces):
             fields = {name: self._array(values) for name, values in layer.fields.items()}
             data |= {"elements": data.pop("faces"), "fields": fields}
@@ -145,19 +136,20 @@ class Views:
         return {k: self._array(v) if isinstance(v, np.ndarray) else v for k, v in data.items() if v is not None}
 
     def _array(self, values: np.ndarray) -> int:
-        """The place of an array: its little-endian bytes in base 64."""
+        """The index of an array, which is stored in single precision or 32-bit integers, little-endian, base 64."""
         kind = "<u4" if values.dtype.kind == "i" else "<f4"
         text = base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
-        return self._places.setdefault(text, len(self._places))
+        return self._arrays.setdefault(text, len(self._arrays))
 
 
-def panel(*, colours: Mapping[str, str], switches: Sequence[str], loops: Mapping[str, str]) -> str:
-    """Controls that scenes of a page follow, and its parts with `data-loop`; the first colour and loop are chosen.
+def panel(*, colours: Iterable[str], switches: Iterable[str], loops: dict[str, str]) -> str:
+    """Controls for the scenes with `panel` and for elements with `data-loop`: fields, check boxes, labels by loop.
 
-    Colours and loops are labels by name of the field or loop; the switches are of layers that are not shown at first.
+    At first the patches have one colour, no box is checked and the first loop is selected.
     """
-    radios = (_choice("radio", "colour", field, label, k == 0) for k, (field, label) in enumerate(colours.items()))
-    boxes = (_choice("checkbox", "show", switch, switch, False) for switch in switches)
+    radios = [_choice("radio", "colour", "", "one colour", checked=True)]
+    radios += [_choice("radio", "colour", name, name) for name in colours]
+    boxes = [_choice("checkbox", "show", switch, switch) for switch in switches]
     options = (f'<option value="{html.escape(loop)}">{html.escape(label)}</option>' for loop, label in loops.items())
     choice = f'<legend>Loop</legend><select name="loop" aria-label="loop">{"".join(options)}</select>'
     return (
@@ -168,30 +160,15 @@ def panel(*, colours: Mapping[str, str], switches: Sequence[str], loops: Mapping
     )
 
 
-def _choice(kind: str, name: str, value: str, label: str, checked: bool) -> str:
+def _choice(kind: str, name: str, value: str, label: str, *, checked: bool = False) -> str:
     return (
         f'<label><input type="{kind}" name="{name}" value="{html.escape(value)}"{" checked" * checked}> '
         f"{html.escape(label)}</label>"
     )
 
 
-def three_js() -> str:
-    """The library that draws, with its licence's notice, from the page in which trimesh shows its scenes."""
-    import trimesh
-    from trimesh.viewer import scene_to_html
-
-    page = scene_to_html(trimesh.Scene(trimesh.creation.icosahedron()))
-    found = re.search(r"/\*\*\n \* @license\n[^/]*Three\.js Authors[^/]*\*/\n!function[^\n]*", page)
-    if found is None:
-        raise RenderError(
-            f"no page was made: three.js, which shows it, was not found in trimesh {trimesh.__version__}; "
-            "install another version, such as 4.5"
-        )
-    return found.group()
-
-
 def farthest(layer: Layer, middle: np.ndarray) -> float:
-    """The largest distance of a layer's vertices from a point, for all members of its family: |cos t·a + sin t·b|."""
+    """The largest distance of a layer's vertices from a point, over the associate family: |cos t·a + sin t·b|."""
     a = layer.vertices - middle
     b = np.zeros_like(a) if layer.conjugate is None else layer.conjugate - middle
     aa, bb, ab = ((u * v).sum(axis=1) for u, v in ((a, a), (b, b), (a, b)))

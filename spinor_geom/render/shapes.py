@@ -1,9 +1,9 @@
-"""Any surface or mesh as vertices, triangles and values, and what other libraries and browsers take of it."""
+"""Surfaces and meshes as vertices, triangles and values, for other libraries, glTF files and notebooks."""
 
 import html
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,49 +16,49 @@ from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface
 from spinor_geom.errors import MeshFileError
 from spinor_geom.fill.result import FillResult
 from spinor_geom.measures import discrete_mean_curvature
-from spinor_geom.mesh.topology import boundary_edges
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_surface
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.render.layers import MESH, PATCH, Faces, Layer, Lines, Scale, colours_of
-from spinor_geom.render.page import Scene, Views, document
+from spinor_geom.render.page import Views, document
+from spinor_geom.render.portrait import Portrait
+from spinor_geom.render.scene import Scene, viridis
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 GAUSS, MEAN, NORMAL = "gauss_curvature", "mean_curvature", "normal"
-MOST_FACES = 200_000  # of larger meshes a notebook would become as large itself
+MOST_FACES = 200_000  # larger meshes are not embedded in a notebook
 _HEIGHT = 430  # of a frame, in pixels
 _FRAME_STYLE = "body { margin: .3rem auto } figure.view { margin: 0 } figure.wide canvas { height: 20rem }"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape:
-    """Triangles with values at their vertices, (n,) or (n, k) by name, as `Shown` tells them."""
+    """Triangles with values at their vertices."""
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "f 3"]
-    values: Mapping[str, np.ndarray] = field(default_factory=dict)
-    curvature: str = MEAN  # the value that colours tell
-    patch_faces: Int[np.ndarray, " p"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    values: Mapping[str, np.ndarray]  # (n,) or (n, k), names as in `Shown`
+    colour_field: str = MEAN  # name of the values shown by colours
 
     @property
-    def rims(self) -> Int[np.ndarray, "r 2"]:
-        """The edges with one face."""
-        return boundary_edges(self.faces)
+    def curvature(self) -> Float[np.ndarray, " n"]:
+        """The values shown by colours."""
+        return self.values[self.colour_field]
 
-    @property
-    def clipped(self) -> Float[np.ndarray, " n"]:
-        """The curvature, its extremes cut off at the ends of its `Scale`."""
-        scale = Scale.of(self.values[self.curvature])
-        return np.asarray(np.clip(self.values[self.curvature], scale.low, scale.high))
+    def portrait(self, *, curvature: bool) -> Portrait:
+        """The triangles and their boundary, coloured by curvature or with one colour for each side."""
+        name = f"{self.colour_field.replace('_', ' ')}, 1/unit{'²' * (self.colour_field == GAUSS)}"
+        return Portrait.of_mesh(self.vertices, self.faces, {name: self.curvature} if curvature else None)
 
     def write_gltf(self, path: str | os.PathLike[str]) -> None:
         """See `Shown.to_gltf`."""
         target = Path(path)
         if target.suffix.lower() != ".glb":
             raise MeshFileError(f"{target}: binary glTF has the suffix .glb, not '{target.suffix}'", path=target)
-        srgb = colours_of(self.values[self.curvature])
-        # glTF's colours are linear
-        linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-        attributes = {"color": linear} | ({NORMAL: self.values[NORMAL]} if NORMAL in self.values else {})
+        srgb = viridis(self.curvature)
+        # colours are linear in glTF
+        attributes = {"color": np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)}
+        if NORMAL in self.values:
+            attributes[NORMAL] = self.values[NORMAL]
         contents = FileContents(
             vertices=np.asarray(self.vertices),
             polygons=Polygons.of_triangles(np.asarray(self.faces)),
@@ -68,13 +68,15 @@ class Shape:
         MeshFile.of_contents(contents, path=None).write(target)
 
     def framed(self, *, title: str) -> str:
-        """A frame for a notebook, with a page of its own; above `MOST_FACES` triangles only their number."""
+        """An `iframe` with a page of its own, for a notebook; only the counts for more than `MOST_FACES` triangles."""
         facts = f"{title}: {len(self.vertices)} vertices, {len(self.faces)} triangles"
         if len(self.faces) > MOST_FACES:
             return f"<p>{html.escape(facts)}; too many to show here, to_pyvista() gives an object to plot.</p>"
-        text = shape_page(self, title=facts)
+        views = Views()
+        scene = Scene(title=facts, layers=self.portrait(curvature=True).layers, unit="units")
+        page = document(facts, [views.figure(scene), views.script()], style=_FRAME_STYLE)
         return (
-            f'<iframe title="{html.escape(title)}" srcdoc="{html.escape(text)}" width="100%" height="{_HEIGHT}" '
+            f'<iframe title="{html.escape(title)}" srcdoc="{html.escape(page)}" width="100%" height="{_HEIGHT}" '
             'style="border: 0" sandbox="allow-scripts"></iframe>'
         )
 
@@ -91,31 +93,15 @@ def shape_of(shown: Any) -> Shape:
         return _minimal(mesh_surface(shown), shown)
     if isinstance(shown, PlateauSolution):
         return _minimal(mesh_patch(shown), shown.surface)
-    if isinstance(shown, FillResult):
-        added = np.arange(len(shown.extension.faces))
-        return replace(shape_of(shown.mesh), patch_faces=len(shown.original.faces) + added)
     if isinstance(shown, (Patch, DiscreteMinimalSurface)):
-        return _mesh(shown.vertices, shown.faces, {})
-    mesh = to_mesh(shown)
-    return _mesh(mesh.vertices, mesh.faces, mesh.vertex_attributes)
-
-
-def shape_page(shape: Shape, *, title: str) -> str:
-    """A page with a shape, to turn, its curvature as a choice of colours."""
-    ours = np.isin(np.arange(len(shape.faces)), shape.patch_faces)
-    curvature = shape.values[shape.curvature]
-    name = f"{shape.curvature.replace('_', ' ')}, 1/unit{'²' * (shape.curvature == GAUSS)}"
-    layers: list[Layer] = [
-        Faces(vertices=shape.vertices, faces=shape.faces[chosen], fields={name: curvature}, **look)
-        for chosen, look in ((~ours, MESH), (ours, PATCH))
-        if chosen.any()
-    ]
-    if len(shape.rims):
-        layers.append(Lines(vertices=shape.vertices, edges=shape.rims, width=2.5))
-    scales = {name: Scale.of(curvature)} if np.isfinite(curvature).any() else {}
-    views = Views()
-    scene = Scene(title=title, layers=layers, scales=scales, unit="units", shape="wide")
-    return document(title, [views.figure(scene), views.script()], style=_FRAME_STYLE)
+        mesh = TriangleMesh(shown.vertices, shown.faces)
+    else:
+        mesh = to_mesh(shown.mesh if isinstance(shown, FillResult) else shown)
+    mean = np.full(len(mesh.vertices), np.nan)
+    if len(mesh.faces):
+        curvature = discrete_mean_curvature(mesh.vertices, mesh.faces)
+        mean[curvature.vertices] = curvature.values
+    return Shape(vertices=mesh.vertices, faces=mesh.faces, values={**mesh.vertex_attributes, MEAN: mean})
 
 
 def _minimal(patch: Patch, surface: SpinorSurface) -> Shape:
@@ -123,14 +109,4 @@ def _minimal(patch: Patch, surface: SpinorSurface) -> Shape:
         NORMAL: np.asarray(surface.normal(patch.points)),
         GAUSS: np.asarray(surface.gauss_curvature(patch.points)),
     }
-    return Shape(vertices=patch.vertices, faces=patch.faces, values=values, curvature=GAUSS)
-
-
-def _mesh(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], attributes: Mapping[str, np.ndarray]
-) -> Shape:
-    mean = np.full(len(vertices), np.nan)
-    if len(faces):
-        found = discrete_mean_curvature(vertices, faces)
-        mean[found.vertices] = found.values
-    return Shape(vertices=vertices, faces=faces, values={**attributes, MEAN: mean})
+    return Shape(vertices=patch.vertices, faces=patch.faces, values=values, colour_field=GAUSS)

@@ -1,4 +1,4 @@
-// Views of surfaces, lines and points in one page, drawn by three.js, which stands in the page before this.
+// Draws the scenes of a page with three.js. The data are in the page as JSON, see Views in page.py.
 (function () {
   "use strict";
   const read = (id) => JSON.parse(document.getElementById(id).textContent);
@@ -8,39 +8,35 @@
     made.textContent = text;
     return made;
   }
-  const scale = read("colours"), texts = read("arrays"), arrays = {};
-  const STOPS = scale.stops.map((stop) => new THREE.Color(stop)), UNKNOWN = new THREE.Color(scale.unknown);
+  const colours = read("colours"), texts = read("arrays"), arrays = {};
+  const STOPS = colours.stops.map((stop) => new THREE.Color(stop)), UNKNOWN = new THREE.Color(colours.unknown);
 
-  function array(place, Type) {
-    if (!arrays[place]) {
-      const letters = atob(texts[place]), bytes = new Uint8Array(letters.length);
-      for (let k = 0; k < bytes.length; k++) bytes[k] = letters.charCodeAt(k);
-      arrays[place] = new Type(bytes.buffer);
-    }
-    return arrays[place];
+  function array(index, Type) {
+    arrays[index] ||= new Type(Uint8Array.from(atob(texts[index]), (letter) => letter.charCodeAt(0)).buffer);
+    return arrays[index];
   }
   const mixed = new THREE.Color();
-  function colourOf(value, { low, high }) {
-    const x = Math.min(Math.max((value - low) / (high - low || 1), 0), 1) * (STOPS.length - 1);
-    const step = Math.min(Math.floor(x), STOPS.length - 2);
-    return Number.isFinite(value) ? mixed.lerpColors(STOPS[step], STOPS[step + 1], x - step) : UNKNOWN;
+  function colourOf(value, range) {
+    if (!Number.isFinite(value)) return UNKNOWN;
+    const share = (value - range.low) / (range.high - range.low || 1);
+    const x = Math.min(Math.max(share, 0), 1) * (STOPS.length - 1), step = Math.min(Math.floor(x), STOPS.length - 2);
+    return mixed.lerpColors(STOPS[step], STOPS[step + 1], x - step);
   }
-  function told(value) {
+  function formatted(value) {
     const size = Math.abs(value);
     const plain = size === 0 || (size >= 1e-3 && size < 1e5);
     return plain ? String(Number(value.toPrecision(3))) : value.toExponential(1);
   }
-  // the colours' scale: a strip, its ends, their unit
-  function bar(element, { low, high, unit }) {
+  function showScale(element, name, { low, high }) {
     element.className = "bar";
-    element.replaceChildren();
-    make("i", element, { style: `background: linear-gradient(to right, ${scale.stops.join(", ")})` });
-    make("b", element, {}, `${told(high)} ${unit}`);
-    element.append(`${told(low)} ${unit}`);
+    element.replaceChildren(name);
+    make("i", element, { style: `background: linear-gradient(to right, ${colours.stops.join(", ")})` });
+    make("b", element, {}, formatted(high));
+    element.append(formatted(low));
   }
 
-  // one small program for all surfaces, light from the eye and from above; those of three.js take seconds to compile
-  // where a processor draws
+  // one shader for all surfaces, lit from the eye and from above; the materials of three.js take seconds to compile
+  // without a graphics card
   const surface = (lit) => new THREE.ShaderMaterial({
     uniforms: { inside: { value: new THREE.Vector4() }, lit: { value: lit } },
     vertexShader: `varying vec3 n, c;
@@ -58,18 +54,18 @@
       }`,
     vertexColors: true,
     side: THREE.DoubleSide,
-    polygonOffset: true,  // behind the lines on it
+    polygonOffset: true,  // lines on the surface stay visible
     polygonOffsetFactor: 1,
     polygonOffsetUnits: 1,
   });
 
-  // lines of a width in pixels with round ends, which three.js does not have; a point is a line without length
+  // lines of a width in pixels with round ends, not available in three.js; a point is a line of length 0
   const stroke = (colour, width, nearer) => new THREE.ShaderMaterial({
     uniforms: {
       colour: { value: new THREE.Color(colour) },
       width: { value: width },
       nearer: { value: nearer },
-      pixels: { value: new THREE.Vector3() },  // half the picture's sides, and how many make a pixel of CSS
+      pixels: { value: new THREE.Vector3() },  // half the canvas's width and height, and the device pixel ratio
     },
     vertexShader: `attribute vec3 start, end; uniform vec3 pixels; uniform float width, nearer; varying vec3 at;
       void main() {
@@ -127,31 +123,31 @@
       if (this.halo) add(Object.assign(stroke(this.halo, this.width + 2, 0.0012), { depthWrite: false }), 1);
       add(stroke(this.colour, this.width, this.kind === "dots" ? 0.002 : 0.0014), 2);
     }
-    // the vertices in the view's ball of radius 1; those with a conjugate after a turn through their family
+    // the vertices for an angle of the associate family
     points(angle) {
-      const own = array(this.vertices, Float32Array), { middle, reach } = this.view;
-      if (this.conjugate === undefined) return own.map((x, k) => (x - middle[k % 3]) / reach);
-      const other = array(this.conjugate, Float32Array), c = Math.cos(angle), s = Math.sin(angle);
-      return own.map((x, k) => (c * (x - middle[k % 3]) + s * (other[k] - middle[k % 3])) / reach);
+      const own = array(this.vertices, Float32Array), c = Math.cos(angle), s = Math.sin(angle);
+      if (this.conjugate === undefined) return own.slice();
+      const other = array(this.conjugate, Float32Array);
+      return own.map((x, k) => c * x + s * other[k]);
     }
     gathered(angle) {
       const points = this.points(angle), made = new Float32Array(3 * this.elements.length);
       this.elements.forEach((place, k) => made.set(points.subarray(3 * place, 3 * place + 3), 3 * k));
       return made;
     }
-    // normals stay: those of a family are one
+    // the normals are the same in the whole family
     turnTo(angle) {
       const buffer = this.ends || this.geometry.attributes.position;
       buffer.array.set(this.ends ? this.gathered(angle) : this.points(angle));
       buffer.needsUpdate = true;
     }
     paint(field, range) {
-      const place = this.fields[field], plain = new THREE.Color(this.colour);
-      const values = place === undefined ? null : array(place, Float32Array), shown = !values && this.inside;
-      const colours = array(this.vertices, Float32Array).slice();
-      for (let k = 0; 3 * k < colours.length; k++)
-        (values ? colourOf(values[k], range) : plain).toArray(colours, 3 * k);
-      this.geometry.setAttribute("color", new THREE.BufferAttribute(colours, 3));
+      const index = this.fields[field], plain = new THREE.Color(this.colour);
+      const values = index === undefined ? null : array(index, Float32Array), shown = !values && this.inside;
+      const painted = array(this.vertices, Float32Array).slice();
+      for (let k = 0; 3 * k < painted.length; k++)
+        (values ? colourOf(values[k], range) : plain).toArray(painted, 3 * k);
+      this.geometry.setAttribute("color", new THREE.BufferAttribute(painted, 3));
       this.material.uniforms.inside.value.set(...new THREE.Color(shown || plain).toArray(), shown ? 1 : 0);
     }
   }
@@ -162,7 +158,7 @@
       Object.assign(this, data, { renderer, host, on: new Set(), chosen: "" });
       this.build();
       this.scene = new THREE.Scene();
-      this.pivot = new THREE.Group();  // turns about the point in the middle of the picture
+      this.pivot = new THREE.Group();  // rotates about the middle of the picture
       this.world = new THREE.Group();
       this.scene.add(this.pivot.add(this.world));
       this.camera = new THREE.OrthographicCamera(-1, 1, 1, -1, -8, 8);
@@ -182,41 +178,28 @@
         const ruler = make("div", stage, { class: "ruler" });
         [this.rule, this.length] = [make("i", ruler), make("span", ruler)];
       }
-      const names = Object.keys(this.scales);
-      if (!this.panel && names.length) {
-        const choice = make("select", this.host, { "aria-label": "colours" });
-        for (const name of names) choice.add(new Option(name, name));
-        choice.addEventListener("change", () => this.show(choice.value));
-        this.note = make("span", this.host);
-      }
+      if (!this.panel && Object.keys(this.scales).length) this.bar = make("span", this.host);
       if (this.layers.some((layer) => layer.conjugate !== undefined)) {
         const label = make("label", this.host, {}, "θ "), name = "angle of the associate family in degrees";
         const slider = make("input", label, { type: "range", min: 0, max: 360, value: 0, "aria-label": name });
-        const said = make("output", label, {}, "0°");
+        const output = make("output", label, {}, "0°");
         slider.addEventListener("input", () => {
           for (const part of this.parts) part.turnTo(slider.value * Math.PI / 180);
-          said.textContent = `${slider.value}°`;
+          output.textContent = `${slider.value}°`;
           this.draw();
         });
       }
     }
 
     reset() {
-      const camera = this.cameras[this.chosen] || this.cameras[""];
-      this.still = !this.spins || matchMedia("(prefers-reduced-motion: reduce)").matches;
-      this.pivot.quaternion.setFromEuler(new THREE.Euler(this.flat ? 0 : -1, 0, this.flat ? 0 : 0.6));
-      this.world.position.set(0, 0, 0);
-      this.camera.zoom = 0.9;
-      if (camera) {
-        const [right, up, direction] = camera.frame.map((row) => new THREE.Vector3(...row));
-        this.pivot.quaternion.setFromRotationMatrix(new THREE.Matrix4().makeBasis(right, up, direction).transpose());
-        this.world.position.set(...camera.focus.map((x, k) => (this.middle[k] - x) / this.reach));
-        this.camera.zoom = 0.92 * this.reach / camera.radius;
-      }
+      const { focus, frame, radius } = this.cameras[this.chosen] || this.cameras[""];
+      const basis = new THREE.Matrix4().makeBasis(...frame.map((row) => new THREE.Vector3(...row)));
+      this.pivot.quaternion.setFromRotationMatrix(basis.transpose());
+      this.world.position.set(...focus.map((x) => -x));
+      this.camera.zoom = 0.92 / radius;
     }
-    // by angles, or by shares of the picture's half height where the plane does not turn
+    // rotates by angles, or moves by shares of half the picture's height
     drag(x, y, moves) {
-      this.still = true;
       const turn = this.pivot.quaternion, shift = new THREE.Vector3(x, -y, 0).divideScalar(this.camera.zoom);
       if (moves) this.world.position.add(shift.applyQuaternion(turn.clone().invert()));
       else turn.premultiply(new THREE.Quaternion().setFromEuler(new THREE.Euler(y, x, 0)));
@@ -227,7 +210,7 @@
     listen() {
       const canvas = this.canvas, on = (name, act, how) => canvas.addEventListener(name, act, how);
       let held = null;
-      on("pointerdown", (event) => { held = event; this.still = true; canvas.setPointerCapture(event.pointerId); });
+      on("pointerdown", (event) => { held = event; canvas.setPointerCapture(event.pointerId); });
       on("lostpointercapture", () => { held = null; });
       on("pointermove", (event) => {
         if (!held) return;
@@ -250,31 +233,24 @@
         event.preventDefault();
       });
       new ResizeObserver(() => this.draw()).observe(canvas);
-      let seen = true;
-      new IntersectionObserver((entries) => { seen = entries[0].isIntersecting; }).observe(canvas);
-      const spin = () => {
-        if (!this.still && seen) { this.pivot.rotateZ(0.004); this.draw(); }
-        requestAnimationFrame(spin);
-      };
-      if (this.spins) spin();
     }
 
     show(field, on = this.on, loop = this.chosen) {
       const range = this.scales[field], other = loop !== this.chosen;
       Object.assign(this, { on, chosen: loop });
       for (const part of this.parts) {
-        part.group.visible = (part.loop === "" || part.loop === loop) && (!part.switch || on.has(part.switch));
+        part.group.visible = !part.switch || on.has(part.switch);
         if (part.kind !== "faces") continue;
         part.wires.visible = part.edges === true || on.has(part.edges);
         if (field !== this.field) part.paint(field, range);
       }
       this.field = field;
-      if (this.note && range) bar(this.note, range);
+      if (this.bar && range) showScale(this.bar, field, range);
       if (other) this.reset();
       this.draw();
     }
 
-    // all views are drawn in one place and copied: browsers give a page few places to draw in
+    // all views share one WebGL canvas and copy from it: browsers limit their number
     draw() {
       const { canvas, renderer, camera } = this, fine = window.devicePixelRatio, drawn = renderer.domElement;
       const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.round(side * fine));
@@ -286,26 +262,26 @@
       this.world.traverse(({ material }) => material?.uniforms?.pixels?.value.set(width / 2, height / 2, fine));
       renderer.setViewport(0, 0, width, height);
       renderer.render(this.scene, camera);
-      Object.assign(canvas, { width, height });  // empties it
+      Object.assign(canvas, { width, height });  // clears it
       canvas.getContext("2d").drawImage(drawn, 0, drawn.height - height, width, height, 0, 0, width, height);
-      if (this.unit) this.measureOut(least / fine / 2 * camera.zoom / this.reach);
+      if (this.unit) this.drawRuler(least / fine / 2 * camera.zoom / this.reach);
     }
-    // a round length of about a quarter of the picture; `size` of a unit in CSS pixels
-    measureOut(size) {
+    // a ruler of a round length, about a quarter of the picture; `size`: CSS pixels per unit
+    drawRuler(size) {
       const wanted = this.canvas.clientWidth / 4 / size, power = 10 ** Math.floor(Math.log10(wanted));
       const round = power * [5, 2, 1].find((digit) => digit * power <= wanted);
       this.rule.style.width = `${round * size}px`;
-      this.length.textContent = `${told(round)} ${this.unit}`;
+      this.length.textContent = `${formatted(round)} ${this.unit}`;
     }
   }
 
   function follow(form, views) {
     const output = form.querySelector("output");
     const update = () => {
-      const said = new FormData(form), field = said.get("colour") || "", loop = said.get("loop") || "";
-      for (const view of views) view.show(field, new Set(said.getAll("show")), loop);
+      const chosen = new FormData(form), field = chosen.get("colour") || "", loop = chosen.get("loop") || "";
+      for (const view of views) view.show(field, new Set(chosen.getAll("show")), loop);
       const range = views.map((view) => view.scales[field]).find(Boolean);
-      if (range) bar(output, range); else output.replaceChildren();
+      if (range) showScale(output, "", range); else output.replaceChildren();
       for (const part of document.querySelectorAll("[data-loop]")) part.hidden = part.dataset.loop !== loop;
     };
     form.addEventListener("change", update);
@@ -318,7 +294,7 @@
     let renderer = null;
     try {
       renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
-    } catch { /* told in each view's place */ }
+    } catch { /* reported in each view */ }
     const views = renderer ? data.map((one) => new View(one, renderer)) : [];
     if (!renderer)
       for (const { place } of data) document.getElementById(place).textContent = "this browser has no WebGL";

@@ -21,7 +21,7 @@ from spinor_geom.cli import console, runs
 from spinor_geom.cli.main import build_parser, main
 from spinor_geom.errors import FirstFillError
 from spinor_geom.fill.loops import boundary_loops
-from spinor_geom.render.layers import View
+from spinor_geom.render.scene import Scene
 from tests.fill.shapes import collar, cylinder, figure_eight, spiked_tetrahedron, tube
 from tests.fill.test_bridge import island, places, ring
 from tests.systems import modes, undecodable
@@ -399,7 +399,7 @@ def test_loops_are_drawn_with_their_numbers(mesh_path: Path, tmp_path: Path, mon
     picture = tmp_path / "new" / "rims.png"
     texts = []
 
-    def written(views: Sequence[View], path: Path) -> None:
+    def written(views: Sequence[Scene], path: Path) -> None:
         assert (path, path.parent.is_dir()) == (picture, True)
         texts.extend(text for view in views for _, text in view.labels)
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import torch
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d import proj3d
 from PIL import Image
 
 from spinor_geom import gallery
@@ -21,6 +20,7 @@ from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import (
     NAMES,
+    figures,
     forms,
     paper_surfaces,
     quadrature,
@@ -30,7 +30,8 @@ from spinor_geom.experiments import experiment as experiments_run
 from spinor_geom.experiments.experiment import Done, Outcome, experiment, report, reproduce
 from spinor_geom.experiments.trainings import DOUGLAS, OURS, PAPER
 from spinor_geom.holomorphic import PowerSeries
-from spinor_geom.render import plots
+from spinor_geom.render.portrait import Portrait
+from spinor_geom.render.scene import Dots
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, rmsprop, train_by_rmsprop
 
@@ -242,29 +243,29 @@ def test_branch_points_on_the_boundary_are_said_to_be_there():
 
 
 def test_triangles_of_the_disk_cover_it_once_and_turn_one_way():
-    z, faces = plots.disk_grid(5, 12)
+    z, faces = figures.disk_grid(5, 12)
     a, b, c = z[faces].T
     areas = ((b - a).conj() * (c - a)).imag / 2
     assert areas.min() > 0
     assert abs(areas.sum() - 6 * np.sin(np.pi / 6)) < 1e-12
 
 
-def test_surfaces_lie_inside_their_pictures_with_crosses_and_a_scale_of_colours():
+def test_surfaces_are_drawn_whole_with_dots_and_a_scale_of_colours():
     surface = gallery.enneper(1.0).surface
-    one = replace(plots.Drawn.of(surface, (3, 24)), marks=surface.position(np.array([0j])))
-    figure = plots.surfaces({"a": one, "b": replace(one, value=np.arange(len(one.position), dtype=float))})
-    assert len(figure.axes) == 3  # and a scale of colours
-    figure.canvas.draw()
-    for axes in figure.axes[:2]:
-        rim, cross = axes.lines
-        assert cross.get_marker() == "x"
-        x, y, _ = proj3d.proj_transform(*rim.get_data_3d(), axes.get_proj())
-        on_screen = axes.transData.transform(np.stack([x, y], axis=-1))
-        box = axes.get_window_extent()
-        inside = (on_screen - box.min) / box.size
-        assert inside.min() > 0
-        assert inside.max() < 1
-        assert np.ptp(inside[:, 0]) > 0.7
+    field = {"|H|": np.linspace(0, 1, 1 + 3 * 24)}
+    dots = Dots(vertices=surface.position(np.array([0j])), colour="#ff00ff", width=20)
+    dotted = Portrait(layers=(*figures.over_disk(surface, grid=(3, 24)).layers, dots))
+    figure = figures.surfaces({"a": dotted, "b": figures.over_disk(surface, grid=(3, 24), fields=field)})
+    assert [axes.get_title() for axes in figure.axes] == ["a", "b", ""]  # the third is a scale of colours
+    for axes, has_dots in zip(figure.axes[:2], (True, False), strict=True):
+        picture = np.asarray(axes.images[0].get_array())[..., :3]
+        drawn = np.argwhere(picture.min(axis=-1) < 0.95)
+        low, high = drawn.min(axis=0) / len(picture), drawn.max(axis=0) / len(picture)
+        assert low.min() > 0
+        assert high.max() < 1
+        assert (high - low)[1] > 0.7
+        is_magenta = (picture[..., 0] > 0.6) & (picture[..., 1] < 0.4) & (picture[..., 2] > 0.6)
+        assert is_magenta.any() == has_dots
 
 
 def test_a_different_surface_leaves_a_residual():
@@ -408,7 +409,7 @@ def test_what_the_paper_says_and_was_not_seen_is_an_exit_status(tmp_path, capsys
 
 
 def test_functions_are_drawn_black_where_they_vanish_and_white_outside_the_disk():
-    figure = plots.phases({"row": {"z": lambda z: z}})
+    figure = figures.phases({"row": {"z": lambda z: z}})
     (image,) = figure.axes[0].images
     pixels = image.get_array()
     middle = len(pixels) // 2

@@ -12,28 +12,21 @@ import numpy as np
 import pytest
 
 from spinor_geom.cli.main import main
-from spinor_geom.errors import MissingPackageError, RenderError, require
+from spinor_geom.errors import RenderError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.isolate import Event, FaultError, Process
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render import png
-from spinor_geom.render.layers import View
-from spinor_geom.render.portrait import fill_scene, loops_scene
+from spinor_geom.render.fill_scene import fill_scene, loops_scene
+from spinor_geom.render.scene import Scene
 from tests.fill.shapes import tube
 from tests.systems import signals
 
 
 @pytest.fixture(scope="module")
-def scene() -> tuple[View, ...]:
+def scene() -> tuple[Scene, ...]:
     return fill_scene(fill_hole(tube(), return_report=True)[1])
-
-
-@pytest.fixture
-def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A quarter of the pixels."""
-    monkeypatch.setattr(png, "WIDTH", 800)
-    monkeypatch.setattr(png, "HEIGHT", 400)
 
 
 def pixels(path: Path) -> np.ndarray:
@@ -45,14 +38,14 @@ def pixels(path: Path) -> np.ndarray:
     return np.asarray(image.active_scalars).reshape(height, width, -1)[::-1, :, :3].astype(int)
 
 
-def test_the_patch_is_orange_and_only_on_the_right(scene: tuple[View, ...], tmp_path: Path) -> None:
+def test_the_patch_is_orange_and_only_on_the_right(scene: tuple[Scene, ...], tmp_path: Path) -> None:
     path = tmp_path / "picture.png"
     png.write_png(scene, path)
     image = pixels(path)
-    assert image.shape == (png.HEIGHT, png.WIDTH, 3)
+    assert image.shape == (*png.SIZE[::-1], 3)
     red, green, blue = np.moveaxis(image, -1, 0)
     orange = (red > 1.4 * green) & (green > 1.4 * blue) & (red > 120)
-    left, right = orange[:, : png.WIDTH // 2], orange[:, png.WIDTH // 2 :]
+    left, right = np.split(orange, 2, axis=1)
     assert right.mean() > 0.05
     assert left.mean() < 0.001
     white = (image == 255).all(axis=-1)
@@ -60,12 +53,11 @@ def test_the_patch_is_orange_and_only_on_the_right(scene: tuple[View, ...], tmp_
     assert [item.name for item in tmp_path.iterdir()] == ["picture.png"]
 
 
-@pytest.mark.usefixtures("small")
 def test_rims_are_drawn_with_their_numbers_and_without_patches(tmp_path: Path) -> None:
     mesh = TriangleMesh(*tube())
     scene = loops_scene(mesh, boundary_loops(mesh))
-    png.write_png(scene, tmp_path / "numbered.png")
-    png.write_png([replace(view, labels=()) for view in scene], tmp_path / "bare.png")
+    png.write_png(scene, tmp_path / "numbered.png", size=(800, 400))
+    png.write_png([replace(one, labels=()) for one in scene], tmp_path / "bare.png", size=(800, 400))
     numbered, bare = pixels(tmp_path / "numbered.png"), pixels(tmp_path / "bare.png")
     changed = (numbered != bare).any(axis=-1)
     assert 50 < changed.sum() < 5000
@@ -92,7 +84,7 @@ DRAWING = "import {}; from spinor_geom.isolate import serve; serve(lambda *_: ex
     ],
 )
 def test_a_failed_drawing_is_a_typed_error_and_leaves_no_file(
-    scene: tuple[View, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, imported: str, done: str, words: str
+    scene: tuple[Scene, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, imported: str, done: str, words: str
 ) -> None:
     (tmp_path / "instead_of_drawing.py").write_text(DRAWING.format(imported, done))
     monkeypatch.syspath_prepend(tmp_path)
@@ -126,11 +118,6 @@ def test_a_job_is_a_closed_file_when_it_is_read(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(Process, "run", run)
     png.draw_apart("a", 1, time_limit=1.0)
     assert read == [("a", 1)]
-
-
-def test_a_missing_package_is_named_with_its_extra() -> None:
-    with pytest.raises(MissingPackageError, match=r"pip install '\.\[render\]'"):
-        require("no_such_package_at_all", extra="render")
 
 
 def test_the_command_says_so_before_it_works(

@@ -1,4 +1,4 @@
-"""What a picture shows: camera, rims, patches."""
+"""Scenes of fills and loops: cameras, boundary loops, patches."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.fill.result import FillResult
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.render.layers import View
-from spinor_geom.render.portrait import facing, fill_scene, loops_scene, whole_mesh
+from spinor_geom.render.camera import Camera
+from spinor_geom.render.fill_scene import fill_scene, loops_scene
+from spinor_geom.render.scene import Scene
 from tests.fill.shapes import tube
 from tests.fill.test_bridge import ring
 
@@ -24,11 +25,11 @@ def result() -> FillResult:
 
 
 @pytest.fixture(scope="module")
-def scene(result: FillResult) -> tuple[View, ...]:
+def scene(result: FillResult) -> tuple[Scene, ...]:
     return fill_scene(result)
 
 
-def test_the_scene_holds_the_mesh_its_patches_and_all_rims(result: FillResult, scene: tuple[View, ...]) -> None:
+def test_the_scene_holds_the_mesh_its_patches_and_all_rims(result: FillResult, scene: tuple[Scene, ...]) -> None:
     mesh, rims, patch = scene[1].layers
     np.testing.assert_array_equal(mesh.faces, result.original.faces)
     np.testing.assert_array_equal(patch.faces, result.extension.faces)
@@ -37,7 +38,7 @@ def test_the_scene_holds_the_mesh_its_patches_and_all_rims(result: FillResult, s
     assert scene[0].layers == [mesh, rims]
 
 
-def test_the_largest_patch_is_seen_face_on_from_outside(scene: tuple[View, ...]) -> None:
+def test_the_largest_patch_is_seen_face_on_from_outside(scene: tuple[Scene, ...]) -> None:
     # the larger hole of the tube looks down
     np.testing.assert_allclose(scene[0].camera.direction, [0, 0, -1], atol=1e-12)
     assert scene[0].camera is scene[1].camera
@@ -53,7 +54,7 @@ def test_the_largest_patch_is_that_of_largest_area_not_of_longest_rim() -> None:
     assert fill_scene(report)[0].camera.direction[2] > 0.9
 
 
-def test_everything_is_in_the_picture(scene: tuple[View, ...]) -> None:
+def test_everything_is_in_the_picture(scene: tuple[Scene, ...]) -> None:
     assert_shown(scene)
 
 
@@ -66,7 +67,7 @@ def test_a_patch_far_wider_than_the_mesh_is_in_the_picture() -> None:
     assert_shown(fill_scene(report))
 
 
-def assert_shown(scene: tuple[View, ...]) -> None:
+def assert_shown(scene: tuple[Scene, ...]) -> None:
     camera = scene[0].camera
     right = np.cross(camera.up, camera.direction)
     offset = scene[1].layers[-1].vertices - camera.focus
@@ -86,16 +87,16 @@ def test_rims_are_numbered_where_the_mesh_beside_them_is_seen() -> None:
     mesh = TriangleMesh(*tube())
     loops = boundary_loops(mesh)
     scene = loops_scene(mesh, loops)
-    for point, number in (label for view in scene for label in view.labels):
+    for point, number in (label for one in scene for label in one.labels):
         assert (loops[int(number)].points == point).all(axis=1).any()
     # the sides of the tube look away from its narrower end, so the wider is in front
-    before, behind = (view.camera for view in scene)
+    before, behind = (one.camera for one in scene)
     np.testing.assert_allclose(before.direction, -behind.direction)
     np.testing.assert_allclose(before.up, behind.up)
     ball = icosphere_without_two_faces()
     loops = boundary_loops(ball)
-    assert [[number for _, number in view.labels] for view in loops_scene(ball, loops)] == [["0"], ["1"]]
-    assert not any(view.labels for view in loops_scene(ball, []))
+    assert [[number for _, number in one.labels] for one in loops_scene(ball, loops)] == [["0"], ["1"]]
+    assert not any(one.labels for one in loops_scene(ball, []))
 
 
 def icosphere_without_two_faces() -> TriangleMesh:
@@ -115,13 +116,15 @@ def test_where_nothing_was_filled_the_longest_open_loop_is_shown() -> None:
 
 def test_a_closed_mesh_has_a_scene() -> None:
     _, report = fill_hole(fill_hole(tube()), return_report=True)
-    assert fill_scene(report)[0].layers[1].edges.shape == (0, 2)
+    (layer,) = fill_scene(report)[0].layers
+    assert len(layer.faces) == len(report.original.faces)
 
 
 @given(st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 1e-3))
 def test_views_are_orthonormal_straight_at_the_normal_and_upright(vector: tuple[float, float, float]) -> None:
     normal = np.array(vector) / np.linalg.norm(vector)
-    direction, up = facing(normal)
+    camera = Camera.facing(np.eye(3), normal)
+    direction, up = camera.direction, camera.up
     np.testing.assert_allclose([direction @ direction, up @ up, direction @ up], [1, 1, 0], atol=1e-12)
     np.testing.assert_array_equal(direction, normal)
     if abs(normal[1]) < 0.7:
@@ -130,6 +133,6 @@ def test_views_are_orthonormal_straight_at_the_normal_and_upright(vector: tuple[
 
 def test_the_whole_mesh_fits_exactly() -> None:
     box = np.array([[0.0, 0.0, 0.0], [4.0, 2.0, 1.0]])
-    camera = whole_mesh(box, np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0]))
+    camera = Camera.around(box, np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0]))
     np.testing.assert_allclose(camera.focus, [2.0, 1.0, 0.5])
     assert camera.radius == 2.0

@@ -15,11 +15,10 @@ import spinor_geom
 from spinor_geom import gallery
 from spinor_geom.errors import MeshFileError
 from spinor_geom.fill.result import FillResult
-from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render import shapes
-from spinor_geom.render.layers import VIRIDIS
+from spinor_geom.render.scene import VIRIDIS
 from tests.browser import browser, visit
 from tests.fill.shapes import tube
 
@@ -137,9 +136,3 @@ def test_names_are_escaped_twice_and_large_meshes_are_told_in_numbers(monkeypatc
     monkeypatch.setattr(shapes, "MOST_FACES", 100)
     assert "to_pyvista()" in sphere()._repr_html_()
     assert "<iframe" not in sphere()._repr_html_()
-
-
-def test_rims_are_the_open_edges(filled: FillResult) -> None:
-    assert len(shapes.shape_of(filled).rims) == 0
-    mesh = filled.original
-    np.testing.assert_array_equal(shapes.shape_of(mesh).rims, boundary_edges(mesh.faces))

@@ -1,0 +1,59 @@
+"""Cameras of scenes: parallel projections, and how they frame points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+_ALONG_Y = np.cos(np.pi / 4)  # views nearer to the y axis than 45° have the z axis upwards
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Camera:
+    """A parallel projection: `direction` is the unit vector to the eye, `radius` half the height that is shown."""
+
+    focus: Float[np.ndarray, "3"]
+    direction: Float[np.ndarray, "3"]
+    up: Float[np.ndarray, "3"]
+    radius: float
+
+    @property
+    def frame(self) -> Float[np.ndarray, "3 3"]:
+        """Unit vectors to the right, upwards and to the eye, as rows."""
+        return _frame(self.direction, self.up)
+
+    @classmethod
+    def around(
+        cls,
+        points: Float[np.ndarray, "n 3"],
+        direction: Float[np.ndarray, "3"],
+        up: Float[np.ndarray, "3"],
+        *,
+        aspect: float = 1,
+    ) -> Camera:
+        """The camera of a given direction that just shows all points; `aspect` is the picture's width per height."""
+        frame = _frame(direction, up)
+        seen = points @ frame.T
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        radius = float(((high - low)[:2] / [aspect, 1]).max() / 2) or 1.0
+        return cls(focus=(low + high) / 2 @ frame, direction=direction, up=up, radius=radius)
+
+    @classmethod
+    def facing(cls, points: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "3"]) -> Camera:
+        """The camera that shows all points and looks against a unit normal, the y axis (of most mesh files) upwards."""
+        axis = np.array([0.0, 1.0, 0.0])
+        if abs(normal[1]) > _ALONG_Y:
+            axis = np.array([0.0, 0.0, -np.sign(normal[1])])
+        return cls.around(points, normal, upright(normal, axis))
+
+
+def upright(direction: Float[np.ndarray, "3"], axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """The unit vector perpendicular to a direction that is nearest to an axis."""
+    up = axis - (axis @ direction) * direction
+    return np.asarray(up / np.linalg.norm(up))
+
+
+def _frame(direction: Float[np.ndarray, "3"], up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    return np.stack([np.cross(up, direction), up, direction])

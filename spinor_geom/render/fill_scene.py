@@ -1,0 +1,82 @@
+"""Scenes of meshes with boundary loops: before and after a fill, and the numbered loops."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from spinor_geom.domain.delaunay import rim_successors
+from spinor_geom.fill.result import FillResult, LoopOutcome
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.operators import vertex_normals
+from spinor_geom.mesh.topology import referenced_vertices
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.render.camera import Camera
+from spinor_geom.render.scene import MESH, PATCH, Faces, Layer, Lines, Scene
+
+UPWARDS = np.array([0.0, 0.0, 1.0])
+_MARGIN = 2.2  # radius shown around a small hole, in radii of the hole
+_CLOSE_UP = 0.5  # holes for which that is below this share of the mesh's radius are shown close up
+
+
+def fill_scene(result: FillResult) -> tuple[Scene, Scene]:
+    """The open and the filled mesh, both with the camera of `hole_camera`."""
+    original, extension = result.original, result.extension
+    # a smooth patch may reach far beyond the mesh
+    camera = hole_camera(np.concatenate([used_vertices(original), extension.vertices]), shown_loop(result.loops))
+    mesh = mesh_layers(original, [outcome.loop for outcome in result.loops])
+    vertices = np.concatenate([original.vertices, extension.vertices])
+    patch = Faces(vertices=vertices, faces=extension.faces, edges=True, **PATCH)
+    return Scene(layers=mesh, camera=camera, title="open"), Scene(layers=[*mesh, patch], camera=camera, title="filled")
+
+
+def loops_scene(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> tuple[Scene, Scene]:
+    """A mesh's loops seen against the normal of the longest one and from behind, numbered on the visible side."""
+    front = Camera.facing(used_vertices(mesh), loops[0].plane.normal if loops else UPWARDS)
+    behind = Camera.around(used_vertices(mesh), -front.direction, front.up)
+    nearest = [int(loop.vertex_ids[np.argmin(np.linalg.norm(loop.points - loop.centroid, axis=1))]) for loop in loops]
+    is_behind = vertex_normals(mesh.vertices, mesh.faces)[nearest] @ front.direction < 0
+    layers = mesh_layers(mesh, loops)
+
+    def seen(camera: Camera, title: str, shown: np.ndarray) -> Scene:
+        labels = [(mesh.vertices[nearest[k]], str(k)) for k in np.flatnonzero(shown)]
+        return Scene(layers=layers, camera=camera, title=title, labels=labels)
+
+    return seen(front, "boundary loops", ~is_behind), seen(behind, "from behind", is_behind)
+
+
+def mesh_layers(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], *, edges: bool | str = False) -> list[Layer]:
+    """A mesh and its boundary loops; `edges` as in `Faces`."""
+    layers: list[Layer] = [Faces(vertices=mesh.vertices, faces=mesh.faces, edges=edges, **MESH)]
+    if loops:
+        points = np.concatenate([loop.points for loop in loops])
+        segments = np.stack([np.arange(len(points)), rim_successors(tuple(map(len, loops)))], axis=1)
+        layers.append(Lines(vertices=points, edges=segments, width=2.5))
+    return layers
+
+
+def shown_loop(outcomes: Sequence[LoopOutcome]) -> LoopOutcome | None:
+    """The loop with the patch of largest area, else the longest open one; None for a closed mesh."""
+    filled = [outcome for outcome in outcomes if outcome.filled]
+    if filled:
+        return max(filled, key=lambda outcome: outcome.area or 0.0)
+    return outcomes[0] if outcomes else None
+
+
+def used_vertices(mesh: TriangleMesh) -> Float[np.ndarray, "v 3"]:
+    """The vertices of a mesh that its faces use."""
+    return np.asarray(mesh.vertices[referenced_vertices(mesh.faces, vertices=len(mesh.vertices))])
+
+
+def hole_camera(points: Float[np.ndarray, "v 3"], outcome: LoopOutcome | None) -> Camera:
+    """A camera that faces a hole and shows all points, or a small hole close up; without a hole, along the z axis."""
+    if outcome is None:
+        return Camera.facing(points, UPWARDS)
+    loop = outcome.loop
+    camera = Camera.facing(points, loop.plane.normal)
+    radius = _MARGIN * float(np.linalg.norm(loop.points - loop.centroid, axis=1).max())
+    if radius < _CLOSE_UP * camera.radius:
+        return Camera(focus=loop.centroid, direction=camera.direction, up=camera.up, radius=radius)
+    return camera
