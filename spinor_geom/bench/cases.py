@@ -27,7 +27,7 @@ from spinor_geom.gallery.known import KnownCurve, KnownPatch, KnownSurface, surf
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.mesh.interpolation import by_arcs
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.operators import vertex_normals
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 STRIP = np.array([[0, 1, 2], [2, 1, 3], [2, 3, 4]])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from spinor_geom.errors import DuplicateVertexError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.topology import boundary_edges, face_components, is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.strategies import SEEDS, HoledDisk, RigidMotion, holed_disks, ragged_meshes, rigid_motions

@@ -10,7 +10,7 @@ import pytest
 
 from spinor_geom.errors import NonManifoldEdgeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.fill.shapes import tube
 
@@ -67,7 +67,7 @@ def test_a_defect_far_away_changes_no_loop_and_is_told_at_none(defect: Callable[
 @pytest.mark.parametrize(
     ("defect", "words"),
     [
-        (flipped, "1 of the 12 faces beside the loop run against the others, first face 0"),
+        (flipped, "1 of the 12 faces beside the loop have the opposite orientation, first face 0"),
         (copied, r"first faces \(0, 120\) with the same vertices"),
         (copied_backwards, r"first faces \(0, 120\) with the same vertices"),
         (with_a_vertex_twice, r"first face 120 \(0, 1, 1\)"),
@@ -120,7 +120,7 @@ def test_the_edge_of_a_moebius_strip_is_one_loop() -> None:
     faces = np.array([[0, 1, 2], [2, 1, 3], [2, 3, 4], [4, 3, 5], [4, 5, 1], [1, 5, 0]])
     (loop,) = find_boundary_loops(TriangleMesh(np.random.default_rng(0).uniform(size=(6, 3)), faces))
     assert len(loop) == 6
-    assert "run against the others" in loop.remarks[0]
+    assert "opposite orientation" in loop.remarks[0]
 
 
 def test_a_soup_elsewhere_does_not_hide_a_loop() -> None:
