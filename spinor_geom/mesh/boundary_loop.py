@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from spinor_geom.errors import LoopTooShortError, MeshError, MeshShapeError, OptionError, RepeatedPointError
-from spinor_geom.mesh.arrays import freeze_points, frozen, shared
+from spinor_geom.mesh.array_checks import freeze_points, frozen, shared
 from spinor_geom.mesh.spacing import edge_lengths, graded_spacing
 
 MIN_CORNER_TURN = np.radians(35.0)

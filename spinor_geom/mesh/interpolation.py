@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
 from scipy.linalg import solve_banded
 from scipy.linalg.lapack import dposv, dtrtri
 
-from spinor_geom.mesh.arrays import shared
+from spinor_geom.mesh.array_checks import shared
 from spinor_geom.mesh.spacing import are_long, edge_lengths, graded_spacing
 
 Vertices = Float[np.ndarray, "m 3"]

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 
 from spinor_geom.errors import SelfCrossingLoopError
-from spinor_geom.mesh.arrays import igl_arrays
+from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.boxes import edges_with_near_boxes
 

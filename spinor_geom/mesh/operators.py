@@ -12,7 +12,7 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from spinor_geom.errors import SingularMatrixError
-from spinor_geom.mesh.arrays import igl_arrays
+from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.topology import HalfEdges
 
 Vertices = Float[np.ndarray, "v d"]

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from spinor_geom.errors import MeshExtentError, NoFacesError, VertexIndexError
-from spinor_geom.mesh.arrays import freeze_attributes, freeze_points, frozen
+from spinor_geom.mesh.array_checks import freeze_attributes, freeze_points, frozen
 from spinor_geom.mesh.topology import SHARE_OF_EDGE, longest_sides, near_vertices
 from spinor_geom.shown import Shown, shortened
 

@@ -18,7 +18,7 @@ from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.triangulation import PlaneTriangulation, one_by_one_on_error
 from spinor_geom.errors import DomainError, OptionError, SpinorGeomError, SurfaceError, require_positive, require_type
-from spinor_geom.mesh.arrays import igl_arrays
+from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, delaunay_laplacian, face_areas, vertex_angles
 from spinor_geom.meshing.split_edges import edges_far_from_arcs, triangulated_with_split_edges
