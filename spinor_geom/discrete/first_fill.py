@@ -9,6 +9,7 @@ from jaxtyping import Complex, Float, Int
 from spinor_geom.domain.flattening import flatten_boundary
 from spinor_geom.errors import DomainError, FirstFillError
 from spinor_geom.mesh.operators import intrinsic_angles, intrinsic_laplacian
+from spinor_geom.mesh.spacing import edge_lengths
 
 LONGEST = 160  # points of a loop beyond which it is thinned: the triangulation costs O(n³) time and O(n²) memory
 _STRAIGHT = 1e-6  # sine of the turning angle at a point of a straight side
@@ -33,7 +34,7 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     side = corners[np.roll(triangles, -2, axis=1)] - corners[np.roll(triangles, -1, axis=1)]
     angles = intrinsic_angles(np.linalg.norm(side, axis=2))
     turning = np.pi - np.bincount(triangles.ravel(), angles.ravel(), minlength=len(corners))
-    edge = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    edge = edge_lengths(corners)
 
     def laplacian() -> Float[np.ndarray, "n n"]:
         # closer to equilateral, as slivers would dominate the straightening
@@ -50,7 +51,7 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
         ) from error
     if len(kept) == len(points):
         return flat.boundary
-    edge = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    edge = edge_lengths(points)
     along = np.cumsum(edge) - edge
     return np.asarray(np.interp(along, along[kept], flat.boundary, period=edge.sum()))
 

@@ -24,6 +24,7 @@ from spinor_geom.domain.triangulation import MOST_POINTS, one_by_one_on_error, t
 from spinor_geom.errors import DomainError, FirstFillError, OptionError, SpinorGeomError, TooManyRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas, mollified_laplacian
+from spinor_geom.mesh.spacing import edge_lengths
 from spinor_geom.mesh.topology import boundary_edges, is_disk
 from spinor_geom.shown import Shown, shortened
 
@@ -183,7 +184,7 @@ def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, t
         first = descend_from_plane(triangulate_polygon(domain), points, relative_change=_FIRST_CHANGE)
     except (DomainError, FirstFillError) as error:
         # on the unit circle, by the mean of index and arc length
-        length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+        length = edge_lengths(points)
         domain = np.exp(1j * np.cumsum(np.pi * (length / length.sum() + 1 / len(points))))
         failure = f"it started from a round domain: {error}"
         first = descend_from_plane(triangulate_polygon(domain), points, relative_change=_FIRST_CHANGE)
@@ -192,7 +193,7 @@ def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, t
         plane = triangulate_polygon(flat, _capped(flat, first, target))
         disk = descend_from_plane(plane, points, relative_change=relative_change)
     except DomainError as error:
-        failure = f"it was not meshed anew on its flattening: {error}"
+        failure = f"it was not remeshed on its flattening: {error}"
         plane = triangulate_polygon(domain, _capped(domain, first, target))
         disk = descend_from_plane(plane, points, relative_change=relative_change)
     if disk.converged and not failure:
@@ -251,16 +252,14 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
     if target is None:
         return graded
     laplacian = mollified_laplacian(first.vertices, first.faces)
-    flat = harmonic_extension(laplacian, plane_coordinates(polygon)) @ np.array([1.0, 1.0j])
-    flat = flat[first.faces]
-    plane_area = 0.5 * np.abs(np.imag(np.conj(flat[:, 1] - flat[:, 0]) * (flat[:, 2] - flat[:, 0])))
+    flat = harmonic_extension(laplacian, plane_coordinates(polygon))
+    plane_area = np.abs(face_areas(flat, first.faces))
     tiny = np.finfo(np.float64).tiny
     area = np.maximum(face_areas(first.vertices, first.faces), tiny)
     stretch = np.sqrt(area / np.maximum(plane_area, tiny))
     # the round domain of a tangled loop has an unbounded stretch
     stretch = np.minimum(stretch, _MOST_STRETCHED * np.sqrt(area.sum() / max(plane_area.sum(), tiny)))
-    middle = flat.mean(axis=1)
-    tree = cKDTree(plane_coordinates(middle))
+    tree = cKDTree(flat[first.faces].mean(axis=1))
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         _, near = tree.query(plane_coordinates(z))

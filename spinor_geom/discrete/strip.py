@@ -9,6 +9,7 @@ from spinor_geom.discrete.area_descent import Disk, Faces, Vertices, descend_fro
 from spinor_geom.domain.sizes import GROWTH, size_bounds
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.mesh.operators import mollified_laplacian
+from spinor_geom.mesh.spacing import edge_lengths
 
 Rim = Float[np.ndarray, "m 3"]
 OtherRim = Float[np.ndarray, "n 3"]
@@ -104,7 +105,7 @@ def ruled_annulus(first: Rim, second: OtherRim, target: float) -> tuple[PlaneTri
     """
     rims = (first, second)
     places = _strip_places(first, second)
-    length = sum(float(np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum()) for p in rims) / 2
+    length = sum(float(edge_lengths(points).sum()) for points in rims) / 2
     bounds = size_bounds(places, growth=GROWTH, decay=GROWTH)
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
@@ -130,7 +131,7 @@ def _strip_places(first: Rim, second: OtherRim) -> Places:
     for corner in faces.T:
         np.add.at(total, corner, turn)
     angles = np.split(np.angle(total), [len(kept[0])])
-    length = sum(float(np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum()) for p in (first, second)) / 2
+    length = sum(float(edge_lengths(points).sum()) for points in (first, second)) / 2
     inner = math.exp(-2 * np.pi * area / length**2)
     places = []
     for sign, some, index, points in zip((1, -1), angles, kept, (first, second), strict=True):

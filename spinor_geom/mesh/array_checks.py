@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike
 
 from spinor_geom.errors import MeshShapeError, NonFiniteVertexError
 
-_KINDS = {"real numbers": ("fiu", np.float64), "integers": ("iu", np.int64), "truth values": ("b", np.bool_)}
+_KINDS = {"real numbers": ("fiu", np.float64), "integers": ("iu", np.int64), "booleans": ("b", np.bool_)}
 
 
 def frozen(
-    values: ArrayLike, kind: Literal["real numbers", "integers", "truth values"], *shape: int | None, name: str
+    values: ArrayLike, kind: Literal["real numbers", "integers", "booleans"], *shape: int | None, name: str
 ) -> np.ndarray:
     """A read-only C-contiguous copy of an array, as float64, int64 or bool; raises a MeshShapeError if that fails.
 

@@ -78,7 +78,7 @@ class BoundaryLoop:
         self.__dict__.update(
             points=points,
             vertex_ids=frozen(self.vertex_ids, "integers", count, name="vertex_ids"),
-            corners=frozen(self.corners, "truth values", count, name="corners"),
+            corners=frozen(self.corners, "booleans", count, name="corners"),
             seam_edges=frozen(self.seam_edges, "integers", None, 2, name="seam_edges"),
             junctions=frozen(self.junctions, "integers", None, 3, name="junctions"),
         )

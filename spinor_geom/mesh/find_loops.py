@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 from spinor_geom.errors import DuplicateVertexError, MeshError, NonManifoldEdgeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.seams import find_overlaps
+from spinor_geom.mesh.spacing import edge_lengths
 from spinor_geom.mesh.topology import HalfEdges, referenced_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
@@ -62,7 +63,7 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
     loops = []
     for part in (slice(*ends) for ends in pairwise(rings.starts)):
         vertices, own = rings.vertices[part], points[part]
-        lengths = np.linalg.norm(np.roll(own, -1, axis=0) - own, axis=1)
+        lengths = edge_lengths(own)
         perimeter = float(lengths.sum())
         of_loop = ((overlaps.junctions >= part.start) & (overlaps.junctions < part.stop)).any(axis=1)
         entry, edge = overlaps.junctions[of_loop].T

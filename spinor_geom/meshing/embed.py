@@ -21,6 +21,7 @@ from spinor_geom.errors import DomainError, OptionError, SpinorGeomError, Surfac
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, delaunay_laplacian, face_areas, vertex_angles
+from spinor_geom.mesh.spacing import edge_lengths
 from spinor_geom.meshing.split_edges import edges_far_from_arcs, triangulated_with_split_edges
 from spinor_geom.meshing.triangulate import Piece, is_unit_disk, piece_of, triangulate_pieces
 from spinor_geom.plateau.solution import PlateauSolution
@@ -278,8 +279,7 @@ def over_own_domain(patch: Patch) -> Patch:
 def _boundary_of_angles(patch: Patch, angles: Float[np.ndarray, " m"]) -> Complex[np.ndarray, " m"]:
     """A simple polygon with about the edge lengths of a patch's loop and given angles."""
     m = patch.boundary_size
-    rim = patch.vertices[:m]
-    edge = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1)
+    edge = edge_lengths(patch.vertices[:m])
     share = (edge + np.roll(edge, 1)) / (2 * edge.sum())
     if not np.isfinite(angles).all():
         raise DomainError("a triangle at the loop has no area and so no angles; merge or move its vertices")

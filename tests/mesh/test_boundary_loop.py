@@ -103,10 +103,6 @@ class TestFields:
         with pytest.raises(MeshShapeError):
             BoundaryLoop(**(whole | broken))
 
-    def test_two_points_are_refused(self) -> None:
-        with pytest.raises(LoopTooShortError):
-            BoundaryLoop(points=np.zeros((2, 3)), vertex_ids=np.arange(2), corners=np.zeros(2, bool))
-
 
 class TestMeasures:
     def test_rectangle(self) -> None:

@@ -349,21 +349,6 @@ class TestSamplings:
         ]
         assert np.log2(errors[0] / errors[1]) > 8
 
-    def test_points_left_out_are_predicted_by_the_others(self) -> None:
-        # by the kernels at the others alone, at parameters uneven and even
-        for shares in (jittered_shares(40), np.arange(40) / 40):
-            points = folded(0, shares)
-            points -= points.mean(axis=0)
-            matrix = rules._kernel(shares, shares, 40)
-            missed = []
-            for i in range(40):
-                others = np.delete(np.arange(40), i)
-                weights = np.linalg.solve(matrix[np.ix_(others, others)], points[others])
-                missed.append(matrix[i, others] @ weights - points[i])
-            error = np.sqrt(np.mean(np.square(missed)))
-            assert rules._poisson(points, np.append(shares, 1.0))[1] == pytest.approx(error, rel=1e-3)
-        assert rules._left_out_at_equal_steps(points) <= error * (1 + 1e-6)
-
     def test_jittered_points_keep_place_start_and_direction(self) -> None:
         points, s = folded_at(1, jittered_shares(96)), np.linspace(0, 1, 100)
         curve = curve_of(points, [])

@@ -34,5 +34,5 @@ def test_corners_are_vertices() -> None:
 
 
 def test_too_few_vertices_are_refused() -> None:
-    with pytest.raises(OptionError, match="at least 3"):
+    with pytest.raises(OptionError):
         mesh_surface(gallery.enneper().surface, vertices=2)
