@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Complex, Int
 
-from spinor_geom.domain.delaunay import flat_coordinates, rim_successors, unique_edges
+from spinor_geom.domain.delaunay import Rims, flat_coordinates, rim_successors, unique_edges
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.polygons import crossing_edges
 from spinor_geom.domain.triangulation import PlaneTriangulation
@@ -49,24 +49,27 @@ def triangulated_with_split_edges(
     Raises:
         DomainError: the boundary is not simple even with split edges.
     """
-    parts = [np.ones(len(rim.loop), dtype=np.int64) for rim in rims]
+    sizes = tuple(len(rim.loop) for rim in rims)
     own = [rim.points_in_domain() for rim in rims]
+    parts = np.ones(sum(sizes), dtype=np.int64)  # number of parts of each edge of the loops
     polygons: Polygons = own
     for _ in range(_ROUNDS):
         try:
             plane = triangulate(polygons)
             edges = edges_far_from_arcs(domain, plane)
-            closed = None if len(edges) else _closed(plane, parts, np.concatenate(own))
+            closed = None if len(edges) else _closed(plane, parts, np.concatenate(own), sizes)
             if closed is not None:
                 return closed
         except DomainError:
             edges = np.zeros(0, dtype=np.int64)
-        _split(parts, edges if len(edges) else _crossing(polygons))
-        polygons = [_divided(*each) for each in zip(rims, own, parts, strict=True)]
+        chosen = edges if len(edges) else _crossing(polygons)
+        parts[np.unique(np.repeat(np.arange(len(parts)), parts)[chosen])] *= 2
+        by_rim = np.split(parts, np.cumsum(sizes)[:-1])
+        polygons = [_divided(*each) for each in zip(rims, own, by_rim, strict=True)]
     raise DomainError(
         "the boundary of the plane domain crosses or touches itself between the loop's points; check that the loop "
         "does not nearly touch itself",
-        vertices=sum(map(len, own)),
+        vertices=len(parts),
     )
 
 
@@ -82,7 +85,7 @@ def _divided(rim: RimMatch, own: Complex[np.ndarray, " m"], parts: Int[np.ndarra
 
 def _crossing(polygons: Polygons) -> Int[np.ndarray, " e"]:
     """The longer edge of each pair of crossing edges, or else the longest edge of all."""
-    first = _starts(polygons)
+    first = np.cumsum([0, *map(len, polygons[:-1])])
     pairs = [crossing_edges(polygon) + start for polygon, start in zip(polygons, first, strict=True)]
     flat = [flat_coordinates(polygon) for polygon in polygons]
     for one, other in combinations(range(len(polygons)), 2):
@@ -94,37 +97,23 @@ def _crossing(polygons: Polygons) -> Int[np.ndarray, " e"]:
     return np.asarray(crossing[np.arange(len(crossing)), length[crossing].argmax(axis=1)])
 
 
-def _split(parts: Sequence[Int[np.ndarray, " _"]], chosen: Int[np.ndarray, " e"]) -> None:
-    """Doubles the number of parts of the loops' edges that contain some edges of the polygons."""
-    edges = np.unique(np.repeat(np.arange(sum(map(len, parts))), np.concatenate(parts))[chosen])
-    for each, start in zip(parts, _starts(parts), strict=True):
-        each[edges[(edges >= start) & (edges < start + len(each))] - start] *= 2
-
-
 def _closed(
-    plane: PlaneTriangulation, parts: Sequence[Int[np.ndarray, " _"]], own: Complex[np.ndarray, " m"]
+    plane: PlaneTriangulation, parts: Int[np.ndarray, " m"], own: Complex[np.ndarray, " m"], sizes: Rims
 ) -> PlaneTriangulation | None:
     """Adds the triangles between split edges and their points; None if an edge would get a third triangle."""
-    every = np.concatenate(parts)
-    m, start = len(own), np.cumsum(every) - every
+    m, start = len(own), np.cumsum(parts) - parts
     is_own = np.zeros(len(plane.points), dtype=bool)
     is_own[start] = True
     number = np.where(is_own, np.cumsum(is_own) - 1, m + np.cumsum(~is_own) - 1)
-    after = rim_successors(tuple(map(len, parts)))
+    after = rim_successors(sizes)
     fans = []
-    for edge in np.flatnonzero(every > 1).tolist():
-        points = number[start[edge] + np.arange(1, every[edge])]
+    for edge in np.flatnonzero(parts > 1).tolist():
+        points = number[start[edge] + np.arange(1, parts[edge])]
         chain = np.append(points, after[edge])
         fans.append(np.column_stack([np.full(len(points), edge), chain[1:], chain[:-1]]))
     faces = np.concatenate([number[plane.faces], *fans])
-    count = len(plane.points)
     # inner edges have two triangles, boundary edges one
-    if len(unique_edges(faces, count)) != (3 * len(faces) + m) // 2:
+    if len(unique_edges(faces, len(plane.points))) != (3 * len(faces) + m) // 2:
         return None
     points = np.concatenate([own, plane.points[~is_own]])
-    return PlaneTriangulation(points=points, faces=faces, boundary_size=m, hole_sizes=tuple(map(len, parts[1:])))
-
-
-def _starts(parts: Sequence[np.ndarray]) -> Int[np.ndarray, " r"]:
-    """Start index of each part in their concatenation."""
-    return np.cumsum([0, *map(len, parts[:-1])])
+    return PlaneTriangulation(points=points, faces=faces, boundary_size=m, hole_sizes=sizes[1:])
