@@ -51,10 +51,10 @@ def descend_area(
 ) -> Disk:
     """Moves the inner vertices until the area is stationary for motions along the vertex normals.
 
-    First by harmonic maps on the current surface: ∇area = L(x)x with L the positive cotangent Laplacian, so the step
-    −L⁻¹∇area descends. Then by Newton's method for displacements along the vertex normals. Tangential motions are
-    excluded: they would lower the area only by about the discretisation error, and degenerate the triangles. Faces
-    without area have no ∇area; L is mollified there.
+    First by harmonic maps of the current surface: ∇area = L(x)x with L the positive cotangent Laplacian, so the step
+    −L⁻¹∇area to the harmonic map descends. Then by Newton's method for displacements along the vertex normals.
+    Tangential motions are excluded: they would lower the area only by about the discretisation error, and degenerate
+    the triangles.
 
     The area is stationary when a full Newton step lowers it, or its slope predicts a decrease, by less than
     `relative_change`. For a relative change of 1e-3 or more no Newton steps are taken.
@@ -96,16 +96,10 @@ def descend_area(
 
 
 def _harmonic_step(x: Vertices, faces: Faces, m: int) -> tuple[Float[np.ndarray, "i 3"], float]:
-    """The step −L⁻¹∇area of the inner vertices, and the decrease of the area to first order."""
-    corner = x[faces]
-    edge = np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1)
-    cross = np.cross(edge[:, 1], edge[:, 2])
-    normal = cross / np.maximum(np.linalg.norm(cross, axis=1), _NO_AREA)[:, None]
-    pull = 0.5 * np.cross(normal[:, None], edge)
-    pulls = [np.bincount(faces.ravel(), pull[:, :, k].ravel(), minlength=len(x)) for k in range(3)]
-    gradient = np.stack(pulls, axis=1)[m:]
-    step = -factor_symmetric(mollified_laplacian(x, faces)[m:, m:]).solve(gradient)
-    return np.asarray(step), -float((gradient * step).sum())
+    """The step of the inner vertices to the harmonic map, and the decrease of the area to first order."""
+    laplacian = mollified_laplacian(x, faces)
+    step = harmonic_extension(laplacian, x[:m])[m:] - x[m:]
+    return step, float((step * (laplacian[m:, m:] @ step)).sum())
 
 
 def _newton_step(x: Vertices, faces: Faces, m: int) -> tuple[Float[np.ndarray, "i 3"], float]:

@@ -158,7 +158,7 @@ class BoundaryLoop:
         centred = self.points - self.centroid
         # all components in one product: several times as fast as cross products
         moments = centred.T @ np.roll(centred, -1, axis=0)
-        return 0.5 * (moments - moments.T)[[1, 2, 0], [2, 0, 1]]
+        return np.asarray(0.5 * (moments - moments.T)[[1, 2, 0], [2, 0, 1]])
 
     @cached_property
     def plane(self) -> Plane:

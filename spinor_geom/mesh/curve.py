@@ -312,7 +312,7 @@ class BoundaryCurve:
             if np.abs(s - before).max(initial=0.0) <= NEWTON_STEP_TOLERANCE:
                 break
         best = np.argmin(np.linalg.norm(self.point(s) - points[:, None, :], axis=-1), axis=1)
-        return np.round(s[np.arange(len(s)), best], 15) % 1.0  # rounded: 1 is 0
+        return np.asarray(np.round(s[np.arange(len(s)), best], 15) % 1.0)  # rounded: 1 is 0
 
     @cached_property
     def _samples(self) -> tuple[cKDTree, Float[np.ndarray, " k"]]:
