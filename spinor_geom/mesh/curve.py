@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.interpolate import BPoly, CubicSpline, PPoly
+from scipy.interpolate import CubicSpline, PPoly
 from scipy.spatial import cKDTree
 
 from spinor_geom.errors import CurveError
@@ -323,9 +323,13 @@ class BoundaryCurve:
 
 def _reversed(coefficients: Coefficients, breaks: Breaks) -> Coefficients:
     """Coefficients of the pieces run the other way, in reversed order."""
-    forth = BPoly.from_power_basis(PPoly(coefficients, breaks))
-    back = BPoly(forth.c[::-1, ::-1], 1 - breaks[::-1])
-    return np.asarray(PPoly.from_bernstein_basis(back).c)
+    shifted, widths = coefficients.copy(), np.diff(breaks)[:, None]
+    # synthetic division about the end of each piece: SciPy's BPoly loses three digits more
+    for last in range(len(shifted), 1, -1):
+        for k in range(1, last):
+            shifted[k] += shifted[k - 1] * widths
+    sign = (-1.0) ** np.arange(len(shifted) - 1, -1, -1)
+    return np.asarray(shifted[:, ::-1] * sign[:, None, None])
 
 
 def _formula_breaks(corners: Sequence[float], pieces: int) -> tuple[Breaks, Bool[np.ndarray, " m"]]:
