@@ -122,7 +122,7 @@ class BoundaryLoop:
         return len(self.points)
 
     def reversed(self) -> BoundaryLoop:
-        """The same loop run the other way, from the same first point."""
+        """The loop with the opposite direction and the same first point."""
         back = np.concatenate([[0], np.arange(len(self) - 1, 0, -1)])
         points, ids, corners = self.points[back], self.vertex_ids[back], self.corners[back]
         return replace(self, points=points, vertex_ids=ids, corners=corners, seam_edges=self.seam_edges[:, ::-1])

@@ -176,7 +176,7 @@ class BoundaryCurve:
         return fitted
 
     def reversed(self) -> BoundaryCurve:
-        """The same curve run the other way, from the same vertex."""
+        """The curve with the opposite direction and the same first vertex."""
         first = np.concatenate([[0], np.arange(len(self.corners) - 1, 0, -1)])
         coefficients = _reversed(self.coefficients, self.breaks)
         coefficients[-1] = self.coefficients[-1][first]
@@ -322,7 +322,7 @@ class BoundaryCurve:
 
 
 def _reversed(coefficients: Coefficients, breaks: Breaks) -> Coefficients:
-    """Coefficients of the pieces run the other way, in reversed order."""
+    """Coefficients of the pieces with the opposite direction, in reversed order."""
     shifted, widths = coefficients.copy(), np.diff(breaks)[:, None]
     # synthetic division about the end of each piece: SciPy's BPoly loses three digits more
     for last in range(len(shifted), 1, -1):
