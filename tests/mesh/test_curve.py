@@ -23,8 +23,7 @@ L_SHAPE = np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0,
 
 
 def circle(count: int) -> np.ndarray:
-    t = 2 * np.pi * np.arange(count) / count
-    return np.stack([np.cos(t), np.sin(t), np.zeros(count)], axis=1)
+    return circle_at(2 * np.pi * np.arange(count) / count)
 
 
 def curve_of(points: np.ndarray, corners: list[int] | None = None) -> BoundaryCurve:
@@ -32,7 +31,7 @@ def curve_of(points: np.ndarray, corners: list[int] | None = None) -> BoundaryCu
 
 
 def wave(count: int, uneven: float = 0.0) -> np.ndarray:
-    """Points of a curve without symmetry; `uneven` changes their distances by so large a share."""
+    """Points of a curve without symmetry; `uneven` is the relative change of their distances."""
     t = 2 * np.pi * np.arange(count) / count
     return wave_point(t + uneven * np.sin(t + 1))
 
@@ -56,7 +55,7 @@ def distance_to_wave(points: np.ndarray) -> np.ndarray:
 
 
 def force_degree(degree: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lets the rule take a spline of a degree whatever the points are."""
+    """Makes the curve of any points a spline of a given degree."""
     splines_only(monkeypatch)
     monkeypatch.setattr(rules, "DEGREES", tuple(range(3, degree + 1, 2)))
     monkeypatch.setattr(rules, "GAIN_PER_DEGREE", 1e-12)
@@ -285,7 +284,7 @@ def folded(seed: int, t: np.ndarray) -> np.ndarray:
 
 
 def folded_at(seed: int, shares: np.ndarray) -> np.ndarray:
-    """Points of that curve at shares of its length; the chords of 20,000 others tell them to 1e-8."""
+    """Points of that curve at shares of its length, to 1e-8."""
     many = np.arange(20_001) / 20_000
     arcs = np.append(0, np.cumsum(np.linalg.norm(np.diff(folded(seed, many), axis=0), axis=1)))
     return folded(seed, CubicSpline(arcs / arcs[-1], many)(shares))

@@ -137,7 +137,7 @@ class TestCoincidentEdges:
         (loop,) = find_boundary_loops(merged)
         assert len(loop) == 12
 
-    def test_two_pieces_along_a_seam_are_told_and_returned(self) -> None:
+    def test_two_pieces_along_a_seam_report_its_edges(self) -> None:
         points, faces = grid(2, 4)
         left = np.flatnonzero(points[faces][:, :, 0].max(axis=1) <= 1)
         right_faces = np.delete(faces, left, axis=0)

@@ -1,4 +1,4 @@
-"""Meshes of whole surfaces: on them, as fine as asked for, rims and corners included."""
+"""Meshes of whole surfaces: vertices on the surface, about the given number, with rims and corners."""
 
 from __future__ import annotations
 
