@@ -16,7 +16,7 @@ from spinor_geom.errors import ForeignRimError, SurfaceError
 from spinor_geom.fill.loops import free_rim
 from spinor_geom.measures import HausdorffDistance, discrete_mean_curvature, distances_to_mesh, hausdorff_distance
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_surface

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinor_geom.errors import OptionError
-from spinor_geom.mesh.arrays import igl_arrays
+from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.operators import cotangent_laplacian, internal_angles, mass_matrix, vertex_normals
 from spinor_geom.mesh.topology import boundary_edges, referenced_vertices
 

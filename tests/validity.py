@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spinor_geom.mesh.loops import repeated_faces, repeats_a_vertex
+from spinor_geom.mesh.find_loops import repeated_faces, repeats_a_vertex
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 

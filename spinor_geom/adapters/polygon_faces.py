@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from spinor_geom.errors import PolygonError
-from spinor_geom.mesh.loops import repeats_a_vertex
+from spinor_geom.mesh.find_loops import repeats_a_vertex
 from spinor_geom.mesh.topology import boundary_edges, coincident_vertices, linked
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 

@@ -10,7 +10,7 @@ from spinor_geom.adapters.registry import to_mesh
 from spinor_geom.errors import LoopIndexError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import require_faces
 
 Rim: TypeAlias = BoundaryLoop | ClosedCurve

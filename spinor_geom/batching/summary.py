@@ -19,7 +19,7 @@ from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.store import Store, failure, log_line, said, summary
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import atomic_path, write_text
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.operators import face_normals
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.page import document, table

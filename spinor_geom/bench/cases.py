@@ -26,8 +26,8 @@ from spinor_geom.gallery.curves import trigonometric
 from spinor_geom.gallery.known import KnownCurve, KnownPatch, KnownSurface, surface_chart
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
+from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.interpolation import by_arcs
-from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.operators import vertex_normals
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh

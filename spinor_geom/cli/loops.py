@@ -10,8 +10,8 @@ from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.errors import require
 from spinor_geom.fill.mesh_notes import mesh_notes
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.intersections import loop_crossings
-from spinor_geom.mesh.loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import require_faces
 
 COLUMNS = ("loop", "points", "perimeter", "mean edge", "elongation", "corners", "vertex", "remark")

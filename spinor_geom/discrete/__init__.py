@@ -1,1 +1,1 @@
-"""Discrete minimal surfaces: the baseline, and the start of the exact solver."""
+"""Discrete minimal surfaces: the baseline, and the initial surface of the exact solver."""

@@ -15,15 +15,14 @@ from spinor_geom.mesh.operators import face_areas, factor_symmetric, mollified_l
 Vertices = Float[np.ndarray, "n 3"]
 Faces = Int[np.ndarray, "f 3"]
 
-# Harmonic steps converge slowly near a loss of stability, Newton steps need a good start: hand over at this change.
-_HAND_OVER = 1e-3
-_SHORTEST_STEP = 1e-3  # no smaller share of a step is worth an area evaluation: it is stationary to round-off
+_NEWTON_FROM = 1e-3  # relative change at which Newton steps replace harmonic ones: they need a good start
+_SHORTEST_STEP = 1e-3  # smallest share of a step that is tried
 _NO_AREA = 1e-300  # faces below this have no normal
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Disk:
-    """A triangulated disk or annulus, its boundary's points first: how its area fell, and why it is no better."""
+    """A triangulated disk or annulus, boundary points first, with the areas of its descent."""
 
     vertices: Vertices
     faces: Faces
@@ -33,7 +32,7 @@ class Disk:
 
 
 def harmonic_extension(laplacian: csc_array, boundary: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n k"]:
-    """Values at all vertices, harmonic at those after the first m, which are given."""
+    """Values at all vertices, given at the first m and discretely harmonic at the others."""
     m = len(boundary)
     if laplacian.shape[0] == m:
         return np.array(boundary)
@@ -42,7 +41,7 @@ def harmonic_extension(laplacian: csc_array, boundary: Float[np.ndarray, "m k"])
 
 
 def descend_from_plane(plane: PlaneTriangulation, boundary: Vertices, *, relative_change: float) -> Disk:
-    """Maps a plane mesh harmonically to its boundary in space, and descends in area as `descend_area` does."""
+    """`descend_area` from the harmonic map of a plane mesh to given boundary points in space."""
     mapped = harmonic_extension(mollified_laplacian(plane_coordinates(plane.points), plane.faces), boundary)
     return descend_area(mapped, plane.faces, len(boundary), relative_change=relative_change)
 
@@ -52,13 +51,13 @@ def descend_area(
 ) -> Disk:
     """Moves the inner vertices until the area is stationary for motions along the vertex normals.
 
-    First harmonic maps on the current surface: ∇area = L(x)x with L the positive cotangent Laplacian, so the step
-    −L⁻¹∇area descends. Then Newton's method for displacements along the vertex normals. Motions in the surface's own
-    plane would lower the area of the mesh further, by about the discretisation error, and degenerate the triangles:
-    they are left alone. Faces without area take no part in ∇area; L is mollified there.
+    First by harmonic maps of the current surface: ∇area = L(x)x with L the positive cotangent Laplacian, so the step
+    −L⁻¹∇area to the harmonic map descends. Then by Newton's method for displacements along the vertex normals.
+    Tangential motions are excluded: they would lower the area only by about the discretisation error, and degenerate
+    the triangles.
 
-    The area counts as stationary when a full Newton step lowers it by less than a relative change, or would lower it by
-    less by its slope. From 1e-3 on harmonic maps are near enough: no Newton step is taken.
+    The area is stationary when a full Newton step lowers it, or its slope predicts a decrease, by less than
+    `relative_change`. For a relative change of 1e-3 or more no Newton steps are taken.
 
     Source: Pinkall & Polthier, "Computing discrete minimal surfaces and their conjugates", Experim. Math. 2 (1993).
     """
@@ -71,7 +70,7 @@ def descend_area(
         if is_out_of_time():
             break
         step, slope = (_newton_step if newton else _harmonic_step)(x, faces, m)
-        allowed = (relative_change if newton else max(_HAND_OVER, relative_change)) * areas[-1]
+        allowed = (relative_change if newton else max(_NEWTON_FROM, relative_change)) * areas[-1]
         length = 1.0
         while length > _SHORTEST_STEP:
             moved = x.copy()
@@ -84,11 +83,11 @@ def descend_area(
         if change > 0:
             x = moved
             areas.append(area)
-        # a small gain by a full step, or no smaller area along a direction of descent: this stage has done its part
+        # the stage ends with a small decrease by a full step, or without one along a direction of descent
         small = length == 1.0 and 0 < change <= allowed
         if small or change <= 0:
-            if newton or (small and relative_change >= _HAND_OVER):
-                # where the area should fall along the step, but does not by any length, a face is about to turn over
+            if newton or (small and relative_change >= _NEWTON_FROM):
+                # a large slope without a decrease: a face is about to flip
                 converged = small or slope <= allowed
                 break
             newton = True
@@ -97,25 +96,19 @@ def descend_area(
 
 
 def _harmonic_step(x: Vertices, faces: Faces, m: int) -> tuple[Float[np.ndarray, "i 3"], float]:
-    """The step −L⁻¹∇area of the inner vertices, and by how much it lowers the area to first order."""
-    corner = x[faces]
-    edge = np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1)
-    cross = np.cross(edge[:, 1], edge[:, 2])
-    normal = cross / np.maximum(np.linalg.norm(cross, axis=1), _NO_AREA)[:, None]
-    pull = 0.5 * np.cross(normal[:, None], edge)
-    pulls = [np.bincount(faces.ravel(), pull[:, :, k].ravel(), minlength=len(x)) for k in range(3)]
-    gradient = np.stack(pulls, axis=1)[m:]
-    step = -factor_symmetric(mollified_laplacian(x, faces)[m:, m:]).solve(gradient)
-    return np.asarray(step), -float((gradient * step).sum())
+    """The step of the inner vertices to the harmonic map, and the decrease of the area to first order."""
+    laplacian = mollified_laplacian(x, faces)
+    step = harmonic_extension(laplacian, x[:m])[m:] - x[m:]
+    return step, float((step * (laplacian[m:, m:] @ step)).sum())
 
 
 def _newton_step(x: Vertices, faces: Faces, m: int) -> tuple[Float[np.ndarray, "i 3"], float]:
-    """Newton step of the area for displacements of the inner vertices along their normals, and as `_harmonic_step`."""
+    """The Newton step for displacements of the inner vertices along their normals, and the decrease to first order."""
     n = len(x)
     corner = x[faces]
     cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     vertex_normal = vertex_normals(x, faces)
-    # slivers have no area to gain: their second derivative must not drown that of their neighbours
+    # bounded, as the second derivatives of slivers would dominate those of their neighbours
     longest = np.max(np.sum((corner - np.roll(corner, 1, axis=1)) ** 2, axis=2), axis=1)
     twice_area = np.maximum(np.linalg.norm(cross, axis=1), np.maximum(1e-4 * longest, _NO_AREA))
     normal = cross / twice_area[:, None]
@@ -136,10 +129,10 @@ def _newton_step(x: Vertices, faces: Faces, m: int) -> tuple[Float[np.ndarray, "
     while True:
         try:
             factor = factor_symmetric(matrix + shift * metric)
-            if (factor.U.diagonal() > 0).all():  # an indefinite Hessian's step could climb
+            if (factor.U.diagonal() > 0).all():  # positive definite: a direction of descent
                 break
         except SingularMatrixError:
-            pass  # as an indefinite one
+            pass
         shift = max(4 * shift, 1e-2)
     along_normals = -factor.solve(gradient)
     return along_normals[:, None] * vertex_normal[m:], -float(gradient @ along_normals)

@@ -1,4 +1,4 @@
-"""A plane domain for any closed curve: its minimum-area triangulation, unfolded."""
+"""Minimum-area triangulations of closed curves, and their unfolding into the plane."""
 
 import itertools
 import math
@@ -9,20 +9,24 @@ from jaxtyping import Complex, Float, Int
 from spinor_geom.domain.flattening import flatten_boundary
 from spinor_geom.errors import DomainError, FirstFillError
 from spinor_geom.mesh.operators import intrinsic_angles, intrinsic_laplacian
+from spinor_geom.mesh.spacing import edge_lengths
 
-LONGEST = 160  # the triangulation costs O(n³) time and O(n²) memory: longer loops are thinned to so many points
-_STRAIGHT = 1e-6  # sine of the turn at a point that may be left out: sampled straight sides keep their ends
-_DIAGONAL_WEIGHT = 1e-4  # share of squared diagonals in the cost: decides where areas tie (plane loops, straight sides)
-_TO_EQUILATERAL = 0.05  # share of the way to 60° by which angles are drawn: none is below 3° then
+LONGEST = 160  # points of a loop beyond which it is thinned: the triangulation costs O(n³) time and O(n²) memory
+_STRAIGHT = 1e-6  # sine of the turning angle at a point of a straight side
+_DIAGONAL_WEIGHT = 1e-4  # of squared diagonals in the cost: breaks ties of the area (plane loops, straight sides)
+_TO_EQUILATERAL = 0.05  # weight of 60° in the angles of the straightening: none is then below 3°
 
 
 def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Complex[np.ndarray, " m"]:
-    """A simple plane polygon with a vertex for each point of a closed curve, near to an isometric image of a fill.
+    """A simple plane polygon with a vertex for each point of a closed curve, with nearly the same edge lengths.
 
-    The minimum-area triangulation of the curve alone has no inner vertex, so it unfolds into the plane without
-    distortion; slits and folds come out right. Where the unfolding overlaps it is straightened (see `flatten`).
-    Curves of more than 160 points are thinned for this, straight sides to their ends; the points left out are put on
-    the polygon's sides. `saws` is as for `flatten_boundary`. No simple polygon is a FirstFillError.
+    The minimum-area triangulation of the curve has no inner vertices, so it unfolds into the plane without distortion,
+    also for slits and folds. An overlapping unfolding is straightened (see `flatten`). Curves of more than 160 points
+    are thinned first, straight sides to their ends; the other points are placed on the polygon's edges. `saws` is as
+    for `flatten_boundary`.
+
+    Raises:
+        FirstFillError: no simple polygon was found.
     """
     kept = _thinned(points)
     corners = points[kept]
@@ -30,13 +34,13 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     side = corners[np.roll(triangles, -2, axis=1)] - corners[np.roll(triangles, -1, axis=1)]
     angles = intrinsic_angles(np.linalg.norm(side, axis=2))
     turning = np.pi - np.bincount(triangles.ravel(), angles.ravel(), minlength=len(corners))
-    edge = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    edge = edge_lengths(corners)
 
     def laplacian() -> Float[np.ndarray, "n n"]:
-        # of angles drawn a little to 60°, which still sum to π: slivers must not dominate the straightening
-        drawn = angles + _TO_EQUILATERAL * (np.pi / 3 - angles)
-        # the sines are the sides of a triangle with these angles, and its size does not matter
-        return np.asarray(intrinsic_laplacian(np.sin(drawn), triangles).toarray())
+        # closer to equilateral, as slivers would dominate the straightening
+        rounder = angles + _TO_EQUILATERAL * (np.pi / 3 - angles)
+        # the sides of a triangle are proportional to the sines of its angles
+        return np.asarray(intrinsic_laplacian(np.sin(rounder), triangles).toarray())
 
     try:
         flat = flatten_boundary(edge, turning, laplacian, clearance=1.0, saws=saws)
@@ -47,7 +51,7 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
         ) from error
     if len(kept) == len(points):
         return flat.boundary
-    edge = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    edge = edge_lengths(points)
     along = np.cumsum(edge) - edge
     return np.asarray(np.interp(along, along[kept], flat.boundary, period=edge.sum()))
 
@@ -62,7 +66,7 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
     n = len(points)
     distance = np.linalg.norm(points[:, None] - points, axis=2)
     index = np.arange(n)
-    # ahead[i, l] belongs to the chord from i to i + l, behind[k, l] to the chord from k − l to k: both are slices
+    # chord i to i + l is ahead[i, l] and behind[i + l, l]: the loop below then needs slices only
     ahead = distance[index[:, None], (index[:, None] + index) % n]
     behind = distance[index[:, None], (index[:, None] - index) % n]
     cost_ahead, cost_behind = np.zeros((n, n)), np.zeros((n, n))
@@ -84,7 +88,7 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
 
 
 def triangles_of(split: Int[np.ndarray, "n n"]) -> Int[np.ndarray, "t 3"]:
-    """Triangles (i, j, k), i < j < k, over a closed curve; `split[i, l]` is the corner beside the chord i to i + l."""
+    """Triangles (i, j, k), i < j < k, over a closed curve; `split[i, l]` is the apex over the chord i to i + l."""
     triangles = []
     first, last = np.array([0]), np.array([len(split) - 1])
     while len(first):
@@ -97,7 +101,7 @@ def triangles_of(split: Int[np.ndarray, "n n"]) -> Int[np.ndarray, "t 3"]:
 
 
 def disk_without_inner_points(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "t 3"]:
-    """Faces of about the least area over a closed curve; of long ones first over every k-th point, then the rest."""
+    """Faces of about the least area over a closed curve; long curves are divided at every k-th point."""
     m = len(points)
     if m <= LONGEST:
         return minimum_area_triangulation(points)
@@ -111,9 +115,9 @@ def disk_without_inner_points(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarra
 
 
 def _thinned(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, " k"]:
-    """Indices of the points that tell a closed curve's shape: no three on a line, and at most `LONGEST`.
+    """Indices of at most `LONGEST` points of a closed curve, no three on a line.
 
-    Those that span least area with their neighbours are left out, about every other one of such neighbours a round.
+    Points that span the least area with their neighbours are removed, at most every other point per round.
 
     Source: Visvalingam & Whyatt, "Line generalisation by repeated elimination of points", Cartographic J. 30 (1993).
     """

@@ -1,4 +1,4 @@
-"""A triangulation of a closed curve that bends little, without triangles that are not allowed."""
+"""Triangulations of closed curves with small dihedral angles and without forbidden triangles."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,18 +14,17 @@ def flattest_triangulation(
 ) -> Int[np.ndarray, "t 3"] | None:
     """Triangles (i, j, k), i < j < k, over a closed curve whose largest angle between neighbours is small.
 
-    Of those that bend alike, the ones of least area. Dynamic programming over the splits of every chord, O(n³) time:
-    as only the best triangles beyond each chord are kept, the largest angle is near to the least one, not always equal.
+    Ties are broken by area. Dynamic programming over the splits of every chord, O(n³) time; as it keeps only the best
+    triangles beyond each chord, the largest angle is close to the minimum, but not always equal.
 
     Args:
         points: The curve's points, in mesh units.
-        around: Unit normals of the faces on the other side of the edges from each point to the next; NaN where there
-            is none.
+        around: Unit normals of the faces on the other side of the edges from each point to the next; NaN for none.
         forbidden_chords: Whether the pair i < j must not be an edge.
         forbidden_triangles: Whether i < j < k must not be a triangle.
 
     Returns:
-        The triangles, or None where all triangulations have one that is forbidden.
+        The triangles, or None if every triangulation contains a forbidden chord or triangle.
 
     Source: Liepa, "Filling holes in meshes", Symposium on Geometry Processing (2003).
     """

@@ -1,4 +1,4 @@
-"""The discrete baseline: a triangulated disk over a loop, or an annulus between two, without mean curvature."""
+"""Discrete minimal surfaces: triangulated disks over a loop, or annuli between two."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from spinor_geom.domain.triangulation import MOST_POINTS, one_by_one_on_error, t
 from spinor_geom.errors import DomainError, FirstFillError, OptionError, SpinorGeomError, TooManyRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas, mollified_laplacian
+from spinor_geom.mesh.spacing import edge_lengths
 from spinor_geom.mesh.topology import boundary_edges, is_disk
 from spinor_geom.shown import Shown, shortened
 
@@ -31,11 +32,11 @@ if TYPE_CHECKING:
     import pymeshlab
 
 DiscreteMethod = Literal["libigl", "pymeshlab"]
-_FIRST_CHANGE = 1e-3  # the first mesh only has to be near enough for its flattening to be right
+_FIRST_CHANGE = 1e-3  # relative change at which the flattening of the first mesh is accurate enough
 FINE_CHANGE = 1e-8
 _FINE_GROWTH = 0.15
-_MOST_STRETCHED = 4.0  # of the mean stretch from the plane: beyond, a target edge length is not kept
-_STEPS = 5
+_MOST_STRETCHED = 4.0  # times the mean stretch from the plane; a larger one does not refine the mesh further
+_REMESHING_STEPS = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,15 +44,14 @@ class DiscreteMinimalSurface(Shown):
     """A triangulated disk or annulus whose boundary is a loop or two, and whose discrete mean curvature is zero.
 
     Attributes:
-        vertices: (n, 3), mesh units; the loops' points come first, bit-equal.
+        vertices: (n, 3), mesh units; the loops' points come first, bit for bit.
         faces: (f, 3), counter-clockwise about the loop.
         boundary_size: number of loop points, of all loops together.
         area: total area of the triangles.
         area_history: total area after each step of the last descent.
-        converged: whether the area became stationary, for motions along the vertex normals, to the relative change
-            asked for.
-        reason: one sentence: why it did not, or what could not be done as usual; empty where all went well.
-        method: what made it.
+        converged: whether the area became stationary for motions along the vertex normals, to `relative_change`.
+        reason: why it did not, or which fallback was used, one sentence; else empty.
+        method: the `method` argument.
         seconds: wall time.
     """
 
@@ -78,38 +78,38 @@ def discrete_minimal_surface(
     target_edge_length: float | None = None,
     relative_change: float = 1e-8,
 ) -> DiscreteMinimalSurface:
-    """A discrete disk over any closed loop whose area is stationary along its normals, or an annulus between two.
+    """A discrete disk over any closed loop, or an annulus between two, of zero discrete mean curvature.
 
-    "libigl": the loop's minimum-area triangulation is unfolded, the plane polygon triangulated, and the inner vertices
-    moved by Pinkall-Polthier iteration; the surface is then flattened again, which gives a nearly conformal domain,
-    meshed anew there and brought by Newton's method to an area that no motion along the vertex normals changes: there
-    the discrete mean curvature is zero. Motions of the vertices along the surface are left out, as they spoil the
-    triangles: on Enneper's surface, rims of 48 and 64 points, they would lower the area by 0.1 to 0.3 % more (with
-    `target_edge_length` the rim's mean edge, by 0.01 to 0.05 %) and the smallest angle from some 33° to some 16°.
-    Triangles are as long as the loop's edges beside it and grow with the distance from it, so their number grows like
-    the loop's length; for an area that converges with the loop's edge length give `target_edge_length`.
-    Loops without a simple plane domain like them, as ragged rims and loops that cross or touch themselves may be, start
-    from a round one; where that leaves more area than triangles without inner vertices do, these are the result. The
-    result's `reason` says so.
-    "pymeshlab": MeshLab's isotropic remeshing of that surface, its edges `target_edge_length` or the rim's mean
-    edge long inside, and the same descent on its triangles. Both stop at 200,000 vertices.
+    "libigl": the loop's minimum-area triangulation is unfolded, the plane polygon is triangulated, and the inner
+    vertices are moved by Pinkall-Polthier iteration. The surface is then flattened, which gives a nearly conformal
+    domain, remeshed there, and minimised by Newton's method until no motion along the vertex normals changes the area.
+    Tangential motions are excluded, as they degrade the triangles: on Enneper's surface with rims of 48 and 64 points
+    they would lower the area by 0.1 to 0.3 % and the smallest angle from 33° to 16°. Edges are as long as the loop's
+    near it and grow inwards; for an area that converges with the loop's edge length give `target_edge_length`.
 
-    Two loops start from the strip of least area between them; their triangles always grow inwards, and there is no
-    "pymeshlab" for them.
+    A loop that does not unfold into a simple polygon (ragged rims, loops that cross themselves) starts from a round
+    domain. If the result has more area than the triangulation without inner vertices, that is returned. `reason`
+    reports both cases.
+
+    "pymeshlab": MeshLab's isotropic remeshing of that surface, then the same minimisation. Both methods are limited to
+    200,000 vertices.
+
+    Two loops start from the strip of least area between them, by "libigl" and with edges that grow inwards only.
 
     Args:
-        loop: a closed loop, (m, 3) points of one, a mesh of any known type or its path where it has one loop, or a
-            sequence of one loop or of two that both have the annulus on their left, as those of `PlateauSolution.rims`.
-        method: which library's operators are used.
-        target_edge_length: upper bound of the edge length in mesh units; None lets it grow inwards.
-        relative_change: the area counts as stationary when a step lowers it by less than this share, or would lower it
-            by less by its slope.
+        loop: a closed loop, (m, 3) points, a mesh with one loop or its path, or a sequence of one loop or of two that
+            both have the annulus on their left, as in `PlateauSolution.rims`.
+        method: the library that meshes the surface.
+        target_edge_length: upper bound of the edge length in mesh units; None lets edges grow inwards, and for
+            "pymeshlab" is the loop's mean edge length.
+        relative_change: the area is stationary when a step lowers it, or its slope predicts a decrease, by less than
+            this share.
 
     Raises:
-        OptionError: unknown method, one that has no annuli, or an edge length that is not positive.
+        OptionError: unknown method, an option that annuli do not support, or an edge length that is not positive.
         TooManyRimsError: a sequence of other than one or two loops.
-        FirstFillError: MeshLab did not remesh the fill; "libigl" closes every loop.
-        DomainError: the two loops lie so that no annulus can be meshed.
+        FirstFillError: MeshLab did not remesh the surface; "libigl" fills every loop.
+        DomainError: no annulus can be meshed between the two loops.
 
     Source: Pinkall & Polthier (1993); the first fill after Barequet & Sharir (1995).
     """
@@ -142,7 +142,7 @@ def discrete_minimal_surface(
 def relaxed_surface(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int
 ) -> DiscreteMinimalSurface:
-    """The discrete minimal surface that `descend_area` reaches from a mesh, on the same triangles."""
+    """The discrete minimal surface that `descend_area` finds from a mesh, with the same triangles."""
     start = time.perf_counter()
     disk = descend_area(vertices, faces, boundary_size, relative_change=FINE_CHANGE)
     return _result(disk, vertices[:boundary_size], start=start)
@@ -157,7 +157,7 @@ def _result(
     scale: float = 1.0,
     centre: Float[np.ndarray, "3"] | float = 0.0,
 ) -> DiscreteMinimalSurface:
-    """A disk scaled and moved, its boundary put back bit for bit; `start` is when the work on it began."""
+    """The result of a disk at unit size, with the exact boundary; `start` is the time when the computation began."""
     areas = tuple(area * scale**2 for area in disk.areas)
     return DiscreteMinimalSurface(
         vertices=np.concatenate([boundary, disk.vertices[len(boundary) :] * scale + centre]),
@@ -173,18 +173,18 @@ def _result(
 
 
 def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, target: float | None) -> Disk:
-    """A disk of stationary area over any closed curve, or the best that was found, with what was wrong as its reason.
+    """A disk of stationary area over any closed curve, or the best one found, with the reason.
 
-    The plane domains are tried in order: the unfolding, and a round one that any curve has; then the flattened first
-    disk, and the first domain again.
+    The domain of the first disk is the unfolding, or else a round one. The domain of the final disk is the flattened
+    first disk, or else the first domain.
     """
     domain, failure = np.empty(0), ""
     try:
         domain = unfolded_loop(points)
         first = descend_from_plane(triangulate_polygon(domain), points, relative_change=_FIRST_CHANGE)
     except (DomainError, FirstFillError) as error:
-        # on the unit circle, by a mean of the points' numbers and their places along the curve
-        length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+        # on the unit circle, by the mean of index and arc length
+        length = edge_lengths(points)
         domain = np.exp(1j * np.cumsum(np.pi * (length / length.sum() + 1 / len(points))))
         failure = f"it started from a round domain: {error}"
         first = descend_from_plane(triangulate_polygon(domain), points, relative_change=_FIRST_CHANGE)
@@ -193,7 +193,7 @@ def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, t
         plane = triangulate_polygon(flat, _capped(flat, first, target))
         disk = descend_from_plane(plane, points, relative_change=relative_change)
     except DomainError as error:
-        failure = f"it was not meshed anew on its flattening: {error}"
+        failure = f"it was not remeshed on its flattening: {error}"
         plane = triangulate_polygon(domain, _capped(domain, first, target))
         disk = descend_from_plane(plane, points, relative_change=relative_change)
     if disk.converged and not failure:
@@ -207,11 +207,11 @@ def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, t
 
 
 def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:
-    """A disk over a closed curve that is minimal to about three digits: enough to flatten it.
+    """A disk over a closed curve that is minimal to about three digits, accurate enough to flatten it.
 
     Raises:
         FirstFillError: the curve's least-area triangulation does not unfold.
-        OutOfTimeError: the time limit cut it short.
+        OutOfTimeError: the time limit was reached.
     """
     (disk,) = first_disks([points])
     if isinstance(disk, SpinorGeomError):
@@ -221,7 +221,7 @@ def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:
 
 
 def first_disks(loops: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk | SpinorGeomError]:
-    """`first_disk` for many curves at once, which for short ones is faster, or its error; the same to the last bit."""
+    """`first_disk` or its error for several curves, which are meshed together; bit for bit the same."""
 
     def made(some: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk]:
         polygons = [unfolded_loop(points) for points in some]
@@ -233,10 +233,10 @@ def first_disks(loops: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk | Spinor
 
 
 def finer_disk(disk: Disk, boundary_size: int) -> Disk:
-    """The disk flattened and meshed anew, finer inside, until its area is stationary; twice.
+    """The disk flattened and remeshed twice, finer inside, with its area minimised: resolves folds and narrow parts.
 
-    Folds and narrow places that the first mesh is too coarse for come out right. A disk without a simple flattening is
-    a DomainError.
+    Raises:
+        DomainError: the disk has no simple flattening.
     """
     points = disk.vertices[:boundary_size]
     for _ in range(2):
@@ -247,21 +247,19 @@ def finer_disk(disk: Disk, boundary_size: int) -> Disk:
 
 
 def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | None) -> SizeFunction:
-    """Graded size, with an upper bound in space: the bound in the plane is target over the local stretch."""
+    """The graded size, bounded by the target edge length in space over the local stretch."""
     graded = graded_size(polygon)
     if target is None:
         return graded
     laplacian = mollified_laplacian(first.vertices, first.faces)
-    flat = harmonic_extension(laplacian, plane_coordinates(polygon)) @ np.array([1.0, 1.0j])
-    flat = flat[first.faces]
-    plane_area = 0.5 * np.abs(np.imag(np.conj(flat[:, 1] - flat[:, 0]) * (flat[:, 2] - flat[:, 0])))
-    tiny = np.finfo(np.float64).tiny  # faces without area bound nothing
+    flat = harmonic_extension(laplacian, plane_coordinates(polygon))
+    plane_area = np.abs(face_areas(flat, first.faces))
+    tiny = np.finfo(np.float64).tiny
     area = np.maximum(face_areas(first.vertices, first.faces), tiny)
     stretch = np.sqrt(area / np.maximum(plane_area, tiny))
-    # a round domain of a tangled loop is stretched without bounds somewhere, and would be meshed as finely there
+    # the round domain of a tangled loop has an unbounded stretch
     stretch = np.minimum(stretch, _MOST_STRETCHED * np.sqrt(area.sum() / max(plane_area.sum(), tiny)))
-    middle = flat.mean(axis=1)
-    tree = cKDTree(plane_coordinates(middle))
+    tree = cKDTree(flat[first.faces].mean(axis=1))
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         _, near = tree.query(plane_coordinates(z))
@@ -273,11 +271,13 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
 def remeshed(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int, size: float
 ) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "t 3"]]:
-    """A disk whose inner edges MeshLab has made about equally long; the boundary and its edges stay as they are.
+    """A disk remeshed by MeshLab with inner edges of about equal length; the boundary is unchanged and comes first.
 
-    It splits, collapses and flips edges away from the boundary's triangles, then only flips, everywhere. A disk that
-    has no other triangles is left alone. The boundary's vertices come first, in order. Where MeshLab fails, moves the
-    boundary or tears the disk, it is a FirstFillError.
+    Edges away from the boundary triangles are split, collapsed and flipped, then all inner edges are flipped. A disk of
+    boundary triangles only is returned unchanged.
+
+    Raises:
+        FirstFillError: MeshLab failed, moved the boundary or tore the disk.
     """
     import pymeshlab
 
@@ -286,7 +286,7 @@ def remeshed(
     meshes.apply_selection_inverse(invfaces=True)
     if not meshes.current_mesh().selected_face_number():
         return vertices, faces
-    ours = {"iterations": _STEPS, "targetlen": pymeshlab.PureValue(size), "featuredeg": 180.0}
+    ours = {"iterations": _REMESHING_STEPS, "targetlen": pymeshlab.PureValue(size), "featuredeg": 180.0}
     ours |= {"checksurfdist": False, "reprojectflag": False}
     try:
         _remesh(meshes, **ours, selectedonly=True)
@@ -296,7 +296,7 @@ def remeshed(
     except pymeshlab.PyMeshLabException as error:
         raise FirstFillError(f"MeshLab did not fill a loop of {m} points: {error}") from error
     finally:
-        # it would use our options in the caller's next calls
+        # restore the defaults, which the caller's next calls would inherit
         _remesh(_mesh_set(np.eye(3), np.array([[0, 1, 2]])))
     rim, boundary = np.arange(m), boundary_edges(new_faces)
     kept = np.array_equal(boundary[boundary[:, 0].argsort()], np.stack([rim, np.roll(rim, -1)], axis=1))
@@ -307,7 +307,7 @@ def remeshed(
 
 
 def _remesh(meshes: pymeshlab.MeshSet, **options: Any) -> None:
-    """MeshLab's remeshing with its own defaults: it remembers options from call to call, so each is given."""
+    """MeshLab's remeshing with explicit defaults: it keeps the options of the previous call."""
     import pymeshlab
 
     defaults = {"iterations": 10, "adaptive": False, "selectedonly": False, "targetlen": pymeshlab.PercentageValue(100)}

@@ -9,27 +9,28 @@ from spinor_geom.discrete.area_descent import Disk, Faces, Vertices, descend_fro
 from spinor_geom.domain.sizes import GROWTH, size_bounds
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.mesh.operators import mollified_laplacian
+from spinor_geom.mesh.spacing import edge_lengths
 
 Rim = Float[np.ndarray, "m 3"]
 OtherRim = Float[np.ndarray, "n 3"]
 Places = tuple[Complex[np.ndarray, " m"], Complex[np.ndarray, " n"]]
 
-_MOST_POINTS = 128  # longer loops are thinned to so many points for the search of the strip
-# The first annulus has to be near enough for its conformal structure to be right; so often is it meshed anew.
-_FIRST_CHANGE, _ROUNDS = 1e-3, 2
+_MOST_POINTS = 128  # of a loop in the search for the strip; longer ones are thinned
+_FIRST_CHANGE = 1e-3  # relative change at which the conformal structure of the first annulus is accurate enough
+_ROUNDS = 2  # of remeshing
 
 
 def minimum_area_strip(first: Rim, second: OtherRim) -> tuple[Int[np.ndarray, "f 3"], float]:
-    """The strip of m + n triangles of least area between two closed polygons, by dynamic programming; and its area.
+    """The strip of m + n triangles of least area between two closed polygons, and its area.
 
-    A strip runs once around both, which have it on their left; each triangle has an edge of one polygon and a vertex of
-    the other, whose vertices are numbered after the first one's. All vertices of the second that may lie opposite to
-    the first one's start are tried side by side: O(mn²) in all.
+    Both polygons have the strip on their left. Each triangle has an edge of one polygon and a vertex of the other; the
+    vertices of the second are numbered after those of the first. Dynamic programming for all start vertices of the
+    second polygon at once, O(mn²).
 
     Source: Fuchs, Kedem & Uselton, "Optimal surface reconstruction from planar contours", Comm. ACM 20 (1977).
     """
     m, n = len(first), len(second)
-    back = second[::-1]  # runs beside the first
+    back = second[::-1]  # the direction of the first
     across = back - first[:, None]
     edges_a, edges_b = np.roll(first, -1, axis=0) - first, np.roll(back, -1, axis=0) - back
     along_a = 0.5 * np.linalg.norm(np.cross(edges_a[:, None], across), axis=2)  # (m, n): edge i of the first, vertex j
@@ -52,7 +53,7 @@ def minimum_area_strip(first: Rim, second: OtherRim) -> tuple[Int[np.ndarray, "f
         a, b = i % m, int(around[start, l_])
         by_first = rows[i - 1, start, l_] + along_a[i - 1, b] if i else math.inf
         by_second = rows[i, start, l_ - 1] + along_b[a, edges[start, l_ - 1]] if l_ else math.inf
-        # the numbers of the second polygon run the other way
+        # back to the numbering of the second polygon
         if by_first <= by_second:
             faces.append(((i - 1) % m, a, m + n - 1 - b))
             i -= 1
@@ -63,7 +64,7 @@ def minimum_area_strip(first: Rim, second: OtherRim) -> tuple[Int[np.ndarray, "f
 
 
 def runs_back(first: Rim, second: OtherRim) -> bool:
-    """Whether a strip from the first of two closed polygons to the second reversed has less area."""
+    """Whether the strip between two closed polygons has less area with the second one reversed."""
     first, second = (points[_thinned(points)] for points in (first, second))
     return minimum_area_strip(first, second[::-1])[1] < minimum_area_strip(first, second)[1]
 
@@ -77,12 +78,12 @@ def discrete_annulus(
 ) -> tuple[PlaneTriangulation, Disk]:
     """A triangulated annulus of stationary area between two polygons, both with it on their left.
 
-    The strip of least area gives the first places of the vertices on a round annulus; that is meshed and its area
-    lowered. Then its conformal structure (the harmonic function that is 0 on one rim and 1 on the other, and its flux
-    through the rims) gives places on the round annulus that it is conformal to, which is meshed anew.
+    The strip of least area gives initial positions of the vertices on a round annulus, which is meshed and minimised.
+    Then the annulus is remeshed on the round annulus that it is conformal to: the harmonic function that is 0 on one
+    rim and 1 on the other, and its flux through the rims, give the positions of the vertices.
 
     Raises:
-        DomainError: the rims lie so that no round annulus can be meshed with their vertices.
+        DomainError: no round annulus can be meshed with the rims' vertices.
 
     Source: Pinkall & Polthier, Experim. Math. 2 (1993), for the descent.
     """
@@ -98,13 +99,13 @@ def discrete_annulus(
 
 
 def ruled_annulus(first: Rim, second: OtherRim, target: float) -> tuple[PlaneTriangulation, Float[np.ndarray, "v 3"]]:
-    """A triangulated round annulus, and straight lines between two polygons over its radii: nothing is minimised.
+    """A triangulated round annulus, mapped to straight lines between two polygons; its area is not minimised.
 
-    Edges are about as long as the target, in units of space; otherwise as `discrete_annulus`, and it raises alike.
+    `target` is the edge length in space; otherwise as `discrete_annulus`.
     """
     rims = (first, second)
     places = _strip_places(first, second)
-    length = sum(float(np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum()) for p in rims) / 2
+    length = sum(float(edge_lengths(points).sum()) for points in rims) / 2
     bounds = size_bounds(places, growth=GROWTH, decay=GROWTH)
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
@@ -122,7 +123,7 @@ def ruled_annulus(first: Rim, second: OtherRim, target: float) -> tuple[PlaneTri
 
 
 def _strip_places(first: Rim, second: OtherRim) -> Places:
-    """Places on a round annulus: angles by the strip, radii by its mean width."""
+    """Positions on a round annulus: angles by the strip of least area, radii by its mean width."""
     kept = [_thinned(p) for p in (first, second)]
     faces, area = minimum_area_strip(first[kept[0]], second[kept[1]])
     turn = np.exp(2j * np.pi * (np.arange(len(faces)) + 0.5) / len(faces))
@@ -130,11 +131,11 @@ def _strip_places(first: Rim, second: OtherRim) -> Places:
     for corner in faces.T:
         np.add.at(total, corner, turn)
     angles = np.split(np.angle(total), [len(kept[0])])
-    length = sum(float(np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum()) for p in (first, second)) / 2
+    length = sum(float(edge_lengths(points).sum()) for points in (first, second)) / 2
     inner = math.exp(-2 * np.pi * area / length**2)
     places = []
     for sign, some, index, points in zip((1, -1), angles, kept, (first, second), strict=True):
-        # increasing angles of some of the points, interpolated between them
+        # increasing angles, interpolated between the points kept
         turned = np.unwrap(sign * some)
         ends = np.append(index, len(points)), np.append(turned, turned[0] + 2 * np.pi)
         places.append(np.exp(1j * sign * np.interp(np.arange(len(points)), *ends)))
@@ -142,7 +143,7 @@ def _strip_places(first: Rim, second: OtherRim) -> Places:
 
 
 def _conformal_places(vertices: Vertices, faces: Faces, m: int, rim: int) -> Places:
-    """Places of the rims' vertices on the round annulus that a discrete annulus is conformal to."""
+    """Positions of the rims' vertices on the round annulus that a discrete annulus is conformal to."""
     laplacian = mollified_laplacian(vertices, faces)
     height = harmonic_extension(laplacian, np.repeat([0.0, 1.0], [m, rim - m])[:, None])
     flux = np.abs((laplacian @ height)[:rim, 0])
@@ -152,12 +153,12 @@ def _conformal_places(vertices: Vertices, faces: Faces, m: int, rim: int) -> Pla
     for part in (flux[:m], flux[m:]):
         step = np.pi * (part + np.roll(part, -1)) / part.sum()
         angles.append(np.cumsum(step) - step)
-    shift = _best_turn([vertices[:m], vertices[m:rim]], angles, modulus)
+    shift = _best_rotation([vertices[:m], vertices[m:rim]], angles, modulus)
     return np.exp(1j * angles[0]), math.exp(-modulus) * np.exp(-1j * (angles[1] + shift))
 
 
-def _best_turn(rims: list[np.ndarray], angles: list[np.ndarray], modulus: float) -> float:
-    """The turn of the inner rim, run clockwise, for which the harmonic map of the annulus has the least energy."""
+def _best_rotation(rims: list[np.ndarray], angles: list[np.ndarray], modulus: float) -> float:
+    """The rotation of the inner rim, which is clockwise, that minimises the energy of the annulus's harmonic map."""
     n = 256
     even = 2 * np.pi * np.arange(n) / n
     spectra = [
@@ -167,5 +168,5 @@ def _best_turn(rims: list[np.ndarray], angles: list[np.ndarray], modulus: float)
     k = np.arange(n // 2 + 1)
     weight = -np.append(1 / modulus, k[1:] / np.sinh(np.minimum(k[1:] * modulus, 300.0)))
     energy = np.fft.irfft(weight * (spectra[0] * spectra[1]).sum(axis=0), n=n)
-    # at x the second rim's values are those at the angle −x − turn
+    # the second rim is at the angle −x − rotation
     return float(-even[int(energy.argmin())])

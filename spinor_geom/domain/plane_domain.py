@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import OptionError
-from spinor_geom.mesh.arrays import shared
+from spinor_geom.mesh.array_checks import shared
 from spinor_geom.mesh.interpolation import piecewise_cubic
 
 # Where panels end on the way to a corner, in edges: they resolve its singularity to 2⁻¹⁶ of an edge. By its own length

@@ -12,7 +12,7 @@ from jaxtyping import Complex, Float
 
 from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
 from spinor_geom.errors import OptionError
-from spinor_geom.mesh.arrays import shared
+from spinor_geom.mesh.array_checks import shared
 
 RuleName = Literal["trapezoid", "simpson", "gauss"]
 

@@ -13,7 +13,7 @@ from spinor_geom.domain.polygons import lattices_inside
 from spinor_geom.domain.refinement import Boundary, independent, long_bridges, place_in_region, polish, refine, smooth
 from spinor_geom.domain.sizes import NearestPoints, Polygon, RegionSizes, SizeFunction, graded_size
 from spinor_geom.errors import DomainError, OptionError, SpinorGeomError
-from spinor_geom.mesh.arrays import shared
+from spinor_geom.mesh.array_checks import shared
 
 MOST_POINTS = 200_000  # of a triangulation, if nothing else is said
 # points at which the largest size is looked for, and shares of it by which lattice points keep off the boundary

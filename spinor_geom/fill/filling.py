@@ -20,7 +20,7 @@ from spinor_geom.fill.options import Choice
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.fill.surroundings import LoopPatch, Surroundings, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loops import Sheets, find_boundary_loops
+from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 

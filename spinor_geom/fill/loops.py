@@ -10,7 +10,7 @@ import numpy as np
 from spinor_geom.adapters import to_mesh
 from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.plateau.plane_route import lie_in_plane
 from spinor_geom.plateau.roughness import corners_are_seen, shows_sides

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.errors import SpinorGeomError, advised_distance, merge_advice
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loops import Sheets, find_boundary_loops
+from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.topology import SHARE_OF_EDGE, HalfEdges, face_components, linked
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 

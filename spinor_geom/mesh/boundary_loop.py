@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -12,8 +12,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from spinor_geom.errors import LoopTooShortError, MeshError, MeshShapeError, OptionError, RepeatedPointError
-from spinor_geom.mesh.arrays import freeze_points, frozen
-from spinor_geom.mesh.polygons import Polygons
+from spinor_geom.mesh.array_checks import freeze_points, frozen, shared
 from spinor_geom.mesh.spacing import edge_lengths, graded_spacing
 
 MIN_CORNER_TURN = np.radians(35.0)
@@ -34,22 +33,22 @@ class Plane:
 class BoundaryLoop:
     """A closed polygon of M ≥ 3 points: a hole of a mesh, or a bare curve.
 
-    The loop runs the way the boundary of a patch over it runs, so against the half-edges of the faces beside the hole:
-    a patch whose boundary follows the loop is oriented like the mesh. For a bare curve the patch's normal follows the
-    right-hand rule about the order of the points.
+    The loop has the orientation of the boundary of a patch over it, opposite to the half-edges of the faces beside the
+    hole: a patch whose boundary follows the loop is oriented like the mesh. For a bare curve the patch's normal follows
+    the right-hand rule about the order of the points.
 
     Attributes:
         points: (M, 3) float64, in mesh units.
         vertex_ids: (M,) int64 indices of the points in the mesh; 0 to M − 1 for a bare curve.
         corners: (M,) bool, where the curve through the points has a kink.
-        slit_fraction: share of the perimeter whose edges coincide with another edge of the same loop run in the other
-            direction, 0 to 1; 1 is a slit of zero width.
+        slit_fraction: share of the perimeter, 0 to 1, on edges that coincide with another edge of the same loop of
+            opposite direction; 1 is a slit of zero width.
         seam_edges: (k, 2) int64 vertex ids, from and to, of the edges that coincide with an edge of another loop.
         seam_distance: the largest distance between the two sides of slits and seams, in mesh units.
         junctions: (k, 3) int64 vertex ids of T-junctions of this loop: a vertex, and the two ends of the boundary edge
-            on which it lies together with an edge beside it.
-        obstacle: why no patch can be joined to the mesh along the loop; None where one can.
-        remarks: what does not fit together among the faces that touch the loop, a sentence each.
+            that contains it and one of its own edges.
+        obstacle: why no patch can be joined to the mesh along the loop; None if one can.
+        remarks: inconsistencies of the faces that touch the loop, one sentence each.
 
     Raises:
         MeshShapeError: an array has the wrong shape or dtype.
@@ -79,7 +78,7 @@ class BoundaryLoop:
         self.__dict__.update(
             points=points,
             vertex_ids=frozen(self.vertex_ids, "integers", count, name="vertex_ids"),
-            corners=frozen(self.corners, "truth values", count, name="corners"),
+            corners=frozen(self.corners, "booleans", count, name="corners"),
             seam_edges=frozen(self.seam_edges, "integers", None, 2, name="seam_edges"),
             junctions=frozen(self.junctions, "integers", None, 3, name="junctions"),
         )
@@ -123,20 +122,20 @@ class BoundaryLoop:
         return len(self.points)
 
     def reversed(self) -> BoundaryLoop:
-        """The same loop run the other way, from the same first point."""
+        """The loop with the opposite direction and the same first point."""
         back = np.concatenate([[0], np.arange(len(self) - 1, 0, -1)])
         points, ids, corners = self.points[back], self.vertex_ids[back], self.corners[back]
         return replace(self, points=points, vertex_ids=ids, corners=corners, seam_edges=self.seam_edges[:, ::-1])
 
-    @property
+    @cached_property
     def edge_lengths(self) -> Float[np.ndarray, " m"]:
         """(M,) lengths in mesh units; edge i runs from point i to point i + 1 (mod M)."""
-        return np.asarray(self._polygons.edge_lengths[self._place])
+        return shared(edge_lengths(self.points))
 
     @property
     def perimeter(self) -> float:
         """Sum of the edge lengths, in mesh units."""
-        return float(self._polygons.perimeters[self._place])
+        return float(self.edge_lengths.sum())
 
     @property
     def mean_edge_length(self) -> float:
@@ -146,17 +145,20 @@ class BoundaryLoop:
     @property
     def diagonal(self) -> float:
         """Diagonal of the axis-parallel bounding box of the points, in mesh units."""
-        return float(self._polygons.diagonals[self._place])
+        return float(diagonals(self.points))
 
-    @property
+    @cached_property
     def centroid(self) -> Float[np.ndarray, " 3"]:
         """(3,) centre of mass of the polygon's edges, in mesh units; it does not move when an edge is subdivided."""
-        return np.asarray(self._polygons.centroids[self._place])
+        return shared(centroids(self.points))
 
     @property
     def area_vector(self) -> Float[np.ndarray, " 3"]:
         """(3,) ½ Σ P_i × P_{i+1}: the vector area of any surface the loop bounds, in squared mesh units."""
-        return np.asarray(self._polygons.area_vectors[self._place])
+        centred = self.points - self.centroid
+        # all components in one product: several times as fast as cross products
+        moments = centred.T @ np.roll(centred, -1, axis=0)
+        return np.asarray(0.5 * (moments - moments.T)[[1, 2, 0], [2, 0, 1]])
 
     @cached_property
     def plane(self) -> Plane:
@@ -164,46 +166,57 @@ class BoundaryLoop:
 
         The normal is on the side of `area_vector`; a loop on a line has any plane through that line.
         """
-        axes, deviations = (part[self._place] for part in self._polygons.principal_spreads)
+        axes, deviations = self._principal_axes
         normal = -axes[2] if axes[2] @ self.area_vector < 0 else axes[2]
         return Plane(centroid=self.centroid, normal=normal, rms_distance=float(deviations[2]))
 
     @property
     def elongation(self) -> float:
         """Longest side over second longest side of the points' box along their principal axes, ≥ 1; ∞ on a line."""
-        return float(self._polygons.elongations[self._place])
+        axes, _ = self._principal_axes
+        _, second, longest = np.sort(np.ptp((self.points - self.centroid) @ axes.T, axis=0)).tolist()
+        return longest / second if second > 0 else math.inf
 
     @cached_property
-    def _polygons(self) -> Polygons:
-        """Those that are measured with this one."""
-        return Polygons(points=self.points[None])
+    def _principal_axes(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
+        """Principal axes as rows, widest first, and the root mean squared deviation along each."""
+        weighted = (self.points - self.centroid) * np.sqrt(_point_weights(self.points))[:, None]
+        _, deviations, axes = np.linalg.svd(weighted, full_matrices=False)
+        return axes, deviations
 
-    _place = 0  # this one's among them
 
-    @staticmethod
-    def moved_together(loops: Sequence[BoundaryLoop], points: Float[np.ndarray, "b m 3"]) -> list[BoundaryLoop]:
-        """Loops of as many points each with others in their place, which are measured side by side."""
-        moved, polygons = [], Polygons(points=points)
-        for place, (loop, own) in enumerate(zip(loops, points, strict=True)):
-            moved.append(BoundaryLoop(points=own, vertex_ids=loop.vertex_ids, corners=loop.corners))
-            moved[-1].__dict__.update(_polygons=polygons, _place=place)
-        return moved
+def diagonals(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b"]:
+    """Diagonals of the axis-parallel bounding boxes of polygons."""
+    return np.asarray(np.linalg.norm(np.ptp(points, axis=-2), axis=-1))
+
+
+def centroids(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b 3"]:
+    """Centres of mass of the edges of closed polygons."""
+    # relative to point 0: polygons far from the origin lose no digits
+    first = points[..., :1, :]
+    moments = _point_weights(points)[..., None] * (points - first)
+    return np.asarray(first[..., 0, :] + moments.sum(axis=-2))
+
+
+def _point_weights(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b m"]:
+    """Half the length of the two edges at each point of a closed polygon over the perimeter."""
+    lengths = edge_lengths(points)
+    both, perimeter = lengths + np.roll(lengths, 1, axis=-1), lengths.sum(axis=-1, keepdims=True)
+    even = np.full_like(both, 1 / both.shape[-1])
+    return np.asarray(np.divide(both, 2 * perimeter, out=even, where=perimeter > 0))
 
 
 def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
     """Which points of a closed polygon are corners of the curve it samples, (M,) bool.
 
-    Point i is a corner if the polygon turns there by θ_i ≥ 35° and by at most θ_i/4 at each of the two points before
-    and the two points after it: a corner stands alone on a smooth curve, while on a noisy rim large turns stand side by
-    side. Where half of all points turn by more than 35°/4 the curve is not smooth, and nothing stands out of it: such
-    polygons have no such corners.
+    Point i is a corner if the polygon turns there by θ_i ≥ 35° and by at most θ_i/4 at the two points before and the
+    two points after it: a corner is isolated on a smooth curve, while on a noisy rim large turns are adjacent. If half
+    of all points turn by more than 35°/4, the curve is not smooth and has no such corners.
 
-    An end of a long edge, one that exceeds the `graded_spacing`, is a corner if the polygon turns there by so much that
-    a smooth curve would leave the edge by about as much as the points beside it are apart, a quarter of that spacing:
-    nothing shows such a bulge.
+    An end of an edge longer than the `graded_spacing` is a corner if a smooth curve that turns as much would leave the
+    edge by more than about a quarter of that spacing: the points do not show such a bulge.
 
-    Polygons of fewer than 8 points are too coarse to tell and have no corners; so has a point beside an edge of length
-    0.
+    Polygons of fewer than 8 points have no corners, and neither has a point beside an edge of length 0.
     """
     if len(points) < MIN_LOOP_WITH_CORNERS:
         return np.zeros(len(points), dtype=bool)
@@ -222,21 +235,21 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
 def turning_angles(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
     """Angle between the edge that ends at each point of a closed polygon and the one that starts there, (M,) radians.
 
-    0 goes straight on, π turns back; NaN beside an edge of length 0.
+    0 is straight, π is a reversal; NaN beside an edge of length 0.
     """
     edges = np.roll(points, -1, axis=0) - points
     lengths = np.linalg.norm(edges, axis=1, keepdims=True)
     directions = np.divide(edges, lengths, out=np.full_like(edges, np.nan), where=lengths > 0)
     before = np.roll(directions, 1, axis=0)
-    # not arccos of the scalar product: that loses half the digits at small angles
+    # arccos of the scalar product would lose half the digits at small angles
     sine, cosine = (np.linalg.norm(both, axis=1) for both in (directions - before, directions + before))
     return np.asarray(2 * np.arctan2(sine, cosine))
 
 
 def require_distinct_neighbours(loop: BoundaryLoop) -> None:
-    """Checks that no two neighbouring points of a loop are equal; a RepeatedPointError names the first that are."""
+    """Raises a RepeatedPointError with the first point of a loop that equals the next one."""
     if loop.edge_lengths.all():
         return
     equal = (loop.points == np.roll(loop.points, -1, axis=0)).all(axis=1)
-    if equal.any():  # differences may be too small to be squared
+    if equal.any():  # a length of 0 may also be an underflow
         raise RepeatedPointError(index=int(np.argmax(equal)))

@@ -1,4 +1,4 @@
-"""Which segments come near each other, by their boxes."""
+"""Candidate pairs of close segments, by their bounding boxes."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -10,16 +10,16 @@ BOXES_TO_START_FROM = 64
 
 
 def edges_with_near_boxes(starts: Points, ends: Points, distance: float) -> tuple[Numbers, Numbers]:
-    """Pairs i < j of segments of a chain whose boxes come within a distance of each other along every axis.
+    """Pairs i < j of segments whose bounding boxes are within a distance of each other along every axis.
 
-    Boxes of 2, 4, 8, … successive segments are small if the chain is one, whatever the segments' lengths are; pairs of
-    boxes are followed from the largest down.
+    A hierarchy of the boxes of 1, 2, 4, 8, … successive segments is searched from the top; successive segments should
+    be close to each other.
     """
     low, high = np.minimum(starts, ends) - distance / 2, np.maximum(starts, ends) + distance / 2
     levels = [(low, high)]
     while len(low) > BOXES_TO_START_FROM:
         if len(low) % 2:
-            # an empty box, which meets none
+            # pad with an empty box
             low, high = np.vstack([low, np.full(3, np.inf)]), np.vstack([high, np.full(3, -np.inf)])
         low, high = np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2])
         levels.append((low, high))

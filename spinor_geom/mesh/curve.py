@@ -1,4 +1,4 @@
-"""The smooth boundary curve Γ through all vertices of a loop, with its corners kept."""
+"""The closed curve Γ through all points of a boundary loop, or given by a formula."""
 
 from __future__ import annotations
 
@@ -11,37 +11,43 @@ from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from scipy.interpolate import CubicSpline
+from jaxtyping import Bool, Float
+from scipy.interpolate import CubicSpline, PPoly
 from scipy.spatial import cKDTree
 
 from spinor_geom.errors import CurveError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
-from spinor_geom.mesh.interpolation import DEGREES, between_corners, gauss_nodes, piece_places, smooth_curves, through
+from spinor_geom.mesh.interpolation import (
+    CurveKind,
+    Pieces,
+    between_corners,
+    gauss_nodes,
+    piece_places,
+    smooth_curves,
+    through,
+)
 
 LENGTH_NODES = 16
 SAMPLES_PER_PIECE = 8
 NEAREST_SAMPLES = 2
 MAX_NEWTON_STEPS = 30
 NEWTON_STEP_TOLERANCE = 1e-15
-# Errors allowed in the polynomials of a formula: inside pieces and between them per extent, of derivatives per size.
+# Tolerances of the polynomials of a formula: inside pieces and between them per extent, of derivatives per size.
 FORMULA_ERROR, CLOSING_ERROR, DERIVATIVE_ERROR = 1e-14, 1e-12, 1e-5
-FORMULA_CHECKS = np.array([0.11, 0.31, 0.57, 0.83])  # where on each piece they are looked for
+FORMULA_CHECKS = np.array([0.11, 0.31, 0.57, 0.83])  # where on each piece the error is measured
 FEWEST_PIECES, MOST_PIECES = 64, 4096
-# Where Γ is slower than this share of its largest speed it may stand still, and below that it does.
+# Γ may have a standstill where it is slower than this share of its largest speed; below the second it has one.
 SLOW, STANDSTILL = 0.1, 1e-9
 KINK = "has a jump or a kink that corners= does not name"
 
 Breaks = Float[np.ndarray, " m_plus_1"]
 Coefficients = Float[np.ndarray, "d_plus_1 m 3"]
-Places = Float[np.ndarray, "n c"]
-Points = Float[np.ndarray, "*pts 3"]
-CurveFunction: TypeAlias = Callable[[Float[np.ndarray, "*pts"]], Points]
+CurveFunction: TypeAlias = Callable[[Float[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClosedCurve:
-    """A closed curve Γ(s), s in [0, 1), in formulas.
+    """A closed curve Γ(s), s in [0, 1), given by formulas.
 
     Attributes:
         point: Γ, in any units of length; takes arrays of any shape.
@@ -66,16 +72,18 @@ class BoundaryCurve:
     s is taken mod 1 everywhere. Within piece i, Γ(s) = Σ_k coefficients[k, i] (s − breaks[i])^(d − k), d the degree.
 
     Attributes:
-        breaks: (M + 1,) parameters of the vertices, from 0 to 1: share of the length up to the vertex, by chords for
-            degree 3, by arcs of the cubic spline for degrees 5 and 7 (chords would spoil their order); by
-            its own arcs or equal steps for an analytic curve, equal steps for a formula.
+        kind: what the points show: "cubic", cubic splines, no smoother curve; "spline", splines of degree 5 or 7;
+            "analytic", a curve that is analytic between its corners, up to rounding errors.
+        breaks: (M + 1,) parameters of the vertices, from 0 to 1: share of the length up to the vertex, by chords of
+            cubics, by arcs otherwise (chords would reduce the order); equal steps for the trigonometric polynomial and
+            for formulas.
         coefficients: (d + 1, M, 3) of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
-        corners: (M,) bool, at which vertices Γ′ jumps; elsewhere splines are d − 1 times continuously differentiable,
-            other curves analytic but for rounding errors.
-        at_points: (M,) bool, which pieces start at points of the loop, where some do not: these divide long edges.
+        corners: (M,) bool, at which vertices Γ′ jumps; elsewhere splines are d − 1 times continuously differentiable.
         slopes: coefficients of Γ′ where that comes from a formula: differentiated polynomials lose three digits.
+        at_points: (M,) bool, which pieces start at points of the loop; None for all. The others divide long edges.
     """
 
+    kind: CurveKind
     breaks: Breaks
     coefficients: Coefficients
     corners: Bool[np.ndarray, " m"]
@@ -88,16 +96,20 @@ class BoundaryCurve:
 
     @classmethod
     def from_loop(cls, loop: BoundaryLoop) -> BoundaryCurve:
-        """The interpolating curve through all vertices of a loop.
+        """The interpolating curve through all points of a loop.
 
-        Without corners it is the candidate that predicts left-out vertices best. Analytic curves converge faster than
-        any order: the trigonometric polynomial where the vertices are equal steps of an analytic parameter, and of up
-        to 256 vertices its like by arc length, wherever they lie. Otherwise it is a periodic spline, of the degree 3, 5
-        or 7 that predicts every second vertex best from as many of the others to either side: smooth loops get the high
-        orders, noisy ones the cubic. With corners it is one not-a-knot spline from each corner to the next (from a
-        single corner back to itself), cubic but for sides of 16 points and more that show a higher degree in the same
-        way; a side of two or one edges is a parabola or a straight line. A RepeatedPointError tells that two
-        neighbouring points of the loop are equal.
+        Without corners it is the candidate that predicts left-out points best:
+
+        - the trigonometric polynomial, where the points are equal steps of an analytic parameter;
+        - an analytic curve by arc length, for up to 256 points;
+        - a periodic spline of degree 3, 5 or 7, for points that are less smooth.
+
+        With corners it is a not-a-knot spline from each corner to the next (from a single corner back to itself),
+        cubic except on sides of 16 points and more that show a higher degree; a side of two edges is a parabola, of one
+        edge a straight line.
+
+        Raises:
+            RepeatedPointError: two neighbouring points of the loop are equal.
 
         Source: Floater & Surazhsky, "Parameterization for curve interpolation" (2006), for the parameters.
         """
@@ -107,8 +119,8 @@ class BoundaryCurve:
 
     @classmethod
     def from_loops(cls, loops: Sequence[BoundaryLoop]) -> list[BoundaryCurve]:
-        """`from_loop` of several, made together where they have as many points; neighbours are known to be apart."""
-        found: dict[int, tuple[Breaks, Coefficients]] = {}
+        """`from_loop` of several loops with distinct neighbours; loops of as many points are computed together."""
+        found: dict[int, Pieces] = {}
         alike: dict[int, list[int]] = defaultdict(list)
         for i, loop in enumerate(loops):
             if loop.corners.any():
@@ -117,24 +129,25 @@ class BoundaryCurve:
                 alike[len(loop)].append(i)
         for group in alike.values():
             found.update(zip(group, smooth_curves(np.stack([loops[i].points for i in group])), strict=True))
-        return [cls(breaks=found[i][0], coefficients=found[i][1], corners=loop.corners) for i, loop in enumerate(loops)]
+        return [cls(**found[i]._asdict(), corners=loop.corners) for i, loop in enumerate(loops)]
 
     @classmethod
     def from_formula(cls, curve: ClosedCurve) -> BoundaryCurve:
-        """A curve that is given by formulas, by polynomials of degree 11 to 1e-14 of its extent.
+        """A curve given by formulas, by polynomials of degree 11 with an error of 1e-14 of its extent.
 
         Each side between two corners is divided into equal pieces, 64 of them or more all around.
 
         Raises:
-            CurveError: Γ does not close, has a value that is not finite, is not as smooth as it should be, or the
+            CurveError: Γ does not close, has a value that is not finite, is not smooth, stands still, or the
                 derivatives are not its own.
         """
         pieces = FEWEST_PIECES
         while True:
             breaks, corners = _formula_breaks(curve.corners, pieces)
-            fitted = cls(breaks=breaks, coefficients=_formula_coefficients(curve.point, breaks), corners=corners)
+            coefficients = _formula_coefficients(curve.point, breaks)
+            fitted = cls(kind="analytic", breaks=breaks, coefficients=coefficients, corners=corners)
             between = breaks[:-1, None] + np.diff(breaks)[:, None] * FORMULA_CHECKS
-            extent = np.ptp(fitted.coefficients[-1], axis=0).max()
+            extent = np.ptp(coefficients[-1], axis=0).max()
             error = np.linalg.norm(fitted.point(between) - curve.point(between), axis=2)
             if not np.isfinite(error).all():
                 raise CurveError(reason="is not finite", parameter=float(between[~np.isfinite(error)][0]))
@@ -143,12 +156,12 @@ class BoundaryCurve:
             pieces *= 2
             if pieces > MOST_PIECES:
                 raise CurveError(reason=KINK, parameter=float(between.flat[int(error.argmax())]))
-        ends, slopes, _ = fitted._horner(np.arange(len(corners)), np.diff(breaks))
-        gap, turn = np.roll(fitted.coefficients[[-1, -2]], -1, axis=1) - [ends, slopes]
+        ends = np.nextafter(breaks[1:], 0)
+        gap, turn = np.roll(coefficients[[-1, -2]], -1, axis=1) - [fitted.point(ends), fitted.derivative(ends)]
         turn[np.roll(corners, -1)] = 0
         checks = [
             ("is not closed or has a jump", breaks[1:], gap, CLOSING_ERROR * extent),
-            (KINK, breaks[1:], turn, DERIVATIVE_ERROR * np.abs(slopes).max()),
+            (KINK, breaks[1:], turn, DERIVATIVE_ERROR * np.abs(coefficients[-2]).max()),
         ]
         for name in ("derivative", "second_derivative"):
             own, given = getattr(fitted, name)(between), getattr(curve, name)(between)
@@ -163,17 +176,16 @@ class BoundaryCurve:
         return fitted
 
     def reversed(self) -> BoundaryCurve:
-        """The same curve run the other way, from the same vertex."""
-        widths = np.diff(self.breaks)
-        first = np.concatenate([[0], np.arange(len(widths) - 1, 0, -1)])
-        coefficients = _from_the_end(self.coefficients, widths)
+        """The curve with the opposite direction and the same first vertex."""
+        first = np.concatenate([[0], np.arange(len(self.corners) - 1, 0, -1)])
+        coefficients = _reversed(self.coefficients, self.breaks)
         coefficients[-1] = self.coefficients[-1][first]
-        slopes = None if self.slopes is None else -_from_the_end(self.slopes, widths)
-        return BoundaryCurve(
+        return replace(
+            self,
             breaks=1 - self.breaks[::-1],
             coefficients=coefficients,
             corners=self.corners[first],
-            slopes=slopes,
+            slopes=None if self.slopes is None else -_reversed(self.slopes, self.breaks),
             at_points=None if self.at_points is None else self.at_points[first],
         )
 
@@ -182,14 +194,16 @@ class BoundaryCurve:
 
         The weights are Gaussian; their standard deviation is `width`, a share of the whole curve.
         """
-        count = len(self.breaks) - 1
+        count = len(self.corners)
         n = SAMPLES_PER_PIECE * count
         spectrum = np.fft.rfft(self.point(np.arange(n) / n), axis=0)
         spectrum *= np.exp(-0.5 * (2 * np.pi * width * np.arange(len(spectrum))) ** 2)[:, None]
         samples = np.fft.irfft(spectrum, n=n, axis=0)
         vertices = CubicSpline(np.arange(n + 1) / n, np.vstack([samples, samples[:1]]), bc_type="periodic")(self.breaks)
         spline = CubicSpline(self.breaks, vertices, bc_type="periodic")
-        return BoundaryCurve(breaks=self.breaks, coefficients=spline.c, corners=np.zeros(count, dtype=bool))
+        return BoundaryCurve(
+            kind="cubic", breaks=self.breaks, coefficients=spline.c, corners=np.zeros(count, dtype=bool)
+        )
 
     def towards(self, other: BoundaryCurve, share: float) -> BoundaryCurve:
         """The curve (1 − share)·self + share·other of two curves with the same breaks; corners are those of `other`."""
@@ -198,10 +212,15 @@ class BoundaryCurve:
             np.concatenate([np.zeros((degree - c.degree, *c.coefficients.shape[1:])), c.coefficients])
             for c in (self, other)
         )
-        return BoundaryCurve(breaks=self.breaks, coefficients=(1 - share) * first + share * last, corners=other.corners)
+        return BoundaryCurve(
+            kind=other.kind if other.degree == degree else self.kind,
+            breaks=self.breaks,
+            coefficients=(1 - share) * first + share * last,
+            corners=other.corners,
+        )
 
     def placed(self, points: Float[np.ndarray, "m 3"], scale: float) -> BoundaryCurve:
-        """The curve enlarged by `scale` and moved so that it goes through its loop's points, to the last bit."""
+        """The curve scaled by `scale` and moved so that it passes through its loop's points, bit for bit."""
         coefficients, own = scale * self.coefficients, slice(None) if self.at_points is None else self.at_points
         coefficients[-1] += points[0] - coefficients[-1][own][0]
         coefficients[-1, own] = points
@@ -220,16 +239,23 @@ class BoundaryCurve:
         return len(self.coefficients) - 1
 
     def point(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        """Γ(s), in mesh units; at the parameter of a vertex it is that vertex, to the last bit."""
-        return self._horner(*self._local(s))[0]
+        """Γ(s), in mesh units; at the parameter of a vertex it is that vertex, bit for bit."""
+        return np.asarray(self._derivatives[0](np.mod(s, 1.0)))
 
     def derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ′(s), in mesh units per unit of s; at a corner the side that starts there counts."""
-        return self._horner(*self._local(s))[1]
+        return np.asarray(self._derivatives[1](np.mod(s, 1.0)))
 
     def second_derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ″(s), in mesh units per squared unit of s; at a corner the side that starts there counts."""
-        return self._horner(*self._local(s))[2]
+        return np.asarray(self._derivatives[2](np.mod(s, 1.0)))
+
+    @cached_property
+    def _derivatives(self) -> tuple[PPoly, PPoly, PPoly]:
+        """Γ, Γ′ and Γ″."""
+        curve = PPoly(self.coefficients, self.breaks)
+        slope = curve.derivative() if self.slopes is None else PPoly(self.slopes, self.breaks)
+        return curve, slope, slope.derivative()
 
     def bulge(self) -> float:
         """Largest distance of a piece from the straight edge between its vertices, in the curve's units of length."""
@@ -249,15 +275,15 @@ class BoundaryCurve:
         return float((speed * weights * widths).sum() / 2)
 
     def length_share(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-        """Share of the length of Γ up to Γ(s), one more after each turn; the parameter of a spline is that, about."""
-        if self.degree <= max(DEGREES):
+        """Share of the length of Γ up to Γ(s), one more after each turn; of a spline s itself, which is close to it."""
+        if self.kind != "analytic":
             return s
         whole = np.floor(s)
-        return np.asarray(self._shares(s - whole) + whole)
+        return np.asarray(self._length_shares(s - whole) + whole)
 
     @cached_property
-    def _shares(self) -> CubicSpline:
-        n = SAMPLES_PER_PIECE * (len(self.breaks) - 1)
+    def _length_shares(self) -> CubicSpline:
+        n = SAMPLES_PER_PIECE * len(self.corners)
         grid = np.arange(n + 1) / n
         length = CubicSpline(grid, np.linalg.norm(self.derivative(grid), axis=1)).antiderivative()(grid)
         return CubicSpline(grid, length / length[-1])
@@ -265,21 +291,28 @@ class BoundaryCurve:
     def nearest(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
         """Parameter in [0, 1) of the point of Γ nearest to each point, (N,).
 
-        The two nearest of 8 samples a piece are found first; on the parts of Γ to both sides of them the distance is
-        then minimised by Newton's method to round-off. Where two parts of Γ are equally near to within the spacing of
-        the samples, either may be chosen.
+        From the two nearest of 8 samples per piece, the distance is minimised by Newton's method to rounding on the
+        parts of Γ on both sides. Where two parts of Γ are equally near, up to the spacing of the samples, either may
+        be returned.
         """
         tree, parameters = self._samples
         _, found = tree.query(points, k=NEAREST_SAMPLES)
         starts = np.stack([found, found - 1], axis=-1).reshape(len(points), 2 * NEAREST_SAMPLES) % len(parameters)
-        piece = starts // SAMPLES_PER_PIECE
-        low = parameters[starts] - self.breaks[piece]
-        high = np.append(parameters, 1.0)[starts + 1] - self.breaks[piece]
-        local = self._minimise_distance(points[:, None, :], piece, low, high)
-        distance = np.linalg.norm(self._horner(piece, local)[0] - points[:, None, :], axis=-1)
-        best = np.argmin(distance, axis=1)[:, None]
-        s = np.take_along_axis(self.breaks[piece] + local, best, axis=1)[:, 0]
-        return np.where(s < 1.0, s, 0.0)
+        # Γ′ at the end of a part is not that of the part where the next one starts at a corner
+        low, high = parameters[starts], np.nextafter(np.append(parameters[1:], 1.0), 0.0)[starts]
+        s = (low + high) / 2
+        for _ in range(MAX_NEWTON_STEPS):
+            offset, first = self.point(s) - points[:, None, :], self.derivative(s)
+            slope, speed = (offset * first).sum(axis=-1), (first * first).sum(axis=-1)
+            bend = speed + (offset * self.second_derivative(s)).sum(axis=-1)
+            # where the squared distance is not convex, the Gauss–Newton step still goes downhill
+            curvature = np.where(bend > 0.1 * speed, bend, speed)
+            step = np.divide(slope, curvature, out=np.zeros_like(slope), where=curvature > 0)
+            before, s = s, np.clip(s - step, low, high)
+            if np.abs(s - before).max(initial=0.0) <= NEWTON_STEP_TOLERANCE:
+                break
+        best = np.argmin(np.linalg.norm(self.point(s) - points[:, None, :], axis=-1), axis=1)
+        return np.asarray(np.round(s[np.arange(len(s)), best], 15) % 1.0)  # rounded: 1 is 0
 
     @cached_property
     def _samples(self) -> tuple[cKDTree, Float[np.ndarray, " k"]]:
@@ -287,64 +320,20 @@ class BoundaryCurve:
         parameters = (self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * fractions).reshape(-1)
         return cKDTree(self.point(parameters)), parameters
 
-    def _local(self, s: Float[np.ndarray, "*pts"]) -> tuple[Int[np.ndarray, "*pts"], Float[np.ndarray, "*pts"]]:
-        """The piece of each parameter and its local parameter there."""
-        wrapped = np.mod(s, 1.0)
-        piece = np.clip(np.searchsorted(self.breaks, wrapped, side="right") - 1, 0, len(self.breaks) - 2)
-        return piece, wrapped - self.breaks[piece]
 
-    def _horner(self, piece: Int[np.ndarray, "*pts"], local: Float[np.ndarray, "*pts"]) -> tuple[Points, ...]:
-        """Γ, Γ′ and Γ″ at local parameters of given pieces, their right ends included."""
-        h = local[..., None]
-        value = self.coefficients[0][piece]
-        first = second = np.zeros_like(value)
-        for coefficient in self.coefficients[1:]:
-            second = second * h + first
-            first = first * h + value
-            value = value * h + coefficient[piece]
-        if self.slopes is None:
-            return value, first, 2 * second
-        first, second = self.slopes[0][piece], np.zeros_like(value)
-        for coefficient in self.slopes[1:]:
-            second = second * h + first
-            first = first * h + coefficient[piece]
-        return value, first, second
-
-    def _minimise_distance(
-        self, points: Float[np.ndarray, "n 1 3"], piece: Int[np.ndarray, "n c"], low: Places, high: Places
-    ) -> Places:
-        """Local parameter between `low` and `high` where the distance to a point is least, by Newton's method."""
-        local: Places = (low + high) / 2
-        for _ in range(MAX_NEWTON_STEPS):
-            value, first, second = self._horner(piece, local)
-            offset = value - points
-            slope = (offset * first).sum(axis=-1)
-            speed = (first * first).sum(axis=-1)
-            bend = speed + (offset * second).sum(axis=-1)
-            # where the squared distance is not convex, the Gauss–Newton step still goes downhill
-            curvature = np.where(bend > 0.1 * speed, bend, speed)
-            step = np.divide(slope, curvature, out=np.zeros_like(slope), where=curvature > 0)
-            new = np.clip(local - step, low, high)
-            moved = np.abs(new - local).max(initial=0.0)
-            local = new
-            if moved <= NEWTON_STEP_TOLERANCE:
-                break
-        return local
-
-
-def _from_the_end(coefficients: Coefficients, widths: Float[np.ndarray, " m"]) -> Coefficients:
-    """Polynomials of pieces in the reversed order, by the distance from each one's end."""
-    moved = coefficients.copy()
-    # repeated synthetic division: about the pieces' ends
-    for last in range(len(moved), 1, -1):
+def _reversed(coefficients: Coefficients, breaks: Breaks) -> Coefficients:
+    """Coefficients of the pieces with the opposite direction, in reversed order."""
+    shifted, widths = coefficients.copy(), np.diff(breaks)[:, None]
+    # synthetic division about the end of each piece: SciPy's BPoly loses three digits more
+    for last in range(len(shifted), 1, -1):
         for k in range(1, last):
-            moved[k] += moved[k - 1] * widths[:, None]
-    sign = (-1.0) ** np.arange(len(moved) - 1, -1, -1)
-    return np.asarray(moved[:, ::-1] * sign[:, None, None])
+            shifted[k] += shifted[k - 1] * widths
+    sign = (-1.0) ** np.arange(len(shifted) - 1, -1, -1)
+    return np.asarray(shifted[:, ::-1] * sign[:, None, None])
 
 
 def _formula_breaks(corners: Sequence[float], pieces: int) -> tuple[Breaks, Bool[np.ndarray, " m"]]:
-    """Ends of so many pieces or some more, 0 among them, and which of them are corners."""
+    """Breaks of about so many pieces, with one at each corner, and which of them are corners."""
     ends = np.unique(np.mod([0.0, *corners], 1.0))
     sides = pairwise([*ends.tolist(), 1.0])
     starts = [np.linspace(a, b, math.ceil((b - a) * pieces), endpoint=False) for a, b in sides]
@@ -353,7 +342,7 @@ def _formula_breaks(corners: Sequence[float], pieces: int) -> tuple[Breaks, Bool
 
 
 def _formula_coefficients(function: CurveFunction, breaks: Breaks) -> Coefficients:
-    """Polynomials through the values of Γ or Γ′ at Chebyshev's points inside each piece and at its start."""
+    """Coefficients of the polynomials that interpolate Γ or Γ′ at the `piece_places` of each piece."""
     x, width = piece_places(), np.diff(breaks)
     values = np.asarray(function(breaks[:-1, None] + width[:, None] * x), dtype=np.float64)
     if values.shape != (len(width), len(x), 3):
@@ -362,13 +351,13 @@ def _formula_coefficients(function: CurveFunction, breaks: Breaks) -> Coefficien
 
 
 def _require_speed(curve: BoundaryCurve, s: Float[np.ndarray, "m k"]) -> None:
-    """Checks that Γ′ is 0 nowhere: where it is, the curve has no tangent."""
+    """Raises a CurveError if Γ′ is 0 somewhere, so that the curve has no tangent there."""
     s = np.concatenate([curve.breaks[:-1], s.ravel()])
     speed = np.linalg.norm(curve.derivative(s), axis=1)
     largest, reach = speed.max(), np.diff(curve.breaks).max()
     s = s[speed < SLOW * largest]
     start = s
-    # to where |Γ′|² is least, by Gauss-Newton steps: near a zero Γ′ is about Γ″ times the distance to it
+    # minimise |Γ′|² by Gauss-Newton steps
     for _ in range(MAX_NEWTON_STEPS if len(s) else 0):
         slope, bend = curve.derivative(s), curve.second_derivative(s)
         size = np.maximum((bend * bend).sum(axis=1), np.finfo(np.float64).tiny)

@@ -1,4 +1,4 @@
-"""Differential operators on triangle meshes and how these bend: the only place that asks libigl for them."""
+"""Differential operators, areas, angles and curvature of triangle meshes, by libigl."""
 
 from __future__ import annotations
 
@@ -12,19 +12,18 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from spinor_geom.errors import SingularMatrixError
-from spinor_geom.mesh.arrays import igl_arrays
+from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.topology import HalfEdges
 
 Vertices = Float[np.ndarray, "v d"]
 Faces = Int[np.ndarray, "f 3"]
 
-# Circumcentric areas are negative at some obtuse corners: the least share of the third of the faces' areas that counts.
+# Lower bound of the circumcentric areas, which may be negative at obtuse corners, in barycentric areas.
 _LEAST_SHARE = 0.3
 _TINY = np.finfo(np.float64).tiny ** 0.5
-# The least by which two sides of a mollified triangle exceed the third, as a share of its longest side: cotangents
-# stay below its inverse then.
+# Least excess of two sides of a mollified triangle over the third, per longest side: it bounds the cotangents.
 _SLACK = 1e-6
-# The same of a metric whose edges are flipped, by the mean edge: below 1e-5 flips of needles may repeat without end.
+# The same per mean edge where edges are flipped: below 1e-5, flips of needles may not terminate.
 _SLACK_OF_METRIC = 1e-4
 
 
@@ -32,7 +31,7 @@ def cotangent_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
     """The cotangent Laplacian L, (V, V), symmetric and positive semidefinite.
 
     L_ij = −½ (cot α_ij + cot β_ij) with the angles opposite to edge ij, and rows sum to 0; uᵀLu is the Dirichlet
-    energy ∫|∇u|² of the piecewise linear u. Without unit in 2D.
+    energy ∫|∇u|² of the piecewise linear u. Dimensionless.
 
     Source: Pinkall & Polthier (1993), Computing discrete minimal surfaces and their conjugates.
     """
@@ -40,26 +39,25 @@ def cotangent_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
 
 
 def mollified_edge_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray, "f 3"]:
-    """Lengths of the edges opposite to every face's corners, (F, 3), as of triangles with area.
+    """Lengths of the edges opposite to the corners of faces, (F, 3), increased where a face is degenerate.
 
-    Where two sides of a face exceed the third by less than a millionth of the longest, all three are made longer by
-    what is missing; the others are left alone. What is made of the lengths is then finite, and the Laplacian
-    positive, whatever the faces.
+    Where two sides of a face exceed the third by less than a millionth of the longest, all three are increased by the
+    difference. The Laplacian of these lengths is finite and positive semidefinite for any faces.
 
     Source: Sharp & Crane (2020), "A Laplacian for nonmanifold triangle meshes", for mollified lengths.
     """
     length = igl.edge_lengths(*igl_arrays(vertices, faces))
-    # the fifth root: areas are fourth powers under a root
+    # areas are roots of fourth powers
     longest = np.maximum(length.max(axis=1), np.finfo(np.float64).tiny ** 0.2)
     slack = length.sum(axis=1) - 2 * length.max(axis=1)
     return np.asarray(length + np.maximum(_SLACK * longest - slack, 0.0)[:, None])
 
 
 def delaunay_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
-    """The cotangent Laplacian of the intrinsic Delaunay triangulation of a mesh, whose weights are not negative.
+    """The cotangent Laplacian of the intrinsic Delaunay triangulation of a mesh, with non-negative weights.
 
-    Where two sides of a face exceed the third by less than 1e-4 of the mean edge, all edges of the mesh are made longer
-    by what is missing: an edge has one length in both of its faces.
+    Where two sides of a face exceed the third by less than 1e-4 of the mean edge, all edges of the mesh are increased
+    by the largest difference, so that an edge has one length in both of its faces.
 
     Source: Sharp & Crane (2020), "A Laplacian for nonmanifold triangle meshes".
     """
@@ -70,32 +68,31 @@ def delaunay_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
 
 
 def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Faces) -> csc_array:
-    """The cotangent Laplacian, as `cotangent_laplacian`, of faces whose edges opposite to the corners are so long."""
+    """`cotangent_laplacian` from the lengths of the edges opposite to the corners."""
     return csc_array(-igl.cotmatrix_intrinsic(*igl_arrays(lengths, faces)))
 
 
 def mollified_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
-    """The cotangent Laplacian, as `cotangent_laplacian`, of the mollified edge lengths: finite whatever the faces."""
+    """`cotangent_laplacian` of the `mollified_edge_lengths`: finite for any faces."""
     return intrinsic_laplacian(mollified_edge_lengths(vertices, faces), faces)
 
 
 def intrinsic_angles(lengths: Float[np.ndarray, "*f 3"]) -> Float[np.ndarray, "*f 3"]:
-    """Angles of triangles, in radians, at the corners opposite to edges so long; right for faces without area too."""
+    """Angles of triangles, in radians, from the lengths of the edges opposite to the corners; accurate at 0 and π."""
     before, after = np.roll(lengths, 1, axis=-1), np.roll(lengths, -1, axis=-1)
-    # half-angle form: no loss of digits at 0 and π
     top = np.maximum(lengths**2 - (before - after) ** 2, 0.0)
     bottom = np.maximum((before + after) ** 2 - lengths**2, 0.0)
     return np.asarray(2 * np.arctan2(np.sqrt(top), np.sqrt(bottom)))
 
 
 def graph_laplacian(faces: Faces) -> csc_array:
-    """The Laplacian of a mesh's edges, all of weight 1: factorable whatever shape the faces have."""
+    """The graph Laplacian of a mesh's edges, all of weight 1."""
     adjacent = csc_array(igl.adjacency_matrix(np.ascontiguousarray(faces, dtype=np.int64)), dtype=np.float64)
     return csc_array(diags_array(adjacent.sum(axis=0)) - adjacent)
 
 
 def factor_symmetric(matrix: csc_array) -> SuperLU:
-    """Sparse LU of a symmetric matrix, the eigenvalues' signs on U's diagonal; else a SingularMatrixError."""
+    """Sparse LU of a symmetric matrix, with its inertia on U's diagonal; raises a SingularMatrixError."""
     if not np.isfinite(matrix.data).all():
         raise SingularMatrixError(size=matrix.shape[0])
     try:
@@ -105,9 +102,7 @@ def factor_symmetric(matrix: csc_array) -> SuperLU:
 
 
 def mass_matrix(vertices: Vertices, faces: Faces, kind: Literal["voronoi", "barycentric"]) -> csc_array:
-    """The diagonal mass matrix, (V, V): the area that belongs to each vertex, in squared mesh units.
-
-    By mixed Voronoi cells, or a third of each face.
+    """The diagonal mass matrix, (V, V), in squared mesh units: mixed Voronoi cells, or a third of each face.
 
     Source: Meyer, Desbrun, Schröder & Barr (2003), Discrete differential-geometry operators for triangulated
     2-manifolds, for the mixed Voronoi cells.
@@ -121,10 +116,7 @@ def face_areas(vertices: Vertices, faces: Faces) -> Float[np.ndarray, " f"]:
 
 
 def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Faces) -> Float[np.ndarray, "v 3"]:
-    """Unit normals at the vertices, (V, 3): the mean of the faces' normals by area; 0 where these cancel.
-
-    A vertex's is the direction in which it adds most volume to one side of the mesh.
-    """
+    """Unit normals at the vertices, (V, 3): the mean of the faces' normals weighted by area; 0 where they cancel."""
     by_area = igl.PER_VERTEX_NORMALS_WEIGHTING_TYPE_AREA
     return np.asarray(np.nan_to_num(igl.per_vertex_normals(*igl_arrays(vertices, faces), by_area)))
 
@@ -140,7 +132,7 @@ def vertex_angles(vertices: Vertices, faces: Faces) -> Float[np.ndarray, " v"]:
 
 
 def winding_numbers(polygon: Float[np.ndarray, "m 2"], points: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " k"]:
-    """How often a closed plane polygon runs around each point, (K,)."""
+    """Winding numbers of a closed plane polygon about points, (K,): 0 outside, ±1 inside a simple polygon."""
     m = np.arange(len(polygon))
     edges = np.stack([m, np.roll(m, -1)], axis=1)
     return np.asarray(igl.winding_number(*igl_arrays(polygon, edges), np.ascontiguousarray(points))).reshape(-1)
@@ -148,20 +140,20 @@ def winding_numbers(polygon: Float[np.ndarray, "m 2"], points: Float[np.ndarray,
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bending:
-    """The mean curvature of a mesh and what it is made of.
+    """The mean curvature of a mesh and the quantities it is computed from.
 
-    With these areas H is 1/R at the inner vertices of any mesh whose vertices lie on a sphere, up to the error of the
-    normals: at x of the unit sphere (x − y)·x = |x − y|²/2, so along x the gradient of the area is twice the area.
+    With these areas H is 1/R at the inner vertices of any mesh inscribed in a sphere, up to the error of the normals:
+    for x, y on the unit sphere (x − y)·x = |x − y|²/2, so along x the gradient of the area is twice the area.
     """
 
     laplacian: csc_array  # the cotangent Laplacian L
-    areas: Float[np.ndarray, " n"]  # circumcentric, in squared mesh units; at least 0.3 of a third of the faces'
-    normals: Float[np.ndarray, "n 3"]  # unit ones, on the side that the faces look to
+    areas: Float[np.ndarray, " n"]  # circumcentric, in squared mesh units; at least 0.3 of the barycentric ones
+    normals: Float[np.ndarray, "n 3"]  # unit vectors
     curvature: Float[np.ndarray, " n"]  # n·Lx/(2A), positive where a mesh with outer normals is convex
 
     @classmethod
     def of(cls, vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Bending:
-        """That of a mesh, unused vertices having none."""
+        """The bending of a mesh; 0 at unused vertices."""
         n, flat = len(vertices), faces.ravel()
         laplacian = mollified_laplacian(vertices, faces)
         laplacian.resize((n, n))  # the last vertices may be unused
@@ -182,7 +174,7 @@ def face_normals(vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Float[np.n
 
 
 def crossing_angles(half_edges: HalfEdges, vertices: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " h"]:
-    """For each half-edge the angle between the normals of its face and its twin's, in radians; 0 where it has none."""
+    """Angle between the normals of the faces of each half-edge and its twin, in radians; 0 without a twin."""
     normals = face_normals(vertices, half_edges.origin.reshape(-1, 3))
     here, there = np.arange(len(half_edges.origin)) // 3, half_edges.twin // 3
     sine = np.linalg.norm(np.cross(normals[here], normals[there]), axis=1)

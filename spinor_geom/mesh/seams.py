@@ -1,4 +1,4 @@
-"""Where boundary edges lie on one another: slits, seams, and T-junctions, whose two sides are divided differently."""
+"""Coincident boundary edges: slits, seams, and T-junctions, where the two sides are divided differently."""
 
 from __future__ import annotations
 
@@ -13,25 +13,24 @@ from spinor_geom.mesh.topology import SHARE_OF_EDGE, near_vertices
 Points = Float[np.ndarray, "n 3"]
 Numbers = Int[np.ndarray, " n"]
 
-# Points of a boundary are at one place if they are no farther apart than this share of the mesh's diagonal. Single
-# precision leaves 2e-7, and no hole that was meant is as narrow.
+# Boundary points coincide if their distance is at most this share of the mesh's diagonal. Single precision leaves 2e-7,
+# and no intended hole is as narrow.
 SAME_PLACE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Overlaps:
-    """What of each edge of some rings lies on other edges; edge i runs from entry i of the rings to the one after."""
+    """Which part of each edge of some rings coincides with other edges; edge i runs from entry i to the next one."""
 
-    own: Float[np.ndarray, " n"]  # share of its length on edges of its own ring, run the other way
-    other: Float[np.ndarray, " n"]  # and on edges of other rings
+    own: Float[np.ndarray, " n"]  # share of its length on edges of its own ring, of opposite direction
+    other: Float[np.ndarray, " n"]  # share of its length on edges of other rings
     is_matched: Bool[np.ndarray, " n"]  # whether these edges have the same two ends
-    distance: Float[np.ndarray, " n"]  # by how much at most its ends are off those edges, in mesh units
-    # a row for each entry that lies inside an edge on which its own edges lie: the entry, and the edge
-    junctions: Int[np.ndarray, "k 2"]
+    distance: Float[np.ndarray, " n"]  # largest distance of its ends from those edges, in mesh units
+    junctions: Int[np.ndarray, "k 2"]  # T-junctions: an entry, and an edge that contains it and one of its edges
 
 
 def find_overlaps(points: Points, successor: Numbers, ring: Numbers, size: float) -> Overlaps:
-    """The overlaps of rings of points of a mesh of a given size; each entry has its successor and its ring's number."""
+    """The overlaps of rings of points, given the successor and the ring of each, on a mesh of a given diagonal."""
     lengths = np.linalg.norm(points[successor] - points, axis=1)
     local = lengths.copy()
     np.maximum.at(local, successor, lengths)
@@ -45,7 +44,7 @@ def find_overlaps(points: Points, successor: Numbers, ring: Numbers, size: float
     is_matched = own | other
     left = np.flatnonzero(~is_matched & (start != end))
     edge, entry, along, height = _points_on_edges(points, successor, left, place, reach)
-    # each edge in pieces between the places on it
+    # divide each edge at the points on it
     first = np.concatenate([left, edge])
     order = np.lexsort((np.concatenate([np.zeros(len(left)), along]), first))
     parent = first[order]
@@ -75,12 +74,12 @@ def find_overlaps(points: Points, successor: Numbers, ring: Numbers, size: float
 
 
 def _shared(start: Numbers, end: Numbers, ring: Numbers) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Whether each edge joins the places of another of its ring, run the other way, and those of one of another."""
+    """Which edges have the ends of another edge of their ring, of opposite direction, and which of another ring's."""
     forward = start < end
     count = int(max(start.max(initial=0), end.max(initial=0))) + 1
     pair = np.minimum(start, end) * count + np.maximum(start, end)
     on_edge = _group_sizes(pair)
-    # an edge of length 0 says nothing about two sides
+    # not edges of length 0
     shared = np.flatnonzero((on_edge > 1) & (start != end))
     _, edge = np.unique(pair[shared], return_inverse=True)
     edge_of_ring = edge * (int(ring.max(initial=0)) + 1) + ring[shared]
@@ -94,7 +93,7 @@ def _shared(start: Numbers, end: Numbers, ring: Numbers) -> tuple[Bool[np.ndarra
 def _points_on_edges(
     points: Points, successor: Numbers, edges: Numbers, place: Numbers, reach: Float[np.ndarray, " n"]
 ) -> tuple[Numbers, Numbers, Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Where ends of some edges lie inside others of them: edge, entry, its share of the way, its distance."""
+    """Ends of some edges that lie inside others: the edge, the entry, its share along the edge, its distance."""
     if not len(edges):
         return edges, edges, np.zeros(0), np.zeros(0)
     ends = successor[edges]
@@ -107,13 +106,13 @@ def _points_on_edges(
     along = np.einsum("ni,ni->n", side, aside) / np.einsum("ni,ni->n", side, side)
     height = np.linalg.norm(aside - along[:, None] * side, axis=1)
     on_edge = np.flatnonzero((along > 0) & (along < 1) & (height <= reach[entry]))
-    # of several entries of one ring at a place one is enough
+    # one entry for each position on an edge
     key = edge[on_edge] * len(points) + place[entry[on_edge]]
     kept = on_edge[np.unique(key, return_index=True)[1]]
     return edge[kept], entry[kept], along[kept], height[kept]
 
 
 def _group_sizes(keys: Numbers) -> Numbers:
-    """How many entries have each entry's value."""
+    """The number of entries equal to each entry."""
     _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
     return counts[inverse]

@@ -1,31 +1,28 @@
-"""Long edges of closed polygons: those that the spacing of the points beside them does not explain."""
+"""Long edges of closed polygons: longer than the spacing of the neighbouring points suggests."""
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-LARGEST_GROWTH = 2.0  # of edges from one to the next along a curve whose spacing is graded
-# Length of the first part of a divided edge, in edges beside it, and growth of the parts per length. With half of each
-# one ragged rim of a cut sphere is not met; with twice of both half disks' straight sides bulge so that they gain up
-# to 8 % of area.
+LARGEST_GROWTH = 2.0  # ratio of successive edges of a graded spacing
+# Length of the first part of a divided edge, in edges beside it, and growth of the parts per length. With half of each,
+# one ragged rim of a cut sphere does not converge; with twice, straight sides bulge by up to 8 % of the area.
 _FIRST_PART, _GROWTH = 2.0, 1.0
 
 
 def graded_spacing(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b m"]:
-    """The longest edge that the points of a closed polygon beside it explain, at each edge, in the points' unit.
+    """Upper bound at each edge of a closed polygon for the edges of a graded sampling, in the points' unit.
 
-    Elsewhere it is the longest of three edges in a row, it may double from each edge to the next, and it is twice the
-    median edge at least. So an edge is longer only if it is more than four times as long as three edges beside it, and
-    more than twice as long as half of all edges. Few short edges explain nothing, and gradual growth is explained.
-    Where no edge is longer than twice the median edge, it is that.
+    The bound is the longest of three successive edges, reduced so that it at most doubles from one edge to the next,
+    and at least twice the median edge. So an edge exceeds it only if it is more than four times as long as three edges
+    beside it and more than twice as long as half of all edges.
     """
     length = edge_lengths(points)
     least = LARGEST_GROWTH * np.median(length, axis=-1, keepdims=True)
-    if (length <= least).all():  # saves the rest for nearly all polygons
+    if (length <= least).all():  # nearly all polygons
         return np.broadcast_to(least, length.shape)
     spacing = _longest_of_three(length)
     step = 1
-    # 2^64 is beyond the ratio of any two edges
-    while step < min(length.shape[-1], 64):
+    while step < min(length.shape[-1], 64):  # no two edges have a ratio of 2^64
         nearest = np.minimum(np.roll(spacing, step, axis=-1), np.roll(spacing, -step, axis=-1))
         spacing = np.minimum(spacing, LARGEST_GROWTH**step * nearest)
         step *= 2
@@ -33,7 +30,7 @@ def graded_spacing(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b
 
 
 def are_long(points: Float[np.ndarray, "*b m k"]) -> Bool[np.ndarray, "*b m"]:
-    """Which edges of a closed polygon are longer than its graded spacing; edge i runs from point i to point i + 1."""
+    """Which edges of a closed polygon exceed its `graded_spacing`; edge i runs from point i to point i + 1."""
     return np.asarray(edge_lengths(points) > graded_spacing(points))
 
 
@@ -45,9 +42,9 @@ def edge_lengths(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b m
 def with_long_edges_divided(
     points: Float[np.ndarray, "m k"],
 ) -> tuple[Float[np.ndarray, "n k"], Bool[np.ndarray, " n"]]:
-    """A closed polygon's points with more on its long edges, and which of these are its own.
+    """A closed polygon with its long edges divided, and which of the new points are its own.
 
-    The parts of a long edge are about as long as the edges beside it at its ends, and grow from there.
+    The parts of a long edge are about as long as its neighbours at both ends, and grow from there.
     """
     long = np.flatnonzero(are_long(points))
     length = edge_lengths(points)
@@ -69,7 +66,7 @@ def _longest_of_three(length: Float[np.ndarray, "*b m"]) -> Float[np.ndarray, "*
 
 
 def _graded_shares(length: float, start: float, end: float) -> Float[np.ndarray, " k"]:
-    """Places inside an edge, as shares of it, whose distances grow linearly from given ones at both of its ends."""
+    """Points that divide an edge, as shares of its length; the parts grow linearly from given lengths at both ends."""
     middle = np.clip((length + (end - start) / _GROWTH) / 2, 0, length)
     first = np.log1p(_GROWTH * middle / start) / _GROWTH
     whole = first + np.log1p(_GROWTH * (length - middle) / end) / _GROWTH

@@ -1,4 +1,4 @@
-"""How faces hang together: half-edges and their twins, boundary, components, coincident vertices."""
+"""Half-edges of triangle meshes, boundary edges, components, coincident vertices."""
 
 from __future__ import annotations
 
@@ -7,26 +7,24 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-# Vertices are never taken for one across more than this share of the edges there, so that fine parts of large meshes
-# stay as they are.
+# Vertices are never merged over more than this share of the edges there, so fine parts of large meshes are unchanged.
 SHARE_OF_EDGE = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HalfEdges:
-    """The 3F directed sides of F triangles, grouped by the edges they run along.
+    """The 3F half-edges of F triangles, grouped by edge.
 
-    Half-edge 3f + k runs from corner k of face f to corner k + 1 (mod 3), so the next half-edge of the same face and
-    the face itself follow by arithmetic.
+    Half-edge 3f + k runs from corner k of face f to corner k + 1 (mod 3).
     """
 
     origin: Int[np.ndarray, " h"]  # the vertex each starts at
     target: Int[np.ndarray, " h"]  # the vertex it ends at
-    order: Int[np.ndarray, " h"]  # their numbers, those along one edge side by side, lowest first
+    order: Int[np.ndarray, " h"]  # half-edges sorted by edge, then by index
     starts: Int[np.ndarray, " e"]  # edge e has the half-edges order[starts[e]:starts[e + 1]]
 
     @classmethod
@@ -35,7 +33,7 @@ class HalfEdges:
         origin = np.ascontiguousarray(faces, dtype=np.int64).reshape(-1)
         target = faces[:, [1, 2, 0]].astype(np.int64, copy=False).reshape(-1)
         low, high = np.minimum(origin, target), np.maximum(origin, target)
-        order = _order_of_pairs(low, high)
+        order = np.argsort(low * (high.max(initial=0) + 1) + high, kind="stable")
         first_end, second_end = low[order], high[order]
         is_first = (first_end[1:] != first_end[:-1]) | (second_end[1:] != second_end[:-1])
         starts = np.append(np.flatnonzero(np.append(True, is_first)[: len(order)]), len(order))
@@ -71,43 +69,26 @@ class HalfEdges:
         return np.roll(self.origin.reshape(-1, 3), -2, axis=1).reshape(-1)
 
     def unclosed(self, count: int) -> Bool[np.ndarray, " {count}"]:
-        """Which of so many vertices touch an edge without exactly two faces, one in each direction, (count,) bool."""
+        """Which of `count` vertices have an edge without exactly two faces of opposite directions, (count,) bool."""
         wrong = (self.twin < 0) | (self.origin == self.origin[self.twin])
         return referenced_vertices(np.stack([self.origin[wrong], self.target[wrong]]), vertices=count)
 
 
-def _order_of_pairs(first: Int[np.ndarray, " n"], second: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """The stable order of pairs of non-negative numbers, by the first and then the second, (n,) int64."""
-    count = int(max(first.max(initial=0), second.max(initial=0))) + 1
-    if count > len(first):
-        return np.lexsort((second, first))
-    # by counting, three times as fast: time and memory grow with the largest number
-    order = _counting_order(second, count)
-    return np.asarray(order[_counting_order(first[order], count)])
-
-
-def _counting_order(numbers: Int[np.ndarray, " n"], count: int) -> Int[np.ndarray, " n"]:
-    """The stable order of numbers below `count`, (n,) int64: a matrix with one entry a row, read column by column."""
-    entries = (np.ones(len(numbers), dtype=bool), numbers, np.arange(len(numbers) + 1))
-    columns = csr_array(entries, shape=(len(numbers), count)).tocsc()
-    return np.asarray(columns.indices, dtype=np.int64)
-
-
 def boundary_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "b 2"]:
-    """The edges that exactly one face uses, each as (from, to) in the direction of that face, (b, 2) int64."""
+    """The edges with exactly one face, each as (from, to) in the direction of that face, (b, 2) int64."""
     half_edges = HalfEdges.of(faces)
     return np.stack([half_edges.origin[half_edges.boundary], half_edges.target[half_edges.boundary]], axis=1)
 
 
 def is_watertight(faces: Int[np.ndarray, "f 3"]) -> bool:
-    """Whether there are faces and every edge has exactly two, which run through it in opposite directions."""
+    """Whether there are faces and every edge has exactly two, of opposite directions."""
     half_edges = HalfEdges.of(faces)
     a, b = half_edges.pairs.T
     return 0 < len(half_edges.origin) == 2 * len(a) and bool((half_edges.origin[a] == half_edges.target[b]).all())
 
 
 def is_disk(faces: Int[np.ndarray, "f 3"]) -> bool:
-    """Whether faces are one disk: a cone over the boundary closes that, and nothing else, to a sphere."""
+    """Whether faces form a disk: a cone over the boundary then closes it to a sphere."""
     if not len(faces):
         return False
     start, end = boundary_edges(faces).T
@@ -118,10 +99,7 @@ def is_disk(faces: Int[np.ndarray, "f 3"]) -> bool:
 
 
 def face_components(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:
-    """The connected piece each face belongs to, numbered from 0; faces are connected through common edges, (f,) int64.
-
-    Pieces that touch in single vertices only are different pieces.
-    """
+    """The component of each face, from 0, (f,) int64; faces are connected through common edges, not vertices."""
     import igl
 
     if not len(faces):
@@ -130,13 +108,13 @@ def face_components(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:
 
 
 def linked(pairs: Int[np.ndarray, "k 2"], count: int) -> Int[np.ndarray, " {count}"]:
-    """Which of `count` things hang together through pairs of them: the number of each one's group, from 0."""
+    """The connected component of each of `count` nodes of a graph with some edges, from 0."""
     graph = coo_array((np.ones(len(pairs), dtype=bool), pairs.T), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def referenced_vertices(faces: Int[np.ndarray, "f 3"], *, vertices: int) -> Bool[np.ndarray, " {vertices}"]:
-    """Which of `vertices` vertices some face uses, (vertices,) bool."""
+    """Which vertices faces use, (vertices,) bool."""
     used = np.zeros(vertices, dtype=bool)
     used[faces] = True
     return used
@@ -157,10 +135,10 @@ def coincident_vertices(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n
 def near_vertices(
     points: Float[np.ndarray, "n 3"], reach: Float[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"] | None = None
 ) -> Int[np.ndarray, " n"]:
-    """As `coincident_vertices`, for points no farther apart than the reach of both, in mesh units, (n,) int64.
+    """`coincident_vertices` for points no farther apart than the reach of both, in mesh units, (n,) int64.
 
-    Groups are transitive. With `faces` no two different corners of a face come into one group: a group that has two is
-    divided at half the distance, and again, until it has none.
+    Groups are transitive. With `faces`, two different corners of a face are never in one group: while a group has two,
+    it is divided by half the distance.
     """
     exact = coincident_vertices(points)
     unique, number = np.unique(exact, return_inverse=True)
@@ -176,9 +154,9 @@ def near_vertices(
     sides = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
     sides = sides[(sides[:, 0] != sides[:, 1]) & (labels[sides[:, 0]] == labels[sides[:, 1]])]
     while len(sides):
-        is_torn = np.isin(labels, labels[sides[:, 0]])
+        is_divided = np.isin(labels, labels[sides[:, 0]])
         limit /= 2
-        kept = ~is_torn[pairs[:, 0]] | (apart <= limit)
+        kept = ~is_divided[pairs[:, 0]] | (apart <= limit)
         pairs, apart = pairs[kept], apart[kept]
         labels = linked(pairs, len(unique))
         sides = sides[labels[sides[:, 0]] == labels[sides[:, 1]]]
@@ -187,7 +165,7 @@ def near_vertices(
 
 
 def longest_sides(points: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " n"]:
-    """The length of the longest side of the faces at each vertex, 0 where there is none, (n,) float64."""
+    """Length of the longest edge of the faces at each vertex, 0 for unused vertices, (n,) float64."""
     longest = np.zeros(len(points))
     for start, end in ((0, 1), (1, 2), (2, 0)):
         lengths = np.linalg.norm(points[faces[:, start]] - points[faces[:, end]], axis=1)

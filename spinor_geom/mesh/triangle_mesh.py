@@ -1,4 +1,4 @@
-"""The one mesh type of the package, and what a fill adds to a mesh of any type; frozen and checked."""
+"""Triangle meshes, and the vertices and faces that a fill adds to one; immutable and checked."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from spinor_geom.errors import MeshExtentError, NoFacesError, VertexIndexError
-from spinor_geom.mesh.arrays import freeze_attributes, freeze_points, frozen
+from spinor_geom.mesh.array_checks import freeze_attributes, freeze_points, frozen
 from spinor_geom.mesh.topology import SHARE_OF_EDGE, longest_sides, near_vertices
 from spinor_geom.shown import Shown, shortened
 
@@ -22,18 +22,17 @@ SMALLEST_EXTENT, LARGEST_EXTENT = 1e-70, 1e70  # fourth powers of lengths have t
 
 @dataclass(frozen=True, eq=False, init=False)
 class TriangleMesh(Shown):
-    """Triangles over vertices in space, with values at the vertices; every array becomes a read-only copy.
+    """Triangles over vertices in space, with values at the vertices; arrays become read-only copies.
 
-    Faces run counter-clockwise seen from the side their normals point to. What a mesh holds is checked here as far as
-    every single face and vertex goes; `find_boundary_loops` tells how the faces beside a loop fit together. Vertices
-    that no face uses are allowed.
+    Faces are counter-clockwise seen from the side of their normals. Each vertex and face is checked on its own;
+    `find_boundary_loops` reports inconsistent faces beside a loop. Unused vertices are allowed.
 
     Attributes:
         vertices: (V, 3) float64 positions, in mesh units.
         faces: (F, 3) int64 vertex indices.
         vertex_attributes: (V, k) float64 values by name ("color", "normal", ...), in the source's own scale.
-        labels: names of the attributes whose values name classes and must not be averaged; where they are not given,
-            those of integers that are no colours.
+        labels: names of the attributes that are class labels, which must not be averaged; by default all integer
+            attributes except colours.
 
     Raises:
         MeshShapeError: an array has the wrong shape or dtype.
@@ -75,9 +74,9 @@ class TriangleMesh(Shown):
     def merged(self, within: Within = 0.0) -> tuple[TriangleMesh, Int[np.ndarray, " v"]]:
         """The same surface with vertices of equal position merged.
 
-        Of each group the vertex of lowest index stays, with its attributes, and the order of those that stay is kept.
-        Faces are neither dropped nor reordered. One that had two corners at one place now names a vertex twice; corners
-        of a face at different places stay different.
+        Of each group the vertex of lowest index is kept, with its attributes, and the order is unchanged. Faces are
+        neither dropped nor reordered. A face with two corners at one position then uses a vertex twice; corners of a
+        face at different positions stay different.
 
         Args:
             within: the distance, in mesh units, up to which vertices are merged; "rounding" for `rounding_reach`.
@@ -94,7 +93,7 @@ class TriangleMesh(Shown):
         return TriangleMesh(self.vertices[kept], corners, vertex_attributes=attributes, labels=self.labels), new_index
 
     def merge_map(self, within: Within = 0.0) -> tuple[Bool[np.ndarray, " v"], Int[np.ndarray, " v"]]:
-        """Which vertices stay where `merged` merges some, and the index of each vertex among those that stay."""
+        """Which vertices `merged` keeps, and the index of each old vertex among them."""
         points = self.vertices
         require_extent(points)
         reach = rounding_reach(points, self.faces) if within == "rounding" else np.full(len(points), float(within))
@@ -104,19 +103,19 @@ class TriangleMesh(Shown):
 
 
 def rounding_reach(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " v"]:
-    """How far equal vertices may be apart after rounding to single precision, in mesh units, (V,) float64.
+    """Largest distance of equal positions after rounding to single precision, in mesh units, (V,) float64.
 
-    Two roundings of one position differ by one unit in the last place along each axis, less than twice the precision
-    times the largest coordinate. Near short edges, as far from the origin, it is at most 1 % of the longest edge there.
+    Two roundings of a position differ by one unit in the last place along each axis, less than twice the precision
+    times the largest coordinate. The distance is at most 1 % of the longest edge at a vertex.
     """
-    # text files are written from single precision, or with 6 to 9 digits, too
+    # text files are often written from single precision, or with 6 to 9 digits
     precision = 2 * float(np.finfo(np.float32).eps) * float(np.abs(vertices).max(initial=0.0))
     return np.minimum(precision, SHARE_OF_EDGE * longest_sides(vertices, faces))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshExtension:
-    """New vertices and faces to be appended to a mesh of V vertices, which itself stays as it is.
+    """New vertices and faces to be appended to a mesh of V vertices, which itself is unchanged.
 
     Raises:
         MeshShapeError: an array has the wrong shape or dtype.
@@ -144,7 +143,7 @@ class MeshExtension:
 
 
 def require_faces(mesh: TriangleMesh) -> None:
-    """Checks that vertices are no bare points (NoFacesError), and that areas can be told (MeshExtentError)."""
+    """Raises a NoFacesError for bare points, or a MeshExtentError for a mesh whose areas cannot be computed."""
     if not len(mesh.vertices):
         return
     if not len(mesh.faces):
@@ -160,14 +159,14 @@ def box_sides(points: Float[np.ndarray, "n 3"]) -> tuple[float, ...]:
 
 
 def require_extent(points: Float[np.ndarray, "n 3"]) -> None:
-    """A MeshExtentError for points so far apart, or so near, that areas cannot be computed."""
+    """Raises a MeshExtentError for points so far apart, or so close, that areas cannot be computed."""
     extent = max(box_sides(points))
     if extent and not SMALLEST_EXTENT < extent < LARGEST_EXTENT:
         raise MeshExtentError(extent=extent)
 
 
 def require_existing_vertices(faces: Int[np.ndarray, "f 3"], *, vertices: int) -> None:
-    """Checks that faces name no other than the first so many vertices; a VertexIndexError names one that does."""
+    """Raises a VertexIndexError for the first face with an index outside 0 … vertices − 1."""
     outside = (faces < 0) | (faces >= vertices)
     if outside.any():
         face, corner = divmod(int(np.flatnonzero(outside)[0]), 3)

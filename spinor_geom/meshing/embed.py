@@ -1,4 +1,4 @@
-"""From a surface to a triangle mesh: of a solved one with its loops as the boundary, bit for bit; of any; anew."""
+"""Triangle meshes of solved surfaces, with the loops as boundary, and of any surface; remeshing of patches."""
 
 from __future__ import annotations
 
@@ -18,14 +18,10 @@ from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.triangulation import PlaneTriangulation, one_by_one_on_error
 from spinor_geom.errors import DomainError, OptionError, SpinorGeomError, SurfaceError, require_positive, require_type
-from spinor_geom.mesh.arrays import igl_arrays
+from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.operators import (
-    cotangent_laplacian,
-    delaunay_laplacian,
-    face_areas,
-    vertex_angles,
-)
+from spinor_geom.mesh.operators import cotangent_laplacian, delaunay_laplacian, face_areas, vertex_angles
+from spinor_geom.mesh.spacing import edge_lengths
 from spinor_geom.meshing.split_edges import edges_far_from_arcs, triangulated_with_split_edges
 from spinor_geom.meshing.triangulate import Piece, is_unit_disk, piece_of, triangulate_pieces
 from spinor_geom.plateau.solution import PlateauSolution
@@ -33,21 +29,20 @@ from spinor_geom.plateau.threads import one_thread
 from spinor_geom.shown import Shown
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# points at which the length of each piece of the boundary is measured, and the fewest edges of a side between corners
-_FINE = 16
-_FEWEST = 6
+_FINE = 16  # points at which the length of each piece of the boundary is measured
+_FEWEST = 6  # edges of a side between corners
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Patch(Shown):
-    """A triangulated piece of a minimal surface over a loop, or between two.
+    """A triangulated piece of a minimal surface over one loop or several.
 
     Attributes:
-        vertices: Positions in mesh units; the loops' points come first, in order and bit-equal.
-        faces: Counter-clockwise in Ω and so about the surface's normal, but for those beside a long edge that was
-            split there; the boundary runs along the loops.
+        vertices: Positions in mesh units; the loops' points come first, in order and bit for bit.
+        faces: Counter-clockwise in Ω and so about the surface's normal, except beside long edges that were split in Ω;
+            the boundary follows the loops.
         boundary_size: Number M of loop points, of all loops together.
-        points: Where the vertices lie in Ω.
+        points: Positions of the vertices in Ω.
         hole_sizes: Numbers of points of the loops after the first.
     """
 
@@ -59,13 +54,12 @@ class Patch(Shown):
 
     def __repr__(self) -> str:
         rims = " + ".join(map(str, self.rims))
-        return (
-            f"Patch({len(self.vertices)} vertices, {len(self.faces)} faces, rim of {rims} points, area {self.area:.6g})"
-        )
+        size = f"{len(self.vertices)} vertices, {len(self.faces)} faces"
+        return f"Patch({size}, rim of {rims} points, area {self.area:.6g})"
 
     @classmethod
     def over(cls, plane: PlaneTriangulation, vertices: Float[np.ndarray, "n 3"]) -> Patch:
-        """The patch with given vertices over those of a part of Ω."""
+        """The patch with given vertices over a triangulated part of Ω."""
         return cls(
             vertices=vertices,
             faces=plane.faces,
@@ -85,12 +79,11 @@ class Patch(Shown):
         return float(face_areas(self.vertices, self.faces).sum())
 
     def relaxed(self) -> DiscreteMinimalSurface:
-        """The discrete minimal surface nearest to this mesh: the same triangles, without discrete mean curvature.
+        """The discrete minimal surface near this mesh: the same triangles, without discrete mean curvature.
 
-        A mesh with its inner vertices on the exact surface has some at them, about 4 % of the principal curvatures,
-        however small its triangles: at a single vertex the cotangent formula is right only where the triangles around
-        it are even. To lose it the vertices leave the exact surface, by some 0.5 % of an edge, and by some 10 % beside
-        a loss of stability.
+        On the exact surface the discrete mean curvature at a vertex is about 4 % of the principal curvatures, however
+        small the triangles: the cotangent formula converges pointwise only on regular triangles. Without it, vertices
+        are off the exact surface by some 0.5 % of an edge, or some 10 % if the surface is close to unstable.
 
         Source: Xu (2004), "Discrete Laplace–Beltrami operators and their convergence", CAGD 21, for the formula's
         pointwise error.
@@ -99,21 +92,21 @@ class Patch(Shown):
 
 
 def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["auto"] = "auto") -> Patch:
-    """Meshes a solved minimal surface; the points of its loop or loops are its boundary vertices, bit-equal.
+    """Meshes a solved minimal surface; the points of its loops are the boundary vertices, bit for bit.
 
-    The surface's domain is triangulated with edges of about target/λ, beside the boundary as long as the loop's own
-    edges; the inner vertices are on the exact surface. The boundary's vertices are the loop's points and not the
-    surface's, so the boundary residual of the solution stays visible in the triangles beside the boundary. Where chords
-    between the loop's places in Ω cross or run far outside it, inner vertices are put beside these edges.
+    The surface's domain is triangulated with edges of about target/λ, near the boundary as long as the loop's own
+    edges; the inner vertices are on the exact surface. The boundary vertices are not: the boundary residual of the
+    solution remains in the triangles at the boundary. Where chords between the loop's points in Ω cross or leave Ω,
+    inner vertices are inserted beside these edges.
 
     Args:
         solution: A solved Plateau problem.
         target_edge_length: In mesh units; "auto" is the mean edge length of its loops.
 
     Raises:
-        ArgumentTypeError: It is no solution.
+        ArgumentTypeError: `solution` is not a PlateauSolution.
         OptionError: The edge length is neither "auto" nor positive and finite.
-        TooManyPointsError: The edge length asks for more vertices than anyone can use.
+        TooManyPointsError: The edge length requires too many vertices.
         DomainError: The loop's points in Ω do not form a simple polygon, or the surface is not finite inside it.
     """
     takes = "a PlateauSolution, which solve_plateau returns (mesh_surface meshes a bare SpinorSurface)"
@@ -127,20 +120,16 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
 def mesh_patches(
     solutions: Sequence[PlateauSolution], target_edge_length: float | Literal["auto"] = "auto"
 ) -> list[Patch | SpinorGeomError]:
-    """`mesh_patch` for many surfaces at once, which for small ones is faster; each mesh is the same, to the last bit.
-
-    In the place of a mesh stands the error that `mesh_patch` raises.
-    """
+    """`mesh_patch` or its error for several surfaces, which are meshed together; bit for bit the same."""
 
     def made(some: Sequence[PlateauSolution]) -> list[Patch]:
         planes = triangulate_pieces([_piece(solution, target_edge_length) for solution in some])
         for solution, plane in zip(some, planes, strict=True):
-            # the disk is convex
             if not is_unit_disk(solution.domain) and len(edges_far_from_arcs(solution.domain, plane)):
-                raise DomainError("the chords between the loop's places run far outside the domain")
+                raise DomainError("the chords between the loop's points in the domain run far outside it")
         return [_patch(solution, plane) for solution, plane in zip(some, planes, strict=True)]
 
-    # on several threads sums come out in another order, and patches are to be the same on all machines
+    # the order of sums, and so the patch, depends on the number of threads
     with one_thread():
         patches = one_by_one_on_error(made, solutions)
         return [
@@ -150,7 +139,7 @@ def mesh_patches(
 
 
 def edge_length_over(loops: Sequence[BoundaryLoop], target: float | Literal["auto"]) -> float:
-    """The edge length of a patch over some loops, in mesh units: the loops' own as a mean, or that asked for."""
+    """The edge length of a patch over some loops, in mesh units: `target`, or the loops' mean edge length."""
     if target == "auto":
         return sum(loop.perimeter for loop in loops) / sum(map(len, loops))
     require_positive("target_edge_length", target, instead="'auto' or ")
@@ -160,7 +149,7 @@ def edge_length_over(loops: Sequence[BoundaryLoop], target: float | Literal["aut
 def _with_split_edges(
     solution: PlateauSolution, target_edge_length: float | Literal["auto"]
 ) -> Patch | SpinorGeomError:
-    """The mesh of a surface over a domain in which chords between the loop's points cross."""
+    """The mesh of a surface, or its error, where chords between the loop's points in Ω cross."""
     whole = _piece(solution, target_edge_length)
     try:
         plane = triangulated_with_split_edges(
@@ -184,16 +173,16 @@ def _patch(solution: PlateauSolution, plane: PlaneTriangulation) -> Patch:
 
 
 def mesh_surface(surface: SpinorSurface, *, vertices: int = 4000) -> Patch:
-    """Meshes a whole surface with edges of about equal lengths in space; every vertex, the rim's too, is on it.
+    """Meshes a whole surface with edges of about equal length in space; all vertices are on the surface.
 
-    A patch for a mesh, with the loop's own points as its rim, is `mesh_patch`.
+    `mesh_patch` meshes a solution with its loop's points as the boundary.
 
     Args:
         surface: Over any domain.
-        vertices: About so many.
+        vertices: The approximate number of vertices.
 
     Raises:
-        OptionError: Fewer than 3 vertices are asked for.
+        OptionError: `vertices` is less than 3.
         SurfaceError: The surface is not finite on its domain.
     """
     if vertices < 3:
@@ -201,7 +190,7 @@ def mesh_surface(surface: SpinorSurface, *, vertices: int = 4000) -> Patch:
     area = surface.area()
     if not 0 < area < np.inf:
         raise SurfaceError(f"the surface has the area {area}: p or q has a pole in its domain, or both are 0")
-    # of equilateral triangles, two for each vertex
+    # equilateral triangles, two per vertex
     target = float(np.sqrt(2 * area / (3**0.5 * vertices)))
     rims = [_rim(surface, boundary, target) for boundary in (surface.domain.boundary, *surface.domain.holes)]
     (plane,) = triangulate_pieces([piece_of(surface, rims, target, area)])
@@ -212,21 +201,21 @@ def mesh_surface(surface: SpinorSurface, *, vertices: int = 4000) -> Patch:
 
 
 def _rim(surface: SpinorSurface, boundary: Boundary, target: float) -> Complex[np.ndarray, " m"]:
-    """Points of a part of ∂Ω, its corners among them, about `target` apart in space."""
+    """Points of a part of ∂Ω about `target` apart in space, including its corners."""
     pieces = boundary.parameters
     t = np.append((pieces[:-1, None] + np.diff(pieces)[:, None] * (np.arange(_FINE) / _FINE)).ravel(), 1.0)
     middle, width = (t[1:] + t[:-1]) / 2, np.diff(t)
     speed = np.asarray(surface.conformal_factor(boundary.point(middle))) * np.abs(boundary.derivative(middle))
     length = np.append(0.0, np.cumsum(speed * width))
     starts = length[np.flatnonzero(boundary.corners) * _FINE] if boundary.corners.any() else length[:1]
-    # the last side may run over the end of the parameter
+    # the last side may run past the end of the parameter
     sides = zip(starts, np.append(starts[1:], starts[0] + length[-1]), strict=True)
     at = [np.linspace(a, b, max(_FEWEST, round((b - a) / target)), endpoint=False) for a, b in sides]
     return boundary.point(np.interp(np.concatenate(at) % length[-1], length, t))
 
 
 def remesh(patch: Patch, target: float) -> Patch:
-    """A patch meshed anew for edges of a length in space: its boundary kept, new inner vertices on its faces."""
+    """A patch remeshed with edges of a length in space: the same boundary, new inner vertices on its faces."""
     faces, m = np.asarray(patch.faces), patch.boundary_size
     flat = flat_coordinates(patch.points)
     areas = np.stack([face_areas(patch.vertices, faces), face_areas(flat, faces)])
@@ -247,11 +236,10 @@ def remesh(patch: Patch, target: float) -> Patch:
 
 
 def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target: float) -> Patch:
-    """A patch over the same loop whose domain has given angles, in radians, at the loop's points.
+    """A patch over the same loop, harmonic over a domain with given angles, in radians, at the loop's points.
 
-    The domain has the loop's edge lengths too, as nearly as a simple polygon can; what the angles lack to close it, as
-    those of a curved patch do, is spread over its length. Where it must be straightened, it is so by the patch's shape.
-    The new patch is the harmonic map of it.
+    The domain has the loop's edge lengths, as far as a simple polygon can. The excess of the angles over those of a
+    closed polygon is distributed over its length; an overlapping domain is straightened with the patch's metric.
 
     Raises:
         DomainError: An angle is not finite, or no simple domain was found.
@@ -269,11 +257,14 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
 
 
 def over_own_domain(patch: Patch) -> Patch:
-    """The same mesh of one loop over a domain of its present shape, whatever it had before.
+    """The same mesh of one loop over a domain computed from its shape.
 
-    The domain has the loop's edge lengths and the patch's angles, as in `over_domain_of_angles`; the inner vertices lie
-    there by the harmonic map, with positive weights. A DomainError says that no simple domain was found or that the
-    map folds triangles over, a SingularMatrixError that the patch's triangles are degenerate.
+    The domain has the loop's edge lengths and the patch's angles, as in `over_domain_of_angles`; the inner vertices are
+    placed by a harmonic map with positive weights.
+
+    Raises:
+        DomainError: No simple domain was found, or the map folds triangles over.
+        SingularMatrixError: The patch's triangles are degenerate.
     """
     faces = np.asarray(patch.faces)
     boundary = _boundary_of_angles(patch, vertex_angles(patch.vertices, faces)[: patch.boundary_size])
@@ -286,10 +277,9 @@ def over_own_domain(patch: Patch) -> Patch:
 
 
 def _boundary_of_angles(patch: Patch, angles: Float[np.ndarray, " m"]) -> Complex[np.ndarray, " m"]:
-    """A simple polygon with the edge lengths of a patch's loop and given angles, as nearly as it closes."""
+    """A simple polygon with about the edge lengths of a patch's loop and given angles."""
     m = patch.boundary_size
-    rim = patch.vertices[:m]
-    edge = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1)
+    edge = edge_lengths(patch.vertices[:m])
     share = (edge + np.roll(edge, 1)) / (2 * edge.sum())
     if not np.isfinite(angles).all():
         raise DomainError("a triangle at the loop has no area and so no angles; merge or move its vertices")

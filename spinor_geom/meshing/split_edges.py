@@ -1,8 +1,8 @@
-"""Patches over domains that differ from the polygon through the loop's places: long edges are split in Ω.
+"""Triangulations of Ω between the loop's points where chords cross: long edges are split.
 
-Ω is bounded by arcs. Where a loop has a long edge, the chord of its arc may cross other chords, a hole's too, though
-the arcs do not cross, or run far outside Ω, where p and q have poles. Points beside the arc, inside Ω, then divide it;
-the polygon through them is triangulated, and triangles between these points and the edge close the gap that is left.
+Ω is bounded by arcs. The chord of a long arc may cross other chords, or run far outside Ω, where p and q have poles.
+Points next to the arc, inside Ω, then divide it; the polygon through them is triangulated, and triangles between these
+points and the edge close the gap.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Complex, Int
 
-from spinor_geom.domain.delaunay import flat_coordinates, rim_successors, unique_edges
+from spinor_geom.domain.delaunay import Rims, flat_coordinates, rim_successors, unique_edges
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.polygons import crossing_edges
 from spinor_geom.domain.triangulation import PlaneTriangulation
@@ -21,16 +21,15 @@ from spinor_geom.errors import DomainError
 from spinor_geom.mesh.intersections import crossings_between
 from spinor_geom.plateau.solution import RimMatch
 
-_ROUNDS = 6  # in which edges are split in half: one gets up to 63 points
-# So much farther outside Ω, per edge, no inner point lies: the nearest poles are about an edge outside.
-_FAR_OUTSIDE = 0.1
+_ROUNDS = 6  # of halving edges
+_FAR_OUTSIDE = 0.1  # distance from Ω per edge; the nearest poles are about an edge outside
 
 Polygons = Sequence[Complex[np.ndarray, "_"]]
 Triangulate = Callable[[Polygons], PlaneTriangulation]
 
 
 def edges_far_from_arcs(domain: PlaneDomain, plane: PlaneTriangulation) -> Int[np.ndarray, " e"]:
-    """The edges of the boundary beside which inner points lie far outside Ω."""
+    """The boundary edges nearest to inner points far outside Ω."""
     m = plane.boundary_size
     outside = domain.distance_outside(plane.points[m:])
     some = outside > 0
@@ -45,36 +44,37 @@ def edges_far_from_arcs(domain: PlaneDomain, plane: PlaneTriangulation) -> Int[n
 def triangulated_with_split_edges(
     rims: Sequence[RimMatch], domain: PlaneDomain, triangulate: Triangulate
 ) -> PlaneTriangulation:
-    """The part of Ω inside the arcs between the loops' points, with these points alone as its boundary.
-
-    Triangles beside a split edge may be clockwise in Ω.
+    """A triangulation of Ω whose boundary vertices are the loops' points; faces at split edges may be clockwise.
 
     Raises:
-        DomainError: the boundary is not simple however finely its edges are split.
+        DomainError: the boundary is not simple even with split edges.
     """
-    parts = [np.ones(len(rim.loop), dtype=np.int64) for rim in rims]
+    sizes = tuple(len(rim.loop) for rim in rims)
     own = [rim.points_in_domain() for rim in rims]
+    parts = np.ones(sum(sizes), dtype=np.int64)  # number of parts of each edge of the loops
     polygons: Polygons = own
     for _ in range(_ROUNDS):
         try:
             plane = triangulate(polygons)
             edges = edges_far_from_arcs(domain, plane)
-            closed = None if len(edges) else _closed(plane, parts, np.concatenate(own))
+            closed = None if len(edges) else _closed(plane, parts, np.concatenate(own), sizes)
             if closed is not None:
                 return closed
         except DomainError:
             edges = np.zeros(0, dtype=np.int64)
-        _split(parts, edges if len(edges) else _crossing(polygons))
-        polygons = [_divided(*each) for each in zip(rims, own, parts, strict=True)]
+        chosen = edges if len(edges) else _crossing(polygons)
+        parts[np.unique(np.repeat(np.arange(len(parts)), parts)[chosen])] *= 2
+        by_rim = np.split(parts, np.cumsum(sizes)[:-1])
+        polygons = [_divided(*each) for each in zip(rims, own, by_rim, strict=True)]
     raise DomainError(
-        "the boundary of the plane domain is not simple, even between the points of the loop: two of its parts cross "
-        "or touch; check that the loop does not nearly touch itself",
-        vertices=sum(map(len, own)),
+        "the boundary of the plane domain crosses or touches itself between the loop's points; check that the loop "
+        "does not nearly touch itself",
+        vertices=len(parts),
     )
 
 
 def _divided(rim: RimMatch, own: Complex[np.ndarray, " m"], parts: Int[np.ndarray, " m"]) -> Complex[np.ndarray, " n"]:
-    """The polygon of a rim with edges divided into so many parts."""
+    """The polygon of a rim with each edge divided into a number of parts."""
     after = np.cumsum(parts)
     polygon = np.empty(after[-1], dtype=np.complex128)
     polygon[after - parts] = own
@@ -84,8 +84,8 @@ def _divided(rim: RimMatch, own: Complex[np.ndarray, " m"], parts: Int[np.ndarra
 
 
 def _crossing(polygons: Polygons) -> Int[np.ndarray, " e"]:
-    """Of each pair of crossing edges the longer one; the longest of all where none cross."""
-    first = _starts(polygons)
+    """The longer edge of each pair of crossing edges, or else the longest edge of all."""
+    first = np.cumsum([0, *map(len, polygons[:-1])])
     pairs = [crossing_edges(polygon) + start for polygon, start in zip(polygons, first, strict=True)]
     flat = [flat_coordinates(polygon) for polygon in polygons]
     for one, other in combinations(range(len(polygons)), 2):
@@ -97,37 +97,23 @@ def _crossing(polygons: Polygons) -> Int[np.ndarray, " e"]:
     return np.asarray(crossing[np.arange(len(crossing)), length[crossing].argmax(axis=1)])
 
 
-def _split(parts: Sequence[Int[np.ndarray, " _"]], chosen: Int[np.ndarray, " e"]) -> None:
-    """Divides the loops' edges that some of the polygons' belong to twice as finely."""
-    edges = np.unique(np.repeat(np.arange(sum(map(len, parts))), np.concatenate(parts))[chosen])
-    for each, start in zip(parts, _starts(parts), strict=True):
-        each[edges[(edges >= start) & (edges < start + len(each))] - start] *= 2
-
-
 def _closed(
-    plane: PlaneTriangulation, parts: Sequence[Int[np.ndarray, " _"]], own: Complex[np.ndarray, " m"]
+    plane: PlaneTriangulation, parts: Int[np.ndarray, " m"], own: Complex[np.ndarray, " m"], sizes: Rims
 ) -> PlaneTriangulation | None:
-    """With triangles between split edges and their points; None where an edge would get a third triangle."""
-    every = np.concatenate(parts)
-    m, start = len(own), np.cumsum(every) - every
+    """Adds the triangles between split edges and their points; None if an edge would get a third triangle."""
+    m, start = len(own), np.cumsum(parts) - parts
     is_own = np.zeros(len(plane.points), dtype=bool)
     is_own[start] = True
     number = np.where(is_own, np.cumsum(is_own) - 1, m + np.cumsum(~is_own) - 1)
-    after = rim_successors(tuple(map(len, parts)))
+    after = rim_successors(sizes)
     fans = []
-    for edge in np.flatnonzero(every > 1).tolist():
-        points = number[start[edge] + np.arange(1, every[edge])]
+    for edge in np.flatnonzero(parts > 1).tolist():
+        points = number[start[edge] + np.arange(1, parts[edge])]
         chain = np.append(points, after[edge])
         fans.append(np.column_stack([np.full(len(points), edge), chain[1:], chain[:-1]]))
     faces = np.concatenate([number[plane.faces], *fans])
-    count = len(plane.points)
-    # of a disk with holes each inner edge has two triangles, and each edge of the boundary one
-    if len(unique_edges(faces, count)) != (3 * len(faces) + m) // 2:
+    # inner edges have two triangles, boundary edges one
+    if len(unique_edges(faces, len(plane.points))) != (3 * len(faces) + m) // 2:
         return None
     points = np.concatenate([own, plane.points[~is_own]])
-    return PlaneTriangulation(points=points, faces=faces, boundary_size=m, hole_sizes=tuple(map(len, parts[1:])))
-
-
-def _starts(parts: Sequence[np.ndarray]) -> Int[np.ndarray, " r"]:
-    """The number of the first of each part's members, of all."""
-    return np.cumsum([0, *map(len, parts[:-1])])
+    return PlaneTriangulation(points=points, faces=faces, boundary_size=m, hole_sizes=sizes[1:])

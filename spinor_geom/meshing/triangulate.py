@@ -1,4 +1,4 @@
-"""Parts of Ω triangulated for the surface over them: how long edges shall be, and where to start from."""
+"""Triangulation of parts of Ω with edge lengths that are uniform on the surface."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,43 +14,41 @@ from spinor_geom.domain.triangulation import PlaneTriangulation, Seeds, triangul
 from spinor_geom.errors import TooManyPointsError
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-DECAY = 0.5  # change of the edge length per unit of distance from the boundary, downwards
-SMALLEST_STRETCH = 1e-3  # per median: a smaller λ counts as this, or a branch point asks for endless triangles
+DECAY = 0.5  # largest decrease of the edge length per distance from the boundary
+SMALLEST_STRETCH = 1e-3  # lower bound of λ per median, for branch points
 NEIGHBOURS = 4
 TINY = np.finfo(np.float64).tiny
-# points allowed per boundary vertex, and per equilateral triangle of the target size that fits on the patch's area:
-# several times what a sound size field asks for, so that a wild λ cannot ask for millions
+# Most points per boundary vertex, and per equilateral triangle of the target size on the patch's area: several times
+# the usual numbers.
 POINTS_PER_VERTEX = 12
 POINTS_PER_TRIANGLE = 2
-MOST_POINTS = 10**7  # of one patch: a mesh that takes gigabytes and minutes to make
-# A point that the boundary of the flattening goes around once: the sum that tells the number of turns is so near to it,
-# unless the point is nearer to the boundary than its nodes are to each other and sums over them mean nothing.
-_ONCE = 1e-3
-_MOST_STRETCHED = 1.2  # a flattening so many times as large as the surface tells nothing of distances inside
-_AT_ONCE = 256  # points that are taken back to the disk at once: their sums stay in the cache
+MOST_POINTS = 10**7  # of one patch, which would take gigabytes and minutes
+_WINDING_ERROR = 1e-3  # of winding numbers by quadrature; larger beside the boundary
+_MOST_STRETCHED = 1.2  # ratio of the areas of flattening and surface beyond which seeds are of no use
+_AT_ONCE = 256  # points per batch, which fits into the cache
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
-    """A part of Ω that is to be triangulated for the surface over it, with seeds and how far each is from others."""
+    """A part of Ω to be triangulated, with the metric of the surface over it."""
 
-    rims: Sequence[Complex[np.ndarray, " _"]]  # in Ω, counter-clockwise, then those of holes, clockwise
+    rims: Sequence[Complex[np.ndarray, " _"]]  # outer boundary in Ω, counter-clockwise, then holes, clockwise
     samples: Complex[np.ndarray, " n"]  # points of Ω
     factor: Float[np.ndarray, " n"]  # λ there, lengths in space per length in Ω
     target: float  # edge length in space
     area: float  # of the surface over it
-    seeds: Seeds | None = None
+    seeds: Seeds | None = None  # initial inner points and their spacings
 
 
 def require_few_points(area: float, target: float) -> None:
-    """Checks that a patch of some area with edges of some length can be made; else a TooManyPointsError."""
+    """Raises a TooManyPointsError for a patch of some area with edges of some length."""
     points = 2 * area / (np.sqrt(3) * target**2)
     if points > MOST_POINTS:
         raise TooManyPointsError(target=target, area=area, points=points, most=MOST_POINTS)
 
 
 def piece_of(surface: SpinorSurface, rims: Sequence[Complex[np.ndarray, " _"]], target: float, area: float) -> Piece:
-    """The part of Ω inside a patch's boundaries, for edges of a length in space; raises as `require_few_points`."""
+    """The part of Ω between boundaries, for edges of a length in space; raises a TooManyPointsError."""
     require_few_points(area, target)
     mesh = surface.domain.triangulation
     factor = np.asarray(surface.conformal_factor(mesh.points))
@@ -61,10 +59,11 @@ def piece_of(surface: SpinorSurface, rims: Sequence[Complex[np.ndarray, " _"]], 
 
 
 def triangulate_pieces(pieces: Sequence[Piece]) -> list[PlaneTriangulation]:
-    """Triangulates parts of Ω, together; each is the same as by itself, to the last bit.
+    """Triangulates parts of Ω together; bit for bit the same as one by one.
 
-    A TooManyPointsError tells that an edge length asks for more vertices than anyone can use, a DomainError that a
-    boundary is not a simple polygon with holes inside.
+    Raises:
+        TooManyPointsError: an edge length requires too many vertices.
+        DomainError: a boundary is not a simple polygon with holes inside.
     """
     found: dict[int, PlaneTriangulation] = {}
     for is_seeded in (True, False):
@@ -82,11 +81,11 @@ def triangulate_pieces(pieces: Sequence[Piece]) -> list[PlaneTriangulation]:
 
 
 def size_field(pieces: Sequence[Piece]) -> RegionSizes:
-    """Edge lengths in Ω that give about `target` in space, and the boundary's own edge lengths beside the boundary.
+    """Edge lengths in Ω that are about `target` in space, and near the boundary its own.
 
-    h(z) = target/λ(z), but within e ± growth·d at a distance d from a boundary vertex with edges of mean length e: it
-    grows by 0.35 and falls by 0.5 per unit of distance. log λ is averaged over the four nearest samples, weighted by
-    the inverse squared distance. A function of points (k,) of Ω and the numbers (k,) of their pieces.
+    h(z) = target/λ(z), bounded by e + 0.35d and e − 0.5d at a distance d from a boundary vertex with edges of mean
+    length e. log λ is averaged over the four nearest samples, weighted by the inverse squared distance. Returns a
+    function of points (k,) of Ω and the indices (k,) of their pieces.
     """
     rims = [rim for piece in pieces for rim in piece.rims]
     owners = [number for number, piece in enumerate(pieces) for _ in piece.rims]
@@ -94,11 +93,11 @@ def size_field(pieces: Sequence[Piece]) -> RegionSizes:
     target = np.array([piece.target for piece in pieces])
     sampled = np.repeat(np.arange(len(pieces)), [len(piece.samples) for piece in pieces])
     tree = NearestPoints(np.concatenate([piece.samples for piece in pieces]), sampled)
-    # where a piece has fewer samples than are asked for, the last weighs nothing
+    # the last one is for pieces with fewer samples, with weight 0
     log_factor = np.concatenate([*(_log_factor(piece.factor) for piece in pieces), [0.0]])
 
     def size(z: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        require_time()  # it is asked for before each batch of new points
+        require_time()  # called before each batch of new points
         shortest, longest = bounds(z, region)
         distance, index = tree.query(z, region, count=NEIGHBOURS)
         weight = 1 / np.maximum(distance, TINY**0.25) ** 2
@@ -115,7 +114,7 @@ def _log_factor(factor: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 
 
 def is_unit_disk(domain: PlaneDomain) -> bool:
-    """Whether a domain is the unit disk about 0, its boundary by angle."""
+    """Whether a domain is the unit disk about 0 with its boundary parametrised by angle."""
     boundary = domain.boundary
     if domain.holes or not isinstance(boundary, FourierBoundary):
         return False
@@ -125,11 +124,10 @@ def is_unit_disk(domain: PlaneDomain) -> bool:
 def even_seeds(stretch: Float[np.ndarray, " n"], target: float, area: float) -> Seeds | None:
     """Points of the unit disk, with spacings, whose images on a flattening of the surface form a triangular lattice.
 
-    The flattening G is conformal and keeps the lengths of the boundary: log |G′| is the harmonic function with the
-    boundary values log λ, given at equal steps from angle 0. Where the surface is curved λ is smaller inside, so the
-    lattice is wider in the plane: it has as many points as cover the surface with neighbours `target` apart. Of parts
-    that the flattening covers more than once there are none, and none at all where the surface is curved so much that
-    its flattening is far larger.
+    The flattening G is conformal and preserves the lengths of the boundary: log |G′| is the harmonic function with the
+    boundary values log λ, given at equal steps from angle 0. The lattice has as many points as cover the surface with
+    a spacing of `target`. Parts that the flattening covers more than once have no points. None if the flattening is
+    much larger than the surface, which is then strongly curved.
     """
     n = len(stretch)
     # twice as many nodes as samples hold the exponential
@@ -149,7 +147,7 @@ def even_seeds(stretch: Float[np.ndarray, " n"], target: float, area: float) -> 
     found = []
     for some in np.split(lattice, np.arange(_AT_ONCE, len(lattice), _AT_ONCE)):
         turns, inverse, widening = (1 / (rim - some[:, None]) @ strengths).T
-        once = np.abs(turns / (2 * n) - 1) < _ONCE
+        once = np.abs(turns / (2 * n) - 1) < _WINDING_ERROR
         found.append(np.stack([inverse[once] / turns[once], spacing * np.abs(widening[once] / turns[once])]))
     points, distance = np.concatenate(found, axis=1)
     return points, distance.real

@@ -25,7 +25,6 @@ from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.dirichlet import DirichletForm
 from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energies, resampled, slide_downhill
 from spinor_geom.plateau.found import Found, typed_failures
@@ -199,7 +198,7 @@ class HarmonicSolver:
     @property
     def is_analytic(self) -> bool:
         """Whether Γ is, so that the distance from it falls geometrically with the nodes."""
-        return self.request.curve.degree > max(DEGREES)
+        return self.request.curve.kind == "analytic"
 
     @property
     def fine_gradient(self) -> float:

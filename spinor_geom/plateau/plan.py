@@ -14,7 +14,7 @@ from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError, SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.interpolation import DEGREES, MIN_POINTS_FOR_HIGH_DEGREE
+from spinor_geom.mesh.interpolation import MIN_POINTS_FOR_HIGH_DEGREE
 from spinor_geom.plateau.found import FAILURES, Found, NoneBetweenError, typed_failures
 from spinor_geom.plateau.harmonic_route import MOST_FREE_POINTS, Fit, HarmonicSolver, points_of_domain
 from spinor_geom.plateau.network_route import PARTS_OF_A_SIDE, NetworkSolver, rim_indices
@@ -181,7 +181,7 @@ def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
         return False
     if detect_corners(loop.points).any():  # which somebody took from the loop: Γ bulges there, whatever its degree
         return True
-    if curve.degree > min(DEGREES):
+    if curve.kind != "cubic":
         return False
     # only of so few points, in which no analytic curve is looked for, any loop turns by as much
     turn = roughness(loop) - (roundest(n) if n < MIN_POINTS_FOR_HIGH_DEGREE else 0.0)

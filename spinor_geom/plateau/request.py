@@ -12,10 +12,9 @@ from jaxtyping import Bool, Float
 
 from spinor_geom.adapters import to_rims
 from spinor_geom.errors import LoopsMeetError, OptionError, SpinorGeomError
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, centroids, diagonals, require_distinct_neighbours
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.intersections import crossings_between, is_star, require_simple
-from spinor_geom.mesh.polygons import Polygons
 from spinor_geom.mesh.spacing import with_long_edges_divided
 from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.found import Found
@@ -213,12 +212,11 @@ def _frames(given: Sequence[BoundaryLoop | SpinorGeomError]) -> list[Frame | Spi
         refusals = ((place, _refusal(require_simple, loops[place])) for place in compress(places, ~are_stars))
         found.update((place, refusal) for place, refusal in refusals if refusal)
         if simple := [place for place in places if place not in found]:
-            polygons = Polygons(points=np.stack([loops[place].points for place in simple]))
-            points = (polygons.points - polygons.centroids[:, None]) / polygons.diagonals[:, None, None]
-            units = BoundaryLoop.moved_together([loops[place] for place in simple], points)
-            for place, unit, centre, scale in zip(
-                simple, units, polygons.centroids, polygons.diagonals.tolist(), strict=True
-            ):
+            given_points = np.stack([loops[place].points for place in simple])
+            centres, scales = centroids(given_points), diagonals(given_points)
+            points = (given_points - centres[:, None]) / scales[:, None, None]
+            for place, own, centre, scale in zip(simple, points, centres, scales.tolist(), strict=True):
+                unit = BoundaryLoop(points=own, vertex_ids=loops[place].vertex_ids, corners=loops[place].corners)
                 found[place] = _refusal(require_distinct_neighbours, unit) or ((unit,), centre, scale)
     return [found[place] for place in range(len(given))]
 
@@ -262,8 +260,8 @@ def _mean_edge(loops: Sequence[BoundaryLoop]) -> float:
 
 
 def _extent(points: Float[np.ndarray, "n 3"]) -> float:
-    """Diagonal of their bounding box, rounded as those of many loops."""
-    return float(Polygons(points=points[None]).diagonals[0])
+    """Diagonal of their bounding box."""
+    return float(diagonals(points))
 
 
 def _sampled(given: ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve]:

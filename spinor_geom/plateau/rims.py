@@ -18,7 +18,6 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.interpolation import DEGREES
 from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
 from spinor_geom.plateau.found import Between, Found, NoneBetweenError
 from spinor_geom.plateau.harmonic_route import even, points_of_domain
@@ -184,7 +183,7 @@ class RimsSolver:
     def _is_noisy(self) -> bool:
         """Whether one of the loops is rough, or its curve a cubic spline without corners: no smoother one is shown."""
         return any(map(is_rough, self.request.units, self.request.curves)) or any(
-            curve.degree == min(DEGREES) and not curve.corners.any() for curve in self.request.curves
+            curve.kind == "cubic" and not curve.corners.any() for curve in self.request.curves
         )
 
     @cached_property

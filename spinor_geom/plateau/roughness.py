@@ -4,7 +4,6 @@ import numpy as np
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners, turning_angles
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.interpolation import DEGREES
 
 # Angle by which one point in ten turns where a loop bends at many of its points: noise of a twentieth of an edge.
 ROUGH_TURN = np.radians(12.0)
@@ -31,7 +30,7 @@ def negligible_energy(edges: int, allowed: float) -> float:
 
 def is_rough(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
     """Whether a loop bends at many of its points, more than the roundest one, where the curve through them is cubic."""
-    return bool(curve.degree == min(DEGREES) and roughness(loop) - roundest(len(loop)) > ROUGH_TURN)
+    return bool(curve.kind == "cubic" and roughness(loop) - roundest(len(loop)) > ROUGH_TURN)
 
 
 def corners_are_seen(loop: BoundaryLoop) -> bool:

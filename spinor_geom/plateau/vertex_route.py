@@ -245,9 +245,8 @@ def _curve_through(
     breaks = np.append(0.0, np.cumsum(chord) / chord.sum())
     breaks[-1] = 1.0
     values[0] = points
-    return BoundaryCurve(
-        breaks=breaks, coefficients=through(values, np.diff(breaks)), corners=np.ones(len(points), dtype=bool)
-    )
+    coefficients, corners = through(values, np.diff(breaks)), np.ones(len(points), dtype=bool)
+    return BoundaryCurve(kind="analytic", breaks=breaks, coefficients=coefficients, corners=corners)
 
 
 def _misfit_at_points(curve: BoundaryCurve, error: Float[np.ndarray, "n 3"]) -> Misfit:

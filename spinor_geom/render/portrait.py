@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.errors import PeriodError, require_type
-from spinor_geom.mesh.arrays import igl_arrays
+from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.meshing.embed import mesh_surface
 from spinor_geom.plateau.solution import PlateauSolution

@@ -18,7 +18,7 @@ from spinor_geom.domain.plane_domain import Boundary, PlaneDomain, panel_breaks
 from spinor_geom.domain.quadrature import Panels
 from spinor_geom.errors import DomainError
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
-from spinor_geom.mesh.arrays import igl_arrays
+from spinor_geom.mesh.array_checks import igl_arrays
 
 Places = Complex[np.ndarray, " k"]
 Breaks = Float[np.ndarray, " b"]

@@ -15,7 +15,7 @@ from spinor_geom.bench.page import pieces_of, scale_of, tables
 from spinor_geom.bench.runner import Settings, chosen_tasks, measure
 from spinor_geom.bench.worker import DISTANCE, cut_out_figures, hole_figures, rim_bend
 from spinor_geom.errors import OptionError
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_disk, is_watertight
 from tests.bench.test_run import in_this_process
 

@@ -57,7 +57,7 @@ def test_comparison_of_annuli():
 
 def test_what_has_no_discrete_annulus_is_refused():
     loops = [sampled(curve, 20) for curve in coaxial(0.3)]
-    with pytest.raises(TooManyRimsError, match="span one loop or join two"):
+    with pytest.raises(TooManyRimsError):
         discrete_minimal_surface([*loops, loops[0]])
-    with pytest.raises(OptionError, match="only method='libigl'"):
+    with pytest.raises(OptionError):
         discrete_minimal_surface(loops, method="pymeshlab")

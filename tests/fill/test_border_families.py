@@ -11,7 +11,7 @@ from spinor_geom.errors import SheetBorderError
 from spinor_geom.fill.borders import refuse_border
 from spinor_geom.fill.surroundings import Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.fill.sheets import Heights, Mesh, garments, moebius, pipe, ribbons, round_sheet, square, terrain, torn
 

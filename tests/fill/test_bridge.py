@@ -9,7 +9,7 @@ from spinor_geom.errors import LoopIndexError, OptionError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.many_loops import _lies_in, find_islands
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 

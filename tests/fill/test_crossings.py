@@ -18,8 +18,8 @@ from spinor_geom.fill.loops import boundary_loops
 from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.fill.surroundings import Crossings, Surroundings
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
-from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.plateau import solve_plateau

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from spinor_geom.fill.surroundings import LoopPatch, Surroundings, patch_chords, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from tests.fill.shapes import as_mesh, cone, fan, folded_quad, on_circle, tube, undirected_edges

@@ -1,4 +1,4 @@
-"""Faces that do not fit together matter only at the loops that they touch, and are told there."""
+"""Inconsistent faces are reported by the loops that they touch, and change no other loop."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from spinor_geom.errors import NonManifoldEdgeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loops import find_boundary_loops
+from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.fill.shapes import tube
 
@@ -54,7 +54,7 @@ def same(loop: BoundaryLoop, other: BoundaryLoop) -> bool:
 
 
 @pytest.mark.parametrize("defect", DEFECTS)
-def test_a_defect_far_away_changes_no_loop_and_is_told_at_none(defect: Callable[[int], Pair]) -> None:
+def test_a_defect_far_away_changes_no_loop_and_is_not_reported(defect: Callable[[int], Pair]) -> None:
     loops = find_boundary_loops(TriangleMesh(*defect(FAR)))
     clean = find_boundary_loops(TriangleMesh(*tube(SIDES, RINGS)))
     kept = [loop for loop in loops if len(loop) == SIDES]
@@ -67,14 +67,14 @@ def test_a_defect_far_away_changes_no_loop_and_is_told_at_none(defect: Callable[
 @pytest.mark.parametrize(
     ("defect", "words"),
     [
-        (flipped, "1 of the 12 faces beside the loop run against the others, first face 0"),
-        (copied, r"first faces \(0, 120\) with the same vertices"),
-        (copied_backwards, r"first faces \(0, 120\) with the same vertices"),
-        (with_a_vertex_twice, r"first face 120 \(0, 1, 1\)"),
-        (with_a_fin, r"edge \(13, 0\) has the faces"),
+        (flipped, r"1 of the 12 faces .* face 0\b"),
+        (copied, r"\(0, 120\)"),
+        (copied_backwards, r"\(0, 120\)"),
+        (with_a_vertex_twice, r"face 120 \(0, 1, 1\)"),
+        (with_a_fin, r"\(13, 0\)"),
     ],
 )
-def test_a_defect_at_a_loop_changes_it_not_and_is_told_there_alone(defect: Callable[[int], Pair], words: str) -> None:
+def test_a_defect_at_a_loop_is_reported_there_only(defect: Callable[[int], Pair], words: str) -> None:
     loops = [loop for loop in find_boundary_loops(TriangleMesh(*defect(0))) if len(loop) == SIDES]
     clean = find_boundary_loops(TriangleMesh(*tube(SIDES, RINGS)))
     assert all(map(same, loops, clean))
@@ -93,7 +93,7 @@ def test_a_loop_along_an_edge_of_three_faces_names_it_as_its_obstacle() -> None:
     assert set(fin.obstacle.fields["edge"]) < set(fin.vertex_ids.tolist())
 
 
-def test_a_loop_goes_with_most_of_the_faces_beside_it() -> None:
+def test_a_loop_follows_most_of_the_faces_beside_it() -> None:
     clean = find_boundary_loops(TriangleMesh(*tube(SIDES, RINGS)))[0]
     vertices, faces = tube(SIDES, RINGS)
     beside = np.flatnonzero(np.isin(faces, clean.vertex_ids).sum(axis=1) == 2)
@@ -120,7 +120,7 @@ def test_the_edge_of_a_moebius_strip_is_one_loop() -> None:
     faces = np.array([[0, 1, 2], [2, 1, 3], [2, 3, 4], [4, 3, 5], [4, 5, 1], [1, 5, 0]])
     (loop,) = find_boundary_loops(TriangleMesh(np.random.default_rng(0).uniform(size=(6, 3)), faces))
     assert len(loop) == 6
-    assert "run against the others" in loop.remarks[0]
+    assert len(loop.remarks) == 1
 
 
 def test_a_soup_elsewhere_does_not_hide_a_loop() -> None:
@@ -144,3 +144,33 @@ def test_edges_of_very_many_faces_are_not_compared_in_pairs() -> None:
     loops = find_boundary_loops(TriangleMesh(np.vstack([[[0, 0, 0], [0, 0, 1]], pages]), faces))
     assert len(loops) == count
     assert all(isinstance(loop.obstacle, NonManifoldEdgeError) for loop in loops)
+
+
+def mesh_of(faces: np.ndarray) -> TriangleMesh:
+    return TriangleMesh(np.random.default_rng(0).uniform(size=(int(np.max(faces)) + 1, 3)), faces)
+
+
+def test_third_faces_away_from_the_loops_are_allowed(tetrahedron: np.ndarray) -> None:
+    # two closed tetrahedra over a common edge (4 faces there), and a triangle apart that has the only loop
+    mirrored = np.array([0, 1, 4, 5])[tetrahedron]
+    mesh = mesh_of(np.vstack([tetrahedron, mirrored, [6, 7, 8]]))
+    (loop,) = find_boundary_loops(mesh)
+    np.testing.assert_array_equal(loop.vertex_ids, [6, 8, 7])
+
+
+def test_inner_face_of_a_closed_mesh_is_allowed() -> None:
+    octahedron = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
+    wall = np.array([[0, 2, 1], [0, 1, 3]])
+    assert find_boundary_loops(mesh_of(np.vstack([octahedron, wall]))) == []
+
+
+def test_zero_area_face_with_three_vertices_is_allowed() -> None:
+    mesh = TriangleMesh([[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    (loop,) = find_boundary_loops(mesh)
+    np.testing.assert_array_equal(loop.vertex_ids, [0, 3, 2, 1])
+
+
+def test_unreferenced_vertices_are_allowed() -> None:
+    mesh = TriangleMesh(np.random.default_rng(1).uniform(size=(9, 3)), np.array([[2, 3, 4], [4, 3, 5], [4, 5, 6]]))
+    (loop,) = find_boundary_loops(mesh)
+    assert set(loop.vertex_ids.tolist()) == {2, 3, 4, 5, 6}

@@ -1,4 +1,4 @@
-"""Patches meshed anew: their shape stays, their edges have one length, their domain the angles that are asked for."""
+"""Remeshed patches: same shape, edges of one length, domains of given angles."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ def test_a_bulge_gets_edges_of_one_length_and_keeps_its_shape() -> None:
     assert fine.area == pytest.approx(bulge.area, rel=0.01)
 
 
-def test_an_edge_length_of_nothing_is_refused() -> None:
+def test_a_tiny_edge_length_is_refused() -> None:
     with pytest.raises(TooManyPointsError):
         remesh(disk(), 1e-6)
 
 
-def test_a_tube_is_meshed_anew_between_its_rims() -> None:
+def test_a_tube_is_remeshed_between_its_rims() -> None:
     turn = 2 * np.pi * np.arange(24) / 24
     low = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
     high = np.flipud(low) + np.array([0, 0, 1.5])
@@ -65,7 +65,7 @@ def test_a_tube_is_meshed_anew_between_its_rims() -> None:
     assert np.abs(np.hypot(fine.vertices[:, 0], fine.vertices[:, 1]) - 1).max() < 0.03
 
 
-def test_a_domain_has_the_angles_that_are_asked_for() -> None:
+def test_a_domain_has_the_given_angles() -> None:
     # a square's rim over a domain whose corners are its own, though the patch is bent
     side = np.arange(8) / 8
     square = np.concatenate([side, 1 + 1j * side, 1 + 1j - side, 1j - 1j * side])

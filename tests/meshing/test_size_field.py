@@ -16,7 +16,7 @@ def patch_size_field(surface, boundary, target):
     piece = Piece(
         rims=[boundary], samples=samples, factor=surface.conformal_factor(samples), target=target, area=surface.area()
     )
-    # among others, whose lengths it does not take
+    # between other pieces, which must not affect it
     other = replace(piece, rims=[0.5 * boundary], target=7 * target)
     size = size_field([other, piece, other])
     return lambda z: size(z, np.ones(len(z), dtype=int))

@@ -1,4 +1,4 @@
-"""Loops with long edges, whose chords cross in Ω: the patch's boundary is the loop all the same."""
+"""Loops with long edges, whose chords cross in Ω: the patch's boundary is still the loop."""
 
 from dataclasses import replace
 from functools import cache

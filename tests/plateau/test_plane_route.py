@@ -103,7 +103,7 @@ def test_a_spline_that_crosses_itself_goes_elsewhere():
 
 def test_loops_of_high_degree_are_read_again(tmp_path):
     solution = solve_plateau(gallery.ellipse(2).sample(100))
-    assert solution.curve.degree > 3
+    assert solution.curve.kind != "cubic"
     solution.surface.save(tmp_path / "s.safetensors")
     again = SpinorSurface.load(tmp_path / "s.safetensors")
     t = np.linspace(0, 1, 50)

@@ -1,4 +1,4 @@
-"""Checked, read-only copies of the arrays that meshes and loops hold."""
+"""Checked, read-only copies of arrays."""
 
 from collections.abc import Mapping
 from typing import Literal
@@ -9,16 +9,16 @@ from numpy.typing import ArrayLike
 
 from spinor_geom.errors import MeshShapeError, NonFiniteVertexError
 
-_KINDS = {"real numbers": ("fiu", np.float64), "integers": ("iu", np.int64), "truth values": ("b", np.bool_)}
+_KINDS = {"real numbers": ("fiu", np.float64), "integers": ("iu", np.int64), "booleans": ("b", np.bool_)}
 
 
 def frozen(
-    values: ArrayLike, kind: Literal["real numbers", "integers", "truth values"], *shape: int | None, name: str
+    values: ArrayLike, kind: Literal["real numbers", "integers", "booleans"], *shape: int | None, name: str
 ) -> np.ndarray:
-    """A read-only C-contiguous copy of an array, as float64, int64 or bool; a MeshShapeError if it is of another kind.
+    """A read-only C-contiguous copy of an array, as float64, int64 or bool; raises a MeshShapeError if that fails.
 
-    Integers are real numbers too. Of `shape` None is any length: of the first axis nothing at all fits too, of the
-    second one row of values.
+    In `shape`, None stands for any length: an empty array fits a first axis of any length, a one-dimensional array a
+    second one. Integers are real numbers too.
     """
     kinds, dtype = _KINDS[kind]
     wanted = f"{name} must be {kind} of shape ({', '.join('n' if length is None else str(length) for length in shape)})"
@@ -39,13 +39,13 @@ def frozen(
 
 
 def shared(array: np.ndarray) -> np.ndarray:
-    """The array itself, which may be shared because it can no longer be written to."""
+    """The same array, made read-only so that it can be shared."""
     array.setflags(write=False)
     return array
 
 
 def freeze_points(points: ArrayLike, *, name: str) -> Float[np.ndarray, "n 3"]:
-    """A read-only float64 copy of (n, 3) coordinates; raises as `TriangleMesh` where they are others or not finite."""
+    """A read-only float64 copy of (n, 3) coordinates; raises a MeshShapeError or a NonFiniteVertexError."""
     copy = frozen(points, "real numbers", None, 3, name=name)
     finite = np.isfinite(copy).all(axis=1)
     if not finite.all():
@@ -56,7 +56,7 @@ def freeze_points(points: ArrayLike, *, name: str) -> Float[np.ndarray, "n 3"]:
 def freeze_attributes(
     attributes: Mapping[str, ArrayLike], *, vertices: int
 ) -> Mapping[str, Float[np.ndarray, "{vertices} _"]]:
-    """Read-only float64 copies of per-vertex values, each of shape (vertices, k); one number a vertex becomes k = 1."""
+    """Read-only float64 copies of per-vertex values, each of shape (vertices, k); one number per vertex is k = 1."""
     return {
         name: frozen(values, "real numbers", vertices, None, name=f"vertex attribute {name!r}")
         for name, values in attributes.items()
@@ -66,5 +66,5 @@ def freeze_attributes(
 def igl_arrays(
     vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f c"]
 ) -> tuple[Float[np.ndarray, "v d"], Int[np.ndarray, "f c"]]:
-    """Vertices and faces as libigl takes them: contiguous, of 64 bits."""
+    """Vertices and faces as libigl requires them: contiguous, of 64 bits."""
     return np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int64)

@@ -1,8 +1,8 @@
-"""The boundary loops of a mesh: followed inside the sheets in which faces hang together, split into simple ones.
+"""Boundary loops of a mesh, as simple polygons.
 
-On clean meshes a sheet ends where an edge has one face. Elsewhere copies of faces and faces that use a vertex twice are
-passed over, an edge with more than two faces joins them two by two, and the direction of faces does not matter; what
-does not fit together is told of the loops that it lies beside.
+Faces are first joined into sheets. On a clean mesh a sheet ends at the edges with one face. Otherwise copies of faces
+and faces that use a vertex twice are ignored, the faces of an edge with more than two are joined in pairs, and the
+orientation of faces does not matter; each loop reports the defects beside it.
 """
 
 from __future__ import annotations
@@ -18,36 +18,34 @@ from jaxtyping import Bool, Float, Int
 from spinor_geom.errors import DuplicateVertexError, MeshError, NonManifoldEdgeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.seams import find_overlaps
+from spinor_geom.mesh.spacing import edge_lengths
 from spinor_geom.mesh.topology import HalfEdges, referenced_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 Points = Float[np.ndarray, "n 3"]
 
 SOUP_FRACTION = 0.5
-_MOST_FACES = 16  # faces on one edge beyond which none of them are joined: all pairs of them are compared
-_OPPOSITE_FIRST = 4.0  # more than any two cosines differ by
+_MOST_FACES = 16  # most faces of an edge that are joined in pairs: all pairs are compared
 
 
 def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> list[BoundaryLoop]:
     """All boundary loops of a mesh as simple oriented polygons, longest perimeter first.
 
-    A loop is followed by turning around each vertex inside its fan of faces, so pieces of mesh that touch in a vertex
-    keep their own loops. A loop that passes a vertex twice is split there, so that each visits a vertex once; two loops
-    may share a vertex. Loops run the way the boundary of a patch over them runs and start at their lowest vertex.
+    Loops are traced around each vertex within its fan of faces, so pieces of mesh that touch in a vertex have separate
+    loops. A loop that passes a vertex twice is split there; two loops may share a vertex. Loops have the orientation of
+    the boundary of a patch over them and start at their lowest vertex.
 
-    Faces that do not fit together matter where they touch a loop, and are told there (`BoundaryLoop.remarks`,
-    `BoundaryLoop.obstacle`). Where the faces beside a loop run against each other, it goes with most of them.
-
-    `BoundaryLoop.slit_fraction`, `BoundaryLoop.seam_edges` and `BoundaryLoop.junctions` describe edges that lie on one
-    another, up to rounding. A closed mesh has no loops.
+    `BoundaryLoop.remarks` and `BoundaryLoop.obstacle` report inconsistent faces that touch a loop. If the faces beside
+    a loop have different orientations, the loop follows the majority. `BoundaryLoop.slit_fraction`,
+    `BoundaryLoop.seam_edges` and `BoundaryLoop.junctions` describe coincident edges, up to rounding.
 
     Args:
         mesh: the mesh.
-        sheets: those of the mesh's faces, where they are known already.
+        sheets: those of the mesh's faces, if they are already computed.
 
     Raises:
-        DuplicateVertexError: more than half of all boundary edges lie on edges of other loops, and some of every loop:
-            the faces do not share their vertices.
+        DuplicateVertexError: the faces do not share their vertices: more than half of all boundary edges, and some of
+            every loop, coincide with edges of other loops.
     """
     sheets = sheets or Sheets.of(mesh.vertices, mesh.faces)
     if not len(sheets.half_edges.boundary):
@@ -61,11 +59,11 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
         first = np.argmax(is_equal)
         edge = rings.vertices[[first, rings.successor[first]]]
         raise DuplicateVertexError(vertices=tuple(edge.tolist()), count=int(is_equal.sum()))
-    defects = FaceDefects(mesh.faces, sheets)
+    defects = _FaceDefects(mesh.faces, sheets)
     loops = []
     for part in (slice(*ends) for ends in pairwise(rings.starts)):
         vertices, own = rings.vertices[part], points[part]
-        lengths = np.linalg.norm(np.roll(own, -1, axis=0) - own, axis=1)
+        lengths = edge_lengths(own)
         perimeter = float(lengths.sum())
         of_loop = ((overlaps.junctions >= part.start) & (overlaps.junctions < part.stop)).any(axis=1)
         entry, edge = overlaps.junctions[of_loop].T
@@ -86,7 +84,7 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Rings:
-    """Closed rings of vertices, ring k from starts[k] to starts[k + 1], and the half-edges along their edges."""
+    """Closed rings of vertices, ring k from starts[k] to starts[k + 1], with the half-edges of their edges."""
 
     vertices: Int[np.ndarray, " n"]
     half_edges: Int[np.ndarray, " n"]
@@ -94,29 +92,29 @@ class _Rings:
 
     @property
     def numbers(self) -> Int[np.ndarray, " n"]:
-        """The number of each entry's ring."""
+        """The ring of each entry."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
     @property
     def successor(self) -> Int[np.ndarray, " n"]:
-        """The position of the next entry of the same ring, closing each ring."""
+        """The next entry of the same ring."""
         successor = np.arange(1, len(self.vertices) + 1)
         successor[self.starts[1:] - 1] = self.starts[:-1]
         return successor
 
 
 def _boundary_rings(sheets: Sheets) -> _Rings:
-    """The boundary as rings that visit each vertex once, against most of their half-edges and from their lowest vertex.
+    """The boundary as rings without repeated vertices, opposite to most of their half-edges, from their lowest vertex.
 
-    Where sheets end on edges of other faces only, that is no boundary.
+    A ring counts as boundary if at least one of its edges has a single face.
     """
     boundary = np.flatnonzero(sheets.twin < 0)
     position = np.empty(len(sheets.twin), dtype=np.int64)
     position[boundary] = np.arange(len(boundary))
-    # a half-edge can be followed from its origin, which is the even number, and from its target, against it
+    # entry 2k follows boundary half-edge k from its origin, entry 2k + 1 from its target
     half_edge, against = np.repeat(boundary, 2), np.tile([False, True], len(boundary))
     vertex = np.where(against, sheets.half_edges.target[half_edge], sheets.half_edges.origin[half_edge])
-    reached = sheets.next_ends(half_edge, ~against)  # a walk leaves each half-edge at its other end
+    reached = sheets.next_ends(half_edge, ~against)
     following = (2 * position[reached // 2] + reached % 2).tolist()
     is_alone = np.isin(boundary, sheets.half_edges.boundary).tolist()
     starts, vertices = np.argsort(vertex, kind="stable").tolist(), vertex.tolist()
@@ -137,10 +135,10 @@ def _boundary_rings(sheets: Sheets) -> _Rings:
 
 
 def _simple_rings(vertices: list[int], ring: list[int]) -> list[list[int]]:
-    """One ring cut at its repeated vertices, each part from its lowest vertex.
+    """A ring split at its repeated vertices, each part from its lowest vertex.
 
-    Each time the walk returns to a vertex, the part since then is cut off. On a plane or spherical piece of mesh the
-    repeats are nested, and there is no other way to cut.
+    Whenever the walk returns to a vertex, the part since then is cut off. On a mesh of genus 0 the repeats are nested,
+    so the split is unique.
     """
     walk: list[int] = []
     place: dict[int, int] = {}
@@ -164,13 +162,13 @@ def _from_lowest(vertices: list[int], ring: list[int]) -> list[int]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sheets:
-    """The half-edges of the faces that count, with what lies across each."""
+    """Faces joined across their edges, without copies of faces and faces that use a vertex twice."""
 
-    half_edges: HalfEdges  # of those faces
-    face_ids: Int[np.ndarray, " g"]  # the faces' numbers in the mesh
-    twin: Int[np.ndarray, " h"]  # for every half-edge the one across its edge, −1 where its sheet ends
-    copies: Int[np.ndarray, "k 2"]  # faces with the same vertices: one that counts, one that was passed over
-    degenerate: Int[np.ndarray, " d"]  # faces that use a vertex twice, which were passed over
+    half_edges: HalfEdges  # of the faces that are left
+    face_ids: Int[np.ndarray, " g"]  # their indices in the mesh
+    twin: Int[np.ndarray, " h"]  # the half-edge across the edge of each half-edge, −1 where its sheet ends
+    copies: Int[np.ndarray, "k 2"]  # faces with the same vertices: one that is left, one that is ignored
+    degenerate: Int[np.ndarray, " d"]  # ignored faces that use a vertex twice
 
     @classmethod
     def of(cls, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Sheets:
@@ -186,16 +184,15 @@ class Sheets:
         return cls(half_edges=half_edges, face_ids=face_ids, twin=twin, copies=copies, degenerate=degenerate)
 
     def next_ends(self, half_edge: Int[np.ndarray, " n"], at_target: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """Turns around an end of each given half-edge without a twin, to the next such half-edge there.
+        """Turns around one end of half-edges without a twin to the next half-edge without a twin there.
 
-        Gives 2h for a half-edge h that was reached at its origin, 2h + 1 for one reached at its target.
+        Returns 2h for a half-edge h reached at its origin, 2h + 1 for one reached at its target.
         """
         origin, target = self.half_edges.origin, self.half_edges.target
         vertex = np.where(at_target, target[half_edge], origin[half_edge])
         reached, turning = half_edge.copy(), np.arange(len(half_edge))
         while len(turning):
             here = reached[turning]
-            # on around the face, or back
             here = here - here % 3 + (here + np.where(target[here] == vertex[turning], 1, 2)) % 3
             across = self.twin[here]
             reached[turning] = np.where(across < 0, here, across)
@@ -210,8 +207,8 @@ def repeats_a_vertex(faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " f"]:
 
 
 def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
-    """Pairs of faces with the same three vertices, sorted; of several each with the next."""
-    # such faces share an edge, and the vertex opposite to it if nothing else does
+    """Pairs of faces with the same three vertices, sorted; of several, each with the next."""
+    # candidates: faces of an edge with more than two faces, or with two and equal opposite vertices
     a, b = half_edges.pairs.T
     crowded = half_edges.order[np.repeat(half_edges.counts > 2, half_edges.counts)]
     some = np.unique(np.append(half_edges.pairs[half_edges.opposite[a] == half_edges.opposite[b]], crowded) // 3)
@@ -222,9 +219,9 @@ def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
 
 
 def _twins(half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, " h"]:
-    """What lies across each half-edge; of more than two faces on an edge the flattest pair is joined first.
+    """The half-edge across the edge of each half-edge, −1 for none.
 
-    Faces that run through the edge in opposite directions come before those that do not.
+    The faces of an edge with more than two are joined in pairs, opposite directions first, then the flattest.
     """
     twin: Int[np.ndarray, " h"] = half_edges.twin.copy()
     crowded = np.flatnonzero((half_edges.counts > 2) & (half_edges.counts <= _MOST_FACES))
@@ -236,10 +233,9 @@ def _twins(half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"]) -> Int[np.
     one, other = (half_edges.order[start[edge] + n] for n in (number // size[edge], number % size[edge]))
     pairs = np.stack([one, other, edge], axis=1)[one < other]
     corners = np.stack([half_edges.origin, half_edges.target, half_edges.opposite])
-    first, second = (away_from_edges(*vertices[corners[:, side]]) for side in pairs[:, :2].T)
-    same_way = half_edges.origin[pairs[:, 0]] == half_edges.origin[pairs[:, 1]]
-    fold = np.einsum("pi,pi->p", first, second) + _OPPOSITE_FIRST * same_way
-    pairs = pairs[np.lexsort((fold, pairs[:, 2]))]
+    first, second = (_inward_directions(*vertices[corners[:, side]]) for side in pairs[:, :2].T)
+    is_same_direction = half_edges.origin[pairs[:, 0]] == half_edges.origin[pairs[:, 1]]
+    pairs = pairs[np.lexsort((np.einsum("pi,pi->p", first, second), is_same_direction, pairs[:, 2]))]
     while len(pairs):
         flattest = pairs[np.append(True, np.diff(pairs[:, 2]) != 0)]
         twin[flattest[:, 0]], twin[flattest[:, 1]] = flattest[:, 1], flattest[:, 0]
@@ -247,8 +243,8 @@ def _twins(half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"]) -> Int[np.
     return twin
 
 
-def away_from_edges(start: Points, end: Points, apex: Points) -> Points:
-    """Unit vectors in faces, across one of their edges and towards the corner beyond it; 0 for a face without area."""
+def _inward_directions(start: Points, end: Points, apex: Points) -> Points:
+    """Unit vectors in faces from an edge towards the opposite corner, normal to the edge; 0 for a face without area."""
     along, aside = end - start, apex - start
     length2 = np.einsum("ni,ni->n", along, along)
     share = np.einsum("ni,ni->n", aside, along) / np.where(length2 > 0, length2, 1.0)
@@ -257,52 +253,50 @@ def away_from_edges(start: Points, end: Points, apex: Points) -> Points:
     return np.asarray(away / np.where(size > 0, size, 1.0)[:, None])
 
 
-class FaceDefects:
-    """The defects of a mesh, to be asked for loop by loop and its half-edges; clean loops cost nothing."""
+class _FaceDefects:
+    """Defects of the faces of a mesh, by loop."""
 
     def __init__(self, faces: Int[np.ndarray, "f 3"], sheets: Sheets) -> None:
-        """Looks at the faces of a mesh and the sheets in which they hang together."""
         self._faces, self._sheets, half_edges = faces, sheets, sheets.half_edges
         count = int(faces.max()) + 1
         self._at_degenerate = referenced_vertices(faces[sheets.degenerate], vertices=count)
         self._is_copied = referenced_vertices(sheets.copies[:, :1], vertices=len(faces))
-        # of half-edges, and at vertices, an edge of more than two faces; −1 where there is none
-        is_crowded = np.repeat(half_edges.counts > 2, half_edges.counts)
-        crowded, edges = half_edges.order[is_crowded], np.repeat(np.arange(len(half_edges.counts)), half_edges.counts)
-        self._crowded_at = np.full(count, -1, dtype=np.int64)
-        self._crowded_of = np.full(len(half_edges.order), -1, dtype=np.int64)
-        self._crowded_of[crowded] = edges[is_crowded]
-        self._crowded_at[half_edges.origin[crowded]] = self._crowded_at[half_edges.target[crowded]] = edges[is_crowded]
+        # an edge with more than two faces, of each half-edge and at each vertex; −1 for none
+        edges = np.repeat(np.where(half_edges.counts > 2, np.arange(len(half_edges.counts)), -1), half_edges.counts)
+        self._crowded_of, self._crowded_at = np.empty_like(edges), np.full(count, -1, dtype=np.int64)
+        self._crowded_of[half_edges.order] = edges
+        crowded = half_edges.order[edges >= 0]
+        for ends in (half_edges.origin, half_edges.target):
+            self._crowded_at[ends[crowded]] = self._crowded_of[crowded]
 
     def obstacle(self, half_edges: Int[np.ndarray, " m"]) -> MeshError | None:
-        """Why a loop along half-edges can have no patch: an edge of it has several faces already."""
+        """The error of the first edge of a loop that has several faces, so that no patch can be joined there."""
         crowded = self._crowded_of[half_edges]
         return self._crowded_edge(int(crowded[np.argmax(crowded >= 0)])) if (crowded >= 0).any() else None
 
     def remarks(self, vertices: Int[np.ndarray, " m"], half_edges: Int[np.ndarray, " m"]) -> Iterator[str]:
-        """What is to be said of the faces that touch a loop, a sentence each; it starts along its first half-edge."""
+        """One sentence for each kind of defect of the faces that touch a loop."""
         degenerate, copies, face_ids = self._sheets.degenerate, self._sheets.copies, self._sheets.face_ids
         flipped = half_edges[self._sheets.half_edges.origin[half_edges] == vertices]
         if len(flipped):
             yield (
-                f"{len(flipped)} of the {len(half_edges)} faces beside the loop run against the others, first face "
-                f"{face_ids[flipped[0] // 3]}; the patch goes with the others: turn the faces over"
+                f"{len(flipped)} of the {len(half_edges)} faces beside the loop have the opposite orientation, first "
+                f"face {face_ids[flipped[0] // 3]}; the patch follows the others: flip these faces"
             )
         if self._at_degenerate[vertices].any():
             touching = degenerate[np.isin(self._faces[degenerate], vertices).any(axis=1)]
             yield (
                 f"{len(touching)} faces that use a vertex twice touch the loop, first face {touching[0]} "
-                f"{tuple(self._faces[touching[0]].tolist())}; they were passed over: remove them"
+                f"{tuple(self._faces[touching[0]].tolist())}; they were ignored: remove them"
             )
         beside = face_ids[half_edges // 3]
         if self._is_copied[beside].any():
             pairs = copies[np.isin(copies[:, 0], beside)]
             yield (
                 f"{len(pairs)} faces beside the loop have copies, first faces {tuple(pairs[0].tolist())} with the same "
-                "vertices; the patch makes one face more on their edges: keep one of them"
+                "vertices; with the patch their edges have more than two faces: keep one face of each pair"
             )
         crowded = int(self._crowded_at[vertices].max())
-        # an edge of the loop itself is its obstacle, and told as that
         if crowded >= 0 and self.obstacle(half_edges) is None:
             yield f"beside the loop {self._crowded_edge(crowded)}"
 
