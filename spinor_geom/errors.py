@@ -334,11 +334,11 @@ class ZeroOnContourError(SpinorGeomError):
 
 
 class UnplacedZerosError(SpinorGeomError):
-    """A holomorphic function has zeros inside a domain that its values on the boundary do not place."""
+    """A holomorphic function has zeros inside a domain that were counted, but not all found."""
 
     sentence = (
-        "the function has {count} zeros in the domain, but its values on the boundary do not determine where; take a "
-        "smaller domain around them"
+        "the function has {count} zeros in the domain, but not all of them were found; take a smaller domain around "
+        "them"
     )
 
 
