@@ -4,7 +4,7 @@ import importlib.util
 import math
 import sys
 from collections.abc import Sequence
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 
@@ -388,6 +388,13 @@ def require_type(value: Any, types: type | tuple[type, ...], *, function: str, t
     """Raises an ArgumentTypeError for what is not of some types; `takes` names them, and what makes one."""
     if not isinstance(value, types):
         raise ArgumentTypeError(function=function, takes=takes, found=type(value).__name__)
+
+
+def require_count(least: int = 1, **values: Any) -> None:
+    """Raises an OptionError that names the first value that is not a whole number from `least` on."""
+    for name, value in values.items():
+        if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
+            raise OptionError(f"{name} must be a whole number of at least {least}, not {value!r}")
 
 
 def require_positive(name: str, value: Any, *, finite: bool = True, instead: str = "") -> None:
