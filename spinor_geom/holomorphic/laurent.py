@@ -97,10 +97,6 @@ class LaurentSeries(torch.nn.Module):
         logarithms = torch.log(z[..., None] - self.circles.centres)
         return _sums(self.circles.coordinates(z), outward, inward) + logarithms @ residues
 
-    def residues(self) -> Complex[Tensor, "holes 3"]:
-        """Residues of p², q² and pq: their integrals around each hole, divided by 2πi."""
-        return self.integrals()[2]
-
     def integrals(self) -> tuple[Complex[Tensor, "k 3"], Complex[Tensor, "holes l 3"], Complex[Tensor, "holes 3"]]:
         """Coefficients of the integrals of p², q² and pq: `outward`, `inward`, and those of log(z − c_j)."""
         whole, parts = self.products()

@@ -1,7 +1,7 @@
 """The Weierstrass-Enneper form, r = c + Re ∫ (½f(1 − g²), ½i f(1 + g²), f g) dζ: the paper's baseline.
 
-For any holomorphic f and g, r is minimal. But g is the normal projected from e₃ and would need a pole where the normal
-is e₃; and where f has a zero of odd order r has a branch point that no small change of f and g removes.
+For any holomorphic f and g, r is minimal. But the Gauss map g has a pole where the normal is e₃, and r has a branch
+point that is not removable where f has a zero of odd order.
 """
 
 from typing import cast
@@ -17,7 +17,7 @@ from spinor_geom.holomorphic.model import HolomorphicModel
 from spinor_geom.holomorphic.zeros import find_zeros
 from spinor_geom.surface.branch import BranchPoint, with_invariants
 
-_ORDER, _BLOCK = 32, 1 << 16  # quadrature nodes on each ray, and evaluations of f and g at once
+_ORDER, _BLOCK = 32, 1 << 16  # quadrature nodes on each ray; evaluations of f and g at once
 
 
 def weierstrass_phi(f: Complex[Tensor, "*pts"], g: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
@@ -26,9 +26,9 @@ def weierstrass_phi(f: Complex[Tensor, "*pts"], g: Complex[Tensor, "*pts"]) -> C
 
 
 class WeierstrassSurface(torch.nn.Module):
-    """A minimal surface over a disk from f and g, the two outputs of a holomorphic model.
+    """A minimal surface from f and g, the two outputs of a holomorphic model, with r(0) = constant.
 
-    0 sees all of the domain: positions are integrated along rays from there, where r is the constant.
+    Positions are integrated along rays from 0, which have to lie in the domain.
 
     Source: Sun & Chern (2026), comparison with the Weierstrass-Enneper parametrisation.
     """
@@ -53,7 +53,7 @@ class WeierstrassSurface(torch.nn.Module):
         return np.asarray(r.cpu().numpy()).reshape(*np.shape(z), 3)
 
     def branch_points(self) -> tuple[BranchPoint, ...]:
-        """Zeros of f in Ω, where the surface is not an immersion; those of odd order are not removable."""
+        """Zeros of f in Ω; those of odd order are not removable."""
         zeros = find_zeros(lambda z: self._data_on_cpu(z)[..., 0], self.domain)
         return with_invariants(zeros, lambda z: weierstrass_phi(*self._data_on_cpu(z).unbind(-1)), self.domain)
 

@@ -1,6 +1,5 @@
 """ComplexMLP: its start, scaling and linearisation; test_models has what it shares with other models."""
 
-
 import numpy as np
 import pytest
 import torch
