@@ -211,6 +211,7 @@ def test_a_boundary_that_moves_has_the_derivatives_of_its_own_curve(name):
     [
         {"epochs": -1},
         {"points": 10},
+        {"batch": np.nan},
         {"learning_rate": 0.0},
         {"tangent_weight": -1.0},
         {"representation": "weierstrass"},
