@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import torch
-from jaxtyping import Complex
+from jaxtyping import Complex, Shaped
 from torch import Tensor
 
 from spinor_geom.errors import DtypeError
@@ -12,14 +12,15 @@ from spinor_geom.errors import DtypeError
 _ENTRIES, _ENTRIES_ON_DEVICES = 1 << 17, 1 << 23
 
 
-def in_blocks(
-    function: Callable[[Tensor], Tensor], z: Complex[Tensor, "*pts"], width: int
-) -> Complex[Tensor, "*pts c"]:
-    """Values of a function of n points at points of any shape; it makes tables with `width` entries a point."""
-    entries = _ENTRIES if z.device.type == "cpu" else _ENTRIES_ON_DEVICES
-    blocks = torch.split(z.reshape(-1), max(1, entries // max(1, width)))
-    values = torch.cat([function(block) for block in blocks])
-    return values.reshape(*z.shape, values.shape[-1])
+def in_blocks(function: Callable[..., Tensor], *points: Complex[Tensor, "*pts"], width: int) -> Shaped[Tensor, "..."]:
+    """Values of a function of n points, or pairs of points, at points of any shape.
+
+    The function makes tables with `width` entries a point.
+    """
+    entries = _ENTRIES if points[0].device.type == "cpu" else _ENTRIES_ON_DEVICES
+    blocks = (torch.split(z.reshape(-1), max(1, entries // max(1, width))) for z in points)
+    values = torch.cat([function(*block) for block in zip(*blocks, strict=True)])
+    return values.reshape(*points[0].shape, *values.shape[1:])
 
 
 def require_complex(**tensors: Tensor) -> None:

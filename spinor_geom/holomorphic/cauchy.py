@@ -142,8 +142,8 @@ class CauchyNetwork(torch.nn.Module):
 
         by_real, by_imag = (torch.view_as_real(-unit * units).flatten(1).mT for unit in (1, 1j))
         weights = barycentric_weights(self.leja)
-        whole = in_blocks(lambda some: interpolated(some, self.leja, weights, polynomial), z, len(self.leja))
-        return whole + in_blocks(part, z, len(self.poles))
+        whole = in_blocks(lambda some: interpolated(some, self.leja, weights, polynomial), z, width=len(self.leja))
+        return whole + in_blocks(part, z, width=len(self.poles))
 
     def _rational_derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         polynomial, units = self._coefficients()
@@ -152,8 +152,10 @@ class CauchyNetwork(torch.nn.Module):
             return -((some[:, None] - self.poles) ** -2) @ units
 
         weights = barycentric_weights(self.leja)
-        whole = in_blocks(lambda some: interpolated_slope(some, self.leja, weights, polynomial), z, len(self.leja))
-        return whole + in_blocks(part, z, len(self.poles))
+        whole = in_blocks(
+            lambda some: interpolated_slope(some, self.leja, weights, polynomial), z, width=len(self.leja)
+        )
+        return whole + in_blocks(part, z, width=len(self.poles))
 
     def _coefficients(self) -> tuple[Complex[Tensor, "d1 2"], Complex[Tensor, "k 2"]]:
         """Values of the polynomial parts of p and q at the Leja points, and their coefficients of 1/(z − ζ_k)."""
@@ -209,7 +211,7 @@ def raw_features(
         units = torch.complex(*_inverse_differences(some, poles, scales))
         return torch.cat([arnoldi_polynomials(some, hessenberg), units], dim=1)
 
-    return in_blocks(part, z, len(hessenberg) + len(poles))
+    return in_blocks(part, z, width=len(hessenberg) + len(poles))
 
 
 def _inverse_differences(

@@ -60,12 +60,14 @@ class CauchyInterpolant(torch.nn.Module):
             at_node = ~value.isfinite().all(-1)
             value[at_node] = interpolated(flat[at_node], self.nodes, self.weights, self.values)
             return value.reshape(*z.shape, 2)
-        return in_blocks(lambda some: interpolated(some, self.nodes, self.weights, self.values), z, len(self.nodes))
+        return in_blocks(
+            lambda some: interpolated(some, self.nodes, self.weights, self.values), z, width=len(self.nodes)
+        )
 
     def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p'(z), q'(z))."""
         data = self.nodes, self.weights, self.values
-        return in_blocks(lambda some: interpolated_slope(some, *data), z, len(self.nodes))
+        return in_blocks(lambda some: interpolated_slope(some, *data), z, width=len(self.nodes))
 
     def config(self) -> dict[str, Any]:
         """Number of nodes."""

@@ -39,7 +39,6 @@ _DIFFERENCE, _LONGEST, _NEAR, _SHORTEST = 1e-6, 0.1, 1e-2, 1e-9
 _SMALLEST_SHARE = 1e-4  # of a Newton step
 _CHECKED = 8  # iterations between two searches for points that have left Ω
 _CIRCLE_NODES = 128
-_BLOCK = 1 << 14
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,9 +126,8 @@ def _newton_limits(
 
 
 def _evaluate(function: HolomorphicFunction, z: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-    flat = torch.tensor(np.ascontiguousarray(z)).reshape(-1)
     with torch.no_grad():
-        values = torch.cat([function(block) for block in torch.split(flat, _BLOCK)])
+        values = function(torch.from_numpy(z.ravel()))
     return np.asarray(values.cpu().resolve_conj().numpy().reshape(z.shape))
 
 

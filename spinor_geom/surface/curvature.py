@@ -11,9 +11,11 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 from torch.func import jvp
 
+from spinor_geom.holomorphic.blocks import in_blocks
+
 Points = Complex[Tensor, " n"]
 Position = Callable[[Float[Tensor, " n"], Float[Tensor, " n"]], Float[Tensor, "n 3"]]
-_NODES = 1 << 15  # quadrature nodes at once: they carry second derivatives
+_ENTRIES_PER_NODE = 4  # the node and its derivatives
 
 
 def mean_curvature(position: Position, x: Float[Tensor, " n"], y: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
@@ -48,5 +50,4 @@ def mean_curvature_of_integrals(
     def mean(a: Points, b: Points) -> Float[Tensor, " n"]:
         return mean_curvature(lambda x, y: integrate(a, torch.complex(x, y)), b.real, b.imag)
 
-    blocks = (torch.split(z, max(1, _NODES // order)) for z in (start, end))
-    return torch.cat([mean(a, b) for a, b in zip(*blocks, strict=True)])
+    return in_blocks(mean, start, end, width=_ENTRIES_PER_NODE * order)

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import igl
 import numpy as np
-import torch
 from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
-from torch import Tensor
 
 from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates
 from spinor_geom.domain.plane_domain import Boundary, PlaneDomain, panel_breaks
@@ -82,43 +79,24 @@ def breaks_for(boundary: Boundary, z: Places) -> Breaks:
     return breaks
 
 
-def find_anchors(z: Complex[Tensor, "*pts"], domain: PlaneDomain) -> Int[Tensor, "*pts"]:
+def require_finite(z: Complex[np.ndarray, "*pts"]) -> None:
+    """Raises a DomainError that names the first point of Ω with a NaN or infinite part."""
+    if not np.isfinite(z).all():
+        raise DomainError(f"points of Ω must be finite, point {int(np.argmin(np.isfinite(z)))} is not")
+
+
+def find_anchors(z: Places, domain: PlaneDomain) -> Int[np.ndarray, " k"]:
     """For each point of Ω a vertex of the triangulation such that the segment between them lies in Ω.
 
     It is the nearest corner of the triangle that contains the point, or of the nearest triangle; inner corners come
-    before those on ∂Ω, near which p and q have poles. It works in transforms of torch.func too, and has no derivative.
-    A point that is not finite raises a DomainError.
+    before those on ∂Ω, near which p and q have poles. A point that is not finite raises a DomainError.
     """
-    index: Tensor = _Lookup.apply(z, domain)  # type: ignore[no-untyped-call] # torch leaves `apply` untyped
-    return index
-
-
-class _Lookup(torch.autograd.Function):
-    """The search as an autograd function, in which transforms of torch.func give plain tensors."""
-
-    @staticmethod
-    def forward(z: Tensor, domain: PlaneDomain) -> Tensor:
-        points = z.detach().cpu().resolve_conj().reshape(-1).numpy()
-        if not np.isfinite(points).all():
-            raise DomainError(f"points of Ω must be finite, point {int(np.argmin(np.isfinite(points)))} is not")
-        mesh = domain.triangulation
-        triangles = igl_arrays(flat_coordinates(mesh.points), mesh.faces)
-        _, face, _ = igl.point_mesh_squared_distance(flat_coordinates(points), *triangles)
-        corners = mesh.faces[np.asarray(face).reshape(-1)]
-        distance = np.abs(mesh.points[corners] - points[:, None])
-        on_boundary = corners < mesh.boundary_size
-        closest = np.where(on_boundary, distance + 2 * distance.max(initial=0.0), distance).argmin(axis=1)
-        index = np.take_along_axis(corners, closest[:, None], axis=1)
-        return torch.from_numpy(index).reshape(z.shape).to(z.device)
-
-    @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
-        ctx.mark_non_differentiable(output)
-
-    @staticmethod
-    def jvp(ctx: Any, *grad_inputs: Any) -> None:
-        return None
-
-    @staticmethod
-    def vmap(info: Any, in_dims: tuple[int | None, None], z: Tensor, domain: PlaneDomain) -> tuple[Tensor, int | None]:
-        return find_anchors(z, domain), in_dims[0]
+    require_finite(z)
+    mesh = domain.triangulation
+    triangles = igl_arrays(flat_coordinates(mesh.points), mesh.faces)
+    _, face, _ = igl.point_mesh_squared_distance(flat_coordinates(z), *triangles)
+    corners = mesh.faces[np.asarray(face).reshape(-1)]
+    distance = np.abs(mesh.points[corners] - z[:, None])
+    on_boundary = corners < mesh.boundary_size
+    closest = np.where(on_boundary, distance + 2 * distance.max(initial=0.0), distance).argmin(axis=1)
+    return np.asarray(np.take_along_axis(corners, closest[:, None], axis=1)[:, 0])

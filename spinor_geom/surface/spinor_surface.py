@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
@@ -16,20 +15,20 @@ from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
-from spinor_geom.errors import DomainError, DtypeError, OptionError, PeriodError, require_positive
+from spinor_geom.errors import DtypeError, OptionError, PeriodError, require_positive
+from spinor_geom.holomorphic.blocks import in_blocks
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.model import HolomorphicModel, IntegrableModel
 from spinor_geom.holomorphic.zeros import Zero, find_zeros
 from spinor_geom.shown import Shown
 from spinor_geom.surface import branch, curvature, formulas, frames, storage
-from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for, find_anchors
+from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for, find_anchors, require_finite
 
 PATH_ORDER = 16  # quadrature nodes on each piece of a path in Ω
 Points = TypeVar("Points", NDArray[Any], Tensor)  # of Ω, and results of the same kind
 Vector = Sequence[float] | NDArray[Any] | Tensor  # three numbers
 _CLOSED = 1e-9  # largest period of a surface that closes, as a share of the square root of its area
-_BLOCK = 1 << 16  # evaluations of p and q at once, to bound the memory
 
 
 class SpinorSurface(Shown, torch.nn.Module):
@@ -113,15 +112,12 @@ class SpinorSurface(Shown, torch.nn.Module):
         """Positions r(z), shape (*pts, 3).
 
         The integral is in closed form if the model has one and the rule is "gauss"; else by quadrature along edges of
-        the triangulation to a vertex near z, and from there straight to z. A NaN or infinity in an array raises a
-        DomainError.
+        the triangulation to a vertex near z, and from there straight to z; a NaN or infinity raises a DomainError.
         """
-        if isinstance(z, Tensor):
-            return self._answer(self._position, z)
-        z = _complex(z)
-        if not np.isfinite(z).all():
-            raise DomainError(f"points of Ω must be finite, point {int(np.argmin(np.isfinite(z)))} is not")
-        return self._answer(partial(self._position, outside_transforms=True), z)
+        if not isinstance(z, Tensor):
+            z = _complex(z)
+            require_finite(z)
+        return self._answer(self._position, z)
 
     def positions_inside(self, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """`position` of many points not on ∂Ω, by few evaluations of p and q.
@@ -315,21 +311,20 @@ class SpinorSurface(Shown, torch.nn.Module):
         """φ of an array."""
         return self._answer(self._phi, z)
 
-    def _position(self, z: Complex[Tensor, "*pts"], *, outside_transforms: bool = False) -> Float[Tensor, "*pts 3"]:
+    def _position(self, z: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
         if self.has_closed_positions:
             integral = self._null_integral(torch.cat([z.reshape(-1), z.new_full((1,), self.root)])).real
             return self.constant + (integral[:-1] - integral[-1:]).reshape(*z.shape, 3)
-        index = find_anchors(z, self.domain).reshape(-1)
-        # inside a transform of torch.func the values of the index are not available
-        wanted = index.cpu().numpy() if outside_transforms else np.arange(len(self.domain.parents))
-        vertices = torch.tensor(self.domain.triangulation.points).to(z.device)
-        # index_select, because vmap cannot batch indexing for a single point
-        start, anchored = vertices.index_select(0, index), self._anchor_positions(wanted).index_select(0, index)
         end = z.reshape(-1)
-        if outside_transforms:
-            beside = (start != end).nonzero()[:, 0]  # a vertex is its own anchor
-            return anchored.index_add(0, beside, self._integrate(start[beside], end[beside])).reshape(*z.shape, 3)
-        return (anchored + self._integrate(start, end)).reshape(*z.shape, 3)
+        index, start = self._anchors(end)
+        beside = (start != end).nonzero()[:, 0]  # a vertex is its own anchor
+        displacement = self._integrate(start[beside], end[beside])
+        return self._anchor_positions(index)[index].index_add(0, beside, displacement).reshape(*z.shape, 3)
+
+    def _anchors(self, z: Complex[Tensor, " n"]) -> tuple[Int[np.ndarray, " n"], Complex[Tensor, " n"]]:
+        """Vertices of the triangulation from which segments in Ω lead to points: indices and positions in Ω."""
+        index = find_anchors(z.detach().cpu().resolve_conj().numpy(), self.domain)
+        return index, torch.tensor(self.domain.triangulation.points[index]).to(z.device)
 
     def _null_integral(self, z: Complex[Tensor, " n"]) -> Complex[Tensor, "n 3"]:
         """∫ φ dζ from a fixed point to z, in closed form."""
@@ -364,12 +359,12 @@ class SpinorSurface(Shown, torch.nn.Module):
             phi = self._phi(a[:, None] + nodes * step[:, None])
             return ((phi * weights[:, None]).sum(dim=-2) * step[:, None]).real
 
-        blocks = (torch.split(z.reshape(-1), max(_BLOCK // len(nodes), 1)) for z in (start, end))
-        return torch.cat([segments(*some) for some in zip(*blocks, strict=True)]).reshape(*start.shape, 3)
+        return in_blocks(segments, start, end, width=len(nodes))
 
     def _mean_curvature(self, z: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:
-        start = torch.tensor(self.domain.triangulation.points).to(z.device)[find_anchors(z, self.domain)].reshape(-1)
-        mean = curvature.mean_curvature_of_integrals(self._integrate, start, z.reshape(-1), order=self.order)
+        end = z.reshape(-1)
+        _, start = self._anchors(end)
+        mean = curvature.mean_curvature_of_integrals(self._integrate, start, end, order=self.order)
         return mean.reshape(z.shape)
 
     def _over(

@@ -13,11 +13,12 @@ from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import rule
+from spinor_geom.holomorphic.blocks import in_blocks
 from spinor_geom.holomorphic.model import HolomorphicModel
 from spinor_geom.holomorphic.zeros import find_zeros
 from spinor_geom.surface.branch import BranchPoint, with_invariants
 
-_ORDER, _BLOCK = 32, 1 << 16  # quadrature nodes on each ray; evaluations of f and g at once
+_ORDER = 32  # quadrature nodes on each ray
 
 
 def weierstrass_phi(f: Complex[Tensor, "*pts"], g: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
@@ -44,13 +45,14 @@ class WeierstrassSurface(torch.nn.Module):
     def position(self, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Positions r(z), shape (*pts, 3)."""
         nodes, weights = (torch.tensor(a).to(self.constant.device) for a in rule("gauss", _ORDER))
-        flat = torch.tensor(z, dtype=torch.complex128, device=self.constant.device).reshape(-1)
-        parts = []
-        for some in torch.split(flat, max(1, _BLOCK // len(nodes))):
-            phi = weierstrass_phi(*self._data(some[:, None] * nodes).unbind(-1))
-            parts.append(((phi * weights[:, None]).sum(1) * some[:, None]).real)
-        r = self.constant.detach() + torch.cat(parts)
-        return np.asarray(r.cpu().numpy()).reshape(*np.shape(z), 3)
+
+        def displacement(end: Complex[Tensor, " n"]) -> Float[Tensor, "n 3"]:
+            phi = weierstrass_phi(*self._data(end[:, None] * nodes).unbind(-1))
+            return ((phi * weights[:, None]).sum(1) * end[:, None]).real
+
+        points = torch.tensor(z, dtype=torch.complex128, device=self.constant.device)
+        r = self.constant.detach() + in_blocks(displacement, points, width=_ORDER)
+        return np.asarray(r.cpu().numpy())
 
     def branch_points(self) -> tuple[BranchPoint, ...]:
         """Zeros of f in Ω; those of odd order are not removable."""
