@@ -63,12 +63,16 @@ class KnownSurface:
     def __repr__(self) -> str:
         return shortened(f"KnownSurface({self.name!r}, area {self.area:.6g})")
 
+    def point(self, t: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 3"]:
+        """Points of the boundary r(∂Ω) at parameters of ∂Ω."""
+        return self.position(self.surface.domain.boundary.point(t))
+
     def rim(self, n: int) -> BoundaryLoop:
-        """A loop of n points of the boundary r(∂Ω), with the corners of Ω; see `KnownCurve.sample`."""
+        """A loop of n points of the boundary, with the corners of Ω; see `KnownCurve.sample`."""
         boundary = self.surface.domain.boundary
         at_corners = boundary.parameters[:-1][boundary.corners]
         t, corners = sample_parameters(n, at_corners.tolist())
-        return BoundaryLoop.from_points(self.position(boundary.point(t)), corners=corners.tolist())
+        return BoundaryLoop.from_points(self.point(t), corners=corners.tolist())
 
     @cached_property
     def chart(self) -> Chart:
@@ -164,13 +168,9 @@ def noisy_loop(loop: BoundaryLoop, share: float, *, seed: int) -> BoundaryLoop:
 
 
 def _at_shares(curve: ClosedCurve | KnownSurface, shares: np.ndarray) -> BoundaryLoop:
-    def point(t: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 3"]:
-        is_surface = isinstance(curve, KnownSurface)
-        return curve.position(curve.surface.domain.boundary.point(t)) if is_surface else curve.point(t)
-
     t = np.arange(_CURVE_STEPS + 1) / _CURVE_STEPS
-    length = _lengths(point(t))
-    return BoundaryLoop.from_points(point(CubicSpline(length / length[-1], t)(shares)), corners=())
+    length = _lengths(curve.point(t))
+    return BoundaryLoop.from_points(curve.point(CubicSpline(length / length[-1], t)(shares)), corners=())
 
 
 def _lengths(points: np.ndarray) -> np.ndarray:

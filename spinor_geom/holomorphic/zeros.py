@@ -122,7 +122,7 @@ def _newton_limits(
         if not len(z):
             break
     found = np.concatenate(limits)
-    return found[domain.contains(found)]
+    return np.asarray(found[domain.contains(found)])
 
 
 def _evaluate(function: HolomorphicFunction, z: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:

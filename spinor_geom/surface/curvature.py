@@ -39,7 +39,8 @@ def mean_curvature(position: Position, x: Float[Tensor, " n"], y: Float[Tensor, 
     normal = torch.nn.functional.normalize(torch.linalg.cross(r_x, r_y), dim=-1)
     e, f, g = ((a * b).sum(-1) for a, b in ((r_x, r_x), (r_x, r_y), (r_y, r_y)))
     xx, xy, yy = ((bend * normal).sum(-1) for bend in (r_xx, r_xy, r_yy))
-    return (e * yy - 2 * f * xy + g * xx) / (2 * (e * g - f * f))
+    mean: Tensor = (e * yy - 2 * f * xy + g * xx) / (2 * (e * g - f * f))
+    return mean
 
 
 def mean_curvature_of_integrals(

@@ -33,7 +33,7 @@ from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training.boundary import BoundaryNodes, Placed, as_boundary_curve, diagonal_of, move_to
-from spinor_geom.training.result import Trained, TrainingStep
+from spinor_geom.training.trained import Trained, TrainingStep
 
 # initial damping relative to the mean diagonal entry of J Jᴴ, close to the solution and far from it; least damping
 _NEAR, _FAR, _LEAST_DAMPING = 1e-6, 1e-1, 1e-16
@@ -169,25 +169,27 @@ class _Training:
                 self._distil(nodes, self.start)
             elif count == self.options.nodes:
                 self._polish(nodes, slide, held=True)
-            near = self._polish(nodes, slide, held=False).near
+            near = self._polish(nodes, slide, held=False)
             matching = np.column_stack([nodes.t.cpu().numpy(), near.slide.cpu().numpy()])
             misfit = self._misfit(matching, len(nodes.t))
-            met = misfit.max <= self.options.tolerance * self.domain.diameter
-            swings = misfit.max > _BETWEEN * float(near.error.norm(dim=1).max())
-            if met or not swings or 2 * count > _MOST_NODES:
+            converged = misfit.max <= self.options.tolerance * self.domain.diameter
+            larger_between = misfit.max > _BETWEEN * float(near.error.norm(dim=1).max())
+            if converged or not larger_between or 2 * count > _MOST_NODES:
                 break
             count *= 2
         to_space = torch.eye(2, dtype=torch.complex128, device=self.device) / self.scale**0.5
         surface = SpinorSurface(self.network, self.domain, spinor_map=to_space).to(self.device)
         move_to(surface, nodes.z, near.position / self.scale)
-        limit = "within the tolerance" if met else "more steps do not reduce it; a wider network, or more nodes, may"
+        limit = (
+            "within the tolerance" if converged else "more steps do not reduce it; a wider network, or more nodes, may"
+        )
         return Trained(
             surface=surface,
             matching=matching,
             misfit=misfit.enlarged(1 / self.scale),
             diagonal=self.diagonal,
             history=tuple(self.history),
-            status="converged" if met else "stopped",
+            status="converged" if converged else "stopped",
             reason=f"largest distance from the curve {misfit.max / self.domain.diameter:.1e} of its diagonal after "
             f"{len(self.history)} steps: {limit}",
             seconds=time.perf_counter() - self.begin,
@@ -195,27 +197,19 @@ class _Training:
 
     def _distil(self, nodes: BoundaryNodes, start: SpinorSurface) -> None:
         values = torch.as_tensor(start.spinors(nodes.z.cpu().numpy()), device=self.device) * self.scale**0.5
-        descend(
-            self.network,
-            nodes.z,
-            Distillation(linear=self.network.linearised(nodes.z), values=values),
-            damping=_NEAR,
-            tolerance=_DISTILLED * self.options.tolerance,
-            max_steps=self.options.distillation_steps,
-            on_step=partial(self._hear, "distillation"),
-        )
+        fit = Distillation(linear=self.network.linearised(nodes.z), values=values)
+        tolerance = _DISTILLED * self.options.tolerance
+        steps, record = self.options.distillation_steps, partial(self._record, "distillation")
+        descend(self.network, nodes.z, fit, damping=_NEAR, tolerance=tolerance, max_steps=steps, on_step=record)
 
-    def _polish(self, nodes: BoundaryNodes, slide: Float[Tensor, " n"], *, held: bool) -> Polish:
-        linear = self.network.linearised(nodes.z)
+    def _polish(self, nodes: BoundaryNodes, slide: Float[Tensor, " n"], *, held: bool) -> Placed:
+        linear, damping = self.network.linearised(nodes.z), _FAR if held else _NEAR
+        fit = Polish(linear=linear, nodes=nodes, curve=self.curve, slide=slide, held=held)
+        tolerance = _POLISHED * self.options.tolerance * self.domain.diameter
+        steps, record = self.options.polishing_steps, partial(self._record, "polishing")
         return descend(
-            self.network,
-            nodes.z,
-            Polish(linear=linear, nodes=nodes, curve=self.curve, slide=slide, held=held),
-            damping=_FAR if held else _NEAR,
-            tolerance=_POLISHED * self.options.tolerance * self.domain.diameter,
-            max_steps=self.options.polishing_steps,
-            on_step=partial(self._hear, "polishing"),
-        )
+            self.network, nodes.z, fit, damping=damping, tolerance=tolerance, max_steps=steps, on_step=record
+        ).near
 
     def _slide(self, matching: Float[np.ndarray, "n 2"], nodes: BoundaryNodes) -> Float[Tensor, " n"]:
         return torch.as_tensor(interpolate_matching(matching, nodes.t.cpu().numpy()), device=self.device)
@@ -227,7 +221,7 @@ class _Training:
             near = dense.placed(self.network.value(dense.z), self._slide(matching, dense), self.curve)
         return Misfit.of(near.position, near.slide, self.curve)
 
-    def _hear(self, method: Literal["distillation", "polishing"], loss: float) -> None:
+    def _record(self, method: Literal["distillation", "polishing"], loss: float) -> None:
         index, seconds = len(self.history) + 1, time.perf_counter() - self.begin
         loss = loss if method == "distillation" else loss / self.scale
         step = TrainingStep(index=index, method=method, loss=loss, boundary_error=None, seconds=seconds)

@@ -33,7 +33,7 @@ from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 from spinor_geom.training.boundary import FORMS, RayBoundary, as_boundary_curve, diagonal_of, move_to
-from spinor_geom.training.result import Status, Trained, TrainingStep
+from spinor_geom.training.trained import Status, Trained, TrainingStep
 
 _FORMAT = "spinor_geom.training 2"  # of checkpoints
 _REMOVE = "remove it to train from the start"
