@@ -29,8 +29,8 @@ RESOLUTION = 1e-4  # zeros nearer to each other than this share of the domain's 
 # does not change the sum.
 _LARGEST_STEP = np.pi / 3
 _FIRST_INTERVALS, _MOST_INTERVALS = 4, 1 << 12
-# Starting points for each zero, and the distance, in resolutions, up to which limits count as the same zero: a k-fold
-# zero is only known to round-off^(1/k).
+# Starting points per zero on each boundary, and the distance, in resolutions, up to which limits are the same zero: a
+# k-fold zero is only known to round-off^(1/k).
 _ATTEMPTS = ((16, 1), (64, 10), (256, 1), (256, 100))
 _MOST_ITERATIONS = 500
 # As shares of the domain's diameter: the step of difference quotients, the longest step, the longest that Newton's
@@ -69,7 +69,8 @@ def find_zeros(
         limits = _newton_limits(function, domain, np.concatenate([boundary.point(t) for boundary in domain.boundaries]))
         tree = cKDTree(plane_coordinates(limits))
         label = linked(tree.query_pairs(near * resolution * domain.diameter, output_type="ndarray"), len(limits))
-        centres = np.array([limits[label == k].mean() for k in np.unique(label)], dtype=np.complex128)
+        sums = np.bincount(label, limits.real) + 1j * np.bincount(label, limits.imag)
+        centres = sums / np.bincount(label)
         apart = np.abs(centres[:, None] - np.concatenate([centres, _samples(domain, 4).ravel()]))
         np.fill_diagonal(apart, np.inf)
         zeros = [zero_inside(function, *circle) for circle in zip(centres, 0.5 * apart.min(axis=1), strict=True)]

@@ -84,20 +84,6 @@ def test_mean_curvature_scales_with_the_inverse_length():
     )
 
 
-def test_mean_curvature_shows_the_error_of_a_coarse_quadrature_and_falls_with_its_order():
-    known = polynomial([1, 0.5, 0.3], [0.2, 0.4, 0.3, 0.5])
-    z = points(known.surface.domain, 40)
-    for name, order in (("trapezoid", 2), ("simpson", 4)):
-        sizes = np.array([2, 4, 8])
-        surfaces = (
-            SpinorSurface(known.surface.model, known.surface.domain, quadrature=name, order=int(n)) for n in sizes
-        )
-        worst = [np.abs(surface.mean_curvature(z)).max() for surface in surfaces]
-        slope = -np.polyfit(np.log(sizes), np.log(worst), 1)[0]
-        assert worst[-1] > 1e-10  # the error is seen, not hidden
-        assert abs(slope - order) < 0.15
-
-
 def test_points_at_anchors_and_at_the_root_are_ordinary():
     surface = polynomial([1, 0.5], [0.2, 0.4, 0.3]).surface
     z = np.append(surface.domain.triangulation.points[::7], [surface.root, 0])
