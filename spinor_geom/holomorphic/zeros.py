@@ -32,11 +32,8 @@ _FIRST_INTERVALS, _MOST_INTERVALS = 4, 1 << 12
 # Starting points per zero on each boundary, and the distance, in resolutions, up to which limits are the same zero: a
 # k-fold zero is only known to round-off^(1/k).
 _ATTEMPTS = ((16, 1), (64, 10), (256, 1), (256, 100))
-_MOST_ITERATIONS = 500
-# As shares of the domain's diameter: the step of difference quotients, the longest step, the longest that Newton's
-# method takes beside a multiple zero, and that of convergence.
-_DIFFERENCE, _LONGEST, _NEAR, _SHORTEST = 1e-6, 0.1, 1e-2, 1e-9
-_SMALLEST_SHARE = 1e-4  # of a Newton step
+_MOST_ITERATIONS = 300
+_DIFFERENCE, _LONGEST = 1e-6, 0.1  # difference for f′, and longest Newton step, as shares of the domain's diameter
 _CHECKED = 8  # iterations between two searches for points that have left Ω
 _CIRCLE_NODES = 128
 
@@ -64,16 +61,20 @@ def find_zeros(
     count = round(float(_argument_changes(function, domain).sum() / (2 * np.pi)))
     if count == 0:
         return ()
-    for starts, near in _ATTEMPTS:
+    for starts, relative in _ATTEMPTS:
         t = (np.arange(starts * count) + 0.5) / (starts * count)
-        limits = _newton_limits(function, domain, np.concatenate([boundary.point(t) for boundary in domain.boundaries]))
-        tree = cKDTree(plane_coordinates(limits))
-        label = linked(tree.query_pairs(near * resolution * domain.diameter, output_type="ndarray"), len(limits))
+        start, apart = (
+            np.concatenate([boundary.point(t) for boundary in domain.boundaries]),
+            relative * resolution * domain.diameter,
+        )
+        limits = _newton_limits(function, domain, start, 0.1 * apart)
+        pairs = cKDTree(plane_coordinates(limits)).query_pairs(apart, output_type="ndarray")
+        label = linked(pairs, len(limits))
         sums = np.bincount(label, limits.real) + 1j * np.bincount(label, limits.imag)
         centres = sums / np.bincount(label)
-        apart = np.abs(centres[:, None] - np.concatenate([centres, _samples(domain, 4).ravel()]))
-        np.fill_diagonal(apart, np.inf)
-        zeros = [zero_inside(function, *circle) for circle in zip(centres, 0.5 * apart.min(axis=1), strict=True)]
+        distance = np.abs(centres[:, None] - np.concatenate([centres, _samples(domain, 4).ravel()]))
+        np.fill_diagonal(distance, np.inf)
+        zeros = [zero_inside(function, *circle) for circle in zip(centres, distance.min(axis=1) / 2, strict=True)]
         if sum(zero.order for zero in zeros) == count:
             step = RESOLUTION * domain.diameter  # equal real parts differ by rounding
             found = (zero for zero in zeros if zero.order)
@@ -100,26 +101,20 @@ def zero_inside(function: HolomorphicFunction, centre: complex, radius: float) -
 
 
 def _newton_limits(
-    function: HolomorphicFunction, domain: PlaneDomain, z: Complex[np.ndarray, " n"]
+    function: HolomorphicFunction, domain: PlaneDomain, z: Complex[np.ndarray, " n"], tolerance: float
 ) -> Complex[np.ndarray, " k"]:
-    """Limits in Ω of Newton's method from the given points, with steps that are shortened until |f| falls."""
-    h, longest, near, shortest = (share * domain.diameter for share in (_DIFFERENCE, _LONGEST, _NEAR, _SHORTEST))
-    value, share, limits = _evaluate(function, z), np.ones(len(z)), []
+    """Points of Ω where Newton's method, from the given points, makes a step shorter than the tolerance."""
+    h, longest, limits = _DIFFERENCE * domain.diameter, _LONGEST * domain.diameter, []
     for iteration in range(_MOST_ITERATIONS):
+        value = _evaluate(function, z)
         with np.errstate(all="ignore"):
-            newton = value / ((_evaluate(function, z + h) - _evaluate(function, z - h)) / (2 * h))
-            trial = z - share * newton * np.minimum(1, longest / np.abs(newton))
-        reached = _evaluate(function, trial)
-        # rounding ends the fall beside a multiple zero; at a saddle of |f| the full step is long
-        ends = (value == 0) | (np.abs(newton) < shortest) | (share < _SMALLEST_SHARE)
-        limits.append(z[ends & ((value == 0) | (np.abs(newton) < near))])
-        falls = np.abs(reached) < np.abs(value)
-        z, value = np.where(falls, trial, z), np.where(falls, reached, value)
-        share = np.where(falls, np.minimum(1, 2 * share), share / 4)
-        active = ~ends
+            step = value / ((_evaluate(function, z + h) - _evaluate(function, z - h)) / (2 * h))
+            following = z - step * np.minimum(1, longest / np.abs(step))
+        converged = (value == 0) | (np.abs(step) < tolerance)
+        limits.append(z[converged])
+        z = following[~converged & np.isfinite(following)]
         if iteration % _CHECKED == 0:
-            active[active] = domain.contains(z[active])
-        z, value, share = z[active], value[active], share[active]
+            z = z[domain.contains(z)]
         if not len(z):
             break
     found = np.concatenate(limits)
