@@ -93,20 +93,20 @@ class SpinorSurface(Shown, torch.nn.Module):
 
     def spinors(self, z: Points) -> Points:
         """(p, q), shape (*pts, 2)."""
-        return self._answer(self._spinors, z)
+        return self._evaluate(self._spinors, z)
 
     def spinor_derivatives(self, z: Points) -> Points:
         """(p′, q′), shape (*pts, 2)."""
-        return self._answer(self._spinor_derivatives, z)
+        return self._evaluate(self._spinor_derivatives, z)
 
     def weierstrass_data(self, z: Points) -> tuple[Points, Points]:
         """Weierstrass data f = φ₁ − iφ₂ = −2q² and g = −p/q (infinite where q = 0), (*pts) each."""
-        data = self._answer(lambda w: torch.stack(formulas.weierstrass_data(*self._pair(w)), dim=-1), z)
+        data = self._evaluate(lambda w: torch.stack(formulas.weierstrass_data(*self._pair(w)), dim=-1), z)
         return data[..., 0], data[..., 1]
 
     def gauss_map(self, z: Points) -> Points:
         """The normal projected stereographically from +e₃, g = (n₁ + i n₂)/(1 − n₃) = −p/q, shape (*pts)."""
-        return self._answer(lambda w: formulas.gauss_map(*self._pair(w)), z)
+        return self._evaluate(lambda w: formulas.gauss_map(*self._pair(w)), z)
 
     def position(self, z: Points) -> Points:
         """Positions r(z), shape (*pts, 3).
@@ -117,7 +117,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         if not isinstance(z, Tensor):
             z = _complex(z)
             require_finite(z)
-        return self._answer(self._position, z)
+        return self._evaluate(self._position, z)
 
     def positions_inside(self, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """`position` of many points not on ∂Ω, by few evaluations of p and q.
@@ -134,29 +134,29 @@ class SpinorSurface(Shown, torch.nn.Module):
 
     def integrate(self, start: Points, end: Points) -> Points:
         """Displacements r(end) − r(start) by quadrature along segments in Ω, shape (*pts, 3)."""
-        return self._answer(self._integrate, start, end)
+        return self._evaluate(self._integrate, start, end)
 
     def normal(self, z: Points) -> Points:
         """Unit normals n = (r_x × r_y)/λ², shape (*pts, 3); NaN at branch points."""
-        return self._answer(lambda w: formulas.normal(*self._pair(w)), z)
+        return self._evaluate(lambda w: formulas.normal(*self._pair(w)), z)
 
     def conformal_factor(self, z: Points) -> Points:
         """λ = |p|² + |q|²: length in space per length in Ω, shape (*pts)."""
-        return self._answer(lambda w: formulas.conformal_factor(*self._pair(w)), z)
+        return self._evaluate(lambda w: formulas.conformal_factor(*self._pair(w)), z)
 
     def first_fundamental_form(self, z: Points) -> Points:
         """λ²·identity in the coordinates x, y, shape (*pts, 2, 2)."""
-        return self._answer(lambda w: formulas.first_fundamental_form(*self._pair(w)), z)
+        return self._evaluate(lambda w: formulas.first_fundamental_form(*self._pair(w)), z)
 
     def second_fundamental_form(self, z: Points) -> Points:
         """Normal parts of r_xx, r_xy and r_yy from p, q, p′, q′, shape (*pts, 2, 2)."""
-        return self._answer(
+        return self._evaluate(
             lambda w: formulas.second_fundamental_form(*self._pair(w), *self._spinor_derivatives(w).unbind(-1)), z
         )
 
     def gauss_curvature(self, z: Points) -> Points:
         """K = −4|p′q − pq′|²/λ⁴ in 1/length², shape (*pts); NaN at branch points."""
-        return self._answer(
+        return self._evaluate(
             lambda w: formulas.gauss_curvature(*self._pair(w), *self._spinor_derivatives(w).unbind(-1)), z
         )
 
@@ -166,7 +166,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         It shows the error of the quadrature and of rounding, and whether the model is holomorphic. Positive where the
         surface bends towards n; NaN at branch points.
         """
-        return self._answer(self._mean_curvature, z)
+        return self._evaluate(self._mean_curvature, z)
 
     def area(self) -> float:
         """Area of the whole surface by an integral over ∂Ω alone, A = ½ ∮ (r − c) · Im(φ dz)."""
@@ -279,7 +279,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         """The surface that `save` wrote, bit for bit; a StorageError if there is none of this version in the file."""
         return cls(**storage.read(path))
 
-    def _answer(self, function: Callable[..., Tensor], *points: Points) -> Points:
+    def _evaluate(self, function: Callable[..., Tensor], *points: Points) -> Points:
         first = points[0]
         if isinstance(first, Tensor):
             if not all(z.is_complex() for z in points):
@@ -309,7 +309,7 @@ class SpinorSurface(Shown, torch.nn.Module):
 
     def _null_curve(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
         """φ of an array."""
-        return self._answer(self._phi, z)
+        return self._evaluate(self._phi, z)
 
     def _position(self, z: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
         if self.has_closed_positions:

@@ -70,9 +70,9 @@ class BoundaryNodes:
         velocity = (phi(spinors[:, 0], spinors[:, 1]) * self.dz[:, None]).real
         return self.integral @ velocity
 
-    def placed(
+    def matched(
         self, spinors: Complex[Tensor, "n 2"], slide: Float[Tensor, " n"], curve: CurveTensors, *, held: bool = False
-    ) -> Placed:
+    ) -> MatchedBoundary:
         """The boundary of the surface of p and q, translated to Γ.
 
         Nearest points of Γ are searched from those at the parameters `slide`, or these are kept if they are held.
@@ -82,11 +82,11 @@ class BoundaryNodes:
         for _ in range(0 if held else _CONSTANT_STEPS):
             slide = projected(position, slide, curve, limit=1 / len(self.t))
             position = position - self.weights @ (position - curve.point_and_derivative(slide)[0])
-        return Placed(position=position, slide=slide, error=position - curve.point_and_derivative(slide)[0])
+        return MatchedBoundary(position=position, slide=slide, error=position - curve.point_and_derivative(slide)[0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Placed:
+class MatchedBoundary:
     """The boundary of a surface beside Γ, at the nodes."""
 
     position: Float[Tensor, "n 3"]  # r
@@ -127,7 +127,9 @@ class RayBoundary(torch.nn.Module):
         position = ((null[:, :-1] * self.weights[:, None]).sum(1) * z[:, None]).real
         return self.constant + position, (2j * math.pi * z[:, None] * null[:, -1]).real
 
-    def moved_with(self, s: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
+    def differentiable_point_and_velocity(
+        self, s: Float[Tensor, " n"]
+    ) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
         """Positions r and dr/ds at given s, differentiable by s; the derivative of r is exact, not the quadrature's."""
         with torch.no_grad():
             position, velocity = self.point_and_velocity(s)

@@ -32,7 +32,7 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.spinor_surface import SpinorSurface
-from spinor_geom.training.boundary import BoundaryNodes, Placed, as_boundary_curve, diagonal_of, move_to
+from spinor_geom.training.boundary import BoundaryNodes, MatchedBoundary, as_boundary_curve, diagonal_of, move_to
 from spinor_geom.training.trained import Trained, TrainingStep
 
 # initial damping relative to the mean diagonal entry of J Jᴴ, close to the solution and far from it; least damping
@@ -169,17 +169,17 @@ class _Training:
                 self._distil(nodes, self.start)
             elif count == self.options.nodes:
                 self._polish(nodes, slide, held=True)
-            near = self._polish(nodes, slide, held=False)
-            matching = np.column_stack([nodes.t.cpu().numpy(), near.slide.cpu().numpy()])
+            boundary = self._polish(nodes, slide, held=False)
+            matching = np.column_stack([nodes.t.cpu().numpy(), boundary.slide.cpu().numpy()])
             misfit = self._misfit(matching, len(nodes.t))
             converged = misfit.max <= self.options.tolerance * self.domain.diameter
-            larger_between = misfit.max > _BETWEEN * float(near.error.norm(dim=1).max())
+            larger_between = misfit.max > _BETWEEN * float(boundary.error.norm(dim=1).max())
             if converged or not larger_between or 2 * count > _MOST_NODES:
                 break
             count *= 2
         to_space = torch.eye(2, dtype=torch.complex128, device=self.device) / self.scale**0.5
         surface = SpinorSurface(self.network, self.domain, spinor_map=to_space).to(self.device)
-        move_to(surface, nodes.z, near.position / self.scale)
+        move_to(surface, nodes.z, boundary.position / self.scale)
         limit = (
             "within the tolerance" if converged else "more steps do not reduce it; a wider network, or more nodes, may"
         )
@@ -202,14 +202,14 @@ class _Training:
         steps, record = self.options.distillation_steps, partial(self._record, "distillation")
         descend(self.network, nodes.z, fit, damping=_NEAR, tolerance=tolerance, max_steps=steps, on_step=record)
 
-    def _polish(self, nodes: BoundaryNodes, slide: Float[Tensor, " n"], *, held: bool) -> Placed:
+    def _polish(self, nodes: BoundaryNodes, slide: Float[Tensor, " n"], *, held: bool) -> MatchedBoundary:
         linear, damping = self.network.linearised(nodes.z), _FAR if held else _NEAR
         fit = Polish(linear=linear, nodes=nodes, curve=self.curve, slide=slide, held=held)
         tolerance = _POLISHED * self.options.tolerance * self.domain.diameter
         steps, record = self.options.polishing_steps, partial(self._record, "polishing")
         return descend(
             self.network, nodes.z, fit, damping=damping, tolerance=tolerance, max_steps=steps, on_step=record
-        ).near
+        ).boundary
 
     def _slide(self, matching: Float[np.ndarray, "n 2"], nodes: BoundaryNodes) -> Float[Tensor, " n"]:
         return torch.as_tensor(interpolate_matching(matching, nodes.t.cpu().numpy()), device=self.device)
@@ -218,8 +218,8 @@ class _Training:
         """The distance of the boundary from Γ at points between the nodes."""
         dense = BoundaryNodes.on(self.domain, _POINTS_PER_NODE * count, self.device)
         with torch.no_grad():
-            near = dense.placed(self.network.value(dense.z), self._slide(matching, dense), self.curve)
-        return Misfit.of(near.position, near.slide, self.curve)
+            boundary = dense.matched(self.network.value(dense.z), self._slide(matching, dense), self.curve)
+        return Misfit.of(boundary.position, boundary.slide, self.curve)
 
     def _record(self, method: Literal["distillation", "polishing"], loss: float) -> None:
         index, seconds = len(self.history) + 1, time.perf_counter() - self.begin
@@ -276,17 +276,17 @@ class Polish:
 
     def at(self, linear: Linearisation) -> Polish:
         """The problem at other parameters."""
-        return replace(self, linear=linear, slide=self.near.slide)
+        return replace(self, linear=linear, slide=self.boundary.slide)
 
     @cached_property
-    def near(self) -> Placed:
+    def boundary(self) -> MatchedBoundary:
         """The boundary beside Γ."""
-        return self.nodes.placed(self.linear.value, self.slide, self.curve, held=self.held)
+        return self.nodes.matched(self.linear.value, self.slide, self.curve, held=self.held)
 
     @property
     def losses(self) -> Float[Tensor, "1"]:
         """The mean squared distance."""
-        return self.nodes.weights @ self.near.error.square().sum(1, keepdim=True)
+        return self.nodes.weights @ self.boundary.error.square().sum(1, keepdim=True)
 
     @cached_property
     def _system(self) -> tuple[Complex[Tensor, "2 m n"], Float[Tensor, "m m"], Float[Tensor, " m"]]:
@@ -295,7 +295,7 @@ class Polish:
         # derivatives of φ dz/dt by p and by q
         by = torch.stack([torch.stack([2 * p, -2j * p, 2 * q], dim=-1), torch.stack([-2 * q, -2j * q, 2 * p], dim=-1)])
         by = by * nodes.dz[:, None]
-        tangent = self.curve.point_and_derivative(self.near.slide)[1]
+        tangent = self.curve.point_and_derivative(self.boundary.slide)[1]
         directions = [*normals_of(tangent), *([torch.nn.functional.normalize(tangent, dim=1)] if self.held else [])]
         e = nodes.weights.sqrt()[:, None] * torch.stack(directions)
         # the mean of r is fixed by its constant
@@ -305,7 +305,7 @@ class Polish:
         # translations are nearly free, since the constant is recomputed after each step
         e = e.flatten(0, 1)
         kernel = kernel + kernel.diagonal().mean() / e.square().sum(1).mean() * (e @ e.mT)
-        return rows, kernel, -(e * self.near.error.repeat(len(directions), 1)).sum(1)
+        return rows, kernel, -(e * self.boundary.error.repeat(len(directions), 1)).sum(1)
 
     def step(self, damping: Float[Tensor, " k"]) -> Complex[Tensor, "n 2"]:
         """The v for which Jᴴ v is the damped step, by one real system for p and q."""

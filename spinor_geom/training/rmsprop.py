@@ -167,7 +167,7 @@ class _Training:
         seconds = self.history[-1].seconds if self.history else 0.0
         for index in range(len(self.history) + 1, options.epochs + 1):
             if is_out_of_time():
-                return self._trained("stopped", "the time was up", seconds)
+                return self._result("stopped", "the time was up", seconds)
             begin = time.perf_counter()
             before = copy.deepcopy(self.modules.state_dict())
             loss = self._epoch()
@@ -175,7 +175,7 @@ class _Training:
             if self._diverged(loss):
                 self.modules.load_state_dict(before)
                 reason = "the loss became infinite, NaN or far larger than at first; take a smaller learning rate"
-                return self._trained("diverged", f"{reason} (the surface is that of the epoch before)", seconds)
+                return self._result("diverged", f"{reason} (the surface is that of the epoch before)", seconds)
             error = self._misfit().max
             step = TrainingStep(index=index, method="RMSprop", loss=loss, boundary_error=error, seconds=seconds)
             self.history.append(step)
@@ -183,7 +183,7 @@ class _Training:
                 self.save(self.path)
             if on_epoch is not None:
                 on_epoch(step)
-        return self._trained("finished", "all epochs were done", seconds)
+        return self._result("finished", "all epochs were done", seconds)
 
     def _epoch(self) -> float:
         """Trains with new samples; returns the mean loss of the surface."""
@@ -193,14 +193,14 @@ class _Training:
         losses = []
         for t, s in zip(*(torch.split(row, options.batch) for row in drawn), strict=True):
             with torch.no_grad():
-                onto = self.curve.point_and_derivative(self.homeomorphism.inverse(t))
-            losses.append(self._update("surface", self.boundary.point_and_velocity(t), onto))
-            of = self.boundary.moved_with(self.homeomorphism(s))
-            self._update("homeomorphism", of, self.curve.point_and_derivative(s))
+                target = self.curve.point_and_derivative(self.homeomorphism.inverse(t))
+            losses.append(self._update("surface", self.boundary.point_and_velocity(t), target))
+            boundary = self.boundary.differentiable_point_and_velocity(self.homeomorphism(s))
+            self._update("homeomorphism", boundary, self.curve.point_and_derivative(s))
         return float(torch.stack(losses).mean())
 
-    def _update(self, name: str, of: PointsAndVelocities, onto: PointsAndVelocities) -> Float[Tensor, ""]:
-        loss = boundary_loss(of, onto, tangent_weight=self.options.tangent_weight)
+    def _update(self, name: str, boundary: PointsAndVelocities, target: PointsAndVelocities) -> Float[Tensor, ""]:
+        loss = boundary_loss(boundary, target, tangent_weight=self.options.tangent_weight)
         self.optimizers[name].zero_grad()
         loss.backward()  # type: ignore[no-untyped-call] # torch leaves it untyped
         self.optimizers[name].step()
@@ -233,8 +233,8 @@ class _Training:
         """Writes the state to a checkpoint."""
         state = {
             "format": _FORMAT,
-            "options": self._own_options(),
-            "curve": self._some_of_curve(),
+            "options": self._fixed_options(),
+            "curve": self._curve_samples(),
             "modules": self.modules.state_dict(),
             "optimizers": {name: optimizer.state_dict() for name, optimizer in self.optimizers.items()},
             "random": self.random.get_state(),
@@ -246,10 +246,10 @@ class _Training:
     def restore(self, path: Path) -> None:
         """Reads the state from a checkpoint; a StorageError if it has other options or another curve."""
         state = _read_state(path)
-        own = self._own_options()
+        own = self._fixed_options()
         different = sorted(name for name in own if own[name] != state["options"].get(name))
         other = f"other options ({', '.join(different)})" if different else ""
-        if not different and float((state["curve"] - self._some_of_curve()).abs().max()) > _SAME_CURVE * self.diagonal:
+        if not different and float((state["curve"] - self._curve_samples()).abs().max()) > _SAME_CURVE * self.diagonal:
             other = "another curve"
         if other:
             raise StorageError(f"{path} is of a training with {other}; {_REMOVE}", path=str(path))
@@ -259,14 +259,14 @@ class _Training:
         self.random.set_state(state["random"])
         self.history = [TrainingStep(**step) for step in state["history"]]
 
-    def _own_options(self) -> dict[str, Any]:
+    def _fixed_options(self) -> dict[str, Any]:
         """Options that the state depends on."""
         return {name: value for name, value in asdict(self.options).items() if name not in _FREE}
 
-    def _some_of_curve(self) -> Float[Tensor, "k 3"]:
+    def _curve_samples(self) -> Float[Tensor, "k 3"]:
         return torch.tensor(self.gamma[:: _CURVE_POINTS // _COMPARED_POINTS])
 
-    def _trained(self, status: Status, reason: str, seconds: float) -> Trained:
+    def _result(self, status: Status, reason: str, seconds: float) -> Trained:
         boundary, domain = self.boundary, PlaneDomain.disk()
         surface: SpinorSurface | WeierstrassSurface
         if self.options.representation == "spinor":
@@ -290,12 +290,14 @@ class _Training:
         )
 
 
-def boundary_loss(of: PointsAndVelocities, onto: PointsAndVelocities, *, tangent_weight: float) -> Float[Tensor, ""]:
+def boundary_loss(
+    boundary: PointsAndVelocities, target: PointsAndVelocities, *, tangent_weight: float
+) -> Float[Tensor, ""]:
     """L_distance + λ L_tangent, the mean of |x − y|² + λ(1 − v·w/(|v||w|)) over samples of two closed curves.
 
     Source: Sun & Chern (2026), losses of the boundary.
     """
-    (x, v), (y, w) = of, onto
+    (x, v), (y, w) = boundary, target
     distance = (x - y).square().sum(-1).mean()
     return distance + tangent_weight * (1 - torch.nn.functional.cosine_similarity(v, w, dim=-1)).mean()
 
