@@ -4,7 +4,7 @@ import importlib.util
 import math
 import sys
 from functools import partial
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 
@@ -247,7 +247,7 @@ class ZeroOnContourError(SpinorGeomError):
 
 
 class UnplacedZerosError(SpinorGeomError):
-    sentence = "the places of the function's {count} zeros in the domain cannot be determined; take a smaller domain"
+    sentence = "the function has {count} zeros in the domain, but not all were found; take a smaller domain"
 
 
 class ImperfectFillWarning(UserWarning):
@@ -288,6 +288,13 @@ def require_type(value: Any, types: type | tuple[type, ...], *, function: str, t
     """Raise an ArgumentTypeError unless a value has one of some types; `takes` describes them."""
     if not isinstance(value, types):
         raise ArgumentTypeError(function=function, takes=takes, found=type(value).__name__)
+
+
+def require_count(least: int = 1, **values: Any) -> None:
+    """Raises an OptionError that names the first value that is not a whole number from `least` on."""
+    for name, value in values.items():
+        if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
+            raise OptionError(f"{name} must be a whole number of at least {least}, not {value!r}")
 
 
 def require_positive(name: str, value: Any, *, finite: bool = True, instead: str = "") -> None:

@@ -1,7 +1,4 @@
-"""Known answers: surfaces and closed curves in exact formulas, with exact areas and sources.
-
-It stands above the solvers, so that no solver can look at an answer.
-"""
+"""Known answers: surfaces and closed curves in exact formulas, with exact areas and sources. No solver imports it."""
 
 from spinor_geom.gallery.chart import Chart as Chart
 from spinor_geom.gallery.curves import ellipse as ellipse

@@ -1,4 +1,4 @@
-"""A surface in exact formulas as the ruler that meshes are measured with."""
+"""Charts: surfaces in exact formulas, and distances of points and meshes from them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,32 +14,31 @@ from spinor_geom.measures import HausdorffDistance, SurfaceSamples, distances_to
 SurfaceFunction = Callable[[Complex[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
 TangentFunction = Callable[[Complex[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 2 3"]]
 
-_STARTS, _STEPS = 3000, 60  # points where the projection of a point onto the surface may start, and its steps
-_BLOCK = 1 << 14  # points whose projections are iterated together
+_STARTS, _MOST_STEPS = 3000, 60  # of Gauss-Newton's method for the nearest point
+_BLOCK = 1 << 14  # points that are projected together
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chart:
-    """A piece of a surface over a polygon in the plane of z = x + iy, in formulas that hold a little outside it too."""
+    """A piece of a surface over a polygon in the plane z = x + iy, and its images under some symmetries.
+
+    The formulas have to hold a little outside the polygon too.
+    """
 
     position: SurfaceFunction  # r(z)
     tangents: TangentFunction  # r_x and r_y
-    outline: Complex[np.ndarray, " m"]  # the polygon, counter-clockwise, so dense that its chords do not matter
-    # orthogonal maps of space whose images of that piece make the whole
-    symmetries: tuple[Float[np.ndarray, "3 3"], ...] = (np.eye(3),)
+    outline: Complex[np.ndarray, " m"]  # the polygon, counter-clockwise, with many vertices along curved sides
+    symmetries: tuple[Float[np.ndarray, "3 3"], ...] = (np.eye(3),)  # orthogonal matrices
 
     def samples(self, count: int) -> SurfaceSamples:
-        """About `count` points spread evenly over the polygon, each with the area that it stands for.
-
-        The points are dense where the plane is stretched least; their areas say so.
-        """
+        """About `count` points at equal distances in the plane, each with its share of the area in space."""
         wanted = -(-count // len(self.symmetries))
         z, cell = self.lattice(wanted), self._spacing(wanted)
         points, areas, t = self.position(z), self.stretch(z), self.tangents(z)
         return SurfaceSamples(
             points=np.concatenate([points @ m.T for m in self.symmetries]),
             areas=np.tile(areas, len(self.symmetries)) * cell**2 * 3**0.5 / 2,
-            # every point of the plane is within a lattice triangle's circumradius of a lattice point
+            # the distance from the lattice is at most the circumradius of a lattice triangle
             spacing=float(np.linalg.norm(t, axis=2).max() * cell / 3**0.5),
         )
 
@@ -53,7 +52,7 @@ class Chart:
 
     def lattice(self, count: int) -> Complex[np.ndarray, " k"]:
         """About `count` points of a triangular lattice inside the polygon."""
-        # no row along a straight side, where corners may be singular
+        # shifted, so that no row lies along a straight side, where tangents may be infinite
         spacing = self._spacing(count)
         shift = (0.3 + 0.4j) * spacing
         return lattice_inside(self.outline + shift, spacing) - shift
@@ -69,10 +68,9 @@ class Chart:
         return np.asarray(np.linalg.norm(np.cross(t[:, 0], t[:, 1]), axis=1))
 
     def distances(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-        """Distances of points from the nearest points of the surface, continued a little beyond the polygon's image.
+        """Distances of points from the surface, which is continued a little beyond the polygon.
 
-        Each is found by Gauss-Newton steps in the plane from the nearest of 3000 points, shortened until the distance
-        falls.
+        Gauss-Newton's method starts from the nearest of 3000 points; steps are shortened until the distance falls.
         """
         blocks = np.array_split(points, -(-len(points) // _BLOCK)) if len(points) else [points]
         images = [np.concatenate([self._distances(block @ m) for block in blocks]) for m in self.symmetries]
@@ -80,7 +78,7 @@ class Chart:
 
     @cached_property
     def _starts(self) -> tuple[Complex[np.ndarray, " k"], cKDTree, Float[np.ndarray, "c 3"]]:
-        """Points to start from, a tree of their positions, and the positions of corners without tangents."""
+        """Starting points, a tree of their positions, and the positions of corners without tangents."""
         z = np.concatenate([self.lattice(_STARTS), self.outline])
         with np.errstate(all="ignore"):
             regular = np.isfinite(self.tangents(z)).all(axis=(1, 2))
@@ -91,27 +89,31 @@ class Chart:
         distance, nearest = tree.query(points)
         z, best, share = starts[nearest], np.asarray(distance), np.ones(len(points))
         active = np.arange(len(points))
-        for _ in range(_STEPS):
+        for _ in range(_MOST_STEPS):
             if not len(active):
                 break
             here = z[active]
-            with np.errstate(all="ignore"):  # where a trial has no position it is not nearer
-                trial = here + share[active] * _step(self.tangents(here), points[active] - self.position(here))
+            with np.errstate(all="ignore"):  # a trial without a position is not nearer
+                trial = here + share[active] * _gauss_newton_step(
+                    self.tangents(here), points[active] - self.position(here)
+                )
                 reached = np.linalg.norm(points[active] - self.position(trial), axis=1)
             nearer: Bool[np.ndarray, " n"] = reached < best[active]
             gain = np.where(nearer, best[active] - reached, np.inf)
             z[active] = np.where(nearer, trial, here)
             best[active] = np.where(nearer, reached, best[active])
             share[active] = np.where(nearer, np.minimum(2 * share[active], 1.0), share[active] / 4)
-            # a full step that gains nothing more, or no step however short, is the end
+            # it ends where a step gains nothing more, or no short step gains
             active = active[(share[active] > 1e-4) & ~(nearer & (gain <= 1e-15 * (1 + best[active])))]
         if len(corners):
             best = np.minimum(best, cKDTree(corners).query(points)[0])
         return best
 
 
-def _step(tangents: Float[np.ndarray, "n 2 3"], away: Float[np.ndarray, "n 3"]) -> Complex[np.ndarray, " n"]:
-    """The step in the plane whose image is nearest to a given one."""
+def _gauss_newton_step(
+    tangents: Float[np.ndarray, "n 2 3"], away: Float[np.ndarray, "n 3"]
+) -> Complex[np.ndarray, " n"]:
+    """The step in the plane whose image under the tangents is nearest to a vector `away`."""
     x, y = tangents[:, 0], tangents[:, 1]
     xx, xy, yy = (np.einsum("nk,nk->n", a, b) for a, b in ((x, x), (x, y), (y, y)))
     dx, dy = np.einsum("nk,nk->n", x, away), np.einsum("nk,nk->n", y, away)
@@ -120,5 +122,5 @@ def _step(tangents: Float[np.ndarray, "n 2 3"], away: Float[np.ndarray, "n 3"]) 
 
 
 def null_tangents(phi: Complex[np.ndarray, "*pts 3"]) -> Float[np.ndarray, "*pts 2 3"]:
-    """r_x = Re φ and r_y = −Im φ of a null curve's derivative."""
+    """r_x = Re φ and r_y = −Im φ."""
     return np.stack([phi.real, -phi.imag], axis=-2)

@@ -1,4 +1,4 @@
-"""Closed curves in exact formulas, with the areas of the minimal disks they are known to bound."""
+"""Closed curves in exact formulas, with the areas of minimal disks that they bound, if known."""
 
 import math
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from jaxtyping import Complex, Float
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import OptionError, require_positive
 from spinor_geom.gallery.chart import Chart
 from spinor_geom.gallery.known import KnownCurve, KnownDisk
 from spinor_geom.mesh.curve import ClosedCurve, CurveFunction
@@ -25,12 +25,13 @@ _TENNIS_SEAM_DISKS = {  # area, whether it is stable, relative error
 }
 SmoothMap = Callable[[Float[Tensor, "..."]], Float[Tensor, "..."]]
 
-_OUTLINE, _LENGTH_POINTS = 400, 512  # vertices of a chart's outline; points by which a side's length is measured
+_OUTLINE, _SIDE_POINTS = 400, 512  # vertices of a chart's outline; points for the length of a side
 _SCHERK_AREAS = {1.0: 1.08724596383763888, 2.0: 5.69751221158705744, 2.5: 11.4951537487130629, 3.0: 29.2319867716447538}
 
 
 def twisted_circle(radius: float = 1.0, k: int = 3, amplitude: float = 0.2) -> KnownCurve:
-    """The sinusoidally perturbed circle (R cos t, R sin t, α sin kt) of radius R, k waves and amplitude α."""
+    """The perturbed circle (R cos t, R sin t, α sin kt) of radius R, k waves and amplitude α."""
+    require_positive("radius", radius)
     known = (radius, k, amplitude) == (1.0, 3, 0.2)
     return _fourier(
         (1, (radius, -1j * radius, 0)),
@@ -44,8 +45,7 @@ def twisted_circle(radius: float = 1.0, k: int = 3, amplitude: float = 0.2) -> K
 def tennis_seam(a: float = 0.8) -> KnownCurve:
     """The seam of a tennis ball on the unit sphere: (a cos t + b cos 3t, a sin t − b sin 3t, 2√(ab) sin 2t), b = 1 − a.
 
-    Between a = 0.78 and 0.76 the symmetric disk stops being stable; below, two mirror images of lower area are. An a
-    that is not in (0, 1) is an OptionError.
+    The symmetric disk is stable down to a value between 0.78 and 0.76; below, two mirror images of less area are.
     """
     if not 0 < a < 1:
         raise OptionError(f"a tennis seam needs a in (0, 1), got {a}")
@@ -62,7 +62,8 @@ def tennis_seam(a: float = 0.8) -> KnownCurve:
 
 
 def ellipse(a: float = 2.0, height: float = 0.0) -> KnownCurve:
-    """The ellipse (a cos t, sin t) with z = height·sin 2t: planar for height 0, else a saddle."""
+    """The ellipse (a cos t, sin t) with z = height·sin 2t: plane for height 0, else a saddle."""
+    require_positive("a", a)
     t = 2 * np.pi * np.arange(_OUTLINE) / _OUTLINE
     region = plane_chart(a * np.cos(t) + 1j * np.sin(t))
     return _fourier(
@@ -76,16 +77,14 @@ def ellipse(a: float = 2.0, height: float = 0.0) -> KnownCurve:
 
 
 def random_curve(seed: int) -> KnownCurve:
-    """A random closed curve, strongly folded: Σ a_k cos 2πkt + b_k sin 2πkt with 3 to 6 harmonics, drawn out along x.
+    """A random, strongly folded closed curve Σ a_k cos 2πkt + b_k sin 2πkt with 3 to 6 harmonics.
 
-    The components of a_k and b_k are normal (numpy's default generator) with standard deviation 1/k, so that all
-    harmonics turn the tangent alike. Then x of the first harmonic is multiplied by an elongation uniform in [1, 10]:
-    the loop is drawn out, its folds stay as deep in every direction.
+    The components of a_k and b_k are normal with standard deviation 1/k, so that all harmonics turn the tangent alike.
+    Then x of the first harmonic is multiplied by an elongation uniform in [1, 10], which leaves the folds as deep.
     """
     random = np.random.default_rng(seed)
     harmonics = int(random.integers(3, 7))
     elongation = float(random.uniform(1, 10))
-    # (2, harmonics, 3)
     coefficients = random.normal(size=(2, harmonics, 3)) / np.arange(1, harmonics + 1)[:, None]
     coefficients[:, 0, 0] *= elongation
     name = f"random curve {seed}: {harmonics} harmonics, elongation {elongation:.1f}"
@@ -94,7 +93,7 @@ def random_curve(seed: int) -> KnownCurve:
 
 
 def plane_polygon(corners: ArrayLike, *, name: str) -> KnownCurve:
-    """A simple polygon in the plane z = 0 of (k, 2) corners, counter-clockwise; its disk is the region inside."""
+    """A simple polygon in the plane z = 0 with (k, 2) corners, counter-clockwise."""
     plane = np.asarray(corners, dtype=np.float64)
     outline = plane[:, 0] + 1j * plane[:, 1]
     area = 0.5 * float(np.imag(np.conj(outline) * np.roll(outline, -1)).sum())
@@ -113,7 +112,7 @@ def plane_chart(outline: Complex[np.ndarray, " m"]) -> Chart:
 
 
 def l_shape(rise: float = 0.0) -> KnownCurve:
-    """The outline of three unit squares that make an L, with straight sides on the saddle z = rise·xy."""
+    """The outline of an L of three unit squares, with its corners on the saddle z = rise·xy."""
     plane = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]])
     if rise == 0:
         return plane_polygon(plane, name="L-shape")
@@ -122,10 +121,7 @@ def l_shape(rise: float = 0.0) -> KnownCurve:
 
 
 def zigzag_rim(sides: int = 20, height: float = 0.1) -> KnownCurve:
-    """The rim of a crown: the corners of a regular polygon in the unit circle, alternately at z = ±height.
-
-    A number of sides that is odd or below 4 is an OptionError.
-    """
+    """The closed polygon over a regular one in the unit circle, with corners alternately at z = ±height."""
     if sides < 4 or sides % 2:
         raise OptionError(f"a zigzag rim needs an even number of sides from 4 on, got {sides}")
     angle = 2 * np.pi * np.arange(sides) / sides
@@ -134,10 +130,7 @@ def zigzag_rim(sides: int = 20, height: float = 0.1) -> KnownCurve:
 
 
 def scherk(side: float = 2.0) -> KnownCurve:
-    """Boundary of Scherk's graph z = log(cos y/cos x) over the square of a given side about 0; it is infinite at π.
-
-    A side that is not in (0, π) is an OptionError.
-    """
+    """The boundary of Scherk's graph z = log(cos y/cos x) over a square about 0 of a side less than π."""
     if not 0 < side < np.pi:
         raise OptionError(f"Scherk's graph needs a side in (0, π), got {side}")
     square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * side / 2
@@ -154,8 +147,8 @@ def scherk(side: float = 2.0) -> KnownCurve:
         x = np.stack([one, none, np.tan(z.real)], axis=-1)
         return np.stack([x, np.stack([none, one, -np.tan(z.imag)], axis=-1)], axis=-2)
 
-    ways = np.linspace(0, 1, _OUTLINE // 4, endpoint=False)[:, None]
-    outline = (square[:, None] + ways * (np.roll(square, -1, axis=0) - square)[:, None]).reshape(-1, 2)
+    share = np.linspace(0, 1, _OUTLINE // 4, endpoint=False)[:, None]
+    outline = (square[:, None] + share * (np.roll(square, -1, axis=0) - square)[:, None]).reshape(-1, 2)
     area = _SCHERK_AREAS.get(side)
     source = "Scherk (1834), the graph is the only minimal disk over its convex square; areas by quadrature"
     return replace(
@@ -166,10 +159,7 @@ def scherk(side: float = 2.0) -> KnownCurve:
 
 
 def polygon(vertices: ArrayLike, *, name: str = "polygon", source: str = "its vertices") -> KnownCurve:
-    """The closed polygon through (k, 3) vertices, the first not repeated, corners all of them, by arc length.
-
-    Fewer than three vertices, or another shape, are an OptionError.
-    """
+    """The closed polygon through (k, 3) vertices, k ≥ 3, by arc length; the first vertex is not repeated."""
     corners = np.asarray(vertices, dtype=np.float64)
     if corners.ndim != 2 or corners.shape[1] != 3 or len(corners) < 3:
         raise OptionError(f"a polygon needs vertices of shape (k, 3) with k at least 3, got {corners.shape}")
@@ -177,9 +167,9 @@ def polygon(vertices: ArrayLike, *, name: str = "polygon", source: str = "its ve
 
 
 def image_of_polygon(corners: Float[np.ndarray, "k d"], image: SmoothMap, *, name: str, source: str) -> KnownCurve:
-    """The image of a closed polygon under a map by functions of torch, differentiated automatically.
+    """The image of a closed polygon under a map of torch functions, differentiated automatically.
 
-    A side's share of [0, 1) is its share of the length in space; along it the polygon is run at one speed.
+    The parameter is linear on each side of the polygon; a side's share of [0, 1) is its share of the length in space.
     """
     sides, edges = len(corners), np.roll(corners, -1, axis=0) - corners
 
@@ -187,8 +177,8 @@ def image_of_polygon(corners: Float[np.ndarray, "k d"], image: SmoothMap, *, nam
         first = np.append(0.0, np.cumsum(share)[:-1])
 
         def at(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-            turned = np.mod(t, 1.0)
-            side = np.asarray(np.searchsorted(first, turned, side="right") - 1)
+            t = np.mod(t, 1.0)
+            side = np.asarray(np.searchsorted(first, t, side="right") - 1)
             start, edge = torch.tensor(corners[side]), torch.tensor(edges[side])
 
             def along(u: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
@@ -197,12 +187,12 @@ def image_of_polygon(corners: Float[np.ndarray, "k d"], image: SmoothMap, *, nam
             function: SmoothMap = along
             for _ in range(order):
                 function = partial(_slope, function)
-            value = function(torch.tensor((turned - first[side]) / share[side]))
+            value = function(torch.tensor((t - first[side]) / share[side]))
             return np.asarray(value.detach().numpy() / share[side][..., None] ** order)
 
         return at
 
-    middles = (np.arange(sides * _LENGTH_POINTS) + 0.5) / (sides * _LENGTH_POINTS)
+    middles = (np.arange(sides * _SIDE_POINTS) + 0.5) / (sides * _SIDE_POINTS)
     speed = np.linalg.norm(derivative(1, np.full(sides, 1 / sides))(middles), axis=1)
     length = speed.reshape(sides, -1).mean(axis=1)
     share = length / length.sum()
@@ -223,14 +213,14 @@ def _slope(function: SmoothMap, u: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts
 
 
 def slit(length: float = 50.0, width: float = math.sqrt(0.75), *, bend: float = 0.0) -> KnownCurve:
-    """A slit as a row of triangles leaves it when it is taken out of a mesh: a rectangle, plane or rolled.
+    """A rectangle, plane or with its longer sides rolled on a cylinder through an angle `bend` in radians.
 
-    By default its width is the height of an equilateral triangle with edge 1, and its length that of 50 such triangles.
-    The bend is the angle through which the longer sides are rolled on a cylinder, in radians. A length or width that is
-    not positive, and a bend that is negative or a whole turn, are an OptionError.
+    By default it is the hole of a strip of 100 equilateral triangles of edge 1 that are removed from a mesh.
     """
-    if not (length > 0 and width > 0 and 0 <= bend < 2 * math.pi):
-        raise OptionError(f"a slit needs length and width > 0 and a bend in [0, 2π), got {length}, {width}, {bend}")
+    require_positive("length", length)
+    require_positive("width", width)
+    if not 0 <= bend < 2 * math.pi:
+        raise OptionError(f"a slit needs a bend in [0, 2π), got {bend}")
     if bend == 0:
         corners = [(0, 0), (length, 0), (length, width), (0, width)]
         return plane_polygon(corners, name=f"slit {length:g} × {width:.3g}")
@@ -242,13 +232,12 @@ def slit(length: float = 50.0, width: float = math.sqrt(0.75), *, bend: float = 
 def horseshoe(
     radius: float = 1.0, half_width: float = 0.25, *, turn: float = 1.5 * math.pi, twist: float = math.pi / 2
 ) -> KnownCurve:
-    """The outline of a strip that runs along an arc of a circle and turns about that arc.
+    """The outline of a twisted strip around an arc of a circle.
 
-    The arc, of a given radius and turn, is the strip's middle line. It starts in the circle's plane; at the end it
-    stands at the angle `twist` to it. Angles are in radians. A half width that is not between 0 and the radius, or a
-    turn that is not between 0 and 2π, is an OptionError.
+    The strip starts in the plane of the circle, and makes an angle `twist` with it at the end of the arc, after an
+    angle `turn` around the centre, in radians.
     """
-    if not (0 < half_width < radius and 0 < turn < 2 * math.pi):
+    if not (0 < half_width < radius < math.inf and 0 < turn < 2 * math.pi):
         raise OptionError(
             f"a horseshoe needs 0 < half_width < radius and a turn in (0, 2π), got {half_width}, {radius}, {turn}"
         )
@@ -260,19 +249,16 @@ def horseshoe(
 def helical_ramp(
     turns: float = 2.0, *, radius: float = 3.0, half_width: float = 0.35, pitch: float = 2.0
 ) -> KnownCurve:
-    """The outline of a ramp that winds around an axis: two helices and two straight ends.
+    """The outline of a helical ramp: two helices around an axis, and two straight ends.
 
-    The helicoid between them is its minimal disk, stable however long it is because its normal is nowhere horizontal:
-    the vertical shift is a positive Jacobi field. Its area is the turn times ½(ρ√(ρ² + c²) + c² asinh(ρ/c)) between
-    ρ = R − h and ρ = R + h, with c the rise in a radian; R, the radius, is the middle line's distance from the axis, h
-    half the width, the pitch the rise in one turn. Over more than one turn it has no simple plane flattening of the
-    same lengths. Turns or a pitch that are not positive, and an h that is not between 0 and R, are an OptionError.
+    The radius R is that of the middle line, h half the width, the pitch the rise in one turn, c that in a radian. The
+    minimal disk is a helicoid, of area turn·½(ρ√(ρ² + c²) + c² asinh(ρ/c)) between ρ = R − h and R + h. It is stable at
+    any length: its normal is nowhere horizontal, so the vertical shift is a positive Jacobi field.
     """
-    if not (turns > 0 and pitch > 0 and 0 < half_width < radius):
-        raise OptionError(
-            "a helical ramp needs turns and pitch > 0 and 0 < half_width < radius, "
-            f"got {turns}, {pitch}, {half_width}, {radius}"
-        )
+    require_positive("turns", turns)
+    require_positive("pitch", pitch)
+    if not 0 < half_width < radius < math.inf:
+        raise OptionError(f"a helical ramp needs 0 < half_width < radius, got {half_width} and {radius}")
     c = pitch / (2 * math.pi)
 
     def inside(rho: float) -> float:
@@ -290,7 +276,7 @@ def _outline(
 ) -> KnownCurve:
     """The outline of the strip x + iy = (R + v cos ψ)e^{iθ}, z = v sin ψ + rise·u, −h ≤ v ≤ h, 0 ≤ u ≤ 1.
 
-    θ = turn·u is the place along it, ψ = tilt + twist·u its slope.
+    θ = turn·u is the angle around the axis, ψ = tilt + twist·u the slope.
     """
 
     def strip(uv: Float[Tensor, "*pts 2"]) -> Float[Tensor, "*pts 3"]:
@@ -320,7 +306,7 @@ def trigonometric(points: Float[np.ndarray, "n 3"]) -> ClosedCurve:
 
 
 def _fourier(*waves: tuple[int, ArrayLike], **known: Any) -> KnownCurve:
-    """The curve Re Σ c_k e^{2πikt} of pairs k and c_k, with what is known of it."""
+    """The curve Re Σ c_k e^{2πikt} of pairs k and c_k, with the other fields of a `KnownCurve`."""
     coefficients = np.zeros((1 + max(k for k, _ in waves), 3), dtype=np.complex128)
     for k, vector in waves:
         coefficients[k] += vector

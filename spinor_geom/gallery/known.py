@@ -1,4 +1,4 @@
-"""What a known answer is: a surface or a closed curve with exact figures and their source."""
+"""Types of known answers: curves and surfaces in exact formulas with exact areas, and loops sampled from them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -8,15 +8,14 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 from scipy.interpolate import CubicSpline
 
-from spinor_geom.errors import OptionError, require_positive
+from spinor_geom.errors import OptionError
 from spinor_geom.gallery.chart import Chart, SurfaceFunction, null_tangents
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.shown import shortened
 from spinor_geom.surface import SpinorSurface
 
-_LENGTH_POINTS = 1 << 9  # points of a side that its length is measured by
-_DENSE = 1 << 14  # steps that the length of a curve is measured by
+_SIDE_POINTS, _CURVE_STEPS = 1 << 9, 1 << 14  # for the arc length of a side, and of a curve
 _OUTLINE = 512  # vertices of a chart's outline
 
 
@@ -25,8 +24,8 @@ class KnownDisk:
     """A minimal disk that a curve is known to bound."""
 
     area: float
-    stable: bool | None = None  # whether it is a local minimum of the area; None where that is not known
-    relative_error: float = 1e-15  # how far off `area` may be, relative to it
+    stable: bool | None = None  # whether it is a local minimum of the area; None: not known
+    relative_error: float = 1e-15  # of `area`
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,20 +34,19 @@ class KnownCurve(ClosedCurve):
 
     name: str  # for tables and messages
     disks: tuple[KnownDisk, ...] = ()  # the minimal disks it is known to bound, smallest area first
-    source: str  # where curve and areas come from
-    chart: Chart | None = None  # the first of those disks in exact formulas, where there are some
+    source: str  # of the curve and the areas
+    chart: Chart | None = None  # the first of those disks in exact formulas, if known
 
     def __repr__(self) -> str:
         areas = ", ".join(f"{disk.area:.6g}" for disk in self.disks)
         return shortened(f"KnownCurve({self.name!r}{f', disks of area {areas}' if areas else ''})")
 
-    def sample(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
-        """A loop of n points of the curve, its corners among them.
+    def sample(self, n: int) -> BoundaryLoop:
+        """A loop of n points, with the corners, at equal steps of t on each side.
 
-        A grading of 1 spaces the points of each side equally in t; larger values move them towards its corners. An n
-        below 3 or the number of corners, or a grading that is not positive, is an OptionError.
+        An n below 3 or the number of corners is an OptionError.
         """
-        t, corners = sample_parameters(n, self.corners, grading=grading)
+        t, corners = sample_parameters(n, self.corners)
         return BoundaryLoop.from_points(self.point(t), corners=corners.tolist())
 
 
@@ -58,48 +56,52 @@ class KnownSurface:
 
     name: str  # for tables and messages
     surface: SpinorSurface
-    position: SurfaceFunction  # closed formula of r(z)
+    position: SurfaceFunction  # r(z) in closed form
     area: float  # exact
-    source: str  # where surface and area come from
+    source: str  # of the surface and the area
 
     def __repr__(self) -> str:
         return shortened(f"KnownSurface({self.name!r}, area {self.area:.6g})")
 
-    def rim(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
-        """A loop of n points of its boundary r(∂Ω), the corners of Ω among them; see `KnownCurve.sample`."""
+    def point(self, t: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 3"]:
+        """Points of the boundary r(∂Ω) at parameters of ∂Ω."""
+        return self.position(self.surface.domain.boundary.point(t))
+
+    def rim(self, n: int) -> BoundaryLoop:
+        """A loop of n points of the boundary, with the corners of Ω; see `KnownCurve.sample`."""
         boundary = self.surface.domain.boundary
         at_corners = boundary.parameters[:-1][boundary.corners]
-        t, corners = sample_parameters(n, at_corners.tolist(), grading=grading)
-        return BoundaryLoop.from_points(self.position(boundary.point(t)), corners=corners.tolist())
+        t, corners = sample_parameters(n, at_corners.tolist())
+        return BoundaryLoop.from_points(self.point(t), corners=corners.tolist())
 
     @cached_property
     def chart(self) -> Chart:
-        """The surface as a ruler; its tangents are those of the spinors."""
+        """The surface as a chart, for distances."""
         return surface_chart(self.surface, self.position)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KnownPatch:
-    """A minimal disk in exact formulas that is bounded by sides in its chart's plane."""
+    """A minimal disk in exact formulas, with the sides of its boundary as curves in the plane of its chart."""
 
     name: str  # for tables and messages
     chart: Chart
     # from corner to corner, each a function of t in [0, 1]
     sides: tuple[Callable[[Float[np.ndarray, " n"]], Complex[np.ndarray, " n"]], ...]
     area: float  # exact
-    source: str  # where surface and area come from
+    source: str  # of the surface and the area
 
     def __repr__(self) -> str:
         return shortened(f"KnownPatch({self.name!r}, area {self.area:.6g})")
 
-    def rim(self, n: int, *, grading: float = 1.0) -> BoundaryLoop:
+    def rim(self, n: int) -> BoundaryLoop:
         """A loop of n points of its boundary, almost equally far apart on every side; see `KnownCurve.sample`."""
-        # denser at the ends of a side, where it may start like a square root
-        t = 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, _LENGTH_POINTS))
+        # denser at the ends of a side, where it may behave like a square root
+        t = 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, _SIDE_POINTS))
         lengths = [_lengths(self.chart.position(side(t))) for side in self.sides]
         ends = np.cumsum([length[-1] for length in lengths])
         starts = np.append(0.0, ends[:-1]) / ends[-1]
-        parameters, corners = sample_parameters(n, starts.tolist(), grading=grading)
+        parameters, corners = sample_parameters(n, starts.tolist())
         owner = np.searchsorted(starts, parameters, side="right") - 1
         along = (parameters - starts[owner]) * ends[-1]
         points = np.empty((n, 3))
@@ -109,7 +111,7 @@ class KnownPatch:
 
 
 def surface_chart(surface: SpinorSurface, position: SurfaceFunction) -> Chart:
-    """A surface as a ruler: its position as a function, its tangents by p and q."""
+    """A chart of a surface with a given position and the tangents of p and q."""
 
     def tangents(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 2 3"]:
         p, q = np.moveaxis(np.asarray(surface.spinors(z)), -1, 0)
@@ -120,67 +122,57 @@ def surface_chart(surface: SpinorSurface, position: SurfaceFunction) -> Chart:
     return Chart(position=position, tangents=tangents, outline=boundary.point(t))
 
 
-def sample_parameters(
-    n: int, corners: Sequence[float], *, grading: float = 1.0
-) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " c"]]:
-    """Parameters of n points on a closed curve with corners at increasing parameters, and the places of those.
+def sample_parameters(n: int, corners: Sequence[float]) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " c"]]:
+    """Parameters of n points on a closed curve with corners at increasing parameters, and the indices of the corners.
 
-    Each side between two corners gets points in proportion to its share of [0, 1), and at least its first corner, with
-    which the parameters begin. With a grading g > 0 the fraction u of a side becomes u^g/(u^g + (1 − u)^g). Other
-    gradings, and an n below 3 or the number of corners, are an OptionError.
+    The number of points on a side is proportional to its share of [0, 1), apart from its first corner. The parameters
+    begin at the first corner. An n below 3 or the number of corners is an OptionError.
     """
-    require_positive("grading", grading)
     if n < (least := max(3, len(corners))):
         raise OptionError(f"a closed curve with {len(corners)} corners needs at least {least} points, got {n}")
     if not corners:
         return np.arange(n) / n, np.empty(0, dtype=np.int64)
     start = np.asarray(corners, dtype=np.float64)
     share = np.diff(np.append(start, start[0] + 1))
-    # one point each for the corners, the rest by the largest remainder
+    # one point for each corner, the others by the largest remainders
     wanted = share * (n - len(start))
     count = np.floor(wanted).astype(np.int64)
     count[np.argsort(count - wanted, kind="stable")[: n - len(start) - count.sum()]] += 1
     count += 1
     first = np.append(0, np.cumsum(count)[:-1])
     u = (np.arange(n) - np.repeat(first, count)) / np.repeat(count, count)
-    graded = u**grading / (u**grading + (1 - u) ** grading)
-    return np.mod(np.repeat(start, count) + graded * np.repeat(share, count), 1.0), first
+    return np.mod(np.repeat(start, count) + u * np.repeat(share, count), 1.0), first
 
 
 def evenly_sampled(curve: ClosedCurve | KnownSurface, n: int) -> BoundaryLoop:
-    """A loop of n points of a curve or a rim without corners, equally far apart along it; its corners are none."""
+    """A loop of n points, without corners, at equal steps of arc length along a smooth curve or rim."""
     return _at_shares(curve, np.arange(n) / n)
 
 
 def unevenly_sampled(curve: ClosedCurve | KnownSurface, n: int, *, seed: int, spread: float = 0.8) -> BoundaryLoop:
-    """A loop of n points of a curve or a rim without corners whose edges differ in length at random, without corners.
+    """A loop of n points, without corners, at random steps of arc length along a smooth curve or rim.
 
-    They are in proportion to numbers uniform in [1 − spread, 1 + spread] (numpy's default generator), spread below 1.
+    The steps are proportional to numbers uniform in [1 − spread, 1 + spread], spread < 1.
     """
     edges = np.random.default_rng(seed).uniform(1 - spread, 1 + spread, n)
     return _at_shares(curve, (np.cumsum(edges) - edges) / edges.sum())
 
 
 def noisy_loop(loop: BoundaryLoop, share: float, *, seed: int) -> BoundaryLoop:
-    """A loop whose points are moved by isotropic normal vectors, `share` of its mean edge in each coordinate.
+    """A loop with points moved by normal random vectors of deviation `share` of the mean edge in each coordinate.
 
-    Corners are left to the rule that finds them, which must not take noise for corners.
+    Its corners are detected anew.
     """
     moves = share * loop.mean_edge_length * np.random.default_rng(seed).normal(size=loop.points.shape)
     return BoundaryLoop.from_points(loop.points + moves)
 
 
 def _at_shares(curve: ClosedCurve | KnownSurface, shares: np.ndarray) -> BoundaryLoop:
-    t = np.arange(_DENSE + 1) / _DENSE
-    length = _lengths(_point(curve, t))
-    parameters = CubicSpline(length / length[-1], t)(shares)
-    return BoundaryLoop.from_points(_point(curve, parameters), corners=())
+    t = np.arange(_CURVE_STEPS + 1) / _CURVE_STEPS
+    length = _lengths(curve.point(t))
+    return BoundaryLoop.from_points(curve.point(CubicSpline(length / length[-1], t)(shares)), corners=())
 
 
 def _lengths(points: np.ndarray) -> np.ndarray:
     """Length of a chain of points up to each."""
     return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-
-
-def _point(curve: ClosedCurve | KnownSurface, t: np.ndarray) -> np.ndarray:
-    return curve.position(curve.surface.domain.boundary.point(t)) if isinstance(curve, KnownSurface) else curve.point(t)

@@ -1,4 +1,4 @@
-"""Surfaces by name."""
+"""The surfaces of the gallery by name, as the command line takes them."""
 
 from collections.abc import Callable
 from functools import partial
@@ -9,7 +9,7 @@ from spinor_geom.gallery.known import KnownCurve, KnownPatch, KnownSurface
 from spinor_geom.plateau.solve import solve_plateau
 from spinor_geom.surface import SpinorSurface
 
-_POINTS = 96  # of a boundary with corners
+_POINTS = 96  # on a boundary with corners
 
 SURFACES: dict[str, Callable[[], KnownSurface | KnownCurve | KnownPatch]] = {
     "associate": surfaces.associate,
@@ -34,9 +34,9 @@ SURFACES: dict[str, Callable[[], KnownSurface | KnownCurve | KnownPatch]] = {
 
 
 def named_surface(name: str) -> SpinorSurface:
-    """A surface of the gallery: in its formula where p and q have one, else as the solution over its boundary.
+    """A surface of the gallery: from formulas of p and q if known, else the solution for its boundary.
 
-    A name that `SURFACES` has not is an OptionError.
+    A name that is not in `SURFACES` is an OptionError.
     """
     if name not in SURFACES:
         raise OptionError(f"there is no surface {name!r} in the gallery; it has {', '.join(SURFACES)}")

@@ -1,6 +1,6 @@
-"""Minimal surfaces whose spinors are square roots of polynomials: Schwarz's, over polygons of great circles.
+"""Schwarz's minimal surfaces: p² and q² have square roots of polynomials as factors.
 
-In a parameter s with Gauss map g = s^k they have
+In a parameter s with Gauss map g = s^k
 φ ds = e^{iα}(s^{2k} − 1, −i(s^{2k} + 1), 2s^k)·Π(1 − s/s_j)^{−1/2} ds.
 """
 
@@ -22,37 +22,35 @@ from spinor_geom.gallery.chart import Chart, null_tangents
 from spinor_geom.gallery.curves import polygon
 from spinor_geom.gallery.known import KnownCurve, KnownDisk, KnownPatch
 
-# Gauss-Legendre nodes on a way from 0 that the square root at its end is taken out of, on its quarters and second half:
-# to round-off
+# Gauss-Legendre nodes on [0, 1/4], [1/4, 1/2] and [1/2, 1], for integrals to round-off
 _ENDS = np.array([0.0, 0.25, 0.5, 1.0])
 _NODES = (_ENDS[:-1, None] + np.diff(_ENDS)[:, None] * rule("gauss", 24).nodes).ravel()
 _WEIGHTS = (np.diff(_ENDS)[:, None] * rule("gauss", 24).weights).ravel()
-_SIDE_POINTS = 48  # of an outline, for every great circle
+_SIDE_POINTS = 48  # of an outline on every great circle
 # complete elliptic integrals of modulus 1/2 and √3/2 (scipy's argument is the modulus squared)
 _K, _K_PRIME = float(ellipk(0.25)), float(ellipk(0.75))
 _SOURCE = "Schwarz (1865); areas by complete elliptic integrals of modulus 1/2 and √3/2"
-# normals at the flat points of the D and P surfaces
+# normals at the flat points of Schwarz's D and P surfaces
 _CUBE = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) / math.sqrt(3)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RootSurface:
-    """A minimal surface with φ as above, from its position 0 at s = 0."""
+    """A minimal surface with φ as in the module's docstring and position 0 at s = 0."""
 
-    degree: int  # k, of the Gauss map
+    degree: int  # k
     roots: Complex[np.ndarray, " r"]  # s_j
-    angle: float = 0.0  # α, of the associate family
-    cuts: Float[np.ndarray, " r"] | float = 0.0  # angles of the roots' cuts to the rays that lead away from 0
+    angle: float = 0.0  # α
+    cuts: Float[np.ndarray, " r"] | float = 0.0  # angles between the branch cuts of the roots and the rays from 0
 
     def null(self, s: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts 3"]:
         """φ(s)."""
         return np.asarray(self._vector(s) / self._roots(s).prod(axis=-1)[..., None])
 
     def complex_position(self, s: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts 3"]:
-        """∫φ ds from 0, whose real part is the position and whose imaginary part is that of the conjugate surface.
+        """∫ φ ds from 0: the position and, as imaginary part, that of the conjugate surface.
 
-        With v = (1 − s/s_j)^{1/2} for the nearest root s_j the integrand has no singularity on the way, also where s is
-        that root.
+        The variable v = (1 − s/s_j)^{1/2}, s_j the nearest root, removes the singularity of the integrand at s_j.
         """
         s = np.asarray(s, dtype=np.complex128)
         nearest = np.abs(s[..., None] - self.roots).argmin(axis=-1)
@@ -61,7 +59,7 @@ class RootSurface:
         v = 1 + (end - 1)[..., None] * _NODES
         here = root[..., None] * (1 - v**2)
         others = self._roots(here)
-        # the factor of the root itself is v, to round-off: exactly so
+        # the factor of the root itself is exactly v
         own = root[..., None, None] == self.roots
         density = np.where(own, 1.0, others).prod(axis=-1)
         # ds = −2 v s_j dv, and v cancels
@@ -79,11 +77,10 @@ class RootSurface:
 
 
 def _polygon_chart(corners: Float[np.ndarray, "c 3"], up: Float[np.ndarray, "3"], degree: int) -> Chart:
-    """The minimal disk over a skew polygon whose corner normals are known from its edges alone.
+    """The minimal disk of a skew polygon, whose Gauss image is the spherical polygon of the normals at the corners.
 
-    Along a straight edge the normals lie on a great circle, so the Gauss image is the spherical polygon of the corners'
-    normals. Size, α and place, which they leave free, bring the corners to the vertices. `up` is the unit normal at the
-    centre, where s = 0 and the Gauss map has the degree: 2 where the surface is flat there, like a monkey saddle.
+    The normals along a straight edge are on a great circle. Scale, α and translation are fitted to the corners. `up` is
+    the unit normal at the centre, s = 0; the degree of the Gauss map is 2 for a flat point there (a monkey saddle).
     """
     to_axis, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [up])
     normals = np.cross(np.roll(corners, -1, axis=0) - corners, np.roll(corners, 1, axis=0) - corners)
@@ -92,7 +89,7 @@ def _polygon_chart(corners: Float[np.ndarray, "c 3"], up: Float[np.ndarray, "3"]
     g = _stereographic(to_axis.apply(others))
     roots = (g ** (1 / degree))[:, None] * np.exp(2j * np.pi * np.arange(degree) / degree)
     parameters = _continuous_root(_stereographic(to_axis.apply(normals)), degree)
-    # positions go like a square root of the distance from a root: round-off there would cost half the digits
+    # near a root the position varies like the square root of the distance: round-off would cost half the digits
     nearest = roots.ravel()[np.abs(parameters[:, None] - roots.ravel()).argmin(axis=1)]
     parameters = np.where(np.abs(parameters - nearest) < 1e-12, nearest, parameters)
     surface = RootSurface(degree=degree, roots=roots.ravel())
@@ -139,13 +136,12 @@ def _polygon(
 
 
 def schwarz_prism(stretch: float = 1.0) -> KnownCurve:
-    """The minimal disk over eight edges of a square prism: every second side of its bases, and its four upright edges.
+    """The minimal disk of eight edges of a square prism: two opposite sides of each base, and the four upright edges.
 
-    It is a piece of the tetragonal relatives of the D surface, with which Schwarz solved Gergonne's problem: φ =
-    (z² − 1, −i(z² + 1), 2z)(1 − 2 cosh 2τ z⁴ + z⁸)^{−1/2} over the unit disk, cut from its rim to the four roots. Half
-    the side is L = K(k)/(2√cosh τ) with k² = (cosh τ − 1)/(2 cosh τ), half the height c = e^{−τ}K(κ) with κ = e^{−2τ};
-    the area is K(k)K(k′)/cosh τ + 2e^{−2τ}K(κ)K(κ′), since the fluxes through the edges are elliptic integrals too. The
-    curve is scaled to L = 1; its stretch is c/L, height by side. One that is not in (0.05, 20) is an OptionError.
+    It is a piece of a tetragonal relative of the D surface, Schwarz's solution of Gergonne's problem: φ =
+    (z² − 1, −i(z² + 1), 2z)(1 − 2 cosh 2τ z⁴ + z⁸)^{−1/2} over the unit disk, cut from its circle to the four roots.
+    Half the side is L = K(k)/(2√cosh τ) with k² = (cosh τ − 1)/(2 cosh τ), half the height c = e^{−τ}K(κ) with
+    κ = e^{−2τ}, the area K(k)K(k′)/cosh τ + 2e^{−2τ}K(κ)K(κ′). The curve is scaled to L = 1; the stretch is c/L.
     """
     if not 0.05 < stretch < 20:
         raise OptionError(f"the prism needs a stretch in (0.05, 20), got {stretch}")
@@ -181,14 +177,13 @@ def schwarz_prism(stretch: float = 1.0) -> KnownCurve:
 
 
 def schwarz_h(a: float = 0.3) -> KnownPatch:
-    """A twelfth of the cell of Schwarz's H surface: a straight side and three sides along planes of mirror symmetry.
+    """A twelfth of the cell of Schwarz's H surface: a straight side and three sides in planes of mirror symmetry.
 
-    It is g = s² with φ = (s⁴ − 1, −i(s⁴ + 1), 2s²)((1 − s⁶/a³)(1 − a³s⁶))^{−1/2} over the sector 0 < arg s < π/6 of the
-    unit disk, with corners at 0, √a, 1 and e^{iπ/6}: a is the size of the triangles against the height between them. On
-    a straight side the flux ∫ Im φ ds is across it, on a side in a mirror's plane it is along the plane's normal, so
-    the area is ½ Σ r_j · Im(W_{j+1} − W_j) over the corners, W = ∫φ ds: elliptic integrals, the first two in
-    w = g + 1/g, of (w³ − 3w − a³ − a⁻³)^{−1/2}, the third in v² = g³.
-    An a that is not in [0.2, 1) is an OptionError: the ways of integrals lead past the roots of smaller ones.
+    φ = (s⁴ − 1, −i(s⁴ + 1), 2s²)((1 − s⁶/a³)(1 − a³s⁶))^{−1/2} over the sector 0 < arg s < π/6 of the unit disk, with
+    corners at 0, √a, 1 and e^{iπ/6}; a is the size of the triangles relative to the height between them. The flux
+    ∫ Im φ ds through a straight side is orthogonal to it, that through a side in a mirror plane along the plane's
+    normal, so the area is ½ Σ r_j · Im(W_{j+1} − W_j) over the corners, W = ∫ φ ds. An a that is not in [0.2, 1) is an
+    OptionError: for smaller ones the paths of integration pass the roots.
     """
     if not 0.2 <= a < 1:
         raise OptionError(f"Schwarz's H surface needs a in [0.2, 1), got {a}")
@@ -215,7 +210,7 @@ def schwarz_h(a: float = 0.3) -> KnownPatch:
 
 
 def great_circles(corners: Complex[np.ndarray, " c"], degree: int) -> Complex[np.ndarray, " m"]:
-    """The closed curve in s whose Gauss image runs along great circles from corner to corner."""
+    """The closed curve in s whose Gauss image follows great circles from corner to corner."""
     g, size = corners**degree, np.abs(corners) ** (2 * degree)
     normals = np.stack([-2 * g.real, -2 * g.imag, size - 1], axis=1) / (size + 1)[:, None]
     fraction = np.arange(_SIDE_POINTS) / _SIDE_POINTS
@@ -223,7 +218,7 @@ def great_circles(corners: Complex[np.ndarray, " c"], degree: int) -> Complex[np
     for start, end, a, b in zip(normals, np.roll(normals, -1, axis=0), corners, np.roll(corners, -1), strict=True):
         image = _stereographic(geometric_slerp(start, end, fraction))
         size, turn = np.abs(image) ** (1 / degree), np.angle(image) / degree
-        # the root between those of the ends
+        # the root between the ends
         straight = np.angle(a + (b - a) * (fraction + 0.5 / _SIDE_POINTS))
         step = 2 * np.pi / degree
         side = size * np.exp(1j * (turn + step * np.round((straight - turn) / step)))
@@ -246,7 +241,7 @@ def _chart(
 
 
 def _continuous_root(g: Complex[np.ndarray, " c"], degree: int) -> Complex[np.ndarray, " c"]:
-    """Roots of a sequence of numbers that turn on from one to the next by less than half a turn."""
+    """Roots of a sequence of numbers, continuous if the angle between neighbours is less than π."""
     turns = np.angle(g)
     known = np.abs(g) > 1e-9
     turns[known] = np.unwrap(turns[known])
@@ -254,5 +249,5 @@ def _continuous_root(g: Complex[np.ndarray, " c"], degree: int) -> Complex[np.nd
 
 
 def _stereographic(normals: Float[np.ndarray, "k 3"]) -> Complex[np.ndarray, " k"]:
-    """The numbers g of unit normals of φ = (g² − 1, −i(g² + 1), 2g), 0 at −e₃."""
+    """The Gauss map g of unit normals, 0 at −e₃, for φ = (g² − 1, −i(g² + 1), 2g)."""
     return np.asarray((normals[:, 0] + 1j * normals[:, 1]) / (normals[:, 2] - 1))

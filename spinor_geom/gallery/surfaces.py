@@ -11,39 +11,40 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.errors import OptionError, require_positive
+from spinor_geom.errors import OptionError, require_count, require_positive
 from spinor_geom.gallery.chart import SurfaceFunction
 from spinor_geom.gallery.known import KnownSurface
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.surface import SpinorSurface
 
-_NEGLIGIBLE = 1e-19  # terms of a power series are kept down to this share of the largest
+_NEGLIGIBLE = 1e-19  # relative size of terms of power series that are left out
 _SIDE_VERTICES = 32  # vertices on the longer side of a rectangle in Ω
 
 
 def enneper(radius: float = 0.8) -> KnownSurface:
-    """Enneper's surface p = 1, q = z over |z| < R, its radius, of area πR²(1 + R² + R⁴/3).
+    """Enneper's surface p = 1, q = z over |z| < R, of area πR²(1 + R² + R⁴/3).
 
-    Its disk is stable for R < 1; at 1 the second variation vanishes in one direction, so that disks that are near in
-    area are far. Its boundary crosses itself from R = √3 on. A radius that is not positive is an OptionError.
+    It is stable for R < 1, where the second variation first vanishes in a direction. Its boundary crosses itself from
+    R = √3 on.
     """
+    require_positive("radius", radius)
     area = math.pi * radius**2 * (1 + radius**2 + radius**4 / 3)
     source = "Enneper (1864); area by integrating (1 + |z|²)²"
     return replace(polynomial([1], [0, 1], radius=radius), name=f"Enneper R={radius:g}", area=area, source=source)
 
 
 def plane_disk(radius: float = 1.0) -> KnownSurface:
-    """The plane disk |r| < R, p = 1 and q = 0; a radius R that is not positive is an OptionError."""
+    """The plane disk |r| < R, with p = 1 and q = 0."""
     disk = polynomial([1], [0], radius=radius)
     return replace(disk, name=f"plane disk R={radius:g}", area=math.pi * radius**2, source="area πR²")
 
 
 def polynomial(p: ArrayLike, q: ArrayLike, *, radius: float = 1.0) -> KnownSurface:
-    """The surface of polynomial spinors over |z| < R, its radius, with r(0) = 0; coefficients of p and q, lowest first.
+    """The surface of polynomials p and q, coefficients of low powers first, over |z| < R with r(0) = 0.
 
-    Its area is π Σ_k R^{2k+2}(|[p²]_k|² + |[q²]_k|² + 2|[pq]_k|²)/(k + 1), because powers are orthogonal on the disk. A
-    radius that is not positive is an OptionError.
+    Its area is π Σ_k R^{2k+2}(|[p²]_k|² + |[q²]_k|² + 2|[pq]_k|²)/(k + 1), because powers are orthogonal on the disk.
     """
+    require_positive("radius", radius)
     a, b = np.atleast_1d(np.asarray(p, dtype=np.complex128)), np.atleast_1d(np.asarray(q, dtype=np.complex128))
     p2, q2, pq = poly.polymul(a, a), poly.polymul(b, b), poly.polymul(a, b)
     null = (poly.polysub(p2, q2), -1j * poly.polyadd(p2, q2), 2 * pq)
@@ -69,13 +70,12 @@ def polynomial(p: ArrayLike, q: ArrayLike, *, radius: float = 1.0) -> KnownSurfa
 
 
 def random_polynomial(seed: int, *, degree: int = 4) -> KnownSurface:
-    """The surface of random polynomials p, q on the unit disk, both of one degree; its rim bounds a stable disk.
+    """The surface of random polynomials p and q of one degree on the unit disk, which is stable.
 
-    p = 1 + Σ a_k z^k with Σ |a_k| = 1/2, so it has no zero; q has normal coefficients (numpy's default generator) of
-    deviation 1/(k + 1), scaled so that |q/p| ≤ 0.8: normals stay in a hemisphere. A degree below 1 is an OptionError.
+    p = 1 + Σ a_k z^k with Σ |a_k| = 1/2 has no zero; q has normal coefficients of deviation 1/(k + 1), scaled so that
+    |q/p| ≤ 0.8: normals stay in a hemisphere.
     """
-    if degree < 1:
-        raise OptionError(f"random polynomials need a degree of at least 1, got {degree}")
+    require_count(degree=degree)
     random = np.random.default_rng(seed)
     coefficients = random.normal(size=(2, degree + 1, 2)) @ np.array([1, 1j]) / np.arange(1, degree + 2)
     p, q = coefficients
@@ -87,17 +87,16 @@ def random_polynomial(seed: int, *, degree: int = 4) -> KnownSurface:
 
 
 def henneberg(centre: complex = 2.0, radius: float = 0.6) -> KnownSurface:
-    """A disk of Henneberg's surface, φ = ½(1 − z⁻⁴)(z² − 1, −i(z² + 1), 2z), away from its branch points z⁴ = 1.
+    """A disk |z − centre| < R of Henneberg's surface, φ = ½(1 − z⁻⁴)(z² − 1, −i(z² + 1), 2z), outside |z| = 1.
 
-    p and q are power series in w = z − centre, |w| < R, the radius; the area is that of a disk, by the coefficients of
-    their products. A disk that reaches a branch point or the pole 0, or whose normals pass the equator |z| = 1, which
-    may cost it its stability, is an OptionError.
+    There it has no branch point (z⁴ = 1), and is stable because its normals stay in a hemisphere. p and q are power
+    series in z − centre.
     """
     if not 0 < radius < abs(centre) - 1:
         raise OptionError(f"a disk of Henneberg's surface outside |z| = 1 needs 0 < R < |centre| − 1, got {radius}")
-    reach = abs(centre) - 1  # where the series of p and q end to converge, or farther away
+    reach = abs(centre) - 1  # a lower bound of the radius of convergence
     count = max(64, 2 * math.ceil(math.log(_NEGLIGIBLE) / math.log(radius / reach)))
-    # the coefficients by values on a circle between those of the disk and of the singularities
+    # coefficients from values on a circle between the disk's and that of the singularities
     circle = math.sqrt(radius * reach)
     z = centre + circle * np.exp(2j * np.pi * np.arange(count) / count)
     q = np.sqrt((1 - z**-4) / 2)
@@ -122,10 +121,9 @@ def henneberg(centre: complex = 2.0, radius: float = 0.6) -> KnownSurface:
 
 
 def associate(angle: float = math.pi / 4, *, reach: float = 1.0, turn: float = math.pi) -> KnownSurface:
-    """A member of the family between catenoid (angle α = 0) and helicoid (π/2): Re e^{iα}(cosh z, −i sinh z, z).
+    """A member Re e^{iα}(cosh z, −i sinh z, z) of the family of the catenoid (α = 0) and the helicoid (α = π/2).
 
-    Over |x| < U, the reach, 0 < y < turn (angles in radians); all members are isometric, of the area turn·(U + sinh U
-    cosh U). A reach or turn that is not positive is an OptionError.
+    It lies over |x| < U, 0 < y < turn, with U the reach; its area is turn·(U + sinh U cosh U) for every angle α.
     """
     require_positive("reach", reach)
     require_positive("turn", turn)
@@ -134,11 +132,10 @@ def associate(angle: float = math.pi / 4, *, reach: float = 1.0, turn: float = m
 
 
 def catenoid(height: float = 0.5, *, turn: float = 2 * math.pi) -> KnownSurface:
-    """The stable catenoid between the unit circles z = ±h, cut open: a disk-shaped strip of a given turn.
+    """The stable catenoid between the unit circles z = ±h, cut open: a strip of a given angle about the axis.
 
-    Its neck c solves c·cosh(h/c) = 1; its area is turn·c²(U + sinh U cosh U) with U = h/c. The height h is at most h* =
-    0.66274…; the turn is an angle about the axis in radians, and 2π closes the strip on itself. An OptionError tells
-    that there is no catenoid (h > h*), or that h or the turn is not positive.
+    The neck c solves c·cosh(h/c) = 1; the area is turn·c²(U + sinh U cosh U) with U = h/c. An h above 0.66274…, for
+    which there is no catenoid, is an OptionError.
     """
     # at the neck c = h/x* with x* tanh x* = 1 the stable and the unstable catenoid meet
     critical = brentq(lambda x: x * math.tanh(x) - 1, 1.0, 2.0, xtol=1e-15)
@@ -154,13 +151,12 @@ def catenoid(height: float = 0.5, *, turn: float = 2 * math.pi) -> KnownSurface:
 def helicoid(
     radius: float = 1.0, pitch: float = 1.0, *, turn: float = 2 * math.pi, both_sides: bool = False
 ) -> KnownSurface:
-    """The helicoid (ρ cos θ, ρ sin θ, −cθ) up to a turn about its axis in radians, from the axis or ρ = −R to ρ = R.
+    """The helicoid (ρ cos θ, ρ sin θ, −cθ), 0 < θ < turn, from the axis or, on both sides, ρ = −R to ρ = R.
 
-    Its area is turn·½(R√(R² + c²) + c² asinh(R/c)), twice that with both sides; R is the radius, and the pitch c the
-    rise in a radian. A radius, pitch or turn that is not positive is an OptionError.
+    The pitch c is the rise in a radian. The area is turn·½(R√(R² + c²) + c² asinh(R/c)), or twice that.
     """
-    if not (radius > 0 and pitch > 0 and turn > 0):
-        raise OptionError(f"a helicoid needs a positive radius, pitch and turn, got {radius}, {pitch}, {turn}")
+    for name, value in (("radius", radius), ("pitch", pitch), ("turn", turn)):
+        require_positive(name, value)
     reach = math.asinh(radius / pitch)
     ends, name = (-reach if both_sides else 0.0, reach), f"helicoid R={radius:g} c={pitch:g}"
     return _catenoid_associate(math.pi / 2, pitch, ends, turn, name=name, source="Meusnier (1776)")
@@ -169,10 +165,7 @@ def helicoid(
 def _catenoid_associate(
     angle: float, scale: float, ends: tuple[float, float], turn: float, *, name: str, source: str
 ) -> KnownSurface:
-    """The associate r = c·Re e^{iα}(cosh z, −i sinh z, z) of the catenoid over a rectangle, x₀ < x < x₁, 0 < y < turn.
-
-    Its area is the turn times c²∫cosh² x dx.
-    """
+    """The associate c·Re e^{iα}(cosh z, −i sinh z, z) of the catenoid over x₀ < x < x₁, 0 < y < turn."""
 
     def position(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         null = np.stack([np.cosh(z), -1j * np.sinh(z), z], axis=-1)
@@ -189,7 +182,7 @@ def _catenoid_associate(
 
 
 def _exponential(rate: float, centre: complex, radius: float) -> Complex[np.ndarray, " k"]:
-    """Coefficients of e^{rate·z} in powers of (z − centre)/radius, to round-off for |z − centre| ≤ radius."""
+    """Coefficients of e^{rate·z} in powers of (z − centre)/radius, to round-off on the disk."""
     step = abs(rate) * radius
     count = 1 + next(k for k in range(int(step), 1000) if step**k < _NEGLIGIBLE * math.factorial(k))
     k = np.arange(1, count)
@@ -206,6 +199,6 @@ def _rectangle(x0: float, x1: float, height: float) -> PlaneDomain:
 
 
 def _surface(model: PowerSeries, domain: PlaneDomain, position: SurfaceFunction) -> SpinorSurface:
-    """The surface that agrees with the closed formula at its root, and so everywhere."""
+    """The surface of a model with the constant of the closed formula."""
     root = domain.triangulation.points[domain.root]
     return SpinorSurface(model, domain, position(np.asarray(root)))

@@ -1,4 +1,4 @@
-"""Polynomials orthogonal on a set of nodes, by Arnoldi's recurrence, and points of the set to interpolate them at.
+"""Polynomials orthogonal on a set of nodes, by the Arnoldi recurrence, and their interpolation at Leja points.
 
 Source: Brubeck, Nakatsukasa & Trefethen, "Vandermonde with Arnoldi", SIAM Review 63 (2021); Reichel, "Newton
 interpolation at Leja points", BIT 30 (1990), for the points.
@@ -9,22 +9,22 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-_MOST_CANDIDATES = 600  # points among which Leja points are sought
+_MOST_CANDIDATES = 600  # points from which Leja points are chosen
 
 
 def arnoldi_hessenberg(z: Complex[Tensor, " n"], weight: Float[Tensor, " n"], degree: int) -> Complex[Tensor, "d1 d"]:
     """Coefficients H of the recurrence z·Q_k = Σ_{j ≤ k+1} H_jk Q_j of the orthonormal polynomials.
 
-    ⟨f, g⟩ = Σ weight·conj(f)·g at more nodes than the degree, weights of sum 1. H has a real positive subdiagonal.
+    ⟨f, g⟩ = Σ weight·conj(f)·g at more nodes than the degree, with weights of sum 1. H has a positive subdiagonal.
     """
-    # rows times √weight: their products are plain ones, in numpy, where complex ones take a tenth of torch's time
+    # in numpy complex products take a tenth of torch's time; rows are multiplied by √weight
     nodes, root = z.cpu().numpy(), weight.sqrt().cpu().numpy()
     basis = np.empty((degree + 1, len(nodes)), dtype=np.complex128)
     basis[0] = root
     hessenberg = np.zeros((degree + 1, degree), dtype=np.complex128)
     for k in range(degree):
         v = nodes * basis[k]
-        for _ in range(2):  # twice is enough for orthogonality to round-off
+        for _ in range(2):  # the second pass gives orthogonality to round-off
             h = (basis[: k + 1] @ v.conj()).conj()
             v -= h @ basis[: k + 1]
             hessenberg[: k + 1, k] += h
@@ -34,7 +34,7 @@ def arnoldi_hessenberg(z: Complex[Tensor, " n"], weight: Float[Tensor, " n"], de
 
 
 def arnoldi_polynomials(z: Complex[Tensor, "*pts"], hessenberg: Complex[Tensor, "d1 d"]) -> Complex[Tensor, "*pts d1"]:
-    """The polynomials Q_0 = 1, …, Q_d at any points."""
+    """The polynomials Q_0 = 1, …, Q_d at some points."""
     points, recurrence = z.detach().cpu().numpy().ravel(), hessenberg.cpu().numpy()
     rows = np.ones((len(recurrence), len(points)), dtype=np.complex128)
     for k, h in enumerate(recurrence.T):
@@ -43,7 +43,7 @@ def arnoldi_polynomials(z: Complex[Tensor, "*pts"], hessenberg: Complex[Tensor, 
 
 
 def leja_points(z: Complex[Tensor, " n"], count: int) -> Complex[Tensor, " count"]:
-    """Leja points from a set: each maximises the product of the distances to those before it."""
+    """Leja points of a set: each maximises the product of its distances from those before."""
     candidates = z[:: max(1, len(z) // _MOST_CANDIDATES)]
     chosen = [candidates[(candidates - candidates.mean()).abs().argmax()]]
     product = torch.zeros(len(candidates), dtype=candidates.real.dtype, device=z.device)
@@ -54,6 +54,6 @@ def leja_points(z: Complex[Tensor, " n"], count: int) -> Complex[Tensor, " count
 
 
 def barycentric_weights(points: Complex[Tensor, " k"]) -> Complex[Tensor, " k"]:
-    """w_j ∝ Π_{k≠j} 1/(ζ_j − ζ_k), with which Σ w_j f_j/(ζ_j − z)/Σ w_j/(ζ_j − z) is the interpolating polynomial."""
+    """w_j ∝ Π_{k≠j} 1/(ζ_j − ζ_k), for which Σ w_j f_j/(ζ_j − z)/Σ w_j/(ζ_j − z) is the interpolating polynomial."""
     logarithms = (points[:, None] - points + torch.eye(len(points), device=points.device)).log().sum(dim=1)
     return (logarithms.real.mean() - logarithms).exp()

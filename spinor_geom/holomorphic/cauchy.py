@@ -1,4 +1,4 @@
-"""The Cauchy network: one shared hidden layer of Cauchy units and polynomials, two complex linear read-outs."""
+"""The Cauchy network: polynomials and Cauchy units as one shared hidden layer, with two linear read-outs."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from spinor_geom.holomorphic.interpolant import interpolated, interpolated_slope
 
 
 class CauchyNetwork(torch.nn.Module):
-    """p and q as linear read-outs of polynomials and Cauchy units d_k/(z − ζ_k) with poles ζ_k outside Ω.
+    """p and q as linear combinations of polynomials and Cauchy units d_k/(z − ζ_k) with poles ζ_k outside Ω.
 
-    A complex-valued network with one hidden layer and activation σ(u) = 1/u: holomorphic on Ω because no pole lies
-    in it. The features are mixed so that they are orthonormal on ∂Ω, which is what makes fits converge in few steps.
-    Around holes p and q may change their sign: then all features are times √(z − c) for each, c in the hole. They jump
-    where a z − c is negative, what a surface is made of, p², q² and pq, does not.
+    It is a complex-valued network with one hidden layer and activation σ(u) = 1/u. Its features are usually mixed so
+    that they are orthonormal on ∂Ω; fits then converge in few steps. For each hole around which p and q change their
+    sign all features have a factor √(z − c), c in the hole. Its sign jumps where z − c is negative; p², q² and pq are
+    continuous.
 
     Shape:
         hessenberg: (degree + 1, degree), recurrence of the polynomials.
         poles: (K,), scales: (K,): ζ_k and d_k.
-        mixing: (degree + 1 + K, n), raw features to orthonormal ones.
+        mixing: (degree + 1 + K, n), from raw to mixed features.
         leja: (degree + 1,), points at which polynomials are interpolated.
         at_leja: (degree + 1, degree + 1), the orthogonal polynomials there, one in each column.
-        branch: (b,), the points c; (0,) where p and q are single-valued.
-        readout: (n, 2), the trainable read-outs of p and q.
+        branch: (b,), the points c.
+        readout: (n, 2), the trainable coefficients of p and q.
     """
 
     kind: ClassVar[str] = "cauchy"
@@ -53,7 +53,7 @@ class CauchyNetwork(torch.nn.Module):
         branch: Complex[Tensor, " b"] | None = None,
         readout: Complex[Tensor, "n 2"] | None = None,
     ) -> None:
-        """Raises DtypeError where poles, mixing or read-out are not complex."""
+        """Raises DtypeError if poles, mixing or read-out are not complex."""
         super().__init__()
         if readout is None:
             readout = torch.zeros(mixing.shape[1], 2, dtype=mixing.dtype, device=mixing.device)
@@ -76,12 +76,12 @@ class CauchyNetwork(torch.nn.Module):
         branch: complex | None = None,
         cutoff: float = 1e-8,
     ) -> CauchyNetwork:
-        """A network whose features are orthonormal in ⟨f, g⟩ = Σ weight·conj(f)·g, read-outs zero.
+        """A network with features orthonormal in ⟨f, g⟩ = Σ weight·conj(f)·g and read-outs zero.
 
-        The nodes z are usually on ∂Ω, the scales the distances of the poles from there; the positive weights are
-        normalised to sum 1. The degree is the highest of the polynomials; the branch is the point c for p and q that
-        change their sign around a hole. Directions with singular value below cutoff times the largest are dropped:
-        read-outs of units that nearly cancel would take as many digits from p and q.
+        The nodes z are usually on ∂Ω, and the scales the distances of the poles from it; the positive weights are
+        normalised to sum 1. `degree` is that of the polynomials, `branch` the point c if p and q change their sign
+        around a hole. Singular vectors of the raw features below `cutoff` times the largest singular value are dropped,
+        because large coefficients that cancel cost digits of p and q.
         """
         weight = weight / weight.sum()
         hessenberg = arnoldi_hessenberg(z, weight, degree)
@@ -91,10 +91,8 @@ class CauchyNetwork(torch.nn.Module):
         _, r = torch.linalg.qr(raw * root)  # QR first: the SVD then works on a small square matrix
         _, s, vh = torch.linalg.svd(r, full_matrices=False)
         keep = s > cutoff * s[0]
-        mixing = vh.mH[:, keep] / s[keep]
-        return cls(
-            hessenberg=hessenberg, poles=poles, scales=scales, mixing=mixing, branch=at, **_interpolation(z, hessenberg)
-        )
+        mixing, layer = vh.mH[:, keep] / s[keep], _polynomials(z, hessenberg)
+        return cls(poles=poles, scales=scales, mixing=mixing, branch=at, **layer)
 
     @classmethod
     def of_raw_features(
@@ -107,78 +105,67 @@ class CauchyNetwork(torch.nn.Module):
         readout: Complex[Tensor, "r 2"],
         branches: Complex[Tensor, " b"] | None = None,
     ) -> CauchyNetwork:
-        """A network whose features are the polynomials, of given recurrence, and the units themselves.
+        """A network whose features are the polynomials of a recurrence, then the units, without mixing.
 
-        The points z lie all along ∂Ω; the read-outs are of the polynomials, then of the units. The branches are points,
-        one in each hole around which p and q change their sign.
+        The points z are on all of ∂Ω; `branches` has a point in each hole around which p and q change their sign.
         """
-        return cls(
-            hessenberg=hessenberg,
-            poles=poles,
-            scales=scales,
-            mixing=torch.eye(len(readout), dtype=readout.dtype, device=readout.device),
-            readout=readout,
-            branch=branches,
-            **_interpolation(z, hessenberg),
-        )
-
-    @property
-    def antiperiodic(self) -> bool:
-        """Whether p and q change their sign around any hole."""
-        return len(self.branch) > 0
+        mixing, layer = torch.eye(len(readout)).to(readout), _polynomials(z, hessenberg)
+        return cls(poles=poles, scales=scales, mixing=mixing, readout=readout, branch=branches, **layer)
 
     def sign_changing(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
-        """The product of √(z − c), a factor of p and q that has no zero in Ω, or 1."""
+        """The product of √(z − c), a factor of p and q without zeros in Ω."""
         return sign_changing(z, self.branch)
 
     def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
-        """The shared hidden layer at z, orthonormal on the nodes it was made for."""
+        """The hidden layer at z: p and q are linear in it."""
         raw = raw_features(z, self.hessenberg, self.poles, self.scales)
         return (self.sign_changing(z)[..., None] * raw) @ self.mixing
 
     def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p(z), q(z))."""
-        return self.sign_changing(z)[..., None] * self._single_valued(z)
+        return self.sign_changing(z)[..., None] * self._rational(z)
 
     def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p'(z), q'(z))."""
-        if not self.antiperiodic:
-            return self._single_valued_derivative(z)
-        logarithmic = (0.5 / (z[..., None] - self.branch)).sum(-1, keepdim=True) * self._single_valued(z)
-        return self.sign_changing(z)[..., None] * (self._single_valued_derivative(z) + logarithmic)
+        if not len(self.branch):
+            return self._rational_derivative(z)
+        logarithmic = (0.5 / (z[..., None] - self.branch)).sum(-1, keepdim=True) * self._rational(z)
+        return self.sign_changing(z)[..., None] * (self._rational_derivative(z) + logarithmic)
 
-    def _single_valued(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+    def _rational(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         polynomial, units = self._coefficients()
 
         def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
-            real, imag = _inverse_differences(self.poles, some)  # a row for each pole: BLAS is slow on narrow columns
+            real, imag = _inverse_differences(self.poles, some)  # one row a pole: BLAS is slow on narrow columns
             a, b, c, d = by_real @ real + by_imag @ imag
             return torch.stack([torch.complex(a, b), torch.complex(c, d)], dim=-1)
 
         by_real, by_imag = (torch.view_as_real(-unit * units).flatten(1).mT for unit in (1, 1j))
         weights = barycentric_weights(self.leja)
-        whole = in_blocks(lambda some: interpolated(some, self.leja, weights, polynomial), z, len(self.leja))
-        return whole + in_blocks(part, z, len(self.poles))
+        whole = in_blocks(lambda some: interpolated(some, self.leja, weights, polynomial), z, width=len(self.leja))
+        return whole + in_blocks(part, z, width=len(self.poles))
 
-    def _single_valued_derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+    def _rational_derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         polynomial, units = self._coefficients()
 
         def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
             return -((some[:, None] - self.poles) ** -2) @ units
 
         weights = barycentric_weights(self.leja)
-        whole = in_blocks(lambda some: interpolated_slope(some, self.leja, weights, polynomial), z, len(self.leja))
-        return whole + in_blocks(part, z, len(self.poles))
+        whole = in_blocks(
+            lambda some: interpolated_slope(some, self.leja, weights, polynomial), z, width=len(self.leja)
+        )
+        return whole + in_blocks(part, z, width=len(self.poles))
 
     def _coefficients(self) -> tuple[Complex[Tensor, "d1 2"], Complex[Tensor, "k 2"]]:
-        """Of p and q the polynomials' values at Leja points, and the coefficients of 1/(z − ζ_k)."""
+        """Values of the polynomial parts of p and q at the Leja points, and their coefficients of 1/(z − ζ_k)."""
         raw = self.mixing @ self.readout
         split = len(self.leja)
-        # the orthogonal polynomials take O(degree²) a point, their interpolants O(degree)
+        # the recurrence takes O(degree²) operations a point, interpolation O(degree)
         return self.at_leja @ raw[:split], self.scales[:, None] * raw[split:]
 
     def config(self) -> dict[str, Any]:
-        """Degree, number of poles and number of mixed features, and periodicity."""
+        """Degree and numbers of poles, of mixed features, and of holes around which p and q change their sign."""
         return {
             "degree": self.hessenberg.shape[1],
             "poles": len(self.poles),
@@ -201,13 +188,14 @@ class CauchyNetwork(torch.nn.Module):
         )
 
 
-def _interpolation(z: Complex[Tensor, " n"], hessenberg: Complex[Tensor, "d1 d"]) -> dict[str, Tensor]:
+def _polynomials(z: Complex[Tensor, " n"], hessenberg: Complex[Tensor, "d1 d"]) -> dict[str, Tensor]:
+    """The arguments of `CauchyNetwork` that describe its polynomials."""
     leja = leja_points(z, len(hessenberg))
-    return {"leja": leja, "at_leja": arnoldi_polynomials(leja, hessenberg)}
+    return {"hessenberg": hessenberg, "leja": leja, "at_leja": arnoldi_polynomials(leja, hessenberg)}
 
 
 def sign_changing(z: Complex[Tensor, "*pts"], branch: Complex[Tensor, " b"]) -> Complex[Tensor, "*pts"]:
-    """The product of √(z − c) for all branches."""
+    """The product of √(z − c) for all points c."""
     return torch.sqrt(z[..., None] - branch).prod(-1)
 
 
@@ -217,19 +205,19 @@ def raw_features(
     poles: Complex[Tensor, " k"],
     scales: Float[Tensor, " k"],
 ) -> Complex[Tensor, "*pts r"]:
-    """The polynomials Q_0 … Q_d and the units d_k/(z − ζ_k), before they are mixed."""
+    """The polynomials Q_0 … Q_d and the units d_k/(z − ζ_k)."""
 
     def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n r"]:
         units = torch.complex(*_inverse_differences(some, poles, scales))
         return torch.cat([arnoldi_polynomials(some, hessenberg), units], dim=1)
 
-    return in_blocks(part, z, len(hessenberg) + len(poles))
+    return in_blocks(part, z, width=len(hessenberg) + len(poles))
 
 
 def _inverse_differences(
     z: Complex[Tensor, " n"], other: Complex[Tensor, " k"], factors: Float[Tensor, " k"] | float = 1.0
 ) -> tuple[Float[Tensor, "n k"], Float[Tensor, "n k"]]:
-    """Real and imaginary parts of factors by z − ζ_k: complex division takes several times as long."""
+    """Real and imaginary parts of factors/(z − ζ_k), several times faster than complex division."""
     other = other.to(z.dtype)
     x, y = z.real[:, None] - other.real, other.imag - z.imag[:, None]
     inverse = factors / torch.addcmul(x * x, y, y)

@@ -1,4 +1,4 @@
-"""Sums of many Cauchy kernels at many points, in a time that grows like their numbers and not like the product."""
+"""Sums of many Cauchy kernels at many points, by a fast multipole method."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from scipy.special import comb
 
 from spinor_geom.domain.delaunay import plane_coordinates
 
-# two clusters are apart when their radii add up to this share of their distance; so many terms then leave 1e-12
+# Two clusters are far apart if the sum of their radii is at most this share of their distance; then this number of
+# terms of a series is accurate to 1e-12.
 _APART, _TERMS = 0.4, 32
 _SOURCES_PER_LEAF = 8
-# side of a cell of targets, as a share of its centre's distance from the sources, and the fewest that are worth one
+# largest side of a cell of targets, as a share of its distance from the sources, and fewest targets in a cell
 _CELL_SIDE, _FEWEST_IN_CELL = 0.3, 4
 _MOST_HALVINGS = 40
-# as many pairs of a source and a target take less time one by one, so many of them at once that they stay in the cache
+# number of pairs of sources and targets up to which direct sums are faster; number of pairs that fit the cache
 _FEW_PAIRS, _AT_ONCE = 1 << 23, 1 << 15
-_PAIRS = 1 << 10  # pairs of clusters, or sources, at once: their series stay in the cache
+_PAIRS = 1 << 10  # pairs of clusters, or sources, whose series fit the cache
 _BINOMIALS = comb(np.add.outer(np.arange(_TERMS), np.arange(_TERMS)), np.arange(_TERMS)[:, None])
 _TINY = np.finfo(np.float64).tiny
 
@@ -27,15 +28,15 @@ _TINY = np.finfo(np.float64).tiny
 def cauchy_sums(
     sources: Complex[np.ndarray, " n"], strengths: Complex[np.ndarray, "n c"], targets: Complex[np.ndarray, " m"]
 ) -> Complex[np.ndarray, "m c"]:
-    """Σ_j g_j/(ζ_j − z) at many targets z, to 1e-12 of the sum of the absolute values; infinite or NaN at a source.
+    """Σ_j g_j/(ζ_j − z) at targets z, to 1e-12 of the sum of the absolute values; infinite or NaN at a source.
 
-    The sources ζ_j are in order along a curve; the strengths g_j are those of c sums at once.
+    The sources ζ_j are in order along a curve; the strengths g_j are those of c sums.
     """
     if len(sources) * len(targets) > _FEW_PAIRS:
         return fast_sums(sources, strengths, targets)
     step = max(1, _AT_ONCE // max(1, len(sources)))
     parts = np.split(targets, np.arange(step, len(targets), step))
-    # real numbers, and a row for each source: complex division takes twice as long, and BLAS is slow on narrow columns
+    # real numbers, since complex division takes twice as long; one row a sum, since BLAS is slow on narrow columns
     by_x, by_y = (np.concatenate([g.real, g.imag], axis=1).T.copy() for g in (strengths, -1j * strengths))
     totals = []
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
@@ -54,16 +55,16 @@ def cauchy_sums(
 def fast_sums(
     sources: Complex[np.ndarray, " n"], strengths: Complex[np.ndarray, "n c"], targets: Complex[np.ndarray, " m"]
 ) -> Complex[np.ndarray, "m c"]:
-    """`cauchy_sums` of many sources at many points, by a fast multipole method for sources along a curve.
+    """`cauchy_sums` by a fast multipole method.
 
-    Power series stand for segments of successive sources as seen from afar, and for all in far cells of targets.
+    Segments of successive sources have multipole series, and cells of targets power series of all distant sources.
 
     Source: Greengard & Rokhlin, "A fast algorithm for particle simulations", J. Comput. Phys. 73 (1987).
     """
     tree = _Sources.of(sources, strengths)
     cell, centre, radius = _cells(sources, targets)
     far, (near, _) = tree.pairs(centre, radius)
-    # a cell beside a single source gains nothing: its targets go alone, like those that have no cell (numbered −1)
+    # targets in cells beside a source are summed one by one, like those without a cell (numbered −1)
     has_series = np.ones(len(centre) + 1, dtype=bool)
     has_series[near] = has_series[-1] = False
     series = np.zeros((len(centre), strengths.shape[1], _TERMS), dtype=np.complex128)
@@ -71,7 +72,7 @@ def fast_sums(
         kept = np.flatnonzero(has_series[own])
         for some in np.split(kept, np.arange(_PAIRS, len(kept), _PAIRS)):
             here, there = own[some], segment[some]
-            # the segments' series as power series of (z − centre)/radius
+            # from the segments' multipole series to power series in (z − centre)/radius
             inverse = 1 / (centre[here] - level.centre[there])
             scaled = level.moments[there] * _powers(level.radius[there] * inverse)[:, None, :]
             local = (scaled.reshape(-1, _TERMS) @ _BINOMIALS).reshape(scaled.shape)
@@ -85,7 +86,7 @@ def fast_sums(
     return result
 
 
-_Pairs = tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]  # numbers of target clusters, ascending, and of segments
+_Pairs = tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]  # indices of target clusters, ascending, and of segments
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,7 +103,7 @@ class _Level:
         centre = 0.5 * (low + high)
         offset = z - centre[:, None]
         radius = np.abs(offset).max(axis=1)
-        piece = min(z.shape[1], _PAIRS)  # pieces of segments that are short enough for a table of their powers
+        piece = min(z.shape[1], _PAIRS)  # long segments are divided into pieces, whose powers fit the cache
         unit = (offset / np.maximum(radius, _TINY)[:, None]).reshape(-1, piece)
         by_column = g.reshape(-1, piece, g.shape[2]).swapaxes(1, 2)
         step = _PAIRS // piece
@@ -116,7 +117,7 @@ class _Level:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Sources:
-    """The tree of segments, one at the first level and twice as many at each next, and the leaves' own sources."""
+    """A binary tree of segments, and the sources of its leaves."""
 
     levels: tuple[_Level, ...]
     z: Complex[np.ndarray, "l i"]
@@ -126,13 +127,13 @@ class _Sources:
     def of(cls, sources: Complex[np.ndarray, " n"], strengths: Complex[np.ndarray, "n c"]) -> _Sources:
         depth = int(np.ceil(np.log2(max(1.0, len(sources) / _SOURCES_PER_LEAF))))
         missing = (_SOURCES_PER_LEAF << depth) - len(sources)
-        z = np.append(sources, np.full(missing, sources[-1]))  # sources without strength fill the last leaves
+        z = np.append(sources, np.full(missing, sources[-1]))  # sources of strength 0 fill the last leaves
         g = np.concatenate([strengths, np.zeros((missing, strengths.shape[1]))])
         levels = tuple(_Level.of(z.reshape(1 << k, -1), g.reshape(1 << k, -1, g.shape[1])) for k in range(depth + 1))
         return cls(levels=levels, z=z.reshape(1 << depth, -1), g=g.reshape(1 << depth, -1, g.shape[1]))
 
     def pairs(self, centre: Complex[np.ndarray, " t"], radius: Float[np.ndarray, " t"]) -> tuple[list[_Pairs], _Pairs]:
-        """For each level the pairs of a target cluster and a segment apart from it, and the leaves too near for one."""
+        """For each level, pairs of a target cluster and a segment far apart; and pairs of clusters and near leaves."""
         own, segment = np.arange(len(centre)), np.zeros(len(centre), dtype=np.int64)
         far: list[_Pairs] = []
         for level in self.levels:
@@ -147,7 +148,7 @@ class _Sources:
 def _cells(
     sources: Complex[np.ndarray, " n"], targets: Complex[np.ndarray, " m"]
 ) -> tuple[Int[np.ndarray, " m"], Complex[np.ndarray, " t"], Float[np.ndarray, " t"]]:
-    """Square cells of targets away from the sources: each target's cell, −1 for none, and the cells' circles."""
+    """Square cells of targets away from the sources: the cell of each target, −1 for none, and the cells' circles."""
     tree = cKDTree(plane_coordinates(sources))
     cell, count = np.full(len(targets), -1), 0
     centres, radii = [np.zeros(0, dtype=np.complex128)], [np.zeros(0)]
@@ -174,7 +175,7 @@ def _cells(
 
 
 def _one_by_one(tree: _Sources, targets: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, "m c"]:
-    """The sums at targets without a cell, from the segments' series and from single sources."""
+    """The sums at targets without a cell, from the segments' multipole series and single sources."""
     total = np.zeros((len(targets), tree.g.shape[2]), dtype=np.complex128)
     far, near = tree.pairs(targets, np.zeros(len(targets)))
     for level, (own, segment) in zip(tree.levels, far, strict=True):
@@ -216,7 +217,7 @@ def _powers(x: Complex[np.ndarray, " p"]) -> Complex[np.ndarray, "p k"]:
 def _add_by_owner(
     total: Complex[np.ndarray, "t *rest"], owner: Int[np.ndarray, " p"], values: Complex[np.ndarray, "p *rest"]
 ) -> None:
-    """Adds each value to its owner's; the owners ascend."""
+    """Adds to `total` at the ascending indices `owner`, which may repeat."""
     if len(owner):
         first = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
         total[owner[first]] += np.add.reduceat(values, first, axis=0)

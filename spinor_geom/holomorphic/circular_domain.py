@@ -1,4 +1,4 @@
-"""Circular domains: the unit disk less round holes, which every domain with holes is conformal to."""
+"""Circular domains: the unit disk less round holes. Every plane domain with holes is conformal to one."""
 
 from __future__ import annotations
 
@@ -14,14 +14,17 @@ from torch import Tensor
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircularDomain:
-    """The unit disk less round holes, the first of which is about 0: what is left of the moduli is one rotation."""
+    """The unit disk less round holes, the first of them about 0; it is unique up to a rotation.
 
-    centres: Complex[Tensor, " holes"]  # complex, of the holes; 0 first
-    log_radii: Float[Tensor, " holes"]  # of the holes
+    The coordinate ζ of the outer circle is z, that of the circle of a hole r/(z − c): |ζ| = 1 on it, less inside Ω.
+    """
+
+    centres: Complex[Tensor, " holes"]
+    log_radii: Float[Tensor, " holes"]
 
     @classmethod
     def annulus(cls, modulus: float, device: torch.device | str = "cpu") -> CircularDomain:
-        """The ring between the unit circle and one of radius e^{−modulus}."""
+        """The annulus between the unit circle and that of radius e^{−modulus}."""
         radii = torch.tensor([-modulus], dtype=torch.float64, device=device)
         return cls(centres=torch.zeros_like(radii, dtype=torch.complex128), log_radii=radii)
 
@@ -32,16 +35,16 @@ class CircularDomain:
 
     @cached_property
     def radii(self) -> Float[Tensor, " holes"]:
-        """Of the holes."""
+        """Radii of the holes."""
         return self.log_radii.exp()
 
     @property
     def modulus(self) -> float:
-        """Of the annulus between the unit circle and the first hole: the logarithm of their radii's ratio."""
+        """Modulus log(1/r) of the annulus between the unit circle and the first hole."""
         return -float(self.log_radii[0])
 
     def circles(self, n: int) -> Complex[Tensor, "m n"]:
-        """N equal steps of every circle, with Ω on the left: the outer one's angle rises, the holes' fall."""
+        """Points at n equal steps of every circle, with Ω on the left: clockwise around holes."""
         angle = torch.arange(n, dtype=self.radii.dtype, device=self.radii.device) * (2 * math.pi / n)
         turn = torch.polar(torch.ones_like(angle), angle)
         return torch.cat([turn[None], self.centres[:, None] + self.radii[:, None] * turn.conj()])
@@ -52,12 +55,12 @@ class CircularDomain:
         return 1j * torch.cat([turn[None], -self.radii[:, None] * turn.conj()])
 
     def coordinates(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "m *pts"]:
-        """ζ of every circle."""
+        """ζ of every circle at some points."""
         shape = (-1, *([1] * z.ndim))
         return torch.cat([z[None], self.radii.reshape(shape) / (z - self.centres.reshape(shape))])
 
     def coordinates_on_circles(self, n: int) -> Complex[Tensor, "m m n"]:
-        """ζ of every circle at n equal steps of every circle, its own exactly, however small it is."""
+        """ζ of every circle at the points of `circles`; on the circle itself without rounding."""
         circles = self.circles(n)
         zeta = self.coordinates(circles)
         own = torch.arange(self.rims)
@@ -65,13 +68,13 @@ class CircularDomain:
         return zeta
 
     def squared_root(self, z: Complex[Tensor, "*pts"], antiperiodic: Sequence[bool]) -> Complex[Tensor, "*pts"]:
-        """The product of z − c_j over the holes around which spinors change their sign."""
+        """The product of z − c_j over the holes around which p and q change their sign."""
         odd = torch.tensor(antiperiodic, dtype=torch.bool, device=z.device)
         return torch.prod(z[..., None] - self.centres[odd], -1)
 
     @cached_property
     def gaps(self) -> Float[Tensor, "m m"]:
-        """|ζ| of every circle j where it is largest on circle i, (i, j): 1 where they touch, more where they cross."""
+        """Largest |ζ_j| on circle i, entry (i, j): 1 where the circles touch, more where they cross; 0 for i = j."""
         c, r = self.centres, self.radii
         far = (c[:, None] - c).abs()
         gaps = torch.full((self.rims, self.rims), 0.0, dtype=r.dtype, device=r.device)
@@ -84,12 +87,12 @@ class CircularDomain:
 
     @property
     def nearness(self) -> float:
-        """The largest of `gaps`: below 1 for a domain."""
+        """The largest of `gaps`, less than 1 for a domain."""
         return float(self.gaps.max())
 
     @cached_property
     def room(self) -> tuple[Float[Tensor, " holes"], Float[Tensor, " holes"]]:
-        """Of each hole the width of the widest ring around it in Ω, and its modulus log(R/r), NaN where none is."""
+        """Width and modulus log(R/r) of the widest ring in Ω around each hole; the modulus is NaN if there is none."""
         c, r = self.centres, self.radii
         far = (c[:, None] - c).abs() - r
         far.fill_diagonal_(1.0)
@@ -105,8 +108,8 @@ class CircularDomain:
     def moved(self, step: Float[Tensor, " p"]) -> CircularDomain:
         """The domain after a step of the moduli.
 
-        They are the log modulus of the first hole's ring, then of each other hole its place x and y, by the width of
-        its ring, and the log modulus of that; see `room`.
+        They are the log modulus of the first hole's ring (see `room`), then for each other hole the coordinates x and y
+        of its centre, divided by the width of its ring, and the log modulus of that ring.
         """
         others = step[1:].reshape(-1, 3)
         width, modulus = self.room

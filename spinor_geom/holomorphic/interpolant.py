@@ -1,4 +1,4 @@
-"""Cauchy's integral formula at nodes on ∂Ω as a pair of rational functions."""
+"""Rational interpolation at nodes on ∂Ω by the barycentric form of Cauchy's integral formula."""
 
 from __future__ import annotations
 
@@ -16,18 +16,17 @@ from spinor_geom.holomorphic.blocks import in_blocks, require_complex
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 
 Nodes = Complex[Tensor, " n"]
-Values = Complex[Tensor, "n 2"]  # of p and q at them
-Answer = Complex[Tensor, "*pts 2"]
+Values = Complex[Tensor, "n 2"]  # of p and q at the nodes
 
-_MANY = 700  # more nodes and more points than so many take less time by the fast multipole method
+_MANY = 700  # from this number of nodes and points on the fast multipole method is faster
 
 
 class CauchyInterpolant(torch.nn.Module):
-    """p and q as rational functions with given values at nodes on ∂Ω: a Cauchy layer with its poles on ∂Ω.
+    """p and q as rational functions with given values at nodes on ∂Ω.
 
     f(z) = Σ_j w_j f_j/(ζ_j − z) / Σ_j w_j/(ζ_j − z) with w_j = dz/dt at the node: the trapezoidal rule for Cauchy's
-    integral of f over that of 1, which are off by the same factor near ∂Ω. It takes the values f_j at the nodes and is
-    as accurate between them as in the middle of Ω. The units' denominators cancel: f is holomorphic in Ω and on ∂Ω.
+    integral of f divided by that of 1. Near ∂Ω their errors cancel. f is holomorphic in Ω and on ∂Ω, interpolates the
+    values f_j, and is as accurate near ∂Ω as in the middle of Ω.
 
     Shape:
         nodes: (n,), ζ_j, in order, at equal steps of an analytic parameter t of ∂Ω.
@@ -43,21 +42,15 @@ class CauchyInterpolant(torch.nn.Module):
     weights: Tensor
 
     def __init__(self, nodes: Nodes, weights: Nodes, values: Values) -> None:
-        """Raises DtypeError where a tensor is not complex."""
+        """Raises DtypeError if a tensor is not complex."""
         super().__init__()
         require_complex(nodes=nodes, weights=weights, values=values)
         self.register_buffer("nodes", nodes)
         self.register_buffer("weights", weights)
         self.values = torch.nn.Parameter(values.clone())
 
-    def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
-        """The cardinal functions at z: 1 at their own node, 0 at the others."""
-        inverse, hit = _inverse_distances(z, self.nodes)
-        kernel = torch.where(hit.any(-1, keepdim=True), hit.to(inverse.dtype), self.weights * inverse)
-        return kernel / kernel.sum(-1, keepdim=True)
-
-    def value(self, z: Complex[Tensor, "*pts"]) -> Answer:
-        """(p(z), q(z)); many at once on the CPU, without derivatives, by a fast multipole method, to 1e-12."""
+    def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+        """(p(z), q(z)); at many points on the CPU, without gradients, by the fast multipole method, to 1e-12."""
         if min(z.numel(), len(self.nodes)) > _MANY and all(_is_plain(t) for t in (z, self.values)):
             flat = z.reshape(-1)
             parts = (self.nodes, _strengths(self.weights, self.values), flat)
@@ -67,13 +60,14 @@ class CauchyInterpolant(torch.nn.Module):
             at_node = ~value.isfinite().all(-1)
             value[at_node] = interpolated(flat[at_node], self.nodes, self.weights, self.values)
             return value.reshape(*z.shape, 2)
-        return in_blocks(lambda some: interpolated(some, self.nodes, self.weights, self.values), z, len(self.nodes))
-
-    def derivative(self, z: Complex[Tensor, "*pts"]) -> Answer:
-        """(p'(z), q'(z))."""
         return in_blocks(
-            lambda some: interpolated_slope(some, self.nodes, self.weights, self.values), z, len(self.nodes)
+            lambda some: interpolated(some, self.nodes, self.weights, self.values), z, width=len(self.nodes)
         )
+
+    def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+        """(p'(z), q'(z))."""
+        data = self.nodes, self.weights, self.values
+        return in_blocks(lambda some: interpolated_slope(some, *data), z, width=len(self.nodes))
 
     def config(self) -> dict[str, Any]:
         """Number of nodes."""
@@ -82,9 +76,8 @@ class CauchyInterpolant(torch.nn.Module):
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> CauchyInterpolant:
         """An interpolant of zeros with the given size."""
-        count = int(config["nodes"])
-        zeros = torch.zeros(count, dtype=torch.complex128)
-        return cls(zeros, zeros.clone(), torch.zeros(count, 2, dtype=torch.complex128))
+        zeros = torch.zeros(int(config["nodes"]), 4, dtype=torch.complex128)
+        return cls(zeros[:, 0].clone(), zeros[:, 1].clone(), zeros[:, 2:])
 
 
 def interpolated(z: Complex[Tensor, " m"], nodes: Nodes, weights: Nodes, values: Values) -> Complex[Tensor, "m 2"]:
@@ -98,41 +91,39 @@ def interpolated(z: Complex[Tensor, " m"], nodes: Nodes, weights: Nodes, values:
 def interpolated_slope(
     z: Complex[Tensor, " m"], nodes: Nodes, weights: Nodes, values: Values
 ) -> Complex[Tensor, "m 2"]:
-    """The derivatives of the same functions."""
+    """Derivatives of the functions of `interpolated`."""
     # with N = Σ w f/(ζ − z), D = Σ w/(ζ − z): (N/D)' = (Σ w f/(ζ − z)² − (N/D) Σ w/(ζ − z)²)/D
     inverse, hit = _inverse_distances(z, nodes)
     strengths = _strengths(weights, values)
     sums, slopes = inverse @ strengths, (inverse * inverse) @ strengths
     elsewhere = (slopes[:, :2] - sums[:, :2] / sums[:, 2:] * slopes[:, 2:]) / sums[:, 2:]
-    # at a node ζ_k the limit, Σ_{j≠k} w_j (f_k − f_j)/(ζ_j − ζ_k)/w_k
+    # the limit at a node ζ_k is Σ_{j≠k} w_j (f_k − f_j)/(ζ_j − ζ_k)/w_k
     node = hit.to(torch.uint8).argmax(-1)
     own, weight = values.index_select(0, node), weights.index_select(0, node)[:, None]
     return torch.where(hit.any(-1, keepdim=True), (own * sums[:, 2:] - sums[:, :2]) / weight, elsewhere)
 
 
 def _strengths(weights: Nodes, values: Values) -> Complex[Tensor, "n 3"]:
-    """What stands above the units' denominators: w f for both functions, and w."""
+    """Numerators of the sums: w f for both functions, and w."""
     return torch.cat([values, torch.ones_like(values[:, :1])], dim=-1) * weights[:, None]
 
 
-def _inverse_distances(
-    z: Complex[Tensor, "*pts"], nodes: Nodes
-) -> tuple[Complex[Tensor, "*pts n"], Bool[Tensor, "*pts n"]]:
-    """Rows 1/(ζ_j − z), with 0 where z is a node, and where that is."""
-    difference = nodes - z[..., None]
+def _inverse_distances(z: Complex[Tensor, " m"], nodes: Nodes) -> tuple[Complex[Tensor, "m n"], Bool[Tensor, "m n"]]:
+    """1/(ζ_j − z), or 0 where z is the node ζ_j, and where it is."""
+    difference = nodes - z[:, None]
     square = difference.real.square() + difference.imag.square()
     hit = square < torch.finfo(square.dtype).tiny
-    # complex division takes several times as long
+    # faster than complex division
     return difference.conj() * square.masked_fill(hit, torch.inf).reciprocal(), hit
 
 
 def _is_plain(t: Complex[Tensor, "*any"]) -> bool:
-    """Whether a tensor is finite numbers that numpy can take, and nobody asks for derivatives or batches of them."""
+    """Whether a tensor can go through numpy: finite, on the CPU, outside of gradients and transforms."""
     return (
         not torch.is_grad_enabled()
         and t.device.type == "cpu"
         and t.dtype == torch.complex128
-        # torch.func wraps tensors; forward mode without it hangs a tangent on them
+        # torch.func wraps tensors; forward mode without it attaches a tangent
         and not is_functorch_wrapped_tensor(t)
         and unpack_dual(t).tangent is None  # type: ignore[no-untyped-call] # torch leaves it untyped
         and bool(t.isfinite().all())

@@ -14,17 +14,17 @@ from torch import Tensor
 from spinor_geom.errors import DtypeError, OptionError
 from spinor_geom.holomorphic.cauchy import sign_changing
 from spinor_geom.holomorphic.circular_domain import CircularDomain
-from spinor_geom.holomorphic.series import power_sums, power_table
+from spinor_geom.holomorphic.series import power_sums
 
-ROUND_OFF = 1e-17  # powers that are smaller on a circle are rounding errors
+ROUND_OFF = 1e-17  # smaller powers on a circle are neglected
 
 
 class LaurentSeries(torch.nn.Module):
     """p and q as Σ_{k ≥ 0} a_k z^k + Σ_j Σ_{k > 0} b_jk (r_j/(z − c_j))^k where |z| < 1 and all |z − c_j| > r_j.
 
-    Scaled by the radii, the coefficients of series that converge on Ω stay bounded. Where p and q change their sign
-    around holes, they are multiplied by √(z − c_j) for each; the sign then jumps on lines from the holes in the
-    direction of the negative real axis. All that a surface is made of, p², q² and pq, does not jump.
+    Because of the scaling, the coefficients of series that converge on Ω are bounded. For each hole around which p and
+    q change their sign they have a factor √(z − c_j). Its sign jumps on the ray from c_j in the direction of the
+    negative real axis; p², q² and pq are continuous.
 
     Shape:
         outward: (K, 2), complex, the a_k; column 0 is p, column 1 is q.
@@ -41,11 +41,11 @@ class LaurentSeries(torch.nn.Module):
         *,
         antiperiodic: Sequence[bool] = (),
     ) -> None:
-        """Takes the coefficients, Ω, and around which holes p and q change their sign: none by default.
+        """A series on Ω; `antiperiodic` says around which holes p and q change their sign, none by default.
 
         Raises:
-            DtypeError: coefficients are not complex or of another shape, or there are none.
-            OptionError: the holes do not lie apart in the unit disk.
+            DtypeError: coefficients are not complex, empty, or of another shape.
+            OptionError: the holes are not disjoint in the unit disk, or their number is not that of the coefficients.
         """
         super().__init__()
         for name, part, shape in (("outward", outward, "(K, 2)"), ("inward", inward, "(holes, L, 2)")):
@@ -57,8 +57,8 @@ class LaurentSeries(torch.nn.Module):
                 )
         if not holes.nearness < 1 or len(inward) != len(holes.centres):
             raise OptionError(
-                f"Laurent series need holes that lie apart in the unit disk, and coefficients for each: got "
-                f"{len(inward)} of them for holes about {holes.centres.tolist()} of radii {holes.radii.tolist()}"
+                f"Laurent series need disjoint holes in the unit disk, and coefficients for each: got {len(inward)} "
+                f"for holes about {holes.centres.tolist()} of radii {holes.radii.tolist()}"
             )
         self.antiperiodic = tuple(map(bool, antiperiodic)) or (False,) * len(inward)
         self.outward = torch.nn.Parameter(outward.clone())
@@ -70,13 +70,6 @@ class LaurentSeries(torch.nn.Module):
     def circles(self) -> CircularDomain:
         """Ω."""
         return CircularDomain(centres=self.get_buffer("centres"), log_radii=self.get_buffer("log_radii"))
-
-    def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
-        """The powers z^k, k = 0 … K − 1, then (r/(z − c))^k, k = 1 … L, of each hole; times the roots."""
-        outer, *inner = self.circles.coordinates(z)
-        powers = [power_table(outer, len(self.outward))]
-        powers += [zeta * power_table(zeta, self.inward.shape[1]) for zeta in inner]
-        return (torch.cat(powers) * self.sign_changing(z)).movedim(0, -1)
 
     def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p(z), q(z))."""
@@ -99,17 +92,13 @@ class LaurentSeries(torch.nn.Module):
         return total * self.sign_changing(z)[..., None]
 
     def primitive(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
-        """(∫ p² dζ, ∫ q² dζ, ∫ pq dζ), Laurent series too, with the residues' logarithms."""
+        """(∫ p² dζ, ∫ q² dζ, ∫ pq dζ): Laurent series and logarithms."""
         outward, inward, residues = self.integrals()
         logarithms = torch.log(z[..., None] - self.circles.centres)
         return _sums(self.circles.coordinates(z), outward, inward) + logarithms @ residues
 
-    def residues(self) -> Complex[Tensor, "holes 3"]:
-        """Integrals of p², q² and pq around each hole over 2πi."""
-        return self.integrals()[2]
-
     def integrals(self) -> tuple[Complex[Tensor, "k 3"], Complex[Tensor, "holes l 3"], Complex[Tensor, "holes 3"]]:
-        """Coefficients of the integrals of p², q² and pq as of p and q themselves, and of log(z − c_j)."""
+        """Coefficients of the integrals of p², q² and pq: `outward`, `inward`, and those of log(z − c_j)."""
         whole, parts = self.products()
         count = max(len(whole), parts.shape[1])
         k = torch.arange(1, count + 1, device=whole.device, dtype=whole.real.dtype)[:, None]
@@ -118,15 +107,15 @@ class LaurentSeries(torch.nn.Module):
         return outward, -scaled[:, 1:] / k[: parts.shape[1] - 1], scaled[:, 0]
 
     def products(self) -> tuple[Complex[Tensor, "k 3"], Complex[Tensor, "holes l 3"]]:
-        """Coefficients of p², q² and pq, which have no root: of z^k, k ≥ 0, and of (r_j/(z − c_j))^k, k > 0.
+        """Coefficients of p², q² and pq: of z^k, k ≥ 0, and of (r_j/(z − c_j))^k, k > 0.
 
-        On each circle the powers of its own coordinate are the positive frequencies, and all others the rest.
+        They are the positive frequencies of the products on the outer circle and on that of hole j.
         """
         k, j = len(self.outward), self.inward.shape[1]
-        ahead = 2 * k - 1 + sum(self.antiperiodic)  # of a product so many frequencies lead, and no more than these lag
+        ahead = 2 * k - 1 + sum(self.antiperiodic)  # number of positive frequencies, with 0, on the outer circle
         lead, lag = max(ahead, 2 * j + 2), max(k, j)
         if len(self.inward) > 1:
-            # powers of other circles' coordinates that are no rounding errors on a circle
+            # the powers of other circles' coordinates that are not negligible on a circle
             lag = math.ceil(math.log(ROUND_OFF) / math.log(self.circles.nearness))
         n = next_fast_len(lead + 2 * lag + 2)
         p, q = self.on_circles(n).unbind(-1)
@@ -135,12 +124,12 @@ class LaurentSeries(torch.nn.Module):
         return spectra[0, :ahead], spectra[1:, 1 : 2 * (j + 1)]
 
     def on_circles(self, n: int) -> Complex[Tensor, "m n 2"]:
-        """Spinors p and q without their roots at n equal steps of every circle, as `CircularDomain.circles` runs."""
+        """P and q without the factors √(z − c_j), at the points of `CircularDomain.circles`."""
         return sums_on_circles(self.circles, self.own, n).permute(1, 2, 0)
 
     @property
     def own(self) -> Complex[Tensor, "2 m k"]:
-        """The coefficients of every circle's own powers, from the zeroth on: that of a hole is 0."""
+        """Coefficients of the powers k ≥ 0 of each circle's coordinate; those of k = 0 are 0 for holes."""
         outward, inward = self.outward.T[:, None], self.inward.movedim(-1, 0)
         count = max(outward.shape[-1], inward.shape[-1] + 1)
         pad = torch.nn.functional.pad
@@ -148,7 +137,7 @@ class LaurentSeries(torch.nn.Module):
         return torch.cat(rows, dim=1)
 
     def config(self) -> dict[str, Any]:
-        """Numbers of terms, holes and periodicity."""
+        """Numbers of terms, holes, and around which of them p and q change their sign."""
         domain = self.circles
         return {
             "outward": len(self.outward),
@@ -171,12 +160,12 @@ class LaurentSeries(torch.nn.Module):
         )
 
     def sign_changing(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
-        """The product of √(z − c_j) of all holes around which p and q change their sign; 1 where there is none."""
+        """The product of √(z − c_j) over the holes around which p and q change their sign."""
         return sign_changing(z, self.circles.centres[list(self.antiperiodic)])
 
 
 def sums_on_circles(domain: CircularDomain, own: Complex[Tensor, "*rows m k"], n: int) -> Complex[Tensor, "*rows m n"]:
-    """Σ_j Σ_k c_jk ζ_j^k at n > k equal steps of every circle, from the coefficients of all circles' own powers."""
+    """Σ_j Σ_k c_jk ζ_j^k at n > k equal steps of every circle, ζ_j the coordinate of circle j."""
     if domain.rims == 1:
         alone: Tensor = torch.fft.ifft(own, n=n, norm="forward")
         return alone
@@ -186,12 +175,12 @@ def sums_on_circles(domain: CircularDomain, own: Complex[Tensor, "*rows m k"], n
 def parts_on_circles(
     domain: CircularDomain, own: Complex[Tensor, "*rows m k"], n: int
 ) -> Complex[Tensor, "*rows m m n"]:
-    """The sum of every circle's own powers, the last but one index, at n > k equal steps of every circle."""
+    """Σ_k c_jk ζ_j^k at n > k equal steps of every circle i: entry (i, j, step)."""
     m, count = own.shape[-2:]
     spectrum = own.new_zeros(*own.shape[:-2], m, m, n)
     torch.diagonal(spectrum, dim1=-3, dim2=-2)[..., :count, :] = own.mT
     if m > 1:
-        # the powers of one of two concentric circles are frequencies on the other, too
+        # the first hole is concentric with the outer circle: powers of the one are frequencies on the other
         k = torch.arange(count, dtype=own.real.dtype, device=own.device)
         for there, here in ((0, 1), (1, 0)):
             lagging = own[..., there, :] * domain.radii[0] ** k

@@ -12,20 +12,20 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.errors import OptionError, require_positive
+from spinor_geom.errors import OptionError, require_count, require_positive
 from spinor_geom.holomorphic.blocks import in_blocks
 
 ActivationName = Literal["exp", "sin", "sinh"]
 
-# points of the circle around Ω on which the initialisation measures: the units of ten layers have hundreds of waves
+# points of the circle |u| = 1 on which the initialisation measures: the units of ten layers have hundreds of waves
 _INITIAL_POINTS = 1024
-# the gain is 1 + _BEND/depth where none is given: few layers have to bend more each. Fits by Levenberg-Marquardt reach
-# 1e-8 on the paper's curves from there with 2 to 10 layers, from half of it 1e-4. The least modulus of a unit's
-# argument is a share of the gain: units of one size are alike.
+# The default gain is 1 + _BEND/depth: with few layers each has to be more nonlinear. From there fits by
+# Levenberg-Marquardt reach 1e-8 on the paper's curves with 2 to 10 layers, from half of it 1e-4. The largest moduli of
+# the units' arguments are spread between _LEAST and 1 gain: units of equal gain are too similar.
 _BEND, _LEAST = 5.0, 0.5
-# of p and q at the start: largest deviation from the mean, and the root mean square of that
+# initial p and q: largest deviation from the mean, and root mean square of the mean
 _VARIATION, _MEAN = 0.5, 0.6
-# σ and σ′: with one that is not entire p and q would not be holomorphic
+# σ and σ′
 _ACTIVATIONS: Mapping[str, tuple[Callable[[Tensor], Tensor], Callable[[Tensor], Tensor]]] = {
     "exp": (torch.exp, torch.exp),
     "sin": (torch.sin, torch.cos),
@@ -36,14 +36,13 @@ _ACTIVATIONS: Mapping[str, tuple[Callable[[Tensor], Tensor], Callable[[Tensor], 
 class ComplexMLP(torch.nn.Module):
     """p and q as two complex-valued networks of one shape: input, weights, biases and activations in ℂ.
 
-    z ↦ u = (z − center)/radius, then `depth` hidden layers h ↦ σ(W h + b) of `width` units and a linear read-out. An
-    entire σ makes both entire. They are computed in double precision and answered in that of the points.
+    z ↦ u = (z − center)/radius, then `depth` hidden layers h ↦ σ(W h + b) of `width` units and a linear read-out. With
+    an entire σ both are entire. The computation is in double precision, the result in that of the points.
 
-    A network without care overflows: exp of exp of a number that is a little too large is infinite in three layers. At
-    the start every unit's argument a = W h + b is therefore scaled, layer by layer, so that on the circle |u| = 1 its
-    mean is 0 and its largest modulus at most a gain M. By the maximum principle |a| ≤ M in the whole disk, and so on Ω,
-    at every layer: |σ(a)| ≤ e^M for exp, sinh M for sin and sinh. A smaller scale of the weights alone would bound
-    exp∘exp too, but the networks would hardly depend on z: each layer would damp what varies and keep what is constant.
+    With plain random weights exp∘exp∘exp overflows. The initial weights are therefore scaled, layer by layer, so that
+    on the circle |u| = 1 every unit's argument a = W h + b has mean 0 and a modulus of at most a gain M. By the maximum
+    principle |a| ≤ M in the whole disk: |σ(a)| ≤ e^M for exp, sinh M for sin and sinh. Smaller weights alone would
+    prevent overflow too, but the network would hardly depend on z, since each layer would damp its variation.
 
     Shape:
         weights: one (2, out, in) a layer, complex; first index 0 for p, 1 for q. The last is the read-out, out = 1.
@@ -65,31 +64,28 @@ class ComplexMLP(torch.nn.Module):
         gain: float | None = None,
         generator: torch.Generator | None = None,
     ) -> None:
-        """A network with random parameters from the generator, complex128 on the CPU.
+        """A network with random parameters, complex128 on the CPU.
 
-        It has `depth` hidden layers of `width` units, with an entire function as activation, on a disk that holds Ω.
-        The gain is M, the largest modulus of a unit's argument at the start; 1 + 5/depth where none is given, for
-        second-order methods; first-order ones want calmer networks, of about 0.5.
+        The disk of the given centre and radius contains Ω. The gain is M; the default 1 + 5/depth suits second-order
+        methods, about 0.5 first-order ones.
 
         Raises:
             OptionError: no layers or units, a radius or gain that is not positive, or an activation that is not entire.
         """
         super().__init__()
-        largest = 1 + _BEND / max(depth, 1) if gain is None else float(gain)
-        if depth < 1 or width < 1:
-            raise OptionError(f"a network needs at least one hidden layer of one unit, got {depth} of {width}")
+        require_count(depth=depth, width=width)
+        gain = 1 + _BEND / depth if gain is None else gain
         require_positive("the radius of the disk around Ω", radius)
-        require_positive("the gain", largest)
+        require_positive("the gain", gain)
         if activation not in _ACTIVATIONS:
             raise OptionError(
-                f"unknown activation {activation!r}: p and q are holomorphic only if it is entire, so it may not act "
-                "on the real and the imaginary part apart, depend on |z|, or have poles; choose one of: "
+                f"unknown activation {activation!r}; p and q are holomorphic only if it is entire: choose one of "
                 f"{', '.join(_ACTIVATIONS)}"
             )
         self.activation: ActivationName = activation
         self.center = complex(center)
         self.radius = float(radius)
-        parameters = _initial(depth, width, _ACTIVATIONS[activation][0], largest, generator)
+        parameters = _initial(depth, width, _ACTIVATIONS[activation][0], gain, generator)
         self.weights = torch.nn.ParameterList([weight for weight, _ in parameters])
         self.biases = torch.nn.ParameterList([bias for _, bias in parameters])
 
@@ -102,15 +98,6 @@ class ComplexMLP(torch.nn.Module):
     def width(self) -> int:
         """Units in each hidden layer."""
         return int(self.weights[0].shape[1])
-
-    def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
-        """The last hidden layers of p and of q, and 1: p and q are linear in them."""
-
-        def last(u: Complex[Tensor, " n"]) -> Complex[Tensor, "n c"]:
-            h = self._layers(u)[0][-1]
-            return torch.cat([*h, torch.ones_like(h[0, :, :1])], dim=-1)
-
-        return self._at(last, z)
 
     def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p(z), q(z))."""
@@ -128,7 +115,7 @@ class ComplexMLP(torch.nn.Module):
         return self._at(slopes, z)
 
     def linearised(self, z: Complex[Tensor, " n"]) -> Linearisation:
-        """The values at some points as linear functions of small changes of the parameters."""
+        """The linearisation of p and q at some points in the parameters."""
         with torch.no_grad():
             inputs, arguments = self._layers(self._scaled(z))
             sensitivity = torch.ones_like(inputs[-1][..., :1])
@@ -152,7 +139,7 @@ class ComplexMLP(torch.nn.Module):
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> ComplexMLP:
-        """A network of the given sizes, with parameters that mean nothing."""
+        """A network of the given sizes, with arbitrary parameters."""
         sizes = {name: config[name] for name in ("depth", "width", "activation", "radius")}
         return cls(**sizes, center=complex(*config["center"]), generator=torch.Generator().manual_seed(0))
 
@@ -162,12 +149,12 @@ class ComplexMLP(torch.nn.Module):
     def _at(
         self, function: Callable[[Complex[Tensor, " n"]], Complex[Tensor, "n c"]], z: Complex[Tensor, "*pts"]
     ) -> Complex[Tensor, "*pts c"]:
-        return in_blocks(function, self._scaled(z), 2 * self.width).to(z.dtype)
+        return in_blocks(function, self._scaled(z), width=2 * self.width).to(z.dtype)
 
     def _layers(
         self, u: Complex[Tensor, " n"]
     ) -> tuple[list[Complex[Tensor, "2 n _"]], list[Complex[Tensor, "2 n w"]]]:
-        """The input of every layer, the read-out's last, and the argument W h + b of every hidden one."""
+        """The inputs of all layers, that of the read-out last, and the arguments W h + b of the hidden ones."""
         inputs, arguments = [u.expand(2, -1)[..., None]], []
         for weight, bias in zip(list(self.weights)[:-1], self.biases, strict=False):
             arguments.append(inputs[-1] @ weight.mT + bias[:, None])
@@ -184,18 +171,20 @@ class ComplexMLP(torch.nn.Module):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Linearisation:
-    """p and q at n points of a `ComplexMLP` as linear functions of its parameters.
+    """p and q at n points of a `ComplexMLP`, linearised in its parameters.
 
-    They are holomorphic in the parameters, so their Jacobian J is complex. It is never formed: a layer's part of J Jᴴ
-    is a product, entry by entry, of two Gram matrices.
+    They are holomorphic in the parameters, so the Jacobian J is complex. It is never formed: the contribution of a
+    layer to J Jᴴ is the entrywise product of two Gram matrices.
     """
 
     inputs: tuple[Complex[Tensor, "2 n _"], ...]  # of each layer, (2, n, in)
-    sensitivities: tuple[Complex[Tensor, "2 n _"], ...]  # derivative of the output by each layer's W h + b, (2, n, out)
-    value: Complex[Tensor, "n 2"]  # p and q themselves
+    sensitivities: tuple[
+        Complex[Tensor, "2 n _"], ...
+    ]  # derivatives of the output by each layer's W h + b, (2, n, out)
+    value: Complex[Tensor, "n 2"]  # p and q
 
     def kernel(self) -> Complex[Tensor, "2 n n"]:
-        """J Jᴴ of p and of q, each by its own parameters."""
+        """J Jᴴ of p and of q."""
         parts = (
             (sensitivity @ sensitivity.mH) * (1 + h @ h.mH)
             for h, sensitivity in zip(self.inputs, self.sensitivities, strict=True)
@@ -203,14 +192,14 @@ class Linearisation:
         return cast(Tensor, sum(parts))
 
     def pulled_back(self, v: Complex[Tensor, "n 2"]) -> list[Tensor]:
-        """Jᴴ v: a change of every weight, then of every bias, in the order of `ComplexMLP.parameters`."""
+        """Jᴴ v: for every weight, then every bias, in the order of `ComplexMLP.parameters`."""
         weighted = [sensitivity.conj() * v.mT[..., None] for sensitivity in self.sensitivities]
         weights = [part.mT @ h.conj() for part, h in zip(weighted, self.inputs, strict=True)]
         return [*weights, *(part.sum(1) for part in weighted)]
 
 
 def disk_around(domain: PlaneDomain) -> tuple[complex, float]:
-    """Centre and radius of the smallest disk about the middle of Ω's bounding box that holds Ω."""
+    """Centre of Ω's bounding box, and radius of the smallest disk about it that contains Ω."""
     rim = domain.boundary.vertices
     center = complex(rim.real.min() + rim.real.max(), rim.imag.min() + rim.imag.max()) / 2
     return center, float(abs(rim - center).max())
@@ -219,7 +208,7 @@ def disk_around(domain: PlaneDomain) -> tuple[complex, float]:
 def _initial(
     depth: int, width: int, function: Callable[[Tensor], Tensor], gain: float, generator: torch.Generator | None
 ) -> list[tuple[Complex[Tensor, "2 _ _"], Complex[Tensor, "2 _"]]]:
-    """Weight and bias of each layer, its arguments bounded on the unit circle: see `ComplexMLP`."""
+    """Initial weight and bias of each layer, see `ComplexMLP`."""
 
     def normal(*shape: int) -> Complex[Tensor, "..."]:
         return torch.randn(*shape, dtype=torch.complex128, generator=generator)
@@ -232,15 +221,15 @@ def _initial(
         layers.append((weight, bias))
         h = function(a)
     weight, bias, _ = _bounded(h, normal(2, 1, width), _VARIATION, generator)
-    # p and q vary about other numbers than 0, so that the start has no branch point in the middle; |p|² + |q|² is
-    # about 1: the surface is about as large as Ω
+    # p and q have a mean other than 0, so that there is no branch point in the middle; |p|² + |q|² is about 1, so that
+    # the surface is about as large as Ω
     return [*layers, (weight, bias + _MEAN * normal(2, 1))]
 
 
 def _bounded(
     h: Complex[Tensor, "2 n i"], weight: Complex[Tensor, "2 o i"], largest: float, generator: torch.Generator | None
 ) -> tuple[Complex[Tensor, "2 o i"], Complex[Tensor, "2 o"], Complex[Tensor, "2 n o"]]:
-    """A weight scaled and a bias chosen so that W h + b has mean 0 and a modulus of at most `largest`; W h + b."""
+    """Scaled weight W and bias b such that W h + b has mean 0 and a modulus of at most `largest`; and W h + b."""
     a = h @ weight.mT
     mean = a.mean(1)
     share: Float[Tensor, "2 o"] = torch.rand(mean.shape, dtype=torch.float64, generator=generator)

@@ -1,4 +1,4 @@
-"""What every holomorphic model offers, and the table of models."""
+"""The protocol of holomorphic models, and the table of models that can be saved."""
 
 from collections.abc import Mapping
 from typing import Any, ClassVar, Protocol, TypeAlias, get_args, runtime_checkable
@@ -17,12 +17,9 @@ from spinor_geom.holomorphic.series import PowerSeries
 
 @runtime_checkable
 class HolomorphicModel(Protocol):
-    """A `torch.nn.Module` of two holomorphic functions p, q of one complex variable, linear in shared features."""
+    """A `torch.nn.Module` of two holomorphic functions p, q of one complex variable."""
 
     kind: ClassVar[str]
-
-    def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
-        """The shared hidden layer at z."""
 
     def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p(z), q(z))."""
@@ -31,15 +28,15 @@ class HolomorphicModel(Protocol):
         """(p'(z), q'(z))."""
 
     def config(self) -> dict[str, Any]:
-        """Sizes from which `from_config` rebuilds an empty model of the same shape; JSON-ready."""
+        """Sizes from which `from_config` makes a model of the same shape; JSON-ready."""
 
 
 @runtime_checkable
 class IntegrableModel(HolomorphicModel, Protocol):
-    """A model whose squares have a closed integral."""
+    """A model whose products p², q², pq have integrals in closed form."""
 
     def primitive(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
-        """(∫ p² dζ, ∫ q² dζ, ∫ pq dζ) from a point of its own to z, to round-off."""
+        """(∫ p² dζ, ∫ q² dζ, ∫ pq dζ) from a fixed point to z, to round-off."""
 
 
 Model: TypeAlias = CauchyInterpolant | CauchyNetwork | ComplexMLP | LaurentSeries | PowerSeries
@@ -48,7 +45,7 @@ MODELS: dict[str, type[Model]] = {model.kind: model for model in get_args(Model)
 
 
 def rebuild(kind: str, config: Mapping[str, Any], state: Mapping[str, Tensor]) -> torch.nn.Module:
-    """The model of a given kind with its sizes and state, as they were saved; a StorageError where they do not fit."""
+    """A model from its kind, `config` and state; a StorageError if they do not fit together."""
     if kind not in MODELS:
         raise StorageError(f"unknown holomorphic model {kind!r}; known: {', '.join(sorted(MODELS))}")
     try:

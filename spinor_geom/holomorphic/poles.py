@@ -1,4 +1,4 @@
-"""Where the poles of a Cauchy network go: outside Ω, an edge away from each boundary vertex, clustered at corners."""
+"""Poles of Cauchy networks: outside Ω, an edge away from each boundary vertex, and clustered at corners."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float
 
-from spinor_geom.domain.delaunay import Lengths, Places
+from spinor_geom.domain.delaunay import Lengths, Places, plane_coordinates
 from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.mesh.operators import winding_numbers
 
-# A pole in a narrow gap outside Ω moves back until no part of ∂Ω is nearer than this share of its offset.
+# In a narrow gap the offset of a pole is halved until no part of ∂Ω is nearer than this share of it.
 _FREE_SHARE = 0.6
 _HALVINGS = 5
-# Distances, in edges, at which a pole beside a rim's polygon is tried, and that which every edge keeps from it, in its
-# own lengths: nearer poles take more quadrature nodes, farther ones miss sharp teeth.
-_RIM_OFFSETS, _RIM_CLEARANCE = (0.5, 0.7, 1.0, 1.4), 0.35
-_BENT = np.radians(45.0)  # turn from which a vertex gets a pole of its own: elsewhere those of its edges are enough
-_ROWS = 512  # rows of a table of distances made at once
-# Poles at a corner for a distance from Γ, in edges: the fewest are enough for the looser, the most for the tighter one.
-_CORNER_POLES = (9, 16)
-_CORNER_TOLERANCE = (1e-3, 1e-4)
-# Decay of the distances to a corner, L·exp(−σ(√n − √k)): root-exponential convergence at corner singularities.
+# Offsets, in edges, that are tried for a pole beside an edge of a polygon, and its least distance from every edge, in
+# lengths of that edge: nearer poles need more quadrature nodes, farther ones miss sharp teeth.
+_EDGE_OFFSETS, _EDGE_CLEARANCE = (0.5, 0.7, 1.0, 1.4), 0.35
+_BENT = np.radians(45.0)  # least turn of a vertex with a pole of its own
+_ROWS = 512  # rows of a table of distances
+# Poles at a corner for two tolerances, distances from Γ in edges.
+_CORNER_POLES, _CORNER_TOLERANCES = (9, 16), (1e-3, 1e-4)
+# σ in the distances L·exp(−σ(√n − √k)) to a corner, for root-exponential convergence at corner singularities
 _CORNER_DECAY = 4.0
 
 
@@ -41,17 +41,15 @@ class Poles:
 
 
 def corner_poles(tolerance: float) -> int:
-    """Number of poles in a corner's cluster that a distance from Γ, in mean edges, takes."""
-    return int(np.interp(-np.log10(tolerance), -np.log10(_CORNER_TOLERANCE), _CORNER_POLES))
+    """Number of poles in a corner's cluster for a tolerance, the distance from Γ in mean edges."""
+    return int(np.interp(-np.log10(tolerance), -np.log10(_CORNER_TOLERANCES), _CORNER_POLES))
 
 
 def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _CORNER_POLES[-1]) -> Poles:
-    """One pole beside each boundary vertex that is no corner, and a cluster on the outer bisector of each corner.
-
-    The offset is in local edge lengths of ∂Ω, along the outward normal; `corner_poles` tells the number in a cluster.
+    """Poles `edge_poles`, and a cluster of `at_corner` poles on the outer bisector of each corner.
 
     Source: Gopal & Trefethen, "Solving Laplace problems with corner singularities via rational functions", SIAM J.
-    Numer. Anal. 57 (2019), for the clusters.
+    Numer. Anal. 57 (2019).
     """
     poles, root = edge_poles(domain, offset=offset), np.sqrt(np.arange(1, at_corner + 1))
     for boundary in domain.boundaries:
@@ -68,7 +66,7 @@ def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _C
 
 
 def edge_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
-    """One pole beside each boundary vertex that is no corner, along the outward normal; see `place_poles`."""
+    """One pole for each boundary vertex that is no corner, `offset` local edges away along the outward normal."""
     polygons = [boundary.vertices for boundary in domain.boundaries]
     local = np.concatenate([(np.abs(np.roll(w, -1) - w) + np.abs(w - np.roll(w, 1))) / 2 for w in polygons])
     outward = np.concatenate([_outward(w) for w in polygons])
@@ -77,12 +75,11 @@ def edge_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
 
 
 def polygon_poles(vertices: Complex[np.ndarray, " n"]) -> Poles:
-    """Poles for p and q that are smooth on a polygon's edges: beside each edge's middle, and at bent vertices.
+    """Poles outside a simple polygon with Ω on its left: for each edge, and each vertex that turns by more than 45°.
 
-    The polygon is simple, with Ω on its left. Each is at the first of some distances along the outer normal or
-    bisector, in edges, where every edge is at least 0.35 of its own length away; in notches too narrow for that there
-    is none. Vertices that turn by less than 45° have none of their own. The scale of a pole's unit is its distance from
-    the polygon.
+    A pole is on the outward normal of the edge's middle, or the bisector of the vertex, at the first of the offsets
+    where every edge is at least 0.35 of its length away; notches that are too narrow have none. The scale is the
+    distance from the polygon.
     """
     step = np.roll(vertices, -1) - vertices
     edge = np.abs(step)
@@ -91,10 +88,10 @@ def polygon_poles(vertices: Complex[np.ndarray, " n"]) -> Poles:
     direction = np.concatenate([-1j * step / edge, _outward(vertices)[bent]])
     local = np.concatenate([edge, ((edge + np.roll(edge, 1)) / 2)[bent]])
     positions, scales = [], []
-    for offset in _RIM_OFFSETS:
+    for offset in _EDGE_OFFSETS:
         position = foot + offset * local * direction
         distance, in_edges = _distance_outside(vertices, position)
-        free = in_edges >= _RIM_CLEARANCE
+        free = in_edges >= _EDGE_CLEARANCE
         positions.append(position[free])
         scales.append(distance[free])
         foot, direction, local = foot[~free], direction[~free], local[~free]
@@ -102,30 +99,28 @@ def polygon_poles(vertices: Complex[np.ndarray, " n"]) -> Poles:
 
 
 def _distance_outside(vertices: Complex[np.ndarray, " n"], z: Places) -> tuple[Lengths, Lengths]:
-    """Distance of points from a polygon, and that from the edge that is nearest by its own length; negative in Ω."""
+    """Least distances of points from a polygon's edges, absolute and in lengths of the edge; negative in Ω."""
     step = np.roll(vertices, -1) - vertices
-    inward = np.sign((np.conj(vertices) * step).imag.sum())
     edge = np.abs(step)
+    is_clockwise = np.imag(np.conj(vertices) * step).sum() < 0  # around a hole of Ω
+    winding = np.rint(winding_numbers(plane_coordinates(vertices), plane_coordinates(z)))
+    sign = np.where(winding + is_clockwise > 0, -1, 1)
     nearest, in_edges = np.empty(len(z)), np.empty(len(z))
     for start in range(0, len(z), _ROWS):
         rows = slice(start, start + _ROWS)
         from_start = z[rows, None] - vertices
         share = np.clip((from_start * np.conj(step)).real / edge**2, 0, 1)
         distance = np.abs(from_start - share * step)
-        # a ray to the right crosses an odd number of edges from inside
-        above, left = from_start.imag > 0, (np.conj(step) * from_start).imag > 0
-        crosses = (above != np.roll(above, -1, axis=1)) & (left == (step.imag > 0))
-        sign = np.where(np.count_nonzero(crosses, axis=1) % 2, -inward, inward)
-        nearest[rows], in_edges[rows] = sign * distance.min(axis=1), sign * (distance / edge).min(axis=1)
-    return nearest, in_edges
+        nearest[rows], in_edges[rows] = distance.min(axis=1), (distance / edge).min(axis=1)
+    return sign * nearest, sign * in_edges
 
 
 def refining_poles(domain: PlaneDomain, panels: Float[np.ndarray, "k 2"]) -> Poles:
-    """Poles that resolve panels of ∂Ω with given ends: half a length outside the middle, a third outside the ends."""
+    """Poles that resolve panels of ∂Ω: half a length outside their middles, a third outside their ends."""
     start, end = panels.T
     length = np.abs(domain.point(end) - domain.point(start))
     both = np.concatenate([start, end])
-    # the end of each boundary is its start
+    # the end of each closed boundary is its start
     ends, owner = np.unique(np.where(both % 2 == 1, both - 1, both), return_inverse=True)
     end_length = np.full(len(ends), np.inf)
     np.minimum.at(end_length, owner, np.concatenate([length, length]))
@@ -136,7 +131,7 @@ def refining_poles(domain: PlaneDomain, panels: Float[np.ndarray, "k 2"]) -> Pol
 
 
 def _cleared(domain: PlaneDomain, foot: Places, direction: Places, distance: Lengths) -> Poles:
-    """Poles at most `distance` out that keep clear of the rest of ∂Ω; those with no room are dropped."""
+    """Poles at most `distance` from their feet on ∂Ω and clear of the rest of it; those without room are dropped."""
     distance = distance.copy()
     good = np.zeros(len(foot), dtype=bool)
     for _ in range(_HALVINGS + 1):

@@ -9,16 +9,16 @@ import torch
 from jaxtyping import Complex
 from torch import Tensor
 
-from spinor_geom.errors import DtypeError
+from spinor_geom.errors import DtypeError, require_positive
 
-# powers in a table of them, and points: it stays in the cache however long the series is
+# size of a table of powers of points, which then stays in the cache
 _POWERS, _POINTS = 32, 1 << 10
 
 
 class PowerSeries(torch.nn.Module):
     """p and q as polynomials Σ a_k ((z − centre)/radius)^k.
 
-    Scaled by the radius, the coefficients of a series that converges on the disk stay bounded.
+    Because of the scaling, the coefficients of a series that converges on the disk are bounded.
 
     Shape:
         coefficients: (K, 2), complex; column 0 is p, column 1 is q.
@@ -27,8 +27,9 @@ class PowerSeries(torch.nn.Module):
     kind: ClassVar[str] = "series"
 
     def __init__(self, coefficients: Complex[Tensor, "k 2"], *, center: complex = 0.0, radius: float = 1.0) -> None:
-        """Raises DtypeError where the coefficients are not complex or not (K, 2)."""
+        """A series; DtypeError: coefficients not complex or not (K, 2); OptionError: a radius that is not positive."""
         super().__init__()
+        require_positive("the radius of a power series", radius)
         if not coefficients.is_complex() or coefficients.ndim != 2 or coefficients.shape[1] != 2:
             raise DtypeError(
                 f"a power series needs complex coefficients of shape (K, 2), got {coefficients.dtype} of shape "
@@ -37,10 +38,6 @@ class PowerSeries(torch.nn.Module):
         self.center = complex(center)
         self.radius = float(radius)
         self.coefficients = torch.nn.Parameter(coefficients.clone())
-
-    def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts k"]:
-        """Powers ((z − centre)/radius)^k, k = 0 … K − 1."""
-        return power_table((z - self.center) / self.radius, len(self.coefficients)).movedim(0, -1)
 
     def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
         """(p(z), q(z))."""
@@ -52,9 +49,9 @@ class PowerSeries(torch.nn.Module):
         return power_sums((z - self.center) / self.radius, (self.coefficients * (k / self.radius)[:, None])[1:])
 
     def primitive(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
-        """(∫ p² dζ, ∫ q² dζ, ∫ pq dζ) from the centre to z, polynomials too."""
+        """(∫ p² dζ, ∫ q² dζ, ∫ pq dζ) from the centre to z, which are polynomials too."""
         u = (z - self.center) / self.radius
-        # a convolution of the coefficients, of 2K − 1 terms
+        # the coefficients of products are convolutions, of 2K − 1 terms
         p, q = torch.fft.fft(self.coefficients, n=max(2 * len(self.coefficients) - 1, 1), dim=0).unbind(-1)
         products = torch.fft.ifft(torch.stack([p * p, q * q, p * q], dim=-1), dim=0)
         k = torch.arange(1, len(products) + 1, device=z.device, dtype=products.real.dtype)
@@ -72,7 +69,7 @@ class PowerSeries(torch.nn.Module):
 
 
 def power_sums(u: Complex[Tensor, "*pts"], coefficients: Complex[Tensor, "k c"]) -> Complex[Tensor, "*pts c"]:
-    """Σ_k a_k u^k for each column of coefficients: Horner's rule on blocks of `_POWERS` terms."""
+    """Σ_k a_k u^k for each column of coefficients, by Horner's rule on blocks of `_POWERS` terms."""
     parts = [part.mT for part in torch.split(coefficients, _POWERS)]
 
     def block(some: Complex[Tensor, " n"]) -> Complex[Tensor, "c n"]:
@@ -90,9 +87,5 @@ def power_sums(u: Complex[Tensor, "*pts"], coefficients: Complex[Tensor, "k c"])
 
 def power_table(u: Complex[Tensor, "*pts"], count: int) -> Complex[Tensor, "k *pts"]:
     """u⁰ … u^(count − 1)."""
-    if count == 0:
-        return u.new_zeros((0, *u.shape))
-    ones = torch.ones_like(u)[None]
-    if count == 1:
-        return ones
-    return torch.cat([ones, torch.cumprod(u.expand(count - 1, *u.shape), dim=0)])
+    powers = torch.cat([torch.ones_like(u)[None], u.expand(max(count - 1, 0), *u.shape)])[:count]
+    return torch.cumprod(powers, dim=0)

@@ -1,22 +1,23 @@
-"""Zeros of a holomorphic function inside a plane domain, by rational approximation and the argument principle.
+"""Zeros of a holomorphic function inside a plane domain, by the argument principle and Newton's method.
 
-The change of arg f along ∂Ω counts the zeros inside. The zeros of a rational function with the values of f on ∂Ω are
-near them; then the moments (1/2πi)∮ zᵏ f′/f dz on a circle around each give its order, and its place to round-off.
+The change of arg f along ∂Ω is the number of zeros inside. Newton's method finds approximations; the moments
+(1/2πi)∮ zᵏ f′/f dz on a circle around each then give its order, and its position to round-off.
 
-Source: Nakatsukasa, Sète & Trefethen, "The AAA algorithm for rational approximation", SIAM J. Sci. Comput. 40 (2018);
-Delves & Lyness, "A numerical method for locating the zeros of an analytic function", Math. Comp. 21 (1967).
+Source: Delves & Lyness, "A numerical method for locating the zeros of an analytic function", Math. Comp. 21 (1967);
+Hubbard, Schleicher & Sutherland, "How to find all roots of complex polynomials by Newton's method", Invent. Math. 146
+(2001), for starting points around all zeros.
 """
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from jaxtyping import Complex, Float
-from scipy.interpolate import AAA
+from scipy.spatial import cKDTree
 from torch import Tensor
 
+from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import UnplacedZerosError, ZeroOnContourError
 from spinor_geom.mesh.topology import linked
@@ -24,59 +25,68 @@ from spinor_geom.mesh.topology import linked
 HolomorphicFunction = Callable[[Complex[Tensor, " n"]], Complex[Tensor, " n"]]
 
 RESOLUTION = 1e-4  # zeros nearer to each other than this share of the domain's diameter count as one multiple zero
-# a piece of ∂Ω is followed when arg f changes by less than this between samples, and halving the steps changes nothing
+# A piece of ∂Ω is sampled finely enough when arg f changes by less than this between samples, and halving the steps
+# does not change the sum.
 _LARGEST_STEP = np.pi / 3
-_FIRST_INTERVALS = 4
-_MOST_INTERVALS = 1 << 12
-# samples of each piece of ∂Ω that rational functions are tried on, and how far apart, in resolutions, their zeros may
-# lie that stand for one of f: a k-fold zero is only known to round-off^(1/k)
-_ATTEMPTS = ((4, 1), (16, 1), (16, 10), (64, 1))
-_TOLERANCE = 1e-8  # of the rational function: enough to find its zeros by
-_SMALL = 0.1  # |f| near its zeros, per that on ∂Ω
+_FIRST_INTERVALS, _MOST_INTERVALS = 4, 1 << 12
+# Starting points per zero on each boundary, and the distance, in resolutions, up to which limits are the same zero: a
+# k-fold zero is only known to round-off^(1/k).
+_ATTEMPTS = ((16, 1), (64, 10), (256, 1), (256, 100))
+_MOST_ITERATIONS = 300
+_DIFFERENCE, _LONGEST = 1e-6, 0.1  # difference for f′, and longest Newton step, as shares of the domain's diameter
+_CHECKED = 8  # iterations between two searches for points that have left Ω
 _CIRCLE_NODES = 128
-_BLOCK = 1 << 14
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Zero:
     """A zero of a holomorphic function."""
 
-    z: complex  # where; for a cluster of zeros nearer to each other than the resolution their mean
+    z: complex  # position; of a cluster of zeros nearer to each other than the resolution, their mean
     order: int  # multiplicity
 
 
 def find_zeros(
     function: HolomorphicFunction, domain: PlaneDomain, *, resolution: float = RESOLUTION
 ) -> tuple[Zero, ...]:
-    """All zeros of a function, holomorphic on Ω and its boundary, inside ∂Ω, with multiplicity.
+    """All zeros in Ω of a function that is holomorphic on Ω and its boundary, ordered by real, then imaginary part.
 
-    They are ordered by real and then imaginary part; simple and multiple ones are exact to round-off. Those nearer to
-    each other than the resolution, a share of the domain's diameter, are reported as one.
+    Positions are exact to round-off. Zeros nearer to each other than the resolution, a share of the domain's diameter,
+    are reported as one.
 
     Raises:
         ZeroOnContourError: a zero lies on ∂Ω, or too near to it to be counted.
         UnplacedZerosError: the zeros were counted, but not all of them were found.
     """
-    count = round(float(_turning(function, domain).sum() / (2 * np.pi)))
+    count = round(float(_argument_changes(function, domain).sum() / (2 * np.pi)))
     if count == 0:
         return ()
-    for samples, near in _ATTEMPTS:
-        rim = _along(domain, np.arange(samples) / samples).ravel()
-        centres = _approximate_zeros(function, domain, rim, near * resolution * domain.diameter)
-        apart = np.abs(centres[:, None] - np.concatenate([centres, rim]))
-        np.fill_diagonal(apart, np.inf)
-        zeros = [zero_inside(function, *circle) for circle in zip(centres, 0.5 * apart.min(axis=1), strict=True)]
+    for starts, relative in _ATTEMPTS:
+        t = (np.arange(starts * count) + 0.5) / (starts * count)
+        start, apart = (
+            np.concatenate([boundary.point(t) for boundary in domain.boundaries]),
+            relative * resolution * domain.diameter,
+        )
+        limits = _newton_limits(function, domain, start, 0.1 * apart)
+        pairs = cKDTree(plane_coordinates(limits)).query_pairs(apart, output_type="ndarray")
+        label = linked(pairs, len(limits))
+        sums = np.bincount(label, limits.real) + 1j * np.bincount(label, limits.imag)
+        centres = sums / np.bincount(label)
+        distance = np.abs(centres[:, None] - np.concatenate([centres, _samples(domain, 4).ravel()]))
+        np.fill_diagonal(distance, np.inf)
+        zeros = [zero_inside(function, *circle) for circle in zip(centres, distance.min(axis=1) / 2, strict=True)]
         if sum(zero.order for zero in zeros) == count:
-            found = [zero for zero in zeros if zero.order]
             step = RESOLUTION * domain.diameter  # equal real parts differ by rounding
+            found = (zero for zero in zeros if zero.order)
             return tuple(sorted(found, key=lambda zero: (round(zero.z.real / step), zero.z.imag)))
     raise UnplacedZerosError(count=count)
 
 
 def zero_inside(function: HolomorphicFunction, centre: complex, radius: float) -> Zero:
-    """The mean of the zeros inside a circle, as one; of order 0 where there is none.
+    """The zeros inside a circle as one: their mean and total order, 0 where there is none.
 
-    The trapezoidal rule's error falls geometrically with its nodes, as fast as other zeros are far from the circle.
+    The error of the trapezoidal rule falls geometrically with the number of nodes, at a rate given by the distance of
+    the circle from the nearest zero.
     """
     unit = np.exp(2j * np.pi * np.arange(_CIRCLE_NODES) / _CIRCLE_NODES)
     value = _evaluate(function, centre + radius * unit)
@@ -90,48 +100,53 @@ def zero_inside(function: HolomorphicFunction, centre: complex, radius: float) -
     return Zero(z=complex(centre + radius * first / order) if order else complex(centre), order=order)
 
 
+def _newton_limits(
+    function: HolomorphicFunction, domain: PlaneDomain, z: Complex[np.ndarray, " n"], tolerance: float
+) -> Complex[np.ndarray, " k"]:
+    """Points of Ω where Newton's method, from the given points, makes a step shorter than the tolerance."""
+    h, longest, limits = _DIFFERENCE * domain.diameter, _LONGEST * domain.diameter, []
+    for iteration in range(_MOST_ITERATIONS):
+        value = _evaluate(function, z)
+        with np.errstate(all="ignore"):
+            step = value / ((_evaluate(function, z + h) - _evaluate(function, z - h)) / (2 * h))
+            following = z - step * np.minimum(1, longest / np.abs(step))
+        converged = (value == 0) | (np.abs(step) < tolerance)
+        limits.append(z[converged])
+        z = following[~converged & np.isfinite(following)]
+        if iteration % _CHECKED == 0:
+            z = z[domain.contains(z)]
+        if not len(z):
+            break
+    found = np.concatenate(limits)
+    return np.asarray(found[domain.contains(found)])
+
+
 def _evaluate(function: HolomorphicFunction, z: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-    flat = torch.tensor(np.ascontiguousarray(z)).reshape(-1)
     with torch.no_grad():
-        values = torch.cat([function(block) for block in torch.split(flat, _BLOCK)])
+        values = function(torch.from_numpy(z.ravel()))
     return np.asarray(values.cpu().resolve_conj().numpy().reshape(z.shape))
 
 
-def _along(domain: PlaneDomain, s: Float[np.ndarray, " k"]) -> Complex[np.ndarray, "e k"]:
-    """Points at the fractions s of each piece of ∂Ω."""
-    return np.asarray(domain.point(domain.arcs[:, :1] + s * np.diff(domain.arcs, axis=1)))
+def _samples(domain: PlaneDomain, intervals: int) -> Complex[np.ndarray, "e k"]:
+    """Points at equal steps of each piece of ∂Ω, both ends included."""
+    steps = np.linspace(0, 1, intervals + 1) * np.diff(domain.arcs, axis=1)
+    return np.asarray(domain.point(domain.arcs[:, :1] + steps))
 
 
-def _turning(function: HolomorphicFunction, domain: PlaneDomain) -> Float[np.ndarray, " e"]:
+def _argument_changes(function: HolomorphicFunction, domain: PlaneDomain) -> Float[np.ndarray, " e"]:
     """Change of arg f along each piece of ∂Ω, by sampling each finely enough."""
-    turning = np.full(len(domain.arcs), np.nan)
-    todo = np.arange(len(turning))
-    before = np.full(len(todo), np.nan)
+    changes = np.full(len(domain.arcs), np.nan)
+    open_, before = np.arange(len(changes)), np.full(len(changes), np.nan)
     intervals = _FIRST_INTERVALS
-    while len(todo) and intervals <= _MOST_INTERVALS:
-        values = _evaluate(function, _along(domain, np.linspace(0, 1, intervals + 1))[todo])
+    while len(open_) and intervals <= _MOST_INTERVALS:
+        values = _evaluate(function, _samples(domain, intervals)[open_])
         with np.errstate(divide="ignore", invalid="ignore"):
             step = np.angle(values[:, 1:] / values[:, :-1])
             now = step.sum(axis=1)
             done = (np.abs(step).max(axis=1) < _LARGEST_STEP) & (np.abs(now - before) < 1e-3)
-        turning[todo[done]] = now[done]
-        todo, before = todo[~done], now[~done]
+        changes[open_[done]] = now[done]
+        open_, before = open_[~done], now[~done]
         intervals *= 2
-    if len(todo):
-        raise ZeroOnContourError(z=complex(domain.vertices[todo[0]]))
-    return turning
-
-
-def _approximate_zeros(
-    function: HolomorphicFunction, domain: PlaneDomain, rim: Complex[np.ndarray, " n"], size: float
-) -> Complex[np.ndarray, " k"]:
-    """Where in Ω a rational function has zeros that has the values of f on ∂Ω; those nearer than `size` as one."""
-    values = _evaluate(function, rim)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of an approximation that is no better: what it gives is checked
-        roots = AAA(rim, values, rtol=_TOLERANCE).roots()
-    roots = roots[domain.contains(roots)]
-    # a zero of its own beside a pole of its own is none of f
-    roots = roots[np.abs(_evaluate(function, roots)) < _SMALL * np.median(np.abs(values))]
-    label = linked(np.argwhere(np.abs(roots[:, None] - roots) <= size), len(roots))
-    return np.array([roots[label == k].mean() for k in np.unique(label)], dtype=np.complex128)
+    if len(open_):
+        raise ZeroOnContourError(z=complex(domain.vertices[open_[0]]))
+    return changes

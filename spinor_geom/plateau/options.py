@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
 import torch
 
-from spinor_geom.errors import OptionError, require_positive
+from spinor_geom.errors import OptionError, require_count, require_positive
 
 if TYPE_CHECKING:
     from spinor_geom.mesh.curve import BoundaryCurve
@@ -31,8 +30,8 @@ class Cauchy:
 
     def __post_init__(self) -> None:
         """Checks the options."""
-        if self.degree < 1 or not 0 < self.pole_offset < math.inf:
-            raise OptionError(f"a Cauchy network needs degree ≥ 1 and a positive, finite pole_offset, got {self}")
+        require_count(degree=self.degree)
+        require_positive("pole_offset", self.pole_offset)
 
 
 @dataclass(frozen=True, kw_only=True)

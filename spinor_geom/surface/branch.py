@@ -1,8 +1,8 @@
-"""Branch points: where φ vanishes, and whether a small change of the surface removes them.
+"""Branch points, the zeros of φ, and whether a small change of the surface removes them.
 
-Where p and q have a common zero φ has one of twice its order. The frame along a small circle around a zero of φ of
-order m turns m + 1 times. Where m is odd it lifts to SU(2), as it does around no regular point, and the branch point
-stays whatever is changed nearby. Spinors have only those with even m.
+At a common zero of p and q φ has a zero of twice the order. The frame along a small circle around a zero of φ of order
+m turns m + 1 times. For odd m it lifts to SU(2), as around no regular point, and no change nearby removes the branch
+point. Spinors have zeros of even order m only.
 
 Source: Sun & Chern (2026), theorems on removable branch points and on the existence of p and q.
 """
@@ -22,33 +22,31 @@ from spinor_geom.surface.frames import loop_invariant
 
 Functions = Callable[[Complex[Tensor, " n"]], Complex[Tensor, "n _"]]
 
-# a generic unit vector (a, b) of ℂ²: zeros of a·p + b·q and of −b̄·p + ā·q coincide only where p and q vanish
+# a generic unit vector (a, b) of ℂ²: a·p + b·q and −b̄·p + ā·q have common zeros only where p and q vanish
 _A, _B = complex(0.552, 0.235), complex(-0.282, 0.749)
-_RADIUS = 0.3  # share of the distance to the next branch point, or to ∂Ω, that the circle around one has as its radius
-_SAMPLES_PER_TURN = 32  # samples of that circle for each turn of the frame
+_RADIUS = 0.3  # of the circle around a branch point, as a share of the distance to the next one or ∂Ω
+_SAMPLES_PER_TURN = 32  # of the frame along that circle
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BranchPoint:
     """A point of Ω where the surface is not an immersion."""
 
-    z: complex  # where, in Ω
-    # m, that of the zero of φ; a small circle around it is mapped to a curve that winds m + 1 times around the normal
-    order: int
-    invariant: Literal[0, 1]  # of such a circle, in ℤ₂, from frames of the surface: 1 where they lift to SU(2)
+    z: complex  # in Ω
+    order: int  # m, of the zero of φ; the image of a small circle around it winds m + 1 times around the normal
+    invariant: Literal[0, 1]  # in ℤ₂: 1 if the frames along such a circle lift to SU(2)
 
     @property
     def removable(self) -> bool:
-        """Whether a small change of the surface near it, not a minimal one, makes an immersion."""
+        """Whether a small change of the surface near it gives an immersion, which need not be minimal."""
         return self.invariant == 0
 
 
 def branch_points(spinors: Functions, phi: Functions, domain: PlaneDomain) -> tuple[BranchPoint, ...]:
-    """Common zeros of p and q, z ↦ (p, q), inside ∂Ω, with their orders and invariants.
+    """Common zeros of p and q in Ω, from z ↦ (p, q) and z ↦ φ.
 
-    The zeros of one generic combination u = a·p + b·q are found by the argument principle; those that the orthogonal
-    combination v = −b̄·p + ā·q has too are the common ones. Zeros of u and v within 1e-4 of the domain's
-    diameter count as common.
+    They are the common zeros of two generic combinations, u = a·p + b·q and v = −b̄·p + ā·q, up to a distance of 1e-4 of
+    the domain's diameter.
     """
     u, v = torch.tensor([[_A, _B], [-_B.conjugate(), _A.conjugate()]], dtype=torch.complex128)
     common = []
@@ -61,7 +59,7 @@ def branch_points(spinors: Functions, phi: Functions, domain: PlaneDomain) -> tu
 
 
 def with_invariants(zeros: Sequence[Zero], phi: Functions, domain: PlaneDomain) -> tuple[BranchPoint, ...]:
-    """All zeros of φ in Ω as branch points, each with the invariant of a circle around it."""
+    """Branch points at all zeros of φ in Ω."""
     z = np.array([zero.z for zero in zeros])
     apart = np.abs(z[:, None] - np.concatenate([z, domain.vertices]))
     np.fill_diagonal(apart, np.inf)

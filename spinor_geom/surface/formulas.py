@@ -1,12 +1,12 @@
-"""Pointwise formulas of a minimal surface from its spinors p, q: all sign conventions are settled here.
+"""Pointwise formulas of a minimal surface from its spinors p, q, with all sign conventions.
 
     φ = (p² − q², −i(p² + q²), 2pq),    r_x = Re φ,  r_y = −Im φ,  n = (r_x × r_y)/|r_x × r_y|
 
-so that p = 1, q = 0 is the plane r = (x, y, 0) with n = +e₃, and p = 0 gives n = −e₃. A mean curvature is positive
-where the surface bends towards n (the sphere with its inner normal).
+So p = 1, q = 0 is the plane r = (x, y, 0) with n = +e₃, and p = 0 gives n = −e₃. Mean curvature is positive where the
+surface bends towards n (a sphere with its inner normal).
 
-Every function works point by point on tensors of any shape and is differentiable; at a branch point (p = q = 0) the
-quotients are NaN. dp and dq are the derivatives p′ and q′ by z. A tensor that is not complex is a `DtypeError`.
+The functions take tensors of any shape and are differentiable; at a branch point (p = q = 0) quotients are NaN. dp and
+dq are the derivatives p′ and q′. They raise a `DtypeError` for tensors that are not complex.
 
 Source: Sun & Chern (2026), minimal surfaces from a pair of holomorphic functions.
 """
@@ -27,7 +27,7 @@ def phi(p: Values, q: Values) -> Complex[Tensor, "*pts 3"]:
 
 
 def null_vector(pp: Values, qq: Values, pq: Values) -> Complex[Tensor, "*pts 3"]:
-    """(pp − qq, −i(pp + qq), 2pq): φ from p², q² and pq, its integral from theirs."""
+    """(pp − qq, −i(pp + qq), 2pq): φ from p², q² and pq, or its integral from theirs."""
     return torch.stack([pp - qq, -1j * (pp + qq), 2 * pq], dim=-1)
 
 
@@ -51,16 +51,16 @@ def normal(p: Values, q: Values) -> Float[Tensor, "*pts 3"]:
 
 
 def gauss_map(p: Values, q: Values) -> Values:
-    """Gauss map g = φ₃/(φ₁ − iφ₂) = −p/q: the normal, projected from the north pole e₃.
+    """Gauss map g = φ₃/(φ₁ − iφ₂) = −p/q = (n₁ + i n₂)/(1 − n₃), the normal projected stereographically from e₃.
 
-    It is (n₁ + i n₂)/(1 − n₃): meromorphic, with its poles where q = 0, that is n = +e₃ (there the value is infinite).
+    It is meromorphic; at its poles q = 0, where n = e₃, the value is infinite.
     """
     require_complex(p=p, q=q)
     return -p / q
 
 
 def weierstrass_data(p: Values, q: Values) -> tuple[Values, Values]:
-    """Weierstrass-Enneper data f = φ₁ − iφ₂ = −2q² and g = −p/q; φ is (f(1 − g²)/2, i f(1 + g²)/2, f g)."""
+    """Weierstrass data f = φ₁ − iφ₂ = −2q² and g = −p/q, so that φ = (f(1 − g²)/2, i f(1 + g²)/2, f g)."""
     require_complex(p=p, q=q)
     return -2 * q * q, gauss_map(p, q)
 
@@ -77,7 +77,7 @@ def gauss_curvature(p: Values, q: Values, dp: Values, dq: Values) -> Float[Tenso
 
 
 def first_fundamental_form(p: Values, q: Values) -> Float[Tensor, "*pts 2 2"]:
-    """First fundamental form λ²·identity in the coordinates x, y of Ω."""
+    """First fundamental form λ² I in the coordinates x, y of Ω."""
     square = conformal_factor(p, q).square()
     return square[..., None, None] * torch.eye(2, dtype=square.dtype, device=square.device)
 
@@ -85,7 +85,7 @@ def first_fundamental_form(p: Values, q: Values) -> Float[Tensor, "*pts 2 2"]:
 def second_fundamental_form(p: Values, q: Values, dp: Values, dq: Values) -> Float[Tensor, "*pts 2 2"]:
     """Second fundamental form ((r_xx·n, r_xy·n), (r_xy·n, r_yy·n)) = ((Re Q, −Im Q), (−Im Q, −Re Q)).
 
-    Q is the Hopf differential; the trace is 0 because the surface is minimal by construction.
+    Q is the Hopf differential; the trace is 0 because the surface is minimal.
     """
     hopf = hopf_differential(p, q, dp, dq)
     return torch.stack(

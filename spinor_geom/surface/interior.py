@@ -1,17 +1,14 @@
-"""How points inside Ω are reached: from ∂Ω by Cauchy's formula, or straight from a vertex of its triangulation."""
+"""Integrals of φ to points inside Ω: from ∂Ω by Cauchy's formula, or from a vertex of the triangulation."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import igl
 import numpy as np
-import torch
 from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
-from torch import Tensor
 
 from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates
 from spinor_geom.domain.plane_domain import Boundary, PlaneDomain, panel_breaks
@@ -24,9 +21,10 @@ Places = Complex[np.ndarray, " k"]
 Breaks = Float[np.ndarray, " b"]
 NullCurve = Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, "n 3"]]  # φ
 
-# Gauss-Legendre nodes on a panel, and its longest length by the distance from the nearest point, for errors of 1e-10
+# Gauss-Legendre nodes on a panel, and its largest length relative to the distance of the nearest point, for errors of
+# 1e-10
 ORDER, _LONGEST = 16, 2.5
-_HALVINGS = 40  # halvings of a panel: a point as near to ∂Ω as rounding allows must not ask for endless panels
+_HALVINGS = 40  # most halvings of a panel: a point may be on ∂Ω up to rounding
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,7 +38,7 @@ class RimPrimitive:
 
     @classmethod
     def along(cls, boundary: Boundary, phi: NullCurve, order: int, breaks: Breaks | None = None) -> RimPrimitive:
-        """Of φ as a function, by panels with so many nodes between some breaks, or those of `panel_breaks`."""
+        """The integral of a function φ by panels of `order` nodes between breaks, by default `panel_breaks`."""
         panels = Panels.on(boundary, panel_breaks(boundary) if breaks is None else breaks, order)
         velocity = phi(panels.z) * panels.dz[:, None]
         by_panel = velocity.reshape(-1, order, 3)
@@ -57,7 +55,7 @@ class RimPrimitive:
 
     def inside(self, z: Places) -> Complex[np.ndarray, "k 3"]:
         """∫ φ dz from the start to points inside a boundary without holes."""
-        # Cauchy's formula over that for 1: near ∂Ω their errors are nearly the same
+        # divided by Cauchy's formula for 1, which has nearly the same error near ∂Ω
         strengths = np.column_stack([self.primitive, np.ones(len(self.primitive))])
         strengths *= (self.panels.weights * self.panels.dz)[:, None]
         sums = cauchy_sums(self.panels.z, strengths, z)
@@ -65,7 +63,7 @@ class RimPrimitive:
 
 
 def breaks_for(boundary: Boundary, z: Places) -> Breaks:
-    """Ends of panels on a boundary that are short enough for Cauchy's formula at points inside it."""
+    """Breaks of panels on a boundary that are short enough for Cauchy's formula at points inside it."""
     tree = cKDTree(plane_coordinates(z))
     breaks = panel_breaks(boundary)
     for _ in range(_HALVINGS):
@@ -81,43 +79,24 @@ def breaks_for(boundary: Boundary, z: Places) -> Breaks:
     return breaks
 
 
-def find_anchors(z: Complex[Tensor, "*pts"], domain: PlaneDomain) -> Int[Tensor, "*pts"]:
-    """For points of Ω the vertices of its triangulation that they see along straight segments inside Ω.
+def require_finite(z: Complex[np.ndarray, "*pts"]) -> None:
+    """Raises a DomainError that names the first point of Ω with a NaN or infinite part."""
+    if not np.isfinite(z).all():
+        raise DomainError(f"points of Ω must be finite, point {int(np.argmin(np.isfinite(z)))} is not")
 
-    That is the nearest corner of the triangle that holds the point, or of the nearest triangle: the nearest vertex of
-    all may lie across a gap of Ω. Inner corners come before those on ∂Ω: near ∂Ω the poles are near too. It works
-    inside the transforms of torch.func too, and has no derivative. A point that is not finite is a DomainError.
+
+def find_anchors(z: Places, domain: PlaneDomain) -> Int[np.ndarray, " k"]:
+    """For each point of Ω a vertex of the triangulation such that the segment between them lies in Ω.
+
+    It is the nearest corner of the triangle that contains the point, or of the nearest triangle; inner corners come
+    before those on ∂Ω, near which p and q have poles. A point that is not finite raises a DomainError.
     """
-    index: Tensor = _Lookup.apply(z, domain)  # type: ignore[no-untyped-call] # torch leaves `apply` untyped
-    return index
-
-
-class _Lookup(torch.autograd.Function):
-    """A function of the values only: the transforms of torch.func reach plain tensors through it."""
-
-    @staticmethod
-    def forward(z: Tensor, domain: PlaneDomain) -> Tensor:
-        points = z.detach().cpu().resolve_conj().reshape(-1).numpy()
-        if not np.isfinite(points).all():
-            raise DomainError(f"points of Ω must be finite, point {int(np.argmin(np.isfinite(points)))} is not")
-        mesh = domain.triangulation
-        triangles = igl_arrays(flat_coordinates(mesh.points), mesh.faces)
-        _, face, _ = igl.point_mesh_squared_distance(flat_coordinates(points), *triangles)
-        corners = mesh.faces[np.asarray(face).reshape(-1)]
-        distance = np.abs(mesh.points[corners] - points[:, None])
-        on_boundary = corners < mesh.boundary_size
-        closest = np.where(on_boundary, distance + 2 * distance.max(initial=0.0), distance).argmin(axis=1)
-        index = np.take_along_axis(corners, closest[:, None], axis=1)
-        return torch.from_numpy(index).reshape(z.shape).to(z.device)
-
-    @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
-        ctx.mark_non_differentiable(output)
-
-    @staticmethod
-    def jvp(ctx: Any, *grad_inputs: Any) -> None:
-        return None
-
-    @staticmethod
-    def vmap(info: Any, in_dims: tuple[int | None, None], z: Tensor, domain: PlaneDomain) -> tuple[Tensor, int | None]:
-        return find_anchors(z, domain), in_dims[0]
+    require_finite(z)
+    mesh = domain.triangulation
+    triangles = igl_arrays(flat_coordinates(mesh.points), mesh.faces)
+    _, face, _ = igl.point_mesh_squared_distance(flat_coordinates(z), *triangles)
+    corners = mesh.faces[np.asarray(face).reshape(-1)]
+    distance = np.abs(mesh.points[corners] - z[:, None])
+    on_boundary = corners < mesh.boundary_size
+    closest = np.where(on_boundary, distance + 2 * distance.max(initial=0.0), distance).argmin(axis=1)
+    return np.asarray(np.take_along_axis(corners, closest[:, None], axis=1)[:, 0])

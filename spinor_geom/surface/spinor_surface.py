@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
@@ -16,32 +15,30 @@ from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
-from spinor_geom.errors import DomainError, DtypeError, OptionError, PeriodError, require_positive
+from spinor_geom.errors import DtypeError, OptionError, PeriodError, require_positive
+from spinor_geom.holomorphic.blocks import in_blocks
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.model import HolomorphicModel, IntegrableModel
 from spinor_geom.holomorphic.zeros import Zero, find_zeros
 from spinor_geom.shown import Shown
 from spinor_geom.surface import branch, curvature, formulas, frames, storage
-from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for, find_anchors
+from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for, find_anchors, require_finite
 
 PATH_ORDER = 16  # quadrature nodes on each piece of a path in Ω
-# points given as a tensor are answered with tensors, points given as an array with arrays
-Points = TypeVar("Points", NDArray[Any], Tensor)
-_CLOSED = 1e-9  # gap that counts as closed, as a share of the root of the area
+Points = TypeVar("Points", NDArray[Any], Tensor)  # of Ω, and results of the same kind
 Vector = Sequence[float] | NDArray[Any] | Tensor  # three numbers
-_BLOCK = 1 << 16  # evaluations of p and q at once, to bound the memory
+_CLOSED = 1e-9  # largest period of a surface that closes, as a share of the square root of its area
 
 
 class SpinorSurface(Shown, torch.nn.Module):
     """The minimal surface r(z) = c + Re ∫ φ dz, φ = (p² − q², −i(p² + q²), 2pq), of two holomorphic functions p, q.
 
-    The integral starts at `root`, where r = c. p and q are a model's outputs, mixed by a constant matrix: rotations,
-    scales and associates act there and leave the model as it is. Its parameters, and c, train with any torch optimiser.
+    The integral starts at `root`, where r = c. (p, q) is the output of a model times a constant matrix, which changes
+    with rotations, scales and associates. The parameters of the model and c can be trained by any torch optimiser.
 
-    Every method that takes points takes complex numbers of any shape (*pts) inside Ω, as an array or as a tensor, and
-    answers in kind: a tensor's answer is differentiable by the parameters and by z, an array's carries no gradients.
-    x and y are the coordinates of Ω, z = x + iy; lengths are those of space.
+    Methods take complex points of any shape (*pts) inside Ω, as an array or as a tensor, and return the same kind.
+    Tensors are differentiable by the parameters and by z. x and y are the coordinates of Ω, z = x + iy.
 
     Attributes:
         model: z ↦ (p, q) before `spinor_map`; see `HolomorphicModel`.
@@ -86,49 +83,46 @@ class SpinorSurface(Shown, torch.nn.Module):
 
     @property
     def root(self) -> complex:
-        """The point of Ω where r = constant: a vertex of the domain's triangulation near its middle."""
+        """The point of Ω where r = constant, a vertex of the triangulation near the middle."""
         return complex(self.domain.triangulation.points[self.domain.root])
 
     @property
     def has_closed_positions(self) -> bool:
-        """Whether positions need no quadrature: the model has closed integrals, and no other rule was asked for."""
+        """Whether positions need no quadrature: the model has closed integrals, and the rule is the default."""
         return self.quadrature == "gauss" and isinstance(self.model, IntegrableModel)
 
     def spinors(self, z: Points) -> Points:
         """(p, q), shape (*pts, 2)."""
-        return self._answer(self._spinors, z)
+        return self._evaluate(self._spinors, z)
 
     def spinor_derivatives(self, z: Points) -> Points:
         """(p′, q′), shape (*pts, 2)."""
-        return self._answer(self._spinor_derivatives, z)
+        return self._evaluate(self._spinor_derivatives, z)
 
     def weierstrass_data(self, z: Points) -> tuple[Points, Points]:
-        """Weierstrass-Enneper data f = φ₁ − iφ₂ = −2q² and g = −p/q (infinite where q = 0), (*pts) each."""
-        data = self._answer(lambda w: torch.stack(formulas.weierstrass_data(*self._pair(w)), dim=-1), z)
+        """Weierstrass data f = φ₁ − iφ₂ = −2q² and g = −p/q (infinite where q = 0), (*pts) each."""
+        data = self._evaluate(lambda w: torch.stack(formulas.weierstrass_data(*self._pair(w)), dim=-1), z)
         return data[..., 0], data[..., 1]
 
     def gauss_map(self, z: Points) -> Points:
         """The normal projected stereographically from +e₃, g = (n₁ + i n₂)/(1 − n₃) = −p/q, shape (*pts)."""
-        return self._answer(lambda w: formulas.gauss_map(*self._pair(w)), z)
+        return self._evaluate(lambda w: formulas.gauss_map(*self._pair(w)), z)
 
     def position(self, z: Points) -> Points:
         """Positions r(z), shape (*pts, 3).
 
-        φ is integrated in closed form where the model has one and the rule is "gauss"; else along edges of the domain's
-        triangulation to a vertex near z, and from there straight to z. A NaN or infinity in an array is a DomainError.
+        The integral is in closed form if the model has one and the rule is "gauss"; else by quadrature along edges of
+        the triangulation to a vertex near z, and from there straight to z; a NaN or infinity raises a DomainError.
         """
-        if isinstance(z, Tensor):
-            return self._answer(self._position, z)
-        z = _complex(z)
-        if not np.isfinite(z).all():
-            raise DomainError(f"points of Ω must be finite, point {int(np.argmin(np.isfinite(z)))} is not")
-        return self._answer(partial(self._position, outside_transforms=True), z)
+        if not isinstance(z, Tensor):
+            z = _complex(z)
+            require_finite(z)
+        return self._evaluate(self._position, z)
 
     def positions_inside(self, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """`position` of many points that do not lie on ∂Ω, in a time that hardly depends on how involved p and q are.
+        """`position` of many points not on ∂Ω, by few evaluations of p and q.
 
-        In closed form where the model has one; else by Cauchy's formula, from p and q on ∂Ω alone, to 1e-10 of the
-        surface's size where Ω has no holes.
+        Without holes and a closed form it uses Cauchy's formula with p and q on ∂Ω, to 1e-10 of the surface's size.
         """
         if self.has_closed_positions or self.domain.holes or len(z) == 0:
             return np.asarray(self.position(z))
@@ -139,87 +133,85 @@ class SpinorSurface(Shown, torch.nn.Module):
         return np.asarray(moved[: len(z)] + constant)
 
     def integrate(self, start: Points, end: Points) -> Points:
-        """Displacements r(end) − r(start) by quadrature along straight segments in Ω, shape (*pts, 3)."""
-        return self._answer(self._integrate, start, end)
+        """Displacements r(end) − r(start) by quadrature along segments in Ω, shape (*pts, 3)."""
+        return self._evaluate(self._integrate, start, end)
 
     def normal(self, z: Points) -> Points:
         """Unit normals n = (r_x × r_y)/λ², shape (*pts, 3); NaN at branch points."""
-        return self._answer(lambda w: formulas.normal(*self._pair(w)), z)
+        return self._evaluate(lambda w: formulas.normal(*self._pair(w)), z)
 
     def conformal_factor(self, z: Points) -> Points:
         """λ = |p|² + |q|²: length in space per length in Ω, shape (*pts)."""
-        return self._answer(lambda w: formulas.conformal_factor(*self._pair(w)), z)
+        return self._evaluate(lambda w: formulas.conformal_factor(*self._pair(w)), z)
 
     def first_fundamental_form(self, z: Points) -> Points:
         """λ²·identity in the coordinates x, y, shape (*pts, 2, 2)."""
-        return self._answer(lambda w: formulas.first_fundamental_form(*self._pair(w)), z)
+        return self._evaluate(lambda w: formulas.first_fundamental_form(*self._pair(w)), z)
 
     def second_fundamental_form(self, z: Points) -> Points:
         """Normal parts of r_xx, r_xy and r_yy from p, q, p′, q′, shape (*pts, 2, 2)."""
-        return self._answer(
+        return self._evaluate(
             lambda w: formulas.second_fundamental_form(*self._pair(w), *self._spinor_derivatives(w).unbind(-1)), z
         )
 
     def gauss_curvature(self, z: Points) -> Points:
         """K = −4|p′q − pq′|²/λ⁴ in 1/length², shape (*pts); NaN at branch points."""
-        return self._answer(
+        return self._evaluate(
             lambda w: formulas.gauss_curvature(*self._pair(w), *self._spinor_derivatives(w).unbind(-1)), z
         )
 
     def mean_curvature(self, z: Points) -> Points:
-        """H in 1/length, shape (*pts), measured: by automatic differentiation of the position, twice by x and y.
+        """H in 1/length, shape (*pts), measured by automatic differentiation of the position.
 
-        Nothing is assumed of p and q. For a holomorphic model it shows the error of the quadrature and of rounding; a
-        model that is not holomorphic shows the curvature it has. Positive towards n; NaN at branch points.
+        It shows the error of the quadrature and of rounding, and whether the model is holomorphic. Positive where the
+        surface bends towards n; NaN at branch points.
         """
-        return self._answer(self._mean_curvature, z)
+        return self._evaluate(self._mean_curvature, z)
 
     def area(self) -> float:
         """Area of the whole surface by an integral over ∂Ω alone, A = ½ ∮ (r − c) · Im(φ dz)."""
         rims = self.rim_primitives(self.order)
         area = sum(rim.area for rim in rims)
         if self.domain.holes:
-            # each rim's own r starts at 0; together they need their places, as ∮ Im(φ dz) of one alone may not vanish
+            # `rim.area` has r = 0 at the start of the rim, and ∮ Im(φ dz) of a rim need not vanish
             start = self.position(np.array([b.point(np.zeros(())) for b in self.domain.boundaries]))
             area += 0.5 * float(((start - start[0]) * [rim.at_breaks[-1].imag for rim in rims]).sum())
         return area
 
     def rim_primitives(self, order: int) -> tuple[RimPrimitive, ...]:
-        """∫ φ dz along every boundary of Ω, by panels of so many nodes."""
+        """∫ φ dz along every boundary of Ω, by panels of `order` nodes."""
         return tuple(RimPrimitive.along(boundary, self._null_curve, order) for boundary in self.domain.boundaries)
 
     def periods(self) -> Complex[np.ndarray, "holes 3"]:
-        """∮ φ dz along the boundary of each hole of Ω, as it runs: clockwise.
+        """Periods ∮ φ dz along the boundary of each hole of Ω, clockwise.
 
-        The real part is the gap by which the surface does not close around the hole: 0 to rounding for a surface that
-        is one. The imaginary part is the flux, up to its sign the force of surface tension through a curve around it.
+        The real part is the gap of the surface around the hole, 0 to rounding for a surface that closes. The imaginary
+        part is the flux, up to its sign the force of surface tension across a curve around the hole.
         """
         rims = [RimPrimitive.along(boundary, self._null_curve, self.order) for boundary in self.domain.holes]
         return np.array([rim.at_breaks[-1] for rim in rims], dtype=np.complex128).reshape(-1, 3)
 
     def largest_period(self) -> float:
-        """The largest |Re ∮ φ dz| around a hole: the gap by which the surface does not close; 0 without holes."""
+        """The largest |Re ∮ φ dz| around a hole, 0 without holes."""
         return float(np.linalg.norm(self.periods().real, axis=1).max(initial=0.0))
 
     def branch_points(self) -> tuple[branch.BranchPoint, ...]:
-        """Common zeros of p and q in Ω, where the surface is not an immersion; empty for a regular surface.
+        """Common zeros of p and q in Ω, where the surface is not an immersion.
 
-        A zero of a combination of p and q on ∂Ω, or too near to it, is a ZeroOnContourError; zeros that the values on
-        ∂Ω do not place are an UnplacedZerosError.
+        It raises the errors of `find_zeros`: ZeroOnContourError and UnplacedZerosError.
         """
         return branch.branch_points(self._on_cpu(self._single_valued), self._on_cpu(self._phi), self.domain)
 
     def spinor_zeros(self) -> tuple[tuple[Zero, ...], tuple[Zero, ...]]:
-        """The zeros of p and those of q in Ω, with their orders: where n = −e₃, and where n = e₃ and g has its poles.
+        """The zeros in Ω of p, where n = −e₃, and of q, where n = e₃ and the Gauss map has poles.
 
-        A zero on ∂Ω or too near to it, for example everywhere, is a ZeroOnContourError; zeros that the values on ∂Ω do
-        not place are an UnplacedZerosError.
+        It raises the errors of `find_zeros`; ZeroOnContourError also where p or q vanishes everywhere.
         """
         p, q = (lambda z: self._single_valued(z)[:, 0]), (lambda z: self._single_valued(z)[:, 1])
         return find_zeros(self._on_cpu(p), self.domain), find_zeros(self._on_cpu(q), self.domain)
 
     def _single_valued(self, z: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
-        """Spinors p and q times a function without zeros in Ω that changes its sign around a hole where they do."""
+        """(p, q) times the model's factor that changes its sign around holes, and has no zeros in Ω."""
         values = self._spinors(z)
         if isinstance(self.model, (CauchyNetwork, LaurentSeries)):
             values = values * self.model.sign_changing(z)[:, None]
@@ -228,18 +220,18 @@ class SpinorSurface(Shown, torch.nn.Module):
     def loop_invariant(self, z: Complex[np.ndarray, " n"]) -> Literal[0, 1]:
         """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
 
-        It is 0 for a simple curve whatever branch points it encloses: p and q make removable ones only. The samples are
-        in order, the last is followed by the first; so few that frames of neighbours differ by 90° are an OptionError.
+        It is 0 for simple curves, since branch points of spinors are removable. The samples are in order, without the
+        first at the end. An OptionError reports that neighbours' frames differ by 90° or more.
         """
         closed = torch.from_numpy(np.array(z, dtype=np.complex128))
         return frames.loop_invariant(self._on_cpu(self._phi)(closed), closed.roll(-1) - closed.roll(1))
 
     def associate(self, angle: float) -> SpinorSurface:
-        """The associate surface with φ turned into e^{i·angle}φ, the angle in radians, on a copy of the model.
+        """The associate surface with e^{i·angle}φ, the angle in radians, on a copy of the model.
 
-        It is isometric to this one and keeps `root` and the normals; the angle π/2 gives the conjugate surface (the
-        catenoid's is a helicoid). Around a hole of Ω the associate closes only where the surface has no flux there, see
-        `periods`; else it is a PeriodError.
+        It is isometric to this one and has the same normals and position of `root`; the angle π/2 gives the conjugate
+        surface (a helicoid for the catenoid). A PeriodError reports a hole of Ω around which it does not close, because
+        the flux is not 0; see `periods`.
         """
         if self.domain.holes:
             moved = (np.exp(1j * angle) * self.periods()).real
@@ -260,39 +252,34 @@ class SpinorSurface(Shown, torch.nn.Module):
             translation: (3,), in the units of the result.
 
         Raises:
-            OptionError: the matrix is not a rotation (a reflection is none), or the scale is not positive.
+            OptionError: the matrix is not a rotation, the scale not positive, or the translation not three numbers.
         """
         require_positive("scale", scale)
-        matrix = torch.as_tensor(np.eye(3) if rotation is None else rotation, dtype=torch.float64)
-        if matrix.shape != (3, 3):
-            raise OptionError(f"a rotation matrix has shape (3, 3), got {tuple(matrix.shape)}")
-        shift = torch.as_tensor(translation, dtype=torch.float64)
-        if shift.shape != (3,):
-            raise OptionError(f"a translation has shape (3,), got {tuple(shift.shape)}")
-        matrix, shift = matrix.to(self.constant.device), shift.to(self.constant.device)
-        # without a rotation nothing but the scale may touch p and q, to the last bit
+        matrix = _real("rotation", np.eye(3) if rotation is None else rotation, 3, 3).to(self.constant.device)
+        shift = _real("translation", translation, 3).to(self.constant.device)
+        # without a rotation p and q are only scaled, to the last bit
         turned = self.spinor_map if rotation is None else frames.su2_from_rotation(matrix) @ self.spinor_map
         return self._over(copy.deepcopy(self.model), scale**0.5 * turned, scale * (matrix @ self.constant) + shift)
 
     def placed(self, scale: float, translation: Vector) -> SpinorSurface:
-        """`transform` without a rotation, and the model is not copied but shared: training the one trains the other."""
+        """`transform` without a rotation and without a copy of the model, which both surfaces share."""
         shift = torch.as_tensor(translation, dtype=torch.float64, device=self.constant.device)
         return self._over(self.model, scale**0.5 * self.spinor_map, scale * self.constant + shift)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the surface with its domain to one file (safetensors with a JSON description), replacing the file.
+        """Writes the surface and its domain to a .safetensors file with a JSON description, or replaces it.
 
-        The file's suffix is .safetensors. A StorageError tells of another one, of a place where no file can be written,
-        and of a model or a boundary of a kind that cannot be loaded again.
+        A StorageError reports another suffix, a path that cannot be written, or a kind of model or boundary that cannot
+        be loaded again.
         """
         storage.write(self, path)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> SpinorSurface:
-        """What `save` wrote, bit for bit; StorageError if the file is missing, damaged, of another kind or version."""
+        """The surface that `save` wrote, bit for bit; a StorageError if there is none of this version in the file."""
         return cls(**storage.read(path))
 
-    def _answer(self, function: Callable[..., Tensor], *points: Points) -> Points:
+    def _evaluate(self, function: Callable[..., Tensor], *points: Points) -> Points:
         first = points[0]
         if isinstance(first, Tensor):
             if not all(z.is_complex() for z in points):
@@ -304,7 +291,7 @@ class SpinorSurface(Shown, torch.nn.Module):
             return function(*arrays).cpu().resolve_conj().numpy()
 
     def _on_cpu(self, function: Callable[[Tensor], Tensor]) -> Callable[[Tensor], Tensor]:
-        """The function, without gradients, of points on the CPU and with its answer there."""
+        """The function, without gradients, from points on the CPU to values there."""
         return lambda z: function(z.to(self.spinor_map.device)).detach().cpu()
 
     def _spinors(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
@@ -321,27 +308,26 @@ class SpinorSurface(Shown, torch.nn.Module):
         return formulas.phi(*self._pair(z))
 
     def _null_curve(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
-        """φ for arrays."""
-        return self._answer(self._phi, z)
+        """φ of an array."""
+        return self._evaluate(self._phi, z)
 
-    def _position(self, z: Complex[Tensor, "*pts"], *, outside_transforms: bool = False) -> Float[Tensor, "*pts 3"]:
+    def _position(self, z: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
         if self.has_closed_positions:
             integral = self._null_integral(torch.cat([z.reshape(-1), z.new_full((1,), self.root)])).real
             return self.constant + (integral[:-1] - integral[-1:]).reshape(*z.shape, 3)
-        index = find_anchors(z, self.domain).reshape(-1)
-        # in a transform of torch.func the values of the index are not known
-        wanted = index.cpu().numpy() if outside_transforms else np.arange(len(self.domain.parents))
-        vertices = torch.tensor(self.domain.triangulation.points).to(z.device)
-        # index_select and not indexing, which vmap cannot batch for a single point
-        start, anchored = vertices.index_select(0, index), self._anchor_positions(wanted).index_select(0, index)
         end = z.reshape(-1)
-        if outside_transforms:
-            beside = (start != end).nonzero()[:, 0]  # a vertex of the triangulation is its own anchor
-            return anchored.index_add(0, beside, self._integrate(start[beside], end[beside])).reshape(*z.shape, 3)
-        return (anchored + self._integrate(start, end)).reshape(*z.shape, 3)
+        index, start = self._anchors(end)
+        beside = (start != end).nonzero()[:, 0]  # a vertex is its own anchor
+        displacement = self._integrate(start[beside], end[beside])
+        return self._anchor_positions(index)[index].index_add(0, beside, displacement).reshape(*z.shape, 3)
+
+    def _anchors(self, z: Complex[Tensor, " n"]) -> tuple[Int[np.ndarray, " n"], Complex[Tensor, " n"]]:
+        """Vertices of the triangulation from which segments in Ω lead to points: indices and positions in Ω."""
+        index = find_anchors(z.detach().cpu().resolve_conj().numpy(), self.domain)
+        return index, torch.tensor(self.domain.triangulation.points[index]).to(z.device)
 
     def _null_integral(self, z: Complex[Tensor, " n"]) -> Complex[Tensor, "n 3"]:
-        """∫ φ dζ from the model's own point to z, in closed form."""
+        """∫ φ dζ from a fixed point to z, in closed form."""
         pp, qq, pq = cast(IntegrableModel, self.model).primitive(z).unbind(-1)
         (a, b), (c, d) = self.spinor_map
         return formulas.null_vector(
@@ -351,14 +337,14 @@ class SpinorSurface(Shown, torch.nn.Module):
         )
 
     def _anchor_positions(self, wanted: Int[np.ndarray, " k"]) -> Float[Tensor, "n 3"]:
-        """Positions of some vertices of the triangulation, summed along the tree of paths; the others mean nothing."""
+        """Positions of the wanted vertices, by sums along the tree of paths; the others are arbitrary."""
         device = self.spinor_map.device
         visited = torch.from_numpy(self.domain.visited(wanted)).to(device)
         vertices = torch.tensor(self.domain.triangulation.points).to(device)
         before = torch.tensor(self.domain.parents, device=device)
         steps = self._integrate(vertices[before[visited]], vertices[visited])
         total = steps.new_zeros(len(vertices), 3).index_copy(0, visited, steps)
-        # each pass doubles the number of edges summed; the root is its own parent and adds nothing
+        # each pass doubles the number of edges summed; the root is its own parent and adds 0
         while (before != self.domain.root).any():
             total, before = total + total[before], before[before]
         return self.constant + total
@@ -373,12 +359,12 @@ class SpinorSurface(Shown, torch.nn.Module):
             phi = self._phi(a[:, None] + nodes * step[:, None])
             return ((phi * weights[:, None]).sum(dim=-2) * step[:, None]).real
 
-        blocks = (torch.split(z.reshape(-1), max(_BLOCK // len(nodes), 1)) for z in (start, end))
-        return torch.cat([segments(*some) for some in zip(*blocks, strict=True)]).reshape(*start.shape, 3)
+        return in_blocks(segments, start, end, width=len(nodes))
 
     def _mean_curvature(self, z: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:
-        start = torch.tensor(self.domain.triangulation.points).to(z.device)[find_anchors(z, self.domain)].reshape(-1)
-        mean = curvature.mean_curvature_of_integrals(self._integrate, start, z.reshape(-1), order=self.order)
+        end = z.reshape(-1)
+        _, start = self._anchors(end)
+        mean = curvature.mean_curvature_of_integrals(self._integrate, start, end, order=self.order)
         return mean.reshape(z.shape)
 
     def _over(
@@ -387,6 +373,17 @@ class SpinorSurface(Shown, torch.nn.Module):
         return SpinorSurface(
             model, self.domain, constant, spinor_map=spinor_map, quadrature=self.quadrature, order=self.order
         )
+
+
+def _real(name: str, value: Any, *shape: int) -> Float[Tensor, "..."]:
+    """A tensor of finite numbers of a given shape, or an OptionError."""
+    try:
+        tensor = torch.as_tensor(value, dtype=torch.float64)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"{name} must be numbers of shape {shape}: {error}") from None
+    if tensor.shape != shape or not tensor.isfinite().all():
+        raise OptionError(f"{name} must be finite numbers of shape {shape}, got {value!s:.60}")
+    return tensor
 
 
 def _complex(z: Any) -> np.ndarray:

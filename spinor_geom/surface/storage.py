@@ -1,7 +1,7 @@
-"""Surfaces in files: safetensors with a JSON description, versioned, without pickle.
+"""Surfaces in files: safetensors with a versioned JSON description, without pickle.
 
-Complex arrays are stored as pairs of real numbers, because safetensors has no complex128. Reading restores every array,
-and so every later answer, bit for bit.
+Complex arrays are stored as pairs of real numbers, because safetensors has no complex128. Reading restores every array
+bit for bit.
 """
 
 from __future__ import annotations
@@ -29,12 +29,11 @@ if TYPE_CHECKING:
 
 FORMAT = "spinor_geom.surface"
 VERSION = 8
-_BOUNDARIES = {"fourier": FourierBoundary, "spline": SplineBoundary}
 _BOUNDARY_PARTS = ("parameters", "coefficients", "corners")
 
 
 def write(surface: SpinorSurface, path: str | os.PathLike[str]) -> None:
-    """Writes a surface; the file appears whole or not at all."""
+    """Writes a surface to a file, completely or not at all."""
     if Path(path).suffix.lower() != SURFACE_SUFFIX:
         wrong = f"a surface is saved as {SURFACE_SUFFIX}, not '{Path(path).suffix}'"
         raise StorageError(f"{os.fspath(path)}: {wrong}", path=path)
@@ -59,7 +58,7 @@ def write(surface: SpinorSurface, path: str | os.PathLike[str]) -> None:
         "format": FORMAT,
         "version": VERSION,
         "model": {"kind": kind, "config": cast(HolomorphicModel, surface.model).config()},
-        "boundaries": [_kind_of(boundary) for boundary in boundaries],
+        "boundaries": ["fourier" if isinstance(one, FourierBoundary) else "spline" for one in boundaries],
         "quadrature": surface.quadrature,
         "order": surface.order,
         "complex": sorted(name for name, tensor in tensors.items() if tensor.is_complex()),
@@ -68,18 +67,18 @@ def write(surface: SpinorSurface, path: str | os.PathLike[str]) -> None:
     plain = {name: (torch.view_as_real(t) if t.is_complex() else t).contiguous() for name, t in held.items()}
     try:
         with atomic_path(Path(path)) as temporary:
-            # one entry of metadata: several come in an order left to chance, and equal surfaces are equal files
+            # one entry of metadata: several are in random order, and equal surfaces should make equal files
             temporary.write_bytes(to_bytes(plain, {"description": json.dumps(description)}))
     except OSError as error:
         raise StorageError(f"{os.fspath(path)}: cannot be written ({error.strerror or error})", path=path) from error
 
 
 def read(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The arguments of the `SpinorSurface` that `write` wrote."""
+    """The arguments of the `SpinorSurface` in a file."""
     name = os.fspath(path)
     try:
         with safetensors.safe_open(name, framework="pt") as file:
-            # clones: the file's own memory goes with it, and is not aligned for complex numbers (torch crashes on it)
+            # clones, because the memory of the file is released, and not aligned for complex numbers (torch crashes)
             tensors = {key: file.get_tensor(key).clone() for key in file.keys()}  # noqa: SIM118 - not a mapping
             description = json.loads((file.metadata() or {}).get("description", "{}"))
     except (OSError, ValueError, safetensors.SafetensorError) as error:
@@ -96,7 +95,7 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
     try:
         return _parts(description, tensors)
     except (KeyError, TypeError, ValueError, IndexError, RuntimeError, StorageError) as error:
-        raise StorageError(f"{name} is no whole saved surface: {error}", path=name) from error
+        raise StorageError(f"{name} is not a complete saved surface: {error}", path=name) from error
 
 
 def _parts(description: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> dict[str, Any]:
@@ -127,7 +126,7 @@ def _read_domain(description: Mapping[str, Any], data: Mapping[str, Tensor]) -> 
     hole_sizes = tuple(len(hole.vertices) for hole in holes)
     size = len(boundary.vertices) + sum(hole_sizes)
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.min() < 0 or faces.max() >= len(points):
-        raise ValueError("its triangulation names points that do not exist")
+        raise ValueError("its faces name points that do not exist")
     if len(points) < size:
         raise ValueError("its triangulation does not fit its boundary")
     return PlaneDomain(
@@ -138,15 +137,10 @@ def _read_domain(description: Mapping[str, Any], data: Mapping[str, Tensor]) -> 
     )
 
 
-def _kind_of(boundary: Boundary) -> str:
-    for kind, known in _BOUNDARIES.items():
-        if isinstance(boundary, known):
-            return kind
-    raise StorageError(f"a boundary of type {type(boundary).__name__} cannot be saved; known: fourier, spline")
-
-
 def _read_boundary(kind: str, parts: Mapping[str, Tensor]) -> Boundary:
     parameters, coefficients, corners = (parts[name].numpy() for name in _BOUNDARY_PARTS)
-    if _BOUNDARIES[kind] is FourierBoundary:
+    if kind == "fourier":
         return FourierBoundary(coefficients, len(corners))
-    return SplineBoundary(parameters, coefficients, corners)
+    if kind == "spline":
+        return SplineBoundary(parameters, coefficients, corners)
+    raise ValueError(f"unknown kind of boundary {kind!r}")

@@ -1,7 +1,7 @@
 """The Weierstrass-Enneper form, r = c + Re ∫ (½f(1 − g²), ½i f(1 + g²), f g) dζ: the paper's baseline.
 
-For any holomorphic f and g, r is minimal. But g is the normal projected from e₃ and would need a pole where the normal
-is e₃; and where f has a zero of odd order r has a branch point that no small change of f and g removes.
+For any holomorphic f and g, r is minimal. But the Gauss map g has a pole where the normal is e₃, and r has a branch
+point that is not removable where f has a zero of odd order.
 """
 
 from typing import cast
@@ -13,11 +13,12 @@ from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import rule
+from spinor_geom.holomorphic.blocks import in_blocks
 from spinor_geom.holomorphic.model import HolomorphicModel
 from spinor_geom.holomorphic.zeros import find_zeros
 from spinor_geom.surface.branch import BranchPoint, with_invariants
 
-_ORDER, _BLOCK = 32, 1 << 16  # quadrature nodes on each ray, and evaluations of f and g at once
+_ORDER = 32  # quadrature nodes on each ray
 
 
 def weierstrass_phi(f: Complex[Tensor, "*pts"], g: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
@@ -26,9 +27,9 @@ def weierstrass_phi(f: Complex[Tensor, "*pts"], g: Complex[Tensor, "*pts"]) -> C
 
 
 class WeierstrassSurface(torch.nn.Module):
-    """A minimal surface over a disk from f and g, the two outputs of a holomorphic model.
+    """A minimal surface from f and g, the two outputs of a holomorphic model, with r(0) = constant.
 
-    0 sees all of the domain: positions are integrated along rays from there, where r is the constant.
+    Positions are integrated along rays from 0, which have to lie in the domain.
 
     Source: Sun & Chern (2026), comparison with the Weierstrass-Enneper parametrisation.
     """
@@ -44,16 +45,17 @@ class WeierstrassSurface(torch.nn.Module):
     def position(self, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Positions r(z), shape (*pts, 3)."""
         nodes, weights = (torch.tensor(a).to(self.constant.device) for a in rule("gauss", _ORDER))
-        flat = torch.tensor(z, dtype=torch.complex128, device=self.constant.device).reshape(-1)
-        parts = []
-        for some in torch.split(flat, max(1, _BLOCK // len(nodes))):
-            phi = weierstrass_phi(*self._data(some[:, None] * nodes).unbind(-1))
-            parts.append(((phi * weights[:, None]).sum(1) * some[:, None]).real)
-        r = self.constant.detach() + torch.cat(parts)
-        return np.asarray(r.cpu().numpy()).reshape(*np.shape(z), 3)
+
+        def displacement(end: Complex[Tensor, " n"]) -> Float[Tensor, "n 3"]:
+            phi = weierstrass_phi(*self._data(end[:, None] * nodes).unbind(-1))
+            return ((phi * weights[:, None]).sum(1) * end[:, None]).real
+
+        points = torch.tensor(z, dtype=torch.complex128, device=self.constant.device)
+        r = self.constant.detach() + in_blocks(displacement, points, width=_ORDER)
+        return np.asarray(r.cpu().numpy())
 
     def branch_points(self) -> tuple[BranchPoint, ...]:
-        """Zeros of f in Ω, where the surface is not an immersion; those of odd order are not removable."""
+        """Zeros of f in Ω; those of odd order are not removable."""
         zeros = find_zeros(lambda z: self._data_on_cpu(z)[..., 0], self.domain)
         return with_invariants(zeros, lambda z: weierstrass_phi(*self._data_on_cpu(z).unbind(-1)), self.domain)
 

@@ -1,8 +1,8 @@
 """Training of complex-valued networks on Plateau's problem: the paper's algorithm, and Levenberg-Marquardt."""
 
 from spinor_geom.training.levenberg_marquardt import LevenbergMarquardt, train_by_levenberg_marquardt
-from spinor_geom.training.result import Trained, TrainingStep
 from spinor_geom.training.rmsprop import RMSprop, train_by_rmsprop
+from spinor_geom.training.trained import Trained, TrainingStep
 
 __all__ = [
     "LevenbergMarquardt",

@@ -1,4 +1,4 @@
-"""The boundary of a surface in training: nodes on ∂Ω with an integral along it, or the paper's rule on each ray."""
+"""Boundaries of surfaces in training: by integrals along ∂Ω, or by the paper's quadrature along rays."""
 
 from __future__ import annotations
 
@@ -22,34 +22,34 @@ from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import weierstrass_phi
 
-_PANEL_ORDER = 4  # fewest Gauss-Legendre nodes on a panel of an ∂Ω with corners: they are many, and short at these
-_CONSTANT_STEPS = 5  # rounds in which the constant of r and the nearest points of Γ are found from each other
-_POINTS = 1024  # points that the bounding box of a curve is taken from
+_PANEL_ORDER = 4  # fewest Gauss-Legendre nodes on a panel of an ∂Ω with corners
+_CONSTANT_STEPS = 5  # alternations between the constant of r and the nearest points of Γ
+_POINTS = 1024  # of a curve, for its bounding box
 
 
 def as_boundary_curve(curve: BoundaryCurve | ClosedCurve) -> BoundaryCurve:
-    """A curve as polynomials, to rounding error where it is given by formulas."""
+    """A curve as piecewise polynomials; formulas are approximated to rounding."""
     return curve if isinstance(curve, BoundaryCurve) else BoundaryCurve.from_formula(curve)
 
 
 def diagonal_of(curve: BoundaryCurve) -> float:
-    """Diagonal of the curve's bounding box, in units of space."""
+    """Diagonal of a curve's bounding box."""
     return float(np.linalg.norm(np.ptp(curve.point(np.arange(_POINTS) / _POINTS), axis=0)))
 
 
 @dataclass(frozen=True, eq=False)
 class BoundaryNodes:
-    """Nodes on ∂Ω, their parameters t increasing, with dz/dt."""
+    """Nodes on ∂Ω with increasing parameters t."""
 
     t: Float[Tensor, " n"]
     z: Complex[Tensor, " n"]
-    dz: Complex[Tensor, " n"]
-    weights: Float[Tensor, " n"]  # of the mean over t; their sum is 1
-    integral: Float[Tensor, "n n"]  # of values at the nodes: ∫ f dt, up to a constant
+    dz: Complex[Tensor, " n"]  # dz/dt
+    weights: Float[Tensor, " n"]  # of the mean over t, of sum 1
+    integral: Float[Tensor, "n n"]  # from values f at the nodes to ∫ f dt there, up to a constant
 
     @classmethod
     def on(cls, domain: PlaneDomain, count: int, device: torch.device) -> BoundaryNodes:
-        """About `count` nodes: at equal steps of t on an analytic ∂Ω, else on panels between its vertices."""
+        """About `count` nodes: at equal steps of t on an analytic ∂Ω, else on panels."""
         boundary = domain.boundary
         if isinstance(boundary, FourierBoundary):
             count = max(count, len(boundary.coefficients) + 1)
@@ -68,48 +68,50 @@ class BoundaryNodes:
     def positions(self, spinors: Complex[Tensor, "n 2"]) -> Float[Tensor, "n 3"]:
         """Positions of the nodes, up to a constant, from p and q there."""
         velocity = (phi(spinors[:, 0], spinors[:, 1]) * self.dz[:, None]).real
-        # the real part of the integral of a real kernel is that of the real part
         return self.integral @ velocity
 
-    def placed(
+    def matched(
         self, spinors: Complex[Tensor, "n 2"], slide: Float[Tensor, " n"], curve: CurveTensors, *, held: bool = False
-    ) -> Placed:
-        """The boundary of the surface of p and q, as near to Γ as a constant brings it, from the slide on or held."""
+    ) -> MatchedBoundary:
+        """The boundary of the surface of p and q, translated to Γ.
+
+        Nearest points of Γ are searched from those at the parameters `slide`, or these are kept if they are held.
+        """
         position = self.positions(spinors)
         position = position - self.weights @ (position - curve.point_and_derivative(slide)[0])
         for _ in range(0 if held else _CONSTANT_STEPS):
             slide = projected(position, slide, curve, limit=1 / len(self.t))
             position = position - self.weights @ (position - curve.point_and_derivative(slide)[0])
-        return Placed(position=position, slide=slide, error=position - curve.point_and_derivative(slide)[0])
+        return MatchedBoundary(position=position, slide=slide, error=position - curve.point_and_derivative(slide)[0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Placed:
-    """The boundary of a surface next to Γ: r at the nodes, parameters of the points of Γ near them, and r − Γ."""
+class MatchedBoundary:
+    """The boundary of a surface beside Γ, at the nodes."""
 
-    position: Float[Tensor, "n 3"]
-    slide: Float[Tensor, " n"]
-    error: Float[Tensor, "n 3"]
+    position: Float[Tensor, "n 3"]  # r
+    slide: Float[Tensor, " n"]  # parameters of the corresponding points of Γ
+    error: Float[Tensor, "n 3"]  # r − Γ
 
 
 def move_to(surface: SpinorSurface, z: Complex[Tensor, " n"], position: Float[Tensor, "n 3"]) -> None:
-    """Sets a surface's constant so that it has given positions at some points, in the mean."""
+    """Translates a surface so that the mean of its positions at some points is that of given ones."""
     found = surface.position(z.cpu().numpy())
     with torch.no_grad():
         surface.constant.add_((position - torch.as_tensor(found).to(position)).mean(0))
 
 
-FORMS = {"spinor": phi, "weierstrass-enneper": weierstrass_phi}  # φ of two networks: of p and q, or of f and g
+FORMS = {"spinor": phi, "weierstrass-enneper": weierstrass_phi}  # φ of p and q, or of f and g
 
 
 class RayBoundary(torch.nn.Module):
-    """The boundary r(e^{2πis}) of a surface over the unit disk with r(0) = c, of p and q or of f and g."""
+    """The boundary r(e^{2πis}) of a surface over the unit disk with r(0) = c, by quadrature along rays."""
 
     nodes: Tensor
     weights: Tensor
 
     def __init__(self, network: ComplexMLP, constant: Float[np.ndarray, "3"], form: str, rule: Rule) -> None:
-        """A boundary with φ made by a form of `FORMS`, and a rule on [0, 1] for each ray."""
+        """A boundary with φ in one of `FORMS` and a rule on [0, 1] for each ray."""
         super().__init__()
         self.network = network
         self.constant = torch.nn.Parameter(torch.tensor(constant))
@@ -118,15 +120,17 @@ class RayBoundary(torch.nn.Module):
             self.register_buffer(name, torch.tensor(values), persistent=False)
 
     def point_and_velocity(self, s: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
-        """Positions r and dr/ds at given s, differentiable by the networks' parameters."""
+        """Positions r and dr/ds at given s, differentiable by the network's parameters."""
         z = _circle(s)
         # the last point is z itself, for the velocity
         null = self._null(torch.cat([z[:, None] * self.nodes, z[:, None]], dim=1))
         position = ((null[:, :-1] * self.weights[:, None]).sum(1) * z[:, None]).real
         return self.constant + position, (2j * math.pi * z[:, None] * null[:, -1]).real
 
-    def moved_with(self, s: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
-        """Values r and dr/ds, differentiable by s; the derivative of r is dr/ds itself, not that of its quadrature."""
+    def differentiable_point_and_velocity(
+        self, s: Float[Tensor, " n"]
+    ) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
+        """Positions r and dr/ds at given s, differentiable by s; the derivative of r is exact, not the quadrature's."""
         with torch.no_grad():
             position, velocity = self.point_and_velocity(s)
         z = _circle(s)

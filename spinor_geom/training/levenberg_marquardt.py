@@ -1,8 +1,8 @@
-"""Levenberg-Marquardt for complex-valued networks: p and q are distilled, then the distance from Γ is polished.
+"""Training of complex-valued networks by the Levenberg-Marquardt method.
 
-p and q are holomorphic in the network's parameters, so their Jacobian J at m points is an m × k complex matrix, k the
-number of parameters. A damped step is Jᴴu with (J Jᴴ + μ)u the residual: the dual form, a system of m equations
-however large the network is, in which J itself never appears; see `Linearisation`.
+Distillation fits p and q to those of another surface; polishing reduces the distance of the boundary from Γ. p and q
+are holomorphic in the network's parameters, so their Jacobian J at m points is a complex matrix with m rows. A damped
+step is Jᴴu with (J Jᴴ + μ)u the residual: m equations, whatever the number of parameters; see `Linearisation`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import require_count, require_positive
 from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP, Linearisation, disk_around
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.plateau.found import Found
@@ -32,21 +32,21 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.spinor_surface import SpinorSurface
-from spinor_geom.training.boundary import BoundaryNodes, Placed, as_boundary_curve, diagonal_of, move_to
-from spinor_geom.training.result import Trained, TrainingStep
+from spinor_geom.training.boundary import BoundaryNodes, MatchedBoundary, as_boundary_curve, diagonal_of, move_to
+from spinor_geom.training.trained import Trained, TrainingStep
 
-# damping at the start, as a share of the mean diagonal entry of J Jᴴ: near to what is sought, and from random numbers
-_NEAR, _FAR = 1e-6, 1e-1
-# points between the nodes at which the distance is told, and how many times larger than at the nodes it may be
+# initial damping relative to the mean diagonal entry of J Jᴴ, close to the solution and far from it; least damping
+_NEAR, _FAR, _LEAST_DAMPING = 1e-6, 1e-1, 1e-16
+_LESS, _MORE = 0.2, 4.0  # factors of the damping after a good and a bad step
+_PATIENCE, _GAIN = 12, 0.1  # the distance stagnates if this number of steps reduces it by less than this share
+# The distance is measured at this number of points per node; if it is this many times that at the nodes, they are
+# doubled.
 _POINTS_PER_NODE, _BETWEEN = 4, 3.0
 _MOST_NODES = 512
-# deeper networks that start from random parameters are calmer at first: their gain is this over the depth
+# networks deeper than this that start from random parameters have the gain _GAIN_ALONE/depth
 _DEEP, _GAIN_ALONE = 3, 8.0
-# shares of the tolerance at which distillation (r is quadratic in p and q, so errors double) and polishing stop
+# shares of the tolerance at which distillation (r is quadratic in p and q) and polishing stop
 _DISTILLED, _POLISHED = 0.1, 0.2
-_LESS, _MORE = 0.2, 4.0  # change of the damping after a good and a bad step
-_LEAST_DAMPING = 1e-16  # as a share like those at the start: below it rounding decides
-_PATIENCE, _GAIN = 12, 0.1  # so many steps have to lessen the distance by a tenth together, else it stands still
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,11 +57,11 @@ class LevenbergMarquardt:
         depth: hidden layers; 10 for the paper's network.
         width: units in each; 20 for the paper's network.
         activation: an entire function.
-        seed: of the network's first parameters.
-        nodes: on ∂Ω at first; where the boundary leaves Γ between them they are doubled.
-        tolerance: largest distance from Γ, in diagonals of its bounding box, at which training stops.
-        distillation_steps: most steps towards given p and q.
-        polishing_steps: most steps on the distance from Γ itself, for each number of nodes.
+        seed: of the initial parameters.
+        nodes: initial number of nodes on ∂Ω.
+        tolerance: largest distance from Γ, in diagonals of its bounding box.
+        distillation_steps: most steps towards the p and q of a given surface.
+        polishing_steps: most steps to reduce the distance from Γ, for each number of nodes.
     """
 
     depth: int = 3
@@ -76,11 +76,10 @@ class LevenbergMarquardt:
 
     def __post_init__(self) -> None:
         """Raises OptionError for values out of range."""
-        if self.nodes < 8 or self.distillation_steps < 0 or self.polishing_steps < 0 or not self.tolerance > 0:
-            raise OptionError(
-                "nodes must be at least 8, numbers of steps not negative and the tolerance positive, got "
-                f"{self.nodes}, {self.distillation_steps}, {self.polishing_steps} and {self.tolerance}"
-            )
+        require_count(depth=self.depth, width=self.width)
+        require_count(8, nodes=self.nodes)
+        require_count(0, distillation_steps=self.distillation_steps, polishing_steps=self.polishing_steps)
+        require_positive("tolerance", self.tolerance, finite=False)
 
     def disk(self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps) -> Found:
         """A minimal disk over a curve at unit size; see `plateau.options.Trainer`."""
@@ -108,14 +107,18 @@ def train_by_levenberg_marquardt(
     device: str | torch.device = "cpu",
     on_step: Callable[[TrainingStep], None] | None = None,
 ) -> Trained:
-    """A network whose surface has its boundary on a curve Γ, from p and q of another one or from random parameters.
+    """A network whose surface has its boundary on a curve Γ, from the p and q of a surface or random parameters.
 
-    The start is a surface near to the one that is sought, with a matching, (n, 2), increasing pairs (t, s) of
-    parameters of its ∂Ω and of Γ, or s = t; without a start parameters are random, on the unit disk. The surface is
-    returned on the device that the linear algebra runs on; `on_step` is called after each step.
+    Args:
+        curve: Γ.
+        start: a surface with a boundary near Γ; by default training starts from random parameters on the unit disk.
+        matching: (n, 2), increasing pairs (t, s) of parameters of the ∂Ω of `start` and of Γ; by default s = t.
+        options: of the network and the training.
+        device: for the linear algebra and the returned surface.
+        on_step: is called after each step.
 
     Returns:
-        The surface, with its largest distance from Γ at four points a node; pieces of Γ that it passes over count.
+        The surface and its distance from Γ, measured at four points a node.
 
     Raises:
         CurveError: the formulas are not those of a smooth closed curve.
@@ -150,14 +153,14 @@ class _Training:
             gain=_GAIN_ALONE / options.depth if start is None and options.depth > _DEEP else None,
             generator=torch.Generator().manual_seed(options.seed),
         ).to(self.device)
-        # Γ at the size of Ω: p and q of size 1 whatever its own size
+        # Γ is scaled to the size of Ω, so that p and q are of size 1
         self.diagonal = diagonal_of(curve)
         self.scale = self.domain.diameter / self.diagonal
         self.curve = CurveTensors.of(curve.placed(self.scale * curve.coefficients[-1], self.scale), self.device)
         self.history: list[TrainingStep] = []
 
     def run(self, matching: Float[np.ndarray, "n 2"]) -> Trained:
-        """Distils, polishes, and doubles the nodes while the boundary leaves Γ between them."""
+        """Distils and polishes, and doubles the nodes while the boundary is far from Γ between them."""
         count = self.options.nodes
         while True:
             nodes = BoundaryNodes.on(self.domain, count, self.device)
@@ -166,25 +169,27 @@ class _Training:
                 self._distil(nodes, self.start)
             elif count == self.options.nodes:
                 self._polish(nodes, slide, held=True)
-            near = self._polish(nodes, slide, held=False).near
-            matching = np.column_stack([nodes.t.cpu().numpy(), near.slide.cpu().numpy()])
+            boundary = self._polish(nodes, slide, held=False)
+            matching = np.column_stack([nodes.t.cpu().numpy(), boundary.slide.cpu().numpy()])
             misfit = self._misfit(matching, len(nodes.t))
-            met = misfit.max <= self.options.tolerance * self.domain.diameter
-            swings = misfit.max > _BETWEEN * float(near.error.norm(dim=1).max())
-            if met or not swings or 2 * count > _MOST_NODES:
+            converged = misfit.max <= self.options.tolerance * self.domain.diameter
+            larger_between = misfit.max > _BETWEEN * float(boundary.error.norm(dim=1).max())
+            if converged or not larger_between or 2 * count > _MOST_NODES:
                 break
             count *= 2
         to_space = torch.eye(2, dtype=torch.complex128, device=self.device) / self.scale**0.5
         surface = SpinorSurface(self.network, self.domain, spinor_map=to_space).to(self.device)
-        move_to(surface, nodes.z, near.position / self.scale)
-        limit = "within the tolerance" if met else "more steps help no more; a wider network, or other nodes, may"
+        move_to(surface, nodes.z, boundary.position / self.scale)
+        limit = (
+            "within the tolerance" if converged else "more steps do not reduce it; a wider network, or more nodes, may"
+        )
         return Trained(
             surface=surface,
             matching=matching,
             misfit=misfit.enlarged(1 / self.scale),
             diagonal=self.diagonal,
             history=tuple(self.history),
-            status="converged" if met else "stopped",
+            status="converged" if converged else "stopped",
             reason=f"largest distance from the curve {misfit.max / self.domain.diameter:.1e} of its diagonal after "
             f"{len(self.history)} steps: {limit}",
             seconds=time.perf_counter() - self.begin,
@@ -192,39 +197,31 @@ class _Training:
 
     def _distil(self, nodes: BoundaryNodes, start: SpinorSurface) -> None:
         values = torch.as_tensor(start.spinors(nodes.z.cpu().numpy()), device=self.device) * self.scale**0.5
-        descend(
-            self.network,
-            nodes.z,
-            Distillation(linear=self.network.linearised(nodes.z), values=values),
-            damping=_NEAR,
-            tolerance=_DISTILLED * self.options.tolerance,
-            max_steps=self.options.distillation_steps,
-            on_step=partial(self._hear, "distillation"),
-        )
+        fit = Distillation(linear=self.network.linearised(nodes.z), values=values)
+        tolerance = _DISTILLED * self.options.tolerance
+        steps, record = self.options.distillation_steps, partial(self._record, "distillation")
+        descend(self.network, nodes.z, fit, damping=_NEAR, tolerance=tolerance, max_steps=steps, on_step=record)
 
-    def _polish(self, nodes: BoundaryNodes, slide: Float[Tensor, " n"], *, held: bool) -> Polish:
-        linear = self.network.linearised(nodes.z)
+    def _polish(self, nodes: BoundaryNodes, slide: Float[Tensor, " n"], *, held: bool) -> MatchedBoundary:
+        linear, damping = self.network.linearised(nodes.z), _FAR if held else _NEAR
+        fit = Polish(linear=linear, nodes=nodes, curve=self.curve, slide=slide, held=held)
+        tolerance = _POLISHED * self.options.tolerance * self.domain.diameter
+        steps, record = self.options.polishing_steps, partial(self._record, "polishing")
         return descend(
-            self.network,
-            nodes.z,
-            Polish(linear=linear, nodes=nodes, curve=self.curve, slide=slide, held=held),
-            damping=_FAR if held else _NEAR,
-            tolerance=_POLISHED * self.options.tolerance * self.domain.diameter,
-            max_steps=self.options.polishing_steps,
-            on_step=partial(self._hear, "polishing"),
-        )
+            self.network, nodes.z, fit, damping=damping, tolerance=tolerance, max_steps=steps, on_step=record
+        ).boundary
 
     def _slide(self, matching: Float[np.ndarray, "n 2"], nodes: BoundaryNodes) -> Float[Tensor, " n"]:
         return torch.as_tensor(interpolate_matching(matching, nodes.t.cpu().numpy()), device=self.device)
 
     def _misfit(self, matching: Float[np.ndarray, "n 2"], count: int) -> Misfit:
-        """The distance between the nodes, both ways: what of Γ the boundary passes over counts too."""
+        """The distance of the boundary from Γ at points between the nodes."""
         dense = BoundaryNodes.on(self.domain, _POINTS_PER_NODE * count, self.device)
         with torch.no_grad():
-            near = dense.placed(self.network.value(dense.z), self._slide(matching, dense), self.curve)
-        return Misfit.of(near.position, near.slide, self.curve)
+            boundary = dense.matched(self.network.value(dense.z), self._slide(matching, dense), self.curve)
+        return Misfit.of(boundary.position, boundary.slide, self.curve)
 
-    def _hear(self, method: Literal["distillation", "polishing"], loss: float) -> None:
+    def _record(self, method: Literal["distillation", "polishing"], loss: float) -> None:
         index, seconds = len(self.history) + 1, time.perf_counter() - self.begin
         loss = loss if method == "distillation" else loss / self.scale
         step = TrainingStep(index=index, method=method, loss=loss, boundary_error=None, seconds=seconds)
@@ -235,13 +232,13 @@ class _Training:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Distillation:
-    """The distance of the network's p and q from given ones."""
+    """The least-squares problem of fitting p and q to given values."""
 
     linear: Linearisation
     values: Complex[Tensor, "n 2"]
 
     def at(self, linear: Linearisation) -> Distillation:
-        """That of other parameters; its losses are NaN where the network overflows."""
+        """The problem at other parameters; losses are NaN if the network overflows."""
         return replace(self, linear=linear)
 
     @property
@@ -250,7 +247,7 @@ class Distillation:
 
     @cached_property
     def losses(self) -> Float[Tensor, "2"]:
-        """The mean |difference|² of p and that of q."""
+        """The mean squared errors of p and of q."""
         return self._residual.abs().square().mean(0)
 
     @cached_property
@@ -258,18 +255,17 @@ class Distillation:
         return self.linear.kernel()
 
     def step(self, damping: Float[Tensor, " k"]) -> Complex[Tensor, "n 2"]:
-        """The v whose Jᴴ v is the change of the parameters, NaN where the system is indefinite; of each a system."""
+        """The v for which Jᴴ v is the damped step, by one system for p and one for q; NaN if it is indefinite."""
         return _damped_solution(self._kernel, damping, self._residual.mT).mT
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Polish:
-    """The distance of a surface's boundary from Γ, the slide along Γ eliminated.
+    """The least-squares problem of the distance between a surface's boundary and Γ.
 
-    The distance of a node counts only in the two directions normal to Γ, and the node's point of Γ is the nearest one,
-    looked for from the slide on. Where the slide is `held` the distance from its points counts in all directions: the
-    way from random parameters, whose surface is far from Γ everywhere. The real parts of complex rows make a real dual
-    system of two equations a node.
+    The residual of a node is its distance from the nearest point of Γ in the two directions normal to Γ. If the
+    parameters `slide` are held, it is the distance from the points at these parameters in all directions; surfaces with
+    random parameters, which are far from Γ, start in this way. The dual system is real, with two equations a node.
     """
 
     linear: Linearisation
@@ -279,61 +275,60 @@ class Polish:
     held: bool
 
     def at(self, linear: Linearisation) -> Polish:
-        """That of other parameters."""
-        return replace(self, linear=linear, slide=self.near.slide)
+        """The problem at other parameters."""
+        return replace(self, linear=linear, slide=self.boundary.slide)
 
     @cached_property
-    def near(self) -> Placed:
-        """The boundary next to Γ."""
-        return self.nodes.placed(self.linear.value, self.slide, self.curve, held=self.held)
+    def boundary(self) -> MatchedBoundary:
+        """The boundary beside Γ."""
+        return self.nodes.matched(self.linear.value, self.slide, self.curve, held=self.held)
 
     @property
     def losses(self) -> Float[Tensor, "1"]:
         """The mean squared distance."""
-        return self.nodes.weights @ self.near.error.square().sum(1, keepdim=True)
+        return self.nodes.weights @ self.boundary.error.square().sum(1, keepdim=True)
 
     @cached_property
     def _system(self) -> tuple[Complex[Tensor, "2 m n"], Float[Tensor, "m m"], Float[Tensor, " m"]]:
-        """Derivatives of the distances by p and by q at the nodes, of which the real parts count; kernel; distances."""
+        """Derivatives of the residuals by p and q at the nodes (real parts), the kernel, and the negative residuals."""
         nodes, (p, q) = self.nodes, self.linear.value.unbind(-1)
-        # φ by p and by q, along the path
+        # derivatives of φ dz/dt by p and by q
         by = torch.stack([torch.stack([2 * p, -2j * p, 2 * q], dim=-1), torch.stack([-2 * q, -2j * q, 2 * p], dim=-1)])
         by = by * nodes.dz[:, None]
-        tangent = self.curve.point_and_derivative(self.near.slide)[1]
+        tangent = self.curve.point_and_derivative(self.boundary.slide)[1]
         directions = [*normals_of(tangent), *([torch.nn.functional.normalize(tangent, dim=1)] if self.held else [])]
         e = nodes.weights.sqrt()[:, None] * torch.stack(directions)
-        # the constant of r follows the mean
+        # the mean of r is fixed by its constant
         mean_free = nodes.integral - nodes.weights @ nodes.integral
         rows = torch.einsum("aid,ij,kjd->kaij", e.to(by.dtype), mean_free.to(by.dtype), by).flatten(1, 2)
         kernel = (rows @ self.linear.kernel() @ rows.mH).real.sum(0)
-        # what a constant can do is nearly free: it is found anew after each step
+        # translations are nearly free, since the constant is recomputed after each step
         e = e.flatten(0, 1)
         kernel = kernel + kernel.diagonal().mean() / e.square().sum(1).mean() * (e @ e.mT)
-        return rows, kernel, -(e * self.near.error.repeat(len(directions), 1)).sum(1)
+        return rows, kernel, -(e * self.boundary.error.repeat(len(directions), 1)).sum(1)
 
     def step(self, damping: Float[Tensor, " k"]) -> Complex[Tensor, "n 2"]:
-        """One real system for p and q together."""
+        """The v for which Jᴴ v is the damped step, by one real system for p and q."""
         rows, kernel, right = self._system
         return (rows.mH @ _damped_solution(kernel, damping[0], right).to(rows.dtype)).mT
 
 
-SomeFit = TypeVar("SomeFit", Distillation, Polish)
+Fit = TypeVar("Fit", Distillation, Polish)
 
 
 def descend(
     network: ComplexMLP,
     z: Complex[Tensor, " n"],
-    fit: SomeFit,
+    fit: Fit,
     *,
     damping: float,
     tolerance: float,
     max_steps: int,
     on_step: Callable[[float], None] | None = None,
-) -> SomeFit:
-    """Lessens a distance by damped steps of a network's parameters, in place, and returns it where it was left.
+) -> Fit:
+    """Solves a least-squares problem by damped steps of a network's parameters, in place; returns it at the last ones.
 
-    The damping is that at the start, as a share of the mean diagonal entry of J Jᴴ; `on_step` is called with the
-    distance after each step.
+    The initial damping is relative to the mean diagonal entry of J Jᴴ; `on_step` gets the RMS residual of each step.
     """
     reference, since = rms(fit), 0
     shares = torch.full_like(fit.losses, damping)
@@ -346,7 +341,7 @@ def descend(
         trial = fit.at(network.linearised(z))
         better = trial.losses < fit.losses
         if not bool(better.all()):
-            # p, q, or both go back
+            # p, q, or both return to the parameters before the step
             _move(network, before, changes, where=better)
             trial = fit.at(network.linearised(z)) if bool(better.any()) else fit
         fit = trial
@@ -360,14 +355,14 @@ def descend(
 
 
 def rms(fit: Distillation | Polish) -> float:
-    """The distance, p and q together."""
+    """The root of the sum of the losses."""
     return float(fit.losses.sum().sqrt())
 
 
 def _move(
     network: ComplexMLP, before: Sequence[Tensor], changes: Sequence[Tensor], *, where: Bool[Tensor, " k"]
 ) -> None:
-    """Sets the parameters to what they were, and changes those of p, of q, or of both."""
+    """Sets the parameters to `before`, plus the changes for p, q or both."""
     with torch.no_grad():
         for parameter, old, change in zip(network.parameters(), before, changes, strict=True):
             parameter.copy_(torch.where(where.reshape(-1, *[1] * (old.ndim - 1)), old + change, old))
@@ -376,7 +371,7 @@ def _move(
 def _damped_solution(
     kernel: Inexact[Tensor, "*batch n n"], damping: Float[Tensor, "*#batch"], right: Inexact[Tensor, "*batch n"]
 ) -> Tensor:
-    """The solution of (kernel + μ) u = right, μ the damping as a share of the kernel's mean diagonal entry."""
+    """The solution of (kernel + μ) u = right, with μ the damping times the mean diagonal entry of the kernel."""
     share = damping * kernel.diagonal(dim1=-2, dim2=-1).real.mean(-1)
     damped = kernel + share[..., None, None] * torch.eye(kernel.shape[-1], dtype=kernel.dtype, device=kernel.device)
     factor, failed = torch.linalg.cholesky_ex(damped)

@@ -1,4 +1,4 @@
-"""The paper's training: Algorithm 1, alternating RMSprop on the surface and on the homeomorphism of its boundary."""
+"""The paper's Algorithm 1: alternating RMSprop for the surface and for the homeomorphism of its boundary."""
 
 import copy
 import itertools
@@ -21,7 +21,7 @@ from torch import Tensor
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
-from spinor_geom.errors import OptionError, StorageError, require_positive
+from spinor_geom.errors import OptionError, StorageError, require_count, require_positive
 from spinor_geom.files import atomic_path
 from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
@@ -33,43 +33,40 @@ from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 from spinor_geom.training.boundary import FORMS, RayBoundary, as_boundary_curve, diagonal_of, move_to
-from spinor_geom.training.result import Status, Trained, TrainingStep
+from spinor_geom.training.trained import Status, Trained, TrainingStep
 
-_FORMAT = "spinor_geom.training 2"  # of files with the state of a training
-_ANEW = "remove it to train from the start"
-_GROWTH = 1e3  # a loss so many times that of the first epoch is no training any more
-_BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192  # points of ∂Ω and of Γ between which the boundary error is measured
-# its rates suit curves of the paper's size: a solver's Γ gets the diagonal of the unit circle's bounding box
-_DIAGONAL = 2 * math.sqrt(2)
-# points by which a checkpoint knows its curve, and the largest distance, in diagonals, between those of the same one
+_FORMAT = "spinor_geom.training 2"  # of checkpoints
+_REMOVE = "remove it to train from the start"
+_GROWTH = 1e3  # a loss this many times that of the first epoch has diverged
+_BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192  # points of ∂Ω and of Γ for the boundary error
+_DIAGONAL = 2 * math.sqrt(2)  # of curves from the solver: that of the unit circle, for which the learning rate is made
+# points of Γ in a checkpoint, and the largest distance, in diagonals, between those of the same curve
 _COMPARED_POINTS, _SAME_CURVE = 32, 1e-9
-Moving: TypeAlias = tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]  # points of a closed curve, velocities there
-# real layers of the paper's ρ, and pieces of [0, 1] on which it is linear between its values: its integral is exact
-_SIZES, _PIECES = (1, 64, 64, 32, 1), 512
-_FREE = ("epochs", "checkpoint", "checkpoint_every")  # options that a checkpoint goes on from whatever they were
+PointsAndVelocities: TypeAlias = tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]  # of a closed curve
+_SIZES, _PIECES = (1, 64, 64, 32, 1), 512  # layers of ρ; pieces of [0, 1] on which it is interpolated linearly
+_FREE = ("epochs", "checkpoint", "checkpoint_every")  # options that may change when training resumes
 
 
 @dataclass(frozen=True, kw_only=True)
 class RMSprop:
-    """The paper's training; its settings are the defaults.
+    """The paper's training; the defaults are its settings.
 
     Attributes:
         representation: "spinor" for p and q; "weierstrass-enneper" for f and g, the paper's baseline.
         depth: hidden layers of each of the two networks.
         width: units in each.
         activation: an entire function.
-        gain: of the networks' start, see `ComplexMLP`; the paper does not say how it starts.
+        gain: of the initial networks, see `ComplexMLP`; the paper does not give its initialisation.
         learning_rate: of RMSprop.
         batch: samples of [0, 1] in each update.
-        points: samples drawn for each epoch, anew for the surface and for the homeomorphism.
-        epochs: most of them, 0 for the start; the paper takes 800, and 2,000 and 4,000 for prescribed surfaces.
+        points: samples in each epoch, for the surface and for the homeomorphism.
+        epochs: number of epochs; the paper takes 800, and 2,000 or 4,000 for prescribed surfaces.
         tangent_weight: λ.
         quadrature: rule on the ray from 0 to a point.
         order: its intervals ("trapezoid", "simpson") or nodes ("gauss").
         seed: of all random numbers.
-        checkpoint: file that holds the state; where it exists training goes on from there, on a CPU bit for bit as if
-            it had never stopped.
-        checkpoint_every: epochs between two writes of it; the last one is written too.
+        checkpoint: file for the state; if it exists training resumes from it, on a CPU bit for bit.
+        checkpoint_every: epochs between two writes of the file; the last epoch is written too.
     """
 
     representation: Literal["spinor", "weierstrass-enneper"] = "spinor"
@@ -92,14 +89,12 @@ class RMSprop:
     def __post_init__(self) -> None:
         """Raises OptionError for values out of range."""
         rule(self.quadrature, self.order)
-        if min(self.batch, self.checkpoint_every) < 1 or self.epochs < 0 or self.points < self.batch:
-            raise OptionError(
-                "batch and checkpoint_every must be at least 1, epochs not negative, and points at least one batch, "
-                f"got {self.batch}, {self.checkpoint_every}, {self.epochs} and {self.points}"
-            )
+        require_count(depth=self.depth, width=self.width, batch=self.batch, checkpoint_every=self.checkpoint_every)
+        require_count(0, epochs=self.epochs)
+        require_count(self.batch, points=self.points)
         require_positive("learning_rate", self.learning_rate)
-        if not self.tangent_weight >= 0:
-            raise OptionError(f"tangent_weight must be a number from 0 on, not {self.tangent_weight}")
+        if self.tangent_weight != 0:
+            require_positive("tangent_weight", self.tangent_weight, instead="0 or ")
         if self.representation not in FORMS:
             raise OptionError(f"unknown representation {self.representation!r}; choose one of: {', '.join(FORMS)}")
 
@@ -118,21 +113,19 @@ def train_by_rmsprop(
     device: str | torch.device = "cpu",
     on_epoch: Callable[[TrainingStep], None] | None = None,
 ) -> Trained:
-    """A minimal surface over the unit disk whose boundary comes near to Γ, by the paper's Algorithm 1.
+    """A minimal surface over the unit disk with a boundary close to Γ, by the paper's Algorithm 1.
 
-    Each epoch draws samples of [0, 1] and goes through them in batches. For each batch the surface's networks and the
-    constant c take one step of RMSprop on the loss between r(e^{2πit}) and Γ(Φ(t)), then the homeomorphism on that
-    between r(e^{2πiΦ⁻¹(t)}) and Γ(t). c starts at the centre of Γ. The paper's learning rate moves each parameter by a
-    few hundredths in 800 epochs: with a curve far from size 1 or off the origin the other settings have to follow.
-    `on_epoch` is called after each.
+    Each epoch draws samples of [0, 1]. For each batch of them RMSprop makes one step of the networks and the constant c
+    with the loss between r(e^{2πit}) and Γ(Φ(t)), then one of the homeomorphism with that between r(e^{2πiΦ⁻¹(t)}) and
+    Γ(t). c starts at the centre of Γ. The paper's learning rate moves each parameter by a few hundredths in 800 epochs,
+    which suits curves of size 1. `on_epoch` is called after each epoch.
 
     Returns:
-        The surface (a `WeierstrassSurface` for the baseline) and what every epoch did; losses that are infinite, NaN or
-        grow without end are a `status`, not an error.
+        The surface, a `WeierstrassSurface` for the baseline, and the history. Divergence is a `status`, not an error.
 
     Raises:
         CurveError: the formulas are not those of a smooth closed curve.
-        StorageError: the checkpoint cannot be read, or is of a training with other options or on another curve.
+        StorageError: the checkpoint cannot be read, or has other options or another curve.
 
     Source: Sun & Chern (2026), Algorithm 1.
     """
@@ -169,46 +162,45 @@ class _Training:
         self.even = torch.arange(_BOUNDARY_POINTS, dtype=torch.float64, device=device) / _BOUNDARY_POINTS
 
     def run(self, on_epoch: Callable[[TrainingStep], None] | None) -> Trained:
-        """Epochs until the last one, no more time, or a divergence."""
+        """Trains until the last epoch, the time limit or divergence."""
         options = self.options
         seconds = self.history[-1].seconds if self.history else 0.0
         for index in range(len(self.history) + 1, options.epochs + 1):
             if is_out_of_time():
-                return self._trained("stopped", "the time was up", seconds)
+                return self._result("stopped", "the time was up", seconds)
             begin = time.perf_counter()
             before = copy.deepcopy(self.modules.state_dict())
             loss = self._epoch()
-            # what is only measured or saved is no part of the training
             seconds += time.perf_counter() - begin
             if self._diverged(loss):
                 self.modules.load_state_dict(before)
-                told = "the loss became infinite, NaN or far larger than at first; the surface is that of the epoch "
-                return self._trained("diverged", f"{told}before, take a smaller learning rate", seconds)
-            far = self._misfit().max
-            step = TrainingStep(index=index, method="RMSprop", loss=loss, boundary_error=far, seconds=seconds)
+                reason = "the loss became infinite, NaN or far larger than at first; take a smaller learning rate"
+                return self._result("diverged", f"{reason} (the surface is that of the epoch before)", seconds)
+            error = self._misfit().max
+            step = TrainingStep(index=index, method="RMSprop", loss=loss, boundary_error=error, seconds=seconds)
             self.history.append(step)
             if self.path is not None and (index % options.checkpoint_every == 0 or index == options.epochs):
                 self.save(self.path)
             if on_epoch is not None:
                 on_epoch(step)
-        return self._trained("finished", "all epochs were done", seconds)
+        return self._result("finished", "all epochs were done", seconds)
 
     def _epoch(self) -> float:
-        """One pass over newly drawn samples; the mean of the surface's losses."""
+        """Trains with new samples; returns the mean loss of the surface."""
         options = self.options
-        # both updates draw points of their own, as the algorithm says
+        # the two updates have different samples
         drawn = torch.rand(2, options.points, dtype=torch.float64, generator=self.random).to(self.device)
         losses = []
         for t, s in zip(*(torch.split(row, options.batch) for row in drawn), strict=True):
             with torch.no_grad():
-                onto = self.curve.point_and_derivative(self.homeomorphism.inverse(t))
-            losses.append(self._update("surface", self.boundary.point_and_velocity(t), onto))
-            of = self.boundary.moved_with(self.homeomorphism(s))
-            self._update("homeomorphism", of, self.curve.point_and_derivative(s))
+                target = self.curve.point_and_derivative(self.homeomorphism.inverse(t))
+            losses.append(self._update("surface", self.boundary.point_and_velocity(t), target))
+            boundary = self.boundary.differentiable_point_and_velocity(self.homeomorphism(s))
+            self._update("homeomorphism", boundary, self.curve.point_and_derivative(s))
         return float(torch.stack(losses).mean())
 
-    def _update(self, name: str, of: Moving, onto: Moving) -> Float[Tensor, ""]:
-        loss = boundary_loss(of, onto, tangent_weight=self.options.tangent_weight)
+    def _update(self, name: str, boundary: PointsAndVelocities, target: PointsAndVelocities) -> Float[Tensor, ""]:
+        loss = boundary_loss(boundary, target, tangent_weight=self.options.tangent_weight)
         self.optimizers[name].zero_grad()
         loss.backward()  # type: ignore[no-untyped-call] # torch leaves it untyped
         self.optimizers[name].step()
@@ -220,7 +212,7 @@ class _Training:
         return not finite or not math.isfinite(loss) or loss > _GROWTH * first
 
     def _misfit(self) -> Misfit:
-        """Distance between the boundary and Γ, the larger of both ways: neither passes over a part of the other."""
+        """The larger of the distances of the boundary from Γ and of Γ from the boundary."""
         with torch.no_grad():
             r = self.boundary.point_and_velocity(self.even)[0].cpu().numpy()
         if not np.isfinite(r).all():
@@ -230,19 +222,19 @@ class _Training:
         to_curve, nearest = cKDTree(self.gamma).query(r)
         to_boundary, arcs = cKDTree(polygon).query(self.gamma)[0], _arcs(self.gamma)
         length = float(arcs.sum())
-        ways = []
-        for way in ((to_curve, dense[nearest], _arcs(r)), (to_boundary, dense, arcs)):
-            distance, slide, weights = (torch.as_tensor(part).to(self.device) for part in way)
-            ways.append(Misfit.from_distances(distance, slide, weights, self.curve, length=length))
-        largest = {name: max(getattr(way, name) for way in ways) for name in ("rms", "max", "max_per_local_edge")}
+        both = []
+        for direction in ((to_curve, dense[nearest], _arcs(r)), (to_boundary, dense, arcs)):
+            distance, slide, weights = (torch.as_tensor(part).to(self.device) for part in direction)
+            both.append(Misfit.from_distances(distance, slide, weights, self.curve, length=length))
+        largest = {name: max(getattr(one, name) for one in both) for name in ("rms", "max", "max_per_local_edge")}
         return Misfit(**largest, length=length)
 
     def save(self, path: Path) -> None:
-        """Writes parameters, optimisers, random numbers, some points of the curve, options and history."""
+        """Writes the state to a checkpoint."""
         state = {
             "format": _FORMAT,
-            "options": self._own_options(),
-            "curve": self._some_of_curve(),
+            "options": self._fixed_options(),
+            "curve": self._curve_samples(),
             "modules": self.modules.state_dict(),
             "optimizers": {name: optimizer.state_dict() for name, optimizer in self.optimizers.items()},
             "random": self.random.get_state(),
@@ -252,29 +244,29 @@ class _Training:
             torch.save(state, temporary)
 
     def restore(self, path: Path) -> None:
-        """Takes the state that `save` wrote, unless it is of other options or another curve."""
+        """Reads the state from a checkpoint; a StorageError if it has other options or another curve."""
         state = _read_state(path)
-        own = self._own_options()
+        own = self._fixed_options()
         different = sorted(name for name in own if own[name] != state["options"].get(name))
         other = f"other options ({', '.join(different)})" if different else ""
-        if not different and float((state["curve"] - self._some_of_curve()).abs().max()) > _SAME_CURVE * self.diagonal:
+        if not different and float((state["curve"] - self._curve_samples()).abs().max()) > _SAME_CURVE * self.diagonal:
             other = "another curve"
         if other:
-            raise StorageError(f"{path} is of a training with {other}; {_ANEW}", path=str(path))
+            raise StorageError(f"{path} is of a training with {other}; {_REMOVE}", path=str(path))
         self.modules.load_state_dict(state["modules"])
         for name, optimizer in self.optimizers.items():
             optimizer.load_state_dict(state["optimizers"][name])
         self.random.set_state(state["random"])
         self.history = [TrainingStep(**step) for step in state["history"]]
 
-    def _own_options(self) -> dict[str, Any]:
-        """Options that the state depends on: more epochs go on from the same one."""
+    def _fixed_options(self) -> dict[str, Any]:
+        """Options that the state depends on."""
         return {name: value for name, value in asdict(self.options).items() if name not in _FREE}
 
-    def _some_of_curve(self) -> Float[Tensor, "k 3"]:
+    def _curve_samples(self) -> Float[Tensor, "k 3"]:
         return torch.tensor(self.gamma[:: _CURVE_POINTS // _COMPARED_POINTS])
 
-    def _trained(self, status: Status, reason: str, seconds: float) -> Trained:
+    def _result(self, status: Status, reason: str, seconds: float) -> Trained:
         boundary, domain = self.boundary, PlaneDomain.disk()
         surface: SpinorSurface | WeierstrassSurface
         if self.options.representation == "spinor":
@@ -298,49 +290,49 @@ class _Training:
         )
 
 
-def boundary_loss(of: Moving, onto: Moving, *, tangent_weight: float) -> Float[Tensor, ""]:
-    """L_distance + λ L_tangent of two closed curves, as the mean over samples of ∫ |x − y|² + λ(1 − v·w/(|v||w|)) dt.
+def boundary_loss(
+    boundary: PointsAndVelocities, target: PointsAndVelocities, *, tangent_weight: float
+) -> Float[Tensor, ""]:
+    """L_distance + λ L_tangent, the mean of |x − y|² + λ(1 − v·w/(|v||w|)) over samples of two closed curves.
 
-    Each curve is its points and its velocities there. Source: Sun & Chern (2026), losses of the boundary.
+    Source: Sun & Chern (2026), losses of the boundary.
     """
-    (x, v), (y, w) = of, onto
+    (x, v), (y, w) = boundary, target
     distance = (x - y).square().sum(-1).mean()
-    if not tangent_weight:
-        return distance
     return distance + tangent_weight * (1 - torch.nn.functional.cosine_similarity(v, w, dim=-1)).mean()
 
 
 def _read_state(path: Path) -> dict[str, Any]:
     try:
-        # only what torch itself writes is looked into
+        # a zip file, as torch writes it; without weights_only it could run code
         state = torch.load(path, map_location="cpu", weights_only=True) if zipfile.is_zipfile(path) else None
     except (OSError, RuntimeError, pickle.UnpicklingError) as error:
         raise StorageError(f"{path} cannot be read as a checkpoint: {error}", path=str(path)) from error
     if not isinstance(state, dict) or state.get("format") != _FORMAT:
-        raise StorageError(f"{path} is not a checkpoint of this version; {_ANEW}", path=str(path))
+        raise StorageError(f"{path} is not a checkpoint of this version; {_REMOVE}", path=str(path))
     return state
 
 
 def _arcs(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Length of a closed sequence of points around each."""
+    """Arc length of a closed polygon that belongs to each point."""
     chords = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
     return np.asarray((chords + np.roll(chords, 1)) / 2)
 
 
 class CircleHomeomorphism(torch.nn.Module):
-    """Ψ(t) = ∫₀ᵗ ρ/∫₀¹ ρ + b, increasing, with Ψ(t + 1) = Ψ(t) + 1, for a positive ρ and a learnable shift b.
+    """The homeomorphism Ψ(t) = ∫₀ᵗ ρ/∫₀¹ ρ + b of the circle, with a positive ρ and a learnable shift b.
 
-    ρ is a real network [1, 64, 64, 32, 1] with ReLU units and an exponential output. At the start it is nearly
-    constant, so Ψ is nearly the identity.
+    ρ is a real network [1, 64, 64, 32, 1] with ReLU units and an exponential output. Initially it is nearly constant,
+    and Ψ nearly the identity. Ψ(t + 1) = Ψ(t) + 1.
 
     Source: Sun & Chern (2026), reparametrisations on S¹.
     """
 
     def __init__(self, *, generator: torch.Generator | None = None) -> None:
-        """Random parameters, on the CPU: uniform in ±1/√fan-in; b = 0."""
+        """Random parameters, uniform in ±1/√fan-in, on the CPU; b = 0."""
         super().__init__()
         pairs = itertools.pairwise(_SIZES)
-        # made without the random numbers of all torch
+        # without use of torch's global generator
         linear = [torch.nn.Linear(*pair, dtype=torch.float64, device="meta").to_empty(device="cpu") for pair in pairs]
         for name in ("weight", "bias"):
             for layer in linear:
@@ -365,7 +357,7 @@ class CircleHomeomorphism(torch.nn.Module):
         return turns + values[piece] + part * (left + (right - left) * part / 2) / _PIECES + self.shift
 
     def inverse(self, s: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-        """The t with Ψ(t) = s, the zero of a quadratic; differentiable by s and the parameters."""
+        """The t with Ψ(t) = s, a root of a quadratic; differentiable by s and the parameters."""
         slopes, values = self._table()
         wanted = s - self.shift
         turns = wanted.detach().floor()
@@ -377,7 +369,7 @@ class CircleHomeomorphism(torch.nn.Module):
         return turns + (piece + part) / _PIECES
 
     def _table(self) -> tuple[Float[Tensor, " k"], Float[Tensor, " k"]]:
-        """Ψ′ and Ψ − b at the ends of the pieces."""
+        """Ψ′ and Ψ − b at the ends of all pieces."""
         ends = torch.linspace(0, 1, _PIECES + 1, dtype=torch.float64, device=self.shift.device)
         density = self.density(ends)
         integral = torch.cumulative_trapezoid(density, dx=1 / _PIECES)

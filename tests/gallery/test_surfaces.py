@@ -50,6 +50,7 @@ def test_helicoid_is_ruled():
 
 
 @pytest.mark.parametrize("make", [enneper, plane_disk, lambda r: polynomial([1], [0], radius=r), lambda r: helicoid(r)])
-def test_sizes_must_be_positive(make):
+@pytest.mark.parametrize("size", [0.0, -1.0, np.inf, np.nan, "1"])
+def test_sizes_must_be_positive(make, size):
     with pytest.raises(OptionError):
-        make(0.0)
+        make(size)

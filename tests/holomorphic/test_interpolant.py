@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 
 from spinor_geom.domain import FourierBoundary
 from spinor_geom.errors import DtypeError
-from spinor_geom.holomorphic import blocks, rebuild
+from spinor_geom.holomorphic import blocks
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from tests.strategies import SEEDS, analytic_boundaries
 
@@ -56,7 +55,6 @@ def test_nodes_have_their_values_to_the_last_bit(boundary):
     with torch.no_grad():
         assert torch.equal(model.value(model.nodes), model.values)
         assert torch.equal(model.value(model.nodes[[5, 90]].reshape(2, 1)), model.values[[5, 90]].reshape(2, 1, 2))
-        assert torch.equal(model.features(model.nodes), torch.eye(96, dtype=torch.complex128))
 
 
 @pytest.mark.parametrize("depth", [1.0, 0.5, 0.1, 1e-2, 1e-4, 1e-8, 0.0])
@@ -148,7 +146,6 @@ def test_shape_and_dtype_follow_the_points(shape):
         for values in (model.value(z), model.derivative(z)):
             assert values.shape == (*shape, 2)
             assert values.dtype == torch.complex128
-        assert model.features(z).shape == (*shape, 32)
         single = CauchyInterpolant(*(t.to(torch.complex64) for t in (model.nodes, model.weights, model.values)))
         assert single.value(z.to(torch.complex64)).dtype == torch.complex64
 
@@ -169,20 +166,6 @@ def test_values_are_a_copy():
     model = CauchyInterpolant(z, dz, values)
     values[:] = 5
     assert (model.values == 1).all()
-
-
-def test_config_gives_an_empty_model_of_the_same_size_and_the_state_fills_it():
-    model = interpolating(BOUNDARIES["8:1"], 48)
-    config = json.loads(json.dumps(model.config()))
-    empty = CauchyInterpolant.from_config(config)
-    assert {name: t.shape for name, t in empty.state_dict().items()} == {
-        name: t.shape for name, t in model.state_dict().items()
-    }
-    assert not empty.values.any()
-    again = rebuild(CauchyInterpolant.kind, config, model.state_dict())
-    z = points_inside(BOUNDARIES["8:1"], 0.2)
-    with torch.no_grad():
-        assert torch.equal(again.value(z), model.value(z))
 
 
 @pytest.mark.parametrize("name", ["nodes", "weights", "values"])

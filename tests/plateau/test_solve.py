@@ -333,10 +333,16 @@ def test_bad_options_are_refused(options, message):
         solve_plateau(SMALL, **options)
 
 
-@pytest.mark.parametrize("options", [{"degree": 0}, *({"pole_offset": bad} for bad in (0.0, np.nan, np.inf))])
-def test_bad_model_options_are_refused(options):
-    with pytest.raises(OptionError, match="degree"):
-        Cauchy(**options)
+@pytest.mark.parametrize(
+    ("name", "bad"),
+    [
+        *(("degree", bad) for bad in (0, 2.5, np.inf, "3")),
+        *(("pole_offset", bad) for bad in (0.0, np.nan, np.inf, "1")),
+    ],
+)
+def test_bad_model_options_are_refused(name, bad):
+    with pytest.raises(OptionError, match=name):
+        Cauchy(**{name: bad})
 
 
 def test_misspelt_option_is_a_type_error():

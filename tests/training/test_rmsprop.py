@@ -64,7 +64,7 @@ def test_a_surface_that_has_collapsed_to_a_point_of_the_curve_is_far_from_it():
         for parameter in training.boundary.network.parameters():
             parameter.zero_()
         training.boundary.constant.copy_(torch.tensor(CURVE.point(np.array(0.0))))
-    told = training._trained("finished", "all epochs were done", 0.0)
+    told = training._result("finished", "all epochs were done", 0.0)
     gamma = CURVE.point(np.arange(4096) / 4096)
     away = np.linalg.norm(gamma - CURVE.point(np.array(0.0)), axis=1)
     speed = np.linalg.norm(CURVE.derivative(np.arange(4096) / 4096), axis=1)
@@ -199,9 +199,13 @@ def test_a_boundary_that_moves_has_the_derivatives_of_its_own_curve(name):
     s, step = torch.linspace(0, 1, 9, dtype=torch.float64)[:-1].requires_grad_(), 1e-6
     with torch.no_grad():
         (r0, v0), (r1, v1) = (boundary.point_and_velocity(s + way * step) for way in (-1, 1))
-        for told, own in zip(boundary.moved_with(s), boundary.point_and_velocity(s), strict=True):
+        for told, own in zip(
+            boundary.differentiable_point_and_velocity(s), boundary.point_and_velocity(s), strict=True
+        ):
             torch.testing.assert_close(told, own, rtol=0, atol=1e-14)
-    for told, other in zip(boundary.moved_with(s), ((r1 - r0) / (2 * step), (v1 - v0) / (2 * step)), strict=True):
+    for told, other in zip(
+        boundary.differentiable_point_and_velocity(s), ((r1 - r0) / (2 * step), (v1 - v0) / (2 * step)), strict=True
+    ):
         (by_s,) = torch.autograd.grad(told[:, 0].sum(), s, retain_graph=True)
         torch.testing.assert_close(by_s, other[:, 0], rtol=1e-6, atol=1e-6)
 
@@ -211,6 +215,7 @@ def test_a_boundary_that_moves_has_the_derivatives_of_its_own_curve(name):
     [
         {"epochs": -1},
         {"points": 10},
+        {"batch": np.nan},
         {"learning_rate": 0.0},
         {"tangent_weight": -1.0},
         {"representation": "weierstrass"},

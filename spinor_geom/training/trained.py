@@ -1,4 +1,4 @@
-"""What training returns: a surface, how near its boundary came, and every step on the way."""
+"""The result of training: a surface, the distance of its boundary from Γ, and the history of steps."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -22,10 +22,9 @@ class TrainingStep:
     Attributes:
         index: from 1.
         method: "RMSprop"; "distillation" of given p and q; "polishing" of the distance from Γ.
-        loss: the mean of an epoch's losses; RMS error of p and q, or RMS distance from Γ, at the nodes after the step.
-        boundary_error: largest distance of the boundary from Γ, measured on many more points than are trained on, in
-            units of space; None where it was not measured.
-        seconds: of training since its start; measuring an epoch's `boundary_error` and saving its state are left out.
+        loss: the mean loss of the epoch; or the RMS error of p and q, or the RMS distance from Γ, after the step.
+        boundary_error: largest distance of the boundary from Γ, in units of space; None if it was not measured.
+        seconds: of training since the start, without the time for `boundary_error` and checkpoints.
     """
 
     index: int
@@ -40,16 +39,16 @@ class Trained:
     """A surface from training.
 
     Attributes:
-        surface: the surface; a `WeierstrassSurface` only where that was asked for. After a divergence it is that of the
-            last good epoch.
-        matching: (n, 2), increasing pairs (t, s): parameters of ∂Ω and of Γ.
-        misfit: distance between its boundary and Γ, on points that were not trained on.
+        surface: the surface, a `WeierstrassSurface` for that representation; after a divergence that of the last good
+            epoch.
+        matching: (n, 2), increasing pairs (t, s) of parameters of ∂Ω and of Γ.
+        misfit: distance between the boundary and Γ, at points that were not trained on.
         diagonal: of the bounding box of Γ.
         history: the steps.
-        status: "converged": the tolerance was met; "finished": all steps were done; "stopped": steps helped no more, or
-            the time was up; "diverged": losses became infinite, NaN or far larger than at the start.
-        reason: the same in one sentence, with figures.
-        seconds: of training in all.
+        status: "converged" to the tolerance; "finished" all epochs; "stopped" without progress or out of time;
+            "diverged": the loss became infinite, NaN or far larger than at the start.
+        reason: the status as a sentence with figures.
+        seconds: of training.
     """
 
     surface: SpinorSurface | WeierstrassSurface
@@ -72,8 +71,8 @@ class Trained:
         return self.misfit.rms / self.diagonal
 
     def as_disk(self, curve: BoundaryCurve, *, scale: float = 1.0) -> Found:
-        """The disk over a curve at unit size; Γ was the curve divided by the scale."""
-        assert isinstance(self.surface, SpinorSurface)  # the other representation is refused with the options
+        """The disk over a curve at unit size, `scale` times as large as Γ."""
+        assert isinstance(self.surface, SpinorSurface)  # the options exclude the other representation
         surface = self.surface.transform(scale=scale)
         return Found(
             domain=surface.domain,
