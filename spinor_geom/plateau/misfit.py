@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from spinor_geom.mesh.curve import SAMPLES_PER_PIECE
-from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.curve_tensors import CurveTensors
 
 # No part of a loop may be missed by more than so many tolerances of its own edges: a tenth of them at 1e-3. Noisy and
 # narrow loops that are met everywhere stay below half of that; a finger that is passed over is missed by several edges.

@@ -12,7 +12,7 @@ from spinor_geom.errors import OptionError, require_positive
 
 if TYPE_CHECKING:
     from spinor_geom.mesh.curve import BoundaryCurve
-    from spinor_geom.plateau.found import Found
+    from spinor_geom.plateau.route_result import Found
     from spinor_geom.plateau.solution import PlateauSolution
     from spinor_geom.plateau.steps import Steps
 

@@ -15,14 +15,14 @@ from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError, Spin
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES, MIN_POINTS_FOR_HIGH_DEGREE
-from spinor_geom.plateau.found import FAILURES, Found, NoneBetweenError, typed_failures
-from spinor_geom.plateau.harmonic_route import MOST_FREE_POINTS, Fit, HarmonicSolver, points_of_domain
-from spinor_geom.plateau.network_route import PARTS_OF_A_SIDE, NetworkSolver, rim_indices
-from spinor_geom.plateau.omega import has_narrow_place
+from spinor_geom.plateau.disk_search import Rim, find_disks, leave_unstable, lower_beside
+from spinor_geom.plateau.harmonic.harmonic_route import MOST_FREE_POINTS, Fit, HarmonicSolver, points_of_domain
+from spinor_geom.plateau.harmonic.smooth_domain import has_narrow_place
+from spinor_geom.plateau.network.network_route import PARTS_OF_A_SIDE, NetworkSolver, rim_indices
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import lie_in_plane, plane_region
-from spinor_geom.plateau.request import Request
-from spinor_geom.plateau.rims import RimsSolver, obstacle
+from spinor_geom.plateau.problem import Request
+from spinor_geom.plateau.rims.rims_route import RimsSolver, obstacle
 from spinor_geom.plateau.roughness import (
     FEW_POINTS,
     ROUGH_TURN,
@@ -32,10 +32,10 @@ from spinor_geom.plateau.roughness import (
     roundest,
     shows_sides,
 )
+from spinor_geom.plateau.route_result import FAILURES, Found, NoneBetweenError, typed_failures
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution, RimDisks
-from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable, lower_beside
 from spinor_geom.plateau.steps import SPENT, Clock
-from spinor_geom.plateau.vertex_route import disk_through_points
+from spinor_geom.plateau.vertices.vertex_route import disk_through_points
 
 # A loop longer than so many times its width crowds on the disk: at 2.4 it is met to 1e-8 edges, at 4 no more.
 _DISK_ELONGATION = 2.5

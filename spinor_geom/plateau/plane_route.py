@@ -13,10 +13,10 @@ from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, Plane
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.intersections import MEETING_PER_DIAGONAL
-from spinor_geom.plateau.found import Between, Found
-from spinor_geom.plateau.gauss_newton import normals_of
+from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.network.gauss_newton import normals_of
+from spinor_geom.plateau.route_result import Between, Found
 from spinor_geom.plateau.steps import Clock
 from spinor_geom.surface.frames import spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface

@@ -19,10 +19,10 @@ from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import first_disks
 from spinor_geom.errors import ArgumentTypeError, OptionError, SpinorGeomError, require_positive
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau.found import typed_failures
-from spinor_geom.plateau.harmonic_route import BATCH_NODES, FEWEST_NODES, HarmonicSolver
+from spinor_geom.plateau.harmonic.harmonic_route import BATCH_NODES, FEWEST_NODES, HarmonicSolver
 from spinor_geom.plateau.options import Cauchy, Model, Optimizer, Options, usable_device
 from spinor_geom.plateau.plan import Route, Task, all_surfaces, minimal_disk, plan, surface_between
+from spinor_geom.plateau.route_result import typed_failures
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.steps import Iteration
 from spinor_geom.plateau.threads import one_thread

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.route_result import Found
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 

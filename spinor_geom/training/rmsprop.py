@@ -25,9 +25,9 @@ from spinor_geom.errors import OptionError, StorageError, require_positive
 from spinor_geom.files import atomic_path
 from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
-from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.route_result import Found
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.spinor_surface import SpinorSurface

@@ -14,8 +14,9 @@ from spinor_geom.holomorphic.poles import edge_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.network import Discretisation, ModulusFields
-from spinor_geom.plateau.problem import CurveTensors, slide_bounds, way_across
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.network.discretisation import Discretisation, ModulusFields
+from spinor_geom.plateau.network.network_problem import slide_bounds, way_across
 from tests.loops import CONVEX, L_SHAPE, planar
 
 FLAT = np.array([1, 1j, 0])

@@ -12,7 +12,7 @@ from spinor_geom import BoundaryLoop, solve_plateau
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import DomainError, SpinorGeomError
 from spinor_geom.plateau import network_route
-from spinor_geom.plateau.omega import resolved_form
+from spinor_geom.plateau.harmonic.smooth_domain import resolved_form
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plan import Task
 from spinor_geom.plateau.solution import PlateauSolution

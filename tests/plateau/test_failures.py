@@ -18,9 +18,9 @@ from spinor_geom.errors import SingularMatrixError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import gauss_newton, plan, solve_plateau, solve_plateau_batch
-from spinor_geom.plateau.lift import _each_solved
-from spinor_geom.plateau.network import Discretisation
-from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.lift import _each_solved
+from spinor_geom.plateau.network.discretisation import Discretisation
 from spinor_geom.plateau.solution import NoConnectedSurface
 from spinor_geom.plateau.steps import Steps
 from tests.loops import noisy_ellipse

@@ -9,10 +9,10 @@ from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import network, solve_plateau
-from spinor_geom.plateau.gauss_newton import Fit
-from spinor_geom.plateau.network import Discretisation
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.network.discretisation import Discretisation
+from spinor_geom.plateau.network.gauss_newton import Fit
 from spinor_geom.plateau.options import Cauchy
-from spinor_geom.plateau.problem import CurveTensors
 from tests.loops import noisy_ellipse
 
 POLES = 48

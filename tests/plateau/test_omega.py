@@ -15,9 +15,16 @@ from spinor_geom.domain.polygons import is_simple
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.dirichlet import DirichletForm
-from spinor_geom.plateau.omega import NodeDensity, Shape, _steps_across, reflattened, resolved_form, rounded_boundary
-from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
+from spinor_geom.plateau.harmonic.smooth_domain import (
+    NodeDensity,
+    Shape,
+    _steps_across,
+    reflattened,
+    resolved_form,
+    rounded_boundary,
+)
 from tests.loops import noisy_ellipse, planar
 from tests.plateau import slides
 from tests.plateau.slides import CPU, PEANUT, ellipse

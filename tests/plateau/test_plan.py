@@ -12,7 +12,6 @@ from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError, Sing
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau import Cauchy, Laurent, solve_plateau
-from spinor_geom.plateau.found import Found, NoneBetweenError
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plan import (
     Route,
@@ -20,6 +19,7 @@ from spinor_geom.plateau.plan import (
     nearest_surface,
     plan,
 )
+from spinor_geom.plateau.route_result import Found, NoneBetweenError
 from tests.loops import CONVEX, noisy_ellipse, planar
 from tests.plateau.rims import TETRAHEDRON, coaxial, facing, ring, sampled
 

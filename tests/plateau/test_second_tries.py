@@ -6,7 +6,7 @@ import pytest
 from spinor_geom import gallery
 from spinor_geom.errors import DomainError, SingularMatrixError
 from spinor_geom.plateau import network, network_route, solve_plateau
-from spinor_geom.plateau.network import Discretisation
+from spinor_geom.plateau.network.discretisation import Discretisation
 
 
 @pytest.mark.parametrize("error", [DomainError("folded"), SingularMatrixError(size=3)], ids=["domain", "matrix"])

@@ -13,7 +13,7 @@ from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.errors import DomainError, FirstFillError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import Cauchy, PlateauSolution, Stability, network_route, plan, solutions, solve_plateau
-from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable, lower_beside
+from spinor_geom.plateau.disk_search import Rim, find_disks, leave_unstable, lower_beside
 from spinor_geom.plateau.steps import Steps
 from tests.exact_solutions import ENNEPER, exact_solution, with_stability
 from tests.loops import noisy_ellipse

@@ -24,13 +24,13 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.plateau import Laurent, NoConnectedSurface
-from spinor_geom.plateau.capacity_path import all_on_path
-from spinor_geom.plateau.network_route import NetworkSolver
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.network.network_route import NetworkSolver
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plan import Task
-from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.rim_starts import Rim, start_between
-from spinor_geom.plateau.rims_energy import RimsProblem
+from spinor_geom.plateau.rims.capacity_path import all_on_path
+from spinor_geom.plateau.rims.energy import RimsProblem
+from spinor_geom.plateau.rims.starts import Rim, start_between
 from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
 
 

@@ -12,8 +12,8 @@ from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.domain.polygons import is_simple
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.dirichlet import DirichletForm
-from spinor_geom.plateau.douglas import HarmonicDisk
+from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
+from spinor_geom.plateau.harmonic.douglas import HarmonicDisk
 
 _OVERSAMPLING = 4  # samples of a curve for each point or coefficient of it: with 2 rough curves take a third longer
 _RESOLVED = 1e-4  # largest error of Λ on a resolved Ω: curves have up to 8e-5, and take 1.6 times as long at 1e-6

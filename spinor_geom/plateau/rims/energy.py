@@ -19,10 +19,10 @@ from torch import Tensor
 from spinor_geom.errors import OutOfTimeError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
-from spinor_geom.plateau.dirichlet import CirclesForm, derivative, without_highest
-from spinor_geom.plateau.douglas import CROWDED, reflected, resampled, slid, smoothed
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.dirichlet import CirclesForm, derivative, without_highest
+from spinor_geom.plateau.harmonic.douglas import CROWDED, reflected, resampled, slid, smoothed
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, Rows, conjugate_gradients, factored, stationary
-from spinor_geom.plateau.problem import CurveTensors
 
 # Modulus beyond which all but the distance of the rims' means has decayed to 1e-9 of itself: there is no surface.
 MOST_MODULUS = 20.0

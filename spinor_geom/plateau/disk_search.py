@@ -23,7 +23,7 @@ from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_pol
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
-from spinor_geom.plateau.found import FAILURES
+from spinor_geom.plateau.route_result import FAILURES
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.stability import AMPLITUDES, lowest_modes
 from spinor_geom.plateau.steps import Steps

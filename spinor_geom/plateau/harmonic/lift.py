@@ -26,14 +26,14 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.plateau.dirichlet import CirclesForm, DirichletForm
-from spinor_geom.plateau.douglas import HarmonicDisk, resampled
-from spinor_geom.plateau.gauss_newton import normals_of
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.dirichlet import CirclesForm, DirichletForm
+from spinor_geom.plateau.harmonic.douglas import HarmonicDisk, resampled
+from spinor_geom.plateau.harmonic.traces import OnCircles, OnCurve, changes, closed, gap_rows, gaps, moves_by, slopes
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.rims_energy import HarmonicSurface
+from spinor_geom.plateau.network.gauss_newton import normals_of
+from spinor_geom.plateau.rims.energy import HarmonicSurface
 from spinor_geom.plateau.stability import Curvature, curvature_within
-from spinor_geom.plateau.traces import OnCircles, OnCurve, changes, closed, gap_rows, gaps, moves_by, slopes
 from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface, Vector

@@ -12,7 +12,7 @@ from scipy.linalg.blas import dsyrk, zherk
 from torch import Tensor
 
 from spinor_geom.deadline import require_time
-from spinor_geom.plateau.problem import PlateauProblem
+from spinor_geom.plateau.network.network_problem import NetworkProblem
 from spinor_geom.plateau.steps import STALLED, Steps
 
 _FIRST_DAMPING = 1e-2  # of the first step, as a share of the mean diagonal entry of the normal equations
@@ -35,7 +35,7 @@ class Fit:
     @classmethod
     def at(
         cls,
-        problem: PlateauProblem,
+        problem: NetworkProblem,
         readout: Complex[Tensor, "n 2"],
         slide: Float[Tensor, " nodes"],
         constant: Float[Tensor, "3"] | None = None,
@@ -67,7 +67,7 @@ class Fit:
 
 
 def gauss_newton(
-    problem: PlateauProblem,
+    problem: NetworkProblem,
     readout: Complex[Tensor, "n 2"],
     slide: Float[Tensor, " nodes"],
     *,
@@ -116,7 +116,7 @@ class _Linear:
     held: Tensor  # indices of the nodes that the slide's bounds hold
 
     @classmethod
-    def at(cls, problem: PlateauProblem, state: Fit) -> _Linear:
+    def at(cls, problem: NetworkProblem, state: Fit) -> _Linear:
         root = problem.arc_weights.sqrt()[:, None]
         p, q = (problem.features @ state.readout).unbind(-1)
         slopes = [(2 * value * problem.dz)[:, None] * problem.features for value in (p, q)]
@@ -143,7 +143,7 @@ class _Linear:
             rows[-gaps:, :n] = (_by_spinors(axes) @ around[:, None]).flatten(2).flatten(0, 1)
         return cls(rows=rows, normal_matrix=gram(rows), held=held)
 
-    def gradient(self, problem: PlateauProblem, state: Fit) -> Float[Tensor, " k"]:
+    def gradient(self, problem: NetworkProblem, state: Fit) -> Float[Tensor, " k"]:
         root = problem.arc_weights.sqrt()[:, None]
         residual = [
             (root[nodes] * direction * state.error[nodes]).sum(1)
@@ -195,7 +195,7 @@ def gram(rows: Float[Tensor, "m k"] | Complex[Tensor, "m k"]) -> Float[Tensor, "
     return torch.from_numpy(product(1.0, rows.numpy().T).T)
 
 
-def _damped_step(problem: PlateauProblem, state: Fit, linear: _Linear, damping: float) -> tuple[Fit, float]:
+def _damped_step(problem: NetworkProblem, state: Fit, linear: _Linear, damping: float) -> tuple[Fit, float]:
     """The first step that lowers the residual, at rising damping; the old state if none does."""
     n = problem.features.shape[1]
     gradient = linear.gradient(problem, state)

@@ -19,20 +19,20 @@ from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES
-from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
-from spinor_geom.plateau.found import Between, Found, NoneBetweenError
-from spinor_geom.plateau.harmonic_route import even, points_of_domain
-from spinor_geom.plateau.lift import WORTHWHILE, Lift, circles_of, domain_of, lifted_between, surface_of
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.harmonic_route import even, points_of_domain
+from spinor_geom.plateau.harmonic.lift import WORTHWHILE, Lift, circles_of, domain_of, lifted_between, surface_of
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, SMALL
 from spinor_geom.plateau.plane_route import lie_beside
-from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.request import Request
-from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between
-from spinor_geom.plateau.rims_energy import DENSE, HarmonicSurface, RimsProblem
+from spinor_geom.plateau.problem import Request
+from spinor_geom.plateau.rims.capacity_path import all_on_path, mean_modulus
+from spinor_geom.plateau.rims.energy import DENSE, HarmonicSurface, RimsProblem
+from spinor_geom.plateau.rims.starts import Placement, Rim, seen_starts, start_between
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
+from spinor_geom.plateau.route_result import Between, Found, NoneBetweenError
 from spinor_geom.plateau.solution import RimMatch
 from spinor_geom.plateau.steps import SPENT
-from spinor_geom.plateau.vertex_route import surface_through
+from spinor_geom.plateau.vertices.vertex_route import surface_through
 
 # Fewest nodes on each rim where a surface is sought, and most of all.
 _FEWEST_NODES, _MOST_NODES = 32, 1 << 13

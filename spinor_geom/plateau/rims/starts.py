@@ -20,9 +20,9 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.dirichlet import multipliers
-from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.rims_energy import MOST_MODULUS, HarmonicSurface
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.dirichlet import multipliers
+from spinor_geom.plateau.rims.energy import MOST_MODULUS, HarmonicSurface
 
 _STEP = 0.05  # step of the logarithm of a modulus
 _KEPT = 2  # starts that are kept: with one, noisy rims on the sides of a cube are not met in their points

@@ -35,14 +35,14 @@ from spinor_geom.holomorphic.poles import Poles, polygon_poles
 from spinor_geom.holomorphic.series import power_sums
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import piece_places, through
-from spinor_geom.plateau.found import Found
-from spinor_geom.plateau.lift import Lift
+from spinor_geom.plateau.harmonic.lift import Lift
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.problem import way_to
-from spinor_geom.plateau.request import Request
-from spinor_geom.plateau.start import images_in_plane, lifted_spinors
+from spinor_geom.plateau.network.initial_spinors import images_in_plane, lifted_spinors
+from spinor_geom.plateau.network.network_problem import way_to
+from spinor_geom.plateau.problem import Request
+from spinor_geom.plateau.route_result import Found
 from spinor_geom.plateau.steps import Steps
-from spinor_geom.plateau.through_points import DEGREE, NODES, Basis, Passing, nearest_through, nodes_on_edges
+from spinor_geom.plateau.vertices.through_points import DEGREE, NODES, Basis, Passing, nearest_through, nodes_on_edges
 from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.interior import RimPrimitive
 from spinor_geom.surface.spinor_surface import SpinorSurface

@@ -26,16 +26,16 @@ from spinor_geom.domain.flattening import flatten
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.interpolation import DEGREES
-from spinor_geom.plateau.dirichlet import DirichletForm
-from spinor_geom.plateau.douglas import HarmonicDisk, minimise_dirichlet_energies, resampled, slide_downhill
-from spinor_geom.plateau.found import Found, typed_failures
-from spinor_geom.plateau.lift import WORTHWHILE, Lift, domain_of, lifted_together, surface_of
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
+from spinor_geom.plateau.harmonic.douglas import HarmonicDisk, minimise_dirichlet_energies, resampled, slide_downhill
+from spinor_geom.plateau.harmonic.lift import WORTHWHILE, Lift, domain_of, lifted_together, surface_of
+from spinor_geom.plateau.harmonic.smooth_domain import NodeDensity, reflattened, resolved
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING
-from spinor_geom.plateau.omega import NodeDensity, reflattened, resolved
-from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.request import Request
+from spinor_geom.plateau.problem import Request
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
+from spinor_geom.plateau.route_result import Found, typed_failures
 from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.steps import SPENT
 

@@ -15,9 +15,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
-from spinor_geom.plateau.dirichlet import DirichletForm, frequencies
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.dirichlet import DirichletForm, frequencies
 from spinor_geom.plateau.newton import SMALL, Rows, conjugate_gradients, stationary
-from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.stability import AMPLITUDES
 
 # Nodes may be no farther apart on Γ than so many times their mean distance: beyond, ∂Ω crowds and nothing is resolved.

@@ -21,9 +21,9 @@ from torch import Tensor
 from spinor_geom.deadline import require_time
 from spinor_geom.errors import SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
-from spinor_geom.plateau.dirichlet import CirclesForm
+from spinor_geom.plateau.harmonic.dirichlet import CirclesForm
 from spinor_geom.plateau.newton import MOST_STEPS, SMALL
-from spinor_geom.plateau.rims_energy import HarmonicSurface, Moduli, RimsProblem
+from spinor_geom.plateau.rims.energy import HarmonicSurface, Moduli, RimsProblem
 
 _STEP, _LEAST_STEP = 0.5, 0.002  # steps of log M: the largest, and the least before the path is lost
 

@@ -25,9 +25,10 @@ from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_b
 from spinor_geom.domain.quadrature import Panels
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import Poles, corner_poles, edge_poles, place_poles, refining_poles
-from spinor_geom.plateau.gauss_newton import Fit
+from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, way_across
+from spinor_geom.plateau.network.gauss_newton import Fit
+from spinor_geom.plateau.network.network_problem import NetworkProblem, way_across
 
 # Most features of p and q each, of four real unknowns: with 300 a step of the fit takes a quarter of a second, and its
 # time grows with the cube.
@@ -106,9 +107,9 @@ class Discretisation:
         )
 
     @cached_property
-    def problem(self) -> PlateauProblem:
+    def problem(self) -> NetworkProblem:
         """The same as tensors."""
-        return PlateauProblem.on_panels(self.domain, self.panels, self.network, self.curves, self.corners)
+        return NetworkProblem.on_panels(self.domain, self.panels, self.network, self.curves, self.corners)
 
     def refined(self, energy: Float[np.ndarray, " panels"], goal: float) -> Discretisation | None:
         """More poles and shorter panels where the residual is; None where nothing more may be added.
@@ -164,7 +165,7 @@ class Discretisation:
         return ModulusFields.of_corners(self.domain, self.panels, smooth.cpu().numpy())
 
     @property
-    def flexible_problem(self) -> PlateauProblem:
+    def flexible_problem(self) -> NetworkProblem:
         """The problem with an unknown for each field along which Ω may move."""
         return replace(self.problem, fields=torch.as_tensor(self._modulus_fields.nodes, device=self.problem.dz.device))
 
@@ -225,7 +226,7 @@ def independent_residual(
     count = len(stage.panels.ends)
     order = max(stage.panels.order + 3, int(np.ceil(3 * points / count)))
     dense = Panels.around(stage.domain, stage.breaks, order)
-    problem = PlateauProblem.on_panels(stage.domain, dense, stage.network, stage.curves, stage.corners)
+    problem = NetworkProblem.on_panels(stage.domain, dense, stage.network, stage.curves, stage.corners)
     velocity = problem.velocities(fit.readout)
     r = problem.integrate(velocity).real + fit.constant
     pairs = zip(stage.matchings(fit), dense.own_parameters, strict=True)

@@ -26,16 +26,16 @@ from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.found import Between, Found
-from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
+from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.network import Discretisation, independent_residual
-from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.request import Request
+from spinor_geom.plateau.network.discretisation import Discretisation, independent_residual
+from spinor_geom.plateau.network.gauss_newton import Fit, gauss_newton
+from spinor_geom.plateau.network.initial_spinors import images_in_plane, lifted_spinors
+from spinor_geom.plateau.problem import Request
 from spinor_geom.plateau.roughness import is_rough, roughness
-from spinor_geom.plateau.start import images_in_plane, lifted_spinors
+from spinor_geom.plateau.route_result import Between, Found
 from spinor_geom.plateau.steps import SPENT, STALLED
-from spinor_geom.plateau.through_points import PointEquations
+from spinor_geom.plateau.vertices.through_points import PointEquations
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up
 from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
