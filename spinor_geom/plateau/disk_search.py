@@ -4,6 +4,8 @@ It knows no solver: one is handed in as a function that makes a solution from a 
 minimal disk, saddles of the area included, as Gauss-Newton on the boundary does.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -23,6 +25,7 @@ from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_pol
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
+from spinor_geom.plateau.problem import PlateauProblem, start_indices
 from spinor_geom.plateau.route_result import FAILURES
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.stability import AMPLITUDES, lowest_modes
@@ -44,11 +47,16 @@ Solve: TypeAlias = Callable[[Disk], PlateauSolution]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Rim:
+class ThinnedLoop:
     """The points of a loop that stand for it in discrete disks."""
 
     loop: BoundaryLoop
     indices: Int[np.ndarray, " m"]  # of the points in it, ascending
+
+    @classmethod
+    def of(cls, problem: PlateauProblem) -> ThinnedLoop:
+        """The loop of a disk, in the caller's coordinates."""
+        return cls(loop=problem.loop, indices=start_indices(problem.unit))
 
     @cached_property
     def points(self) -> Float[np.ndarray, "m 3"]:
@@ -128,7 +136,7 @@ def leave_unstable(
     return solution if reason == solution.reason else replace(solution, reason=reason)
 
 
-def lower_beside(solution: PlateauSolution, rim: Rim, solve: Solve, steps: Steps) -> PlateauSolution | None:
+def lower_beside(solution: PlateauSolution, rim: ThinnedLoop, solve: Solve, steps: Steps) -> PlateauSolution | None:
     """The first disk of less area beside an unstable one, no farther from Γ; None where no try leads to one.
 
     The disk is moved along an eigenvector of its second variation to the least area, the area descends from there, and
@@ -149,7 +157,7 @@ def lower_beside(solution: PlateauSolution, rim: Rim, solve: Solve, steps: Steps
     return None
 
 
-def find_disks(rim: Rim, solve: Solve) -> tuple[PlateauSolution, ...]:
+def find_disks(rim: ThinnedLoop, solve: Solve) -> tuple[PlateauSolution, ...]:
     """Minimal disks of one loop, sorted by area.
 
     Starts: the unfolded least-area triangulation, and the harmonic disk over a plane one. Every unstable disk is left
@@ -201,7 +209,7 @@ class _Entry:
 class _Search:
     """Different disks of one loop, and what has been tried to find them."""
 
-    rim: Rim
+    rim: ThinnedLoop
     solve: Solve
     entries: list[_Entry] = field(default_factory=list)
     poor: list[PlateauSolution] = field(default_factory=list)
@@ -282,7 +290,7 @@ class _Search:
         raise self.errors[0]
 
 
-def _departures(solution: PlateauSolution, rim: Rim) -> Iterator[Iterator[Disk]]:
+def _departures(solution: PlateauSolution, rim: ThinnedLoop) -> Iterator[Iterator[Disk]]:
     """For each unstable eigenvector and each side discrete disks beside an unstable disk, the most promising first."""
     try:
         mesh = rim.domain_mesh(solution)

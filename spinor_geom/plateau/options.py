@@ -12,7 +12,7 @@ from spinor_geom.errors import OptionError, require_positive
 
 if TYPE_CHECKING:
     from spinor_geom.mesh.curve import BoundaryCurve
-    from spinor_geom.plateau.route_result import Found
+    from spinor_geom.plateau.route_result import RouteResult
     from spinor_geom.plateau.solution import PlateauSolution
     from spinor_geom.plateau.steps import Steps
 
@@ -83,7 +83,9 @@ class Trainer(Protocol):
     def takes_start(self) -> bool:
         """Whether the network can take over the p and q of a solution."""
 
-    def disk(self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps) -> Found:
+    def disk(
+        self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps
+    ) -> RouteResult:
         """A minimal disk over Γ at unit size whose p and q are networks, from a solution over it or a random start."""
 
 
@@ -100,7 +102,7 @@ class Options:
     tolerance: float = 1e-3
     max_iterations: int = 400
     unstable: str = "leave"
-    between: str = "auto"
+    between: str = "free"
     device: torch.device = field(default_factory=lambda: torch.device("cpu"))
 
     def __post_init__(self) -> None:
@@ -111,8 +113,8 @@ class Options:
         require_positive("max_iterations", self.max_iterations)
         if self.unstable not in ("leave", "keep"):
             raise OptionError(f"unknown choice for unstable {self.unstable!r}; choose 'leave' or 'keep'")
-        if self.between not in ("auto", "smooth", "free"):
-            raise OptionError(f"unknown choice for between {self.between!r}; choose 'auto', 'smooth' or 'free'")
+        if self.between not in ("smooth", "free"):
+            raise OptionError(f"unknown choice for between {self.between!r}; choose 'smooth' or 'free'")
         # an unknown optimizer is refused at once
         _ = self.trainer
 
@@ -122,7 +124,7 @@ class Options:
             raise OptionError("Laurent series span two loops; use model='auto' or 'series' for one")
         if count > 1 and self.trainer is not None:
             raise OptionError("no network is trained between two loops; use model='auto', 'series' or 'cauchy'")
-        if count > 2 and not self.is_free and not self.is_series:
+        if count > 2 and not self.is_automatic and not self.is_series:
             raise OptionError("no Cauchy network is fitted between three loops or more; use model='auto' or 'series'")
 
     @property
@@ -160,7 +162,7 @@ class Options:
         return optimizer
 
     @property
-    def is_free(self) -> bool:
+    def is_automatic(self) -> bool:
         """Whether the model is chosen by the loop."""
         return self.model == "auto" or isinstance(self.model, Laurent)
 

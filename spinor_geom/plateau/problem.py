@@ -1,16 +1,19 @@
-"""What a minimal surface is asked for: loops and Γ through them at unit size, and what all routes to it share."""
+"""Plateau's problem: boundary loops, the curves through them, options; and the routes that solve it."""
+
+from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import combinations, compress
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from spinor_geom.adapters import to_rims
+from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.errors import LoopsMeetError, OptionError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
@@ -20,45 +23,60 @@ from spinor_geom.mesh.spacing import with_long_edges_divided
 from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.misfit import BoundaryResidual, Misfit
 from spinor_geom.plateau.options import Options
-from spinor_geom.plateau.route_result import Found
-from spinor_geom.plateau.solution import Annulus, PlateauSolution, RimDisks, RimMatch
+from spinor_geom.plateau.route_result import RouteResult
+from spinor_geom.plateau.solution import Annulus, PlateauSolution, RimDisks, RimMatch, RouteName
 from spinor_geom.plateau.steps import Clock, Iteration, Steps
 
-AnyRequest = TypeVar("AnyRequest", bound="Request")
-# Loops at unit size, their centre and their scale: see `Request`.
-Frame: TypeAlias = tuple[tuple[BoundaryLoop, ...], Float[np.ndarray, "3"], float]
+# The first disk, Ω and the poles of a longer loop are made from this many of its points; Γ passes through all of them.
+_MOST_START_POINTS = 240
+
+# Loops at unit size, their centre and their scale: see `PlateauProblem`.
+UnitLoops: TypeAlias = tuple[tuple[BoundaryLoop, ...], Float[np.ndarray, "3"], float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Request:
-    """A loop or several, Γ through them, and how the surface is asked for."""
+class PlateauProblem:
+    """Boundary loops, the curves Γ through them, and the options of the solve.
 
-    loops: tuple[BoundaryLoop, ...]  # as they were given
-    # with their common centre at 0 and their common diagonal 1, where every tolerance is a ratio
+    Attributes:
+        loops: the loops in the caller's coordinates.
+        units: the loops at unit size: common centre 0, common diagonal 1. All tolerances are ratios there.
+        curves: Γ through each loop, at unit size.
+        centre: centre of the loops, in the caller's coordinates.
+        scale: common diagonal of the loops, in mesh units.
+        options: options of the call.
+        steps: the steps of all routes.
+        clock: the time of their stages.
+        parts: number of pieces that each edge of the given loop was divided into; residuals count in whole edges.
+        start: a discrete surface to start from, at unit size; None for a first fill.
+    """
+
+    loops: tuple[BoundaryLoop, ...]
     units: tuple[BoundaryLoop, ...]
-    curves: tuple[BoundaryCurve, ...]  # Γ through each, at unit size
-    centre: Float[np.ndarray, "3"]  # of the loops
-    scale: float  # their common diagonal
-    options: Options  # of the call
-    steps: Steps  # of all routes
-    clock: Clock = field(default_factory=Clock)  # of their stages
-    parts: int = 1  # into which each edge was divided: residuals count in whole edges
+    curves: tuple[BoundaryCurve, ...]
+    centre: Float[np.ndarray, "3"]
+    scale: float
+    options: Options
+    steps: Steps
+    clock: Clock = field(default_factory=Clock)
+    parts: int = 1
+    start: Disk | None = None
 
     @classmethod
     def of(
-        cls: type[AnyRequest],
+        cls,
         given: Sequence[BoundaryLoop | ClosedCurve],
         options: Options,
         on_iteration: Callable[[Iteration], None] | None = None,
-    ) -> AnyRequest:
-        """The request of loops or curves in formulas.
+    ) -> PlateauProblem:
+        """The problem for loops, or for curves given by formulas.
 
         Raises:
-            OptionError: a model that has no surfaces over so many loops.
+            OptionError: the model has no surfaces over this number of loops.
             SelfCrossingLoopError: a loop crosses or touches itself.
             LoopsMeetError: two loops cross or touch each other.
             RepeatedPointError: two neighbouring points of a loop are equal.
-            CurveError: formulas are not those of a smooth closed curve.
+            CurveError: formulas do not give a smooth closed curve.
         """
         options.require_rims(len(given))
         samples = [(one, None) if isinstance(one, BoundaryLoop) else _sampled(one) for one in given]
@@ -68,13 +86,13 @@ class Request:
 
     @classmethod
     def over(
-        cls: type[AnyRequest],
+        cls,
         loops: Sequence[BoundaryLoop],
         curves: Sequence[BoundaryCurve | None],
         options: Options,
         on_iteration: Callable[[Iteration], None] | None = None,
-    ) -> AnyRequest:
-        """The request of loops that are known to be simple and apart; for None the smooth curve through the points."""
+    ) -> PlateauProblem:
+        """The problem for loops that are known to be simple and apart; where a curve is None it is `from_loop`."""
         units, centre, scale = _at_unit_size(loops)
         return cls(
             loops=tuple(loops),
@@ -82,7 +100,7 @@ class Request:
             curves=tuple(
                 BoundaryCurve.from_loop(unit)
                 if curve is None
-                else curve.placed(unit.points, unit.diagonal / _extent(curve.coefficients[-1]))
+                else curve.placed(unit.points, unit.diagonal / _diagonal(curve.coefficients[-1]))
                 for unit, curve in zip(units, curves, strict=True)
             ),
             centre=centre,
@@ -92,29 +110,39 @@ class Request:
         )
 
     @classmethod
-    def each(cls: type[AnyRequest], loops: Sequence[Any], options: Options) -> list[AnyRequest | SpinorGeomError]:
-        """The request of a disk over each of several loops, or why it cannot be made: see `of`."""
+    def each(cls, loops: Sequence[Any], options: Options) -> list[PlateauProblem | SpinorGeomError]:
+        """A problem for each of many loops, or the error that `of` raises for it."""
         options.require_rims(1)
-        given = [_one_loop(loop) for loop in loops]
-        frames = _frames(given)
-        units = [frame[0][0] for frame in frames if not isinstance(frame, SpinorGeomError)]
-        curves = iter(BoundaryCurve.from_loops(units))
-        return [
-            loop
-            if isinstance(loop, SpinorGeomError)
-            else frame
-            if isinstance(frame, SpinorGeomError)
-            else cls(
-                loops=(loop,),
-                units=frame[0],
-                curves=(next(curves),),
-                centre=frame[1],
-                scale=frame[2],
-                options=options,
-                steps=Steps(limit=options.max_iterations),
+        given = [_single_loop(loop) for loop in loops]
+        scaled = _each_at_unit_size(given)
+        simple = [one for one in scaled if not isinstance(one, SpinorGeomError)]
+        curves = iter(BoundaryCurve.from_loops([units[0] for units, _, _ in simple]))
+        problems: list[PlateauProblem | SpinorGeomError] = []
+        for loop, one in zip(given, scaled, strict=True):
+            if isinstance(loop, SpinorGeomError):
+                problems.append(loop)
+                continue
+            if isinstance(one, SpinorGeomError):
+                problems.append(one)
+                continue
+            units, centre, scale = one
+            steps = Steps(limit=options.max_iterations)
+            problems.append(
+                cls(
+                    loops=(loop,),
+                    units=units,
+                    curves=(next(curves),),
+                    centre=centre,
+                    scale=scale,
+                    options=options,
+                    steps=steps,
+                )
             )
-            for loop, frame in zip(given, frames, strict=True)
-        ]
+        return problems
+
+    def starting_from(self, disk: Disk) -> PlateauProblem:
+        """The problem with a start, given in the caller's coordinates."""
+        return replace(self, start=replace(disk, vertices=(disk.vertices - self.centre) / self.scale))
 
     @property
     def is_disk(self) -> bool:
@@ -123,35 +151,35 @@ class Request:
 
     @property
     def loop(self) -> BoundaryLoop:
-        """That of a disk."""
+        """The first loop: the only one of a disk."""
         return self.loops[0]
 
     @property
     def unit(self) -> BoundaryLoop:
-        """That of a disk at unit size."""
+        """The first loop at unit size."""
         return self.units[0]
 
     @property
     def curve(self) -> BoundaryCurve:
-        """That of a disk at unit size."""
+        """Γ of the first loop, at unit size."""
         return self.curves[0]
 
     @cached_property
     def pinned(self) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
-        """The points of a disk's loop at unit size with more on its long edges, and which of them are its own."""
+        """Points of a disk's loop at unit size, with more on long edges, and which of them are points of the loop."""
         return with_long_edges_divided(self.unit.points)
 
     @property
     def allowed(self) -> float:
-        """RMS distance from Γ that is allowed, at unit size."""
+        """Allowed RMS distance of the boundary from Γ, at unit size."""
         return self.options.tolerance * _mean_edge(self.units)
 
     def excess(self, misfit: Misfit) -> float:
-        """How many times farther from Γ a surface is than it may be: 1 where the tolerance is met."""
+        """Distance from Γ over the allowed distance: the tolerance is met up to 1."""
         return misfit.excess(allowed=self.allowed, tolerance=self.options.tolerance)
 
-    def solution(self, found: Found, rim_disks: RimDisks | None = None) -> PlateauSolution:
-        """A surface in the loops' coordinates; that between several loops with the disks that it is set against."""
+    def solution(self, found: RouteResult, rim_disks: RimDisks | None = None) -> PlateauSolution:
+        """The solution in the caller's coordinates; `rim_disks` are what a surface between loops is compared with."""
         scale, history, between = self.scale, tuple(self.steps.history), found.between
         misfit = found.misfit.enlarged(scale)
         residual = BoundaryResidual(
@@ -163,8 +191,18 @@ class Request:
         )
         converged, reason = residual.verdict(self.options.tolerance, steps=len(history), limit=found.limit)
         order, back = ((0,), (False,)) if between is None else (between.order, between.back)
-        loops = [self.loops[k].reversed() if way else self.loops[k] for k, way in zip(order, back, strict=True)]
+        loops = [self.loops[k].reversed() if is_back else self.loops[k] for k, is_back in zip(order, back, strict=True)]
         parts = zip(loops, found.curves, found.domain.boundaries, found.matchings, strict=True)
+        annulus = None
+        if between is not None and rim_disks is not None:
+            annulus = Annulus(
+                modulus=between.modulus,
+                antiperiodic=between.antiperiodic,
+                period=between.period * scale,
+                backward=tuple(is_back for _, is_back in sorted(zip(order, back, strict=True))),
+                order=order,
+                rim_disks=rim_disks,
+            )
         return PlateauSolution(
             rims=tuple(
                 RimMatch(loop=loop, curve=curve.placed(loop.points, scale), boundary=boundary, matching=matching)
@@ -179,63 +217,80 @@ class Request:
             tolerance=self.options.tolerance,
             converged=converged,
             reason=reason,
-            # a plane region is its Ω, whose boundaries were found to be simple
             evidence=Evidence(
                 make=partial(found.surface_at, scale, self.centre),
                 curvature=found.curvature,
                 is_plane=found.route == "plane",
             ),
-            annulus=None
-            if between is None or rim_disks is None
-            else Annulus(
-                modulus=between.modulus,
-                antiperiodic=between.antiperiodic,
-                period=between.period * scale,
-                backward=tuple(way for _, way in sorted(zip(order, back, strict=True))),
-                order=order,
-                rim_disks=rim_disks,
-            ),
+            annulus=annulus,
         )
 
 
-def _frames(given: Sequence[BoundaryLoop | SpinorGeomError]) -> list[Frame | SpinorGeomError]:
-    """Loops at unit size, each by itself, or why no surface over it can be asked for."""
-    found: dict[int, Frame | SpinorGeomError] = {}
-    alike: dict[int, list[int]] = defaultdict(list)
-    loops = {place: loop for place, loop in enumerate(given) if isinstance(loop, BoundaryLoop)}
+@dataclass(frozen=True, eq=False)
+class Route:
+    """A way to solve a problem.
+
+    Attributes:
+        name: the name that `PlateauSolution.route` has for one loop.
+        solve: returns the surface at unit size. It raises one of `FAILURES` where it finds none, and
+            NoConnectedSurfaceError where there is none.
+    """
+
+    name: RouteName
+    solve: Callable[[PlateauProblem], RouteResult]
+
+    def __repr__(self) -> str:
+        return f"Route({self.name!r})"
+
+
+def start_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
+    """Indices of a loop's points on the boundary of a discrete disk to start from: all corners, all of few points."""
+    if len(loop) <= _MOST_START_POINTS:
+        return np.arange(len(loop))
+    along = np.concatenate([[0.0], np.cumsum(loop.edge_lengths)[:-1]])
+    wanted = np.searchsorted(along, np.arange(_MOST_START_POINTS) * (loop.perimeter / _MOST_START_POINTS))
+    return np.unique(np.concatenate([[0], wanted.clip(0, len(loop) - 1), np.flatnonzero(loop.corners)]))
+
+
+def _each_at_unit_size(given: Sequence[BoundaryLoop | SpinorGeomError]) -> list[UnitLoops | SpinorGeomError]:
+    """Each loop at unit size by itself, or the error why it has no surface."""
+    scaled: dict[int, UnitLoops | SpinorGeomError] = {}
+    loops: dict[int, BoundaryLoop] = {}
+    by_length: dict[int, list[int]] = defaultdict(list)
     for place, loop in enumerate(given):
         if isinstance(loop, SpinorGeomError):
-            found[place] = loop
+            scaled[place] = loop
         else:
-            alike[len(loop)].append(place)
-    for places in alike.values():
+            loops[place] = loop
+            by_length[len(loop)].append(place)
+    for places in by_length.values():
         are_stars = is_star(np.stack([loops[place].points for place in places]))
-        refusals = ((place, _refusal(require_simple, loops[place])) for place in compress(places, ~are_stars))
-        found.update((place, refusal) for place, refusal in refusals if refusal)
-        if simple := [place for place in places if place not in found]:
+        errors = ((place, _error_of(require_simple, loops[place])) for place in compress(places, ~are_stars))
+        scaled.update((place, error) for place, error in errors if error)
+        if simple := [place for place in places if place not in scaled]:
             polygons = Polygons(points=np.stack([loops[place].points for place in simple]))
             points = (polygons.points - polygons.centroids[:, None]) / polygons.diagonals[:, None, None]
             units = BoundaryLoop.moved_together([loops[place] for place in simple], points)
             for place, unit, centre, scale in zip(
                 simple, units, polygons.centroids, polygons.diagonals.tolist(), strict=True
             ):
-                found[place] = _refusal(require_distinct_neighbours, unit) or ((unit,), centre, scale)
-    return [found[place] for place in range(len(given))]
+                scaled[place] = _error_of(require_distinct_neighbours, unit) or ((unit,), centre, scale)
+    return [scaled[place] for place in range(len(given))]
 
 
-def _one_loop(what: Any) -> BoundaryLoop | SpinorGeomError:
-    """The loop of a batch that `what` stands for, or why it is none."""
+def _single_loop(curve: Any) -> BoundaryLoop | SpinorGeomError:
+    """The loop of one entry of a batch, or the error why it has none."""
     try:
-        rims = to_rims(what)
+        rims = to_rims(curve)
     except SpinorGeomError as error:
         return error
     if len(rims) == 1 and isinstance(rims[0], BoundaryLoop):
         return rims[0]
-    return OptionError("a batch is of single loops; solve curves in formulas and several rims by solve_plateau")
+    return OptionError("a batch takes single loops; use solve_plateau for curves in formulas and for several rims")
 
 
-def _refusal(check: Callable[[BoundaryLoop], None], loop: BoundaryLoop) -> SpinorGeomError | None:
-    """What a check says of a loop."""
+def _error_of(check: Callable[[BoundaryLoop], None], loop: BoundaryLoop) -> SpinorGeomError | None:
+    """The error that a check raises for a loop."""
     try:
         check(loop)
     except SpinorGeomError as error:
@@ -243,15 +298,20 @@ def _refusal(check: Callable[[BoundaryLoop], None], loop: BoundaryLoop) -> Spino
     return None
 
 
-def _at_unit_size(loops: Sequence[BoundaryLoop]) -> Frame:
-    """Loops with their common centre at 0 and their common diagonal 1, with both."""
+def _at_unit_size(loops: Sequence[BoundaryLoop]) -> UnitLoops:
+    """Loops moved to their common centre and scaled to diagonal 1."""
     lengths = np.array([loop.perimeter for loop in loops])
-    # relative to the first centre: loops far from the origin lose no digits
+    # relative to the first centre: no digits are lost far from the origin
     first = loops[0].centroid
     centre = first + lengths @ np.stack([loop.centroid - first for loop in loops]) / lengths.sum()
-    scale = _extent(np.concatenate([loop.points for loop in loops]))
+    scale = _diagonal(np.concatenate([loop.points for loop in loops]))
     units = tuple(
-        BoundaryLoop(points=(loop.points - centre) / scale, vertex_ids=loop.vertex_ids, corners=loop.corners)
+        BoundaryLoop(
+            points=(loop.points - centre) / scale,
+            vertex_ids=loop.vertex_ids,
+            corners=loop.corners,
+            corners_given=loop.corners_given,
+        )
         for loop in loops
     )
     return units, centre, scale
@@ -261,19 +321,19 @@ def _mean_edge(loops: Sequence[BoundaryLoop]) -> float:
     return sum(loop.perimeter for loop in loops) / sum(map(len, loops))
 
 
-def _extent(points: Float[np.ndarray, "n 3"]) -> float:
-    """Diagonal of their bounding box, rounded as those of many loops."""
+def _diagonal(points: Float[np.ndarray, "n 3"]) -> float:
+    """Diagonal of the bounding box, with the rounding that `_each_at_unit_size` has."""
     return float(Polygons(points=points[None]).diagonals[0])
 
 
 def _sampled(given: ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve]:
-    """The loop of the ends of the polynomials of a curve in formulas, and these."""
+    """The polynomial pieces of a curve given by formulas, and the loop of their end points."""
     curve = BoundaryCurve.from_formula(given)
     return BoundaryLoop.from_points(curve.coefficients[-1], corners=np.flatnonzero(curve.corners)), curve
 
 
 def _require_apart(loops: Sequence[BoundaryLoop]) -> None:
-    """Checks that loops neither cross or touch themselves nor each other."""
+    """Checks that no loop crosses or touches itself or another one."""
     for loop in loops:
         require_simple(loop)
     for first, second in combinations(loops, 2):

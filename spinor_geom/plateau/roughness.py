@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners, turning_angles
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import DEGREES
 
 # Angle by which one point in ten turns where a loop bends at many of its points: noise of a twentieth of an edge.
 ROUGH_TURN = np.radians(12.0)
+_STRAIGHT = 1e-4  # largest turn on a straight side, for coordinates in float32
 FEW_POINTS = 8  # so few points are a polygon: no curve is seen in them
 # Gradient of the energy at which slides along rough loops stop, as a share of the distance allowed in edges.
 ROUGH_GRADIENT = 3e-2
@@ -34,12 +35,8 @@ def is_rough(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
     return bool(curve.degree == min(DEGREES) and roughness(loop) - roundest(len(loop)) > ROUGH_TURN)
 
 
-def corners_are_seen(loop: BoundaryLoop) -> bool:
-    """Whether the corners of a loop are those that its points show, which nobody gave it."""
-    return bool(loop.corners.any() and np.array_equal(loop.corners, detect_corners(loop.points)))
-
-
 def shows_sides(loop: BoundaryLoop) -> bool:
-    """Whether the points of a loop with corners show smooth sides: no other one turns as rough loops do."""
-    points_of_a_side = len(loop) / np.count_nonzero(loop.corners) + 1
-    return bool(points_of_a_side > FEW_POINTS and turning_angles(loop.points)[~loop.corners].max() <= ROUGH_TURN)
+    """Whether the points between the corners of a loop lie on smooth sides: straight, or many that turn little."""
+    corners = np.count_nonzero(loop.corners)
+    turn, points_of_a_side = turning_angles(loop.points)[~loop.corners].max(initial=0.0), len(loop) / corners + 1
+    return bool((points_of_a_side > FEW_POINTS and turn <= ROUGH_TURN) or (points_of_a_side > 2 and turn <= _STRAIGHT))

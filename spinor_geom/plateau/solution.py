@@ -24,7 +24,7 @@ from spinor_geom.shown import Shown, shortened
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 RouteName = Literal[
-    "plane", "disk", "vertices", "annulus", "annular network", "circles", "unfolded", "flattened", "network", "trained"
+    "plane", "disk", "vertices", "annulus", "annular network", "circles", "flattened", "network", "trained"
 ]
 
 

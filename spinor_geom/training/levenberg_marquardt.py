@@ -27,7 +27,7 @@ from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network.discretisation import interpolate_matching
 from spinor_geom.plateau.network.gauss_newton import normals_of
-from spinor_geom.plateau.route_result import Found
+from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.threads import one_thread
@@ -82,7 +82,9 @@ class LevenbergMarquardt:
                 f"{self.nodes}, {self.distillation_steps}, {self.polishing_steps} and {self.tolerance}"
             )
 
-    def disk(self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps) -> Found:
+    def disk(
+        self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps
+    ) -> RouteResult:
         """A minimal disk over a curve at unit size; see `plateau.options.Trainer`."""
         unit = None
         if start is not None:

@@ -9,18 +9,16 @@ import math
 import time
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Complex, Float
 from scipy.fft import next_fast_len
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.discrete.area_descent import Disk
-from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
@@ -30,12 +28,12 @@ from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
 from spinor_geom.plateau.harmonic.douglas import HarmonicDisk, minimise_dirichlet_energies, resampled, slide_downhill
 from spinor_geom.plateau.harmonic.lift import WORTHWHILE, Lift, domain_of, lifted_together, surface_of
-from spinor_geom.plateau.harmonic.smooth_domain import NodeDensity, reflattened, resolved
+from spinor_geom.plateau.harmonic.smooth_domain import NodeDensity, resolved
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING
-from spinor_geom.plateau.problem import Request
+from spinor_geom.plateau.problem import PlateauProblem, Route, start_indices
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
-from spinor_geom.plateau.route_result import Found, typed_failures
+from spinor_geom.plateau.route_result import RouteResult, typed_failures
 from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.steps import SPENT
 
@@ -60,24 +58,24 @@ COARSE = 1e-4
 class HarmonicSolver:
     """One loop on the harmonic route."""
 
-    request: Request
+    problem: PlateauProblem
 
-    def on_disk(self, begun: Fit | None = None) -> Found:
-        """The minimal disk on the unit disk, by a fit that may have been begun together with others."""
+    def on_unit_disk(self, begun: Fit | None = None) -> RouteResult:
+        """The minimal disk on the unit disk, from a fit that was begun with those of other loops, or a new one."""
         refusal = DomainError(
             "the loop has corners, or is too long for its width, for power series on the disk; use model='auto'",
-            vertices=len(self.request.unit),
+            vertices=len(self.problem.unit),
         )
-        if self.request.unit.corners.any():
+        if self.problem.unit.corners.any():
             raise refusal
         try:
             return self._fitted(begun or self._begin(), "disk")
         except DomainError as error:
             raise refusal from error
 
-    def below_on_disk(self, matching: Float[np.ndarray, "n 2"]) -> Found | None:
+    def below_on_disk(self, matching: Float[np.ndarray, "n 2"]) -> RouteResult | None:
         """The minimal disk of less area that an unstable one on the unit disk leads to; None where there is none."""
-        slide = torch.tensor(matching[:, 1], device=self.request.options.device)
+        slide = torch.tensor(matching[:, 1], device=self.problem.options.device)
         # the cost of its directions is the number of nodes cubed
         few = resampled(slide, min(len(slide), 2 * FEWEST_NODES))
         try:
@@ -87,60 +85,53 @@ class HarmonicSolver:
         except (DomainError, SingularMatrixError):
             return None
 
-    def unfolded(self) -> Found:
-        """The minimal disk on the loop's unfolded least-area triangulation."""
-        t, points = self._points
-        with self.request.clock.stage("first fill"):
-            polygon = unfolded_loop(points, saws=True)
-        return self._on_domain(polygon, t, "unfolded")
-
-    def flattened(self, disk: Disk | None, rim: Int[np.ndarray, " k"]) -> Found:
-        """The minimal disk on the flattening of a discrete disk over the points `rim`, or else of a first one."""
-        t, points = self._points
+    def on_flattening(self) -> RouteResult:
+        """The minimal disk on the smooth plane domain next to a flattened discrete disk: the start, or a first one."""
+        disk, (t, points) = self.problem.start, self._points
         if disk is None:
-            with self.request.clock.stage("first fill"):
+            with self.problem.clock.stage("first fill"):
                 disk = first_disk(points)
         else:
-            t = self._density.parameter(self.request.curve.breaks[rim])
-        with self.request.clock.stage("flattening"):
+            t = self._density.parameter(self.problem.curve.breaks[start_indices(self.problem.unit)])
+        with self.problem.clock.stage("flattening"):
             polygon = flatten(disk.vertices, disk.faces, len(t)).boundary
-        return self._on_domain(polygon, t, "flattened")
+        return self._on_domain(polygon, t)
 
     @property
     def _points(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 3"]]:
         """Parameters of ∂Ω and points of Γ that Ω is made from."""
         even = np.arange(self._density.points) / self._density.points
-        return even, self.request.curve.point(self._density.slide(even))
+        return even, self.problem.curve.point(self._density.slide(even))
 
     @cached_property
     def _density(self) -> NodeDensity:
-        return NodeDensity(self.request.curve, points_of_domain(self.request.unit))
+        return NodeDensity(self.problem.curve, points_of_domain(self.problem.unit))
 
     @property
     def _unit_disk(self) -> DirichletForm:
-        return DirichletForm.of_disk(points_of_domain(self.request.unit))
+        return DirichletForm.of_disk(points_of_domain(self.problem.unit))
 
-    def _on_domain(self, polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], route: RouteName) -> Found:
-        """The minimal disk on the smooth Ω next to a polygon, at parameters t, and on its own flattening."""
-        unit, device = self.request.unit, self.request.options.device
-        with self.request.clock.stage("flattening"):
+    def _on_domain(self, polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"]) -> RouteResult:
+        """The minimal disk on the smooth Ω next to a polygon with parameters t."""
+        unit, device = self.problem.unit, self.problem.options.device
+        with self.problem.clock.stage("flattening"):
             # points that stand for single vertices are to be followed
             is_fine = self.is_rough and len(unit) <= self._density.points
             shape, form = resolved(
                 polygon, t, self._density, is_fine, count=points_of_domain(unit), most=self.most_nodes, device=device
             )
         start = torch.tensor(self._density.slide(np.arange(shape.steps) / shape.steps), device=device)
-        with self.request.clock.stage("slide"):
+        with self.problem.clock.stage("slide"):
             curve = self.exact
             if self.is_rough and not is_fine:
                 # as the points of Ω tell it: nodes that are too few for its bends would fall anywhere among them
-                curve = CurveTensors.of(self.request.curve.smoothed(1 / self._density.points), device)
+                curve = CurveTensors.of(self.problem.curve.smoothed(1 / self._density.points), device)
             (disk,) = minimise_dirichlet_energies(
                 CurveTensors.batch([curve]),
                 form,
                 start[None],
                 tolerances=[COARSE],
-                max_steps=[min(MOST_STEPS, self.request.steps.left)],
+                max_steps=[min(MOST_STEPS, self.problem.steps.left)],
                 negligible=[self.negligible_energy],
                 on_step=[self.take],
             )
@@ -148,34 +139,32 @@ class HarmonicSolver:
             raise OutOfTimeError
         if disk.crowded:
             raise DomainError("the nodes crowd on the domain's boundary", vertices=len(unit))
-        with self.request.clock.stage("flattening"):
-            form, slide = reflattened(disk, form, shape)
-        return self._fitted(self._fit(form, slide), route)
+        return self._fitted(self._fit(form, disk.slide), "flattened")
 
     def _begin(self) -> Fit:
         """The fit on the unit disk from equal steps, up to a quarter more than points: as many are fitted together."""
-        points = max(FEWEST_NODES, len(self.request.unit))
+        points = max(FEWEST_NODES, len(self.problem.unit))
         step = 1 << ((points - 1).bit_length() - 3)
         n = step * math.ceil(points / step)
-        return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.request.options.device) / n)
+        return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.problem.options.device) / n)
 
     def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"]) -> Fit:
         """The fit on an Ω from a slide."""
-        return Fit(solver=self, form=form, slide=slide, nodes=even(max(len(slide), len(self.request.unit))))
+        return Fit(solver=self, form=form, slide=slide, nodes=even(max(len(slide), len(self.problem.unit))))
 
-    def _fitted(self, fit: Fit, route: RouteName) -> Found:
+    def _fitted(self, fit: Fit, route: RouteName) -> RouteResult:
         """The minimal disk with as many nodes as the tolerance asks for, or as help."""
         fit_together([fit])
         if fit.best is None:
             if not fit.limit:
                 raise OutOfTimeError
-            raise DomainError(f"no minimal disk was found on this domain: {fit.limit}", vertices=len(self.request.unit))
+            raise DomainError(f"no minimal disk was found on this domain: {fit.limit}", vertices=len(self.problem.unit))
         lift, disk = fit.best
-        with self.request.clock.stage("surface"):
+        with self.problem.clock.stage("surface"):
             domain = domain_of(lift, fit.form.boundary)
         n = len(disk.slide)
-        return Found(
-            curves=(self.request.curve,),
+        return RouteResult(
+            curves=(self.problem.curve,),
             domain=domain,
             surface_at=surface_of(lift, domain),
             matchings=(np.column_stack([np.arange(n) / n, disk.slide.cpu().numpy()]),),
@@ -189,55 +178,63 @@ class HarmonicSolver:
     @cached_property
     def exact(self) -> CurveTensors:
         """Γ."""
-        return CurveTensors.of(self.request.curve, self.request.options.device)
+        return CurveTensors.of(self.problem.curve, self.problem.options.device)
 
     @cached_property
     def is_rough(self) -> bool:
         """Whether the loop is."""
-        return is_rough(self.request.unit, self.request.curve)
+        return is_rough(self.problem.unit, self.problem.curve)
 
     @property
     def is_analytic(self) -> bool:
         """Whether Γ is, so that the distance from it falls geometrically with the nodes."""
-        return self.request.curve.degree > max(DEGREES)
+        return self.problem.curve.degree > max(DEGREES)
 
     @property
     def fine_gradient(self) -> float:
         """At which a slide along Γ itself stops."""
-        if self.request.options.is_series:
+        if self.problem.options.is_series:
             return ROUNDING
         share = ROUGH_GRADIENT if self.is_rough else COARSE
-        return min(max(share * self.request.options.tolerance, ROUNDING), COARSE)
+        return min(max(share * self.problem.options.tolerance, ROUNDING), COARSE)
 
     @property
     def most_nodes(self) -> int:
         """That are tried."""
-        points = len(self.request.unit)
+        points = len(self.problem.unit)
         per_edge = _MOST_PER_EDGE if points <= MOST_FREE_POINTS else _MOST_PER_EDGE_OF_LONG
         return even(max(4 * FEWEST_NODES, per_edge * points))
 
     def is_enough(self, misfit: Misfit) -> bool:
         """Whether more nodes are not tried; rounding error is asked for where the curve itself has no other."""
-        allowed = self.request.allowed
-        if self.request.options.is_series and self.is_analytic:
+        allowed = self.problem.allowed
+        if self.problem.options.is_series and self.is_analytic:
             allowed = min(allowed, ROUNDING)
-        return misfit.excess(allowed=allowed, tolerance=allowed / self.request.unit.mean_edge_length) <= 1
+        return misfit.excess(allowed=allowed, tolerance=allowed / self.problem.unit.mean_edge_length) <= 1
 
     @property
     def negligible_energy(self) -> float:
         """At a fall below which a slide stops, too."""
-        return negligible_energy(len(self.request.unit), self.request.allowed) if self.is_rough else 0.0
+        return negligible_energy(len(self.problem.unit), self.problem.allowed) if self.is_rough else 0.0
 
     def take(self, gradient: float) -> None:
         """Takes down a step."""
-        self.request.steps.take("Douglas-Newton", gradient)
+        self.problem.steps.take("Douglas-Newton", gradient)
 
-    @staticmethod
-    def side_by_side(solvers: Sequence[HarmonicSolver]) -> list[Fit]:
-        """The fits on the unit disk, made together."""
-        fits = [solver._begin() for solver in solvers]
-        fit_together(fits)
-        return fits
+
+UNIT_DISK = Route("disk", lambda problem: HarmonicSolver(problem=problem).on_unit_disk())
+FLATTENING = Route("flattened", lambda problem: HarmonicSolver(problem=problem).on_flattening())
+
+
+def begun_on_unit_disk(problems: Sequence[PlateauProblem]) -> list[Route]:
+    """For each problem a route that finishes its fit on the unit disk; the fits are begun together."""
+    fits = [HarmonicSolver(problem=problem)._begin() for problem in problems]
+    fit_together(fits)
+    return [replace(UNIT_DISK, solve=partial(_finished, fit)) for fit in fits]
+
+
+def _finished(fit: Fit, problem: PlateauProblem) -> RouteResult:
+    return HarmonicSolver(problem=problem).on_unit_disk(fit)
 
 
 def points_of_domain(loop: BoundaryLoop) -> int:
@@ -266,7 +263,7 @@ class Fit:
         before = math.inf if self.best is None else self.best[0].misfit.rms
         share = WORTHWHILE
         if self.solver.is_rough:
-            share = 1.0 if self.nodes >= _TELLING_PER_EDGE * len(self.solver.request.unit) else math.inf
+            share = 1.0 if self.nodes >= _TELLING_PER_EDGE * len(self.solver.problem.unit) else math.inf
         # without a lift more nodes may tell the sheets apart
         may_lift = self.attempt == 0 or self.solver.is_rough
         is_better = may_lift if lift is None else lift.misfit.rms < share * before
@@ -276,7 +273,7 @@ class Fit:
             self.limit = "more nodes on the domain's boundary do not help"
         elif self.nodes >= self.solver.most_nodes:
             self.limit = f"{self.nodes} nodes are the most that are tried"
-        elif not self.solver.request.steps.left:
+        elif not self.solver.problem.steps.left:
             self.limit = SPENT
         else:
             self.attempt += 1
@@ -287,7 +284,7 @@ class Fit:
     def near_enough(self) -> float:
         """Distance from Γ that its lift need not lessen: where it is smooth more nodes do so far more, and sooner."""
         is_smooth = self.solver.is_analytic or (self.attempt == 0 and not self.solver.is_rough)
-        return math.inf if is_smooth else self.solver.request.allowed
+        return math.inf if is_smooth else self.solver.problem.allowed
 
 
 def fit_together(fits: Sequence[Fit]) -> None:
@@ -313,7 +310,7 @@ def _advance(fits: Sequence[Fit]) -> None:
         form,
         torch.stack([resampled(fit.slide, nodes) for fit in fits]),
         tolerances=[fit.solver.fine_gradient for fit in fits],
-        max_steps=[min(MOST_STEPS, fit.solver.request.steps.left) for fit in fits],
+        max_steps=[min(MOST_STEPS, fit.solver.problem.steps.left) for fit in fits],
         near=fits[0].attempt > 0,
         negligible=[fit.solver.negligible_energy for fit in fits],
         on_step=[fit.solver.take for fit in fits],
@@ -327,8 +324,8 @@ def _advance(fits: Sequence[Fit]) -> None:
         lifts = dict(zip(whole, found, strict=True))
     end = time.perf_counter()
     for i, (fit, disk) in enumerate(zip(fits, disks, strict=True)):
-        fit.solver.request.clock.add("slide", (middle - begin) / len(fits))
-        fit.solver.request.clock.add("lift", (end - middle) / len(fits))
+        fit.solver.problem.clock.add("slide", (middle - begin) / len(fits))
+        fit.solver.problem.clock.add("lift", (end - middle) / len(fits))
         if disk is not None:
             fit.take(disk, lifts.get(i))
 

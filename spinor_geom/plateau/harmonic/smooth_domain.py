@@ -6,14 +6,12 @@ import numpy as np
 import torch
 from jaxtyping import Complex, Float
 from scipy.interpolate import CubicSpline
-from torch import Tensor
 
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.domain.polygons import is_simple
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
-from spinor_geom.plateau.harmonic.douglas import HarmonicDisk
 
 _OVERSAMPLING = 4  # samples of a curve for each point or coefficient of it: with 2 rough curves take a third longer
 _RESOLVED = 1e-4  # largest error of Λ on a resolved Ω: curves have up to 8e-5, and take 1.6 times as long at 1e-6
@@ -181,44 +179,3 @@ def _steps_across(polygon: Complex[np.ndarray, " n"]) -> float:
     distance = np.abs(polygon[:, None] - polygon)
     across = distance / np.maximum(step[:, None], step)
     return float(across.min(where=way > _FACING * distance, initial=np.inf))
-
-
-def reflattened(disk: HarmonicDisk, form: DirichletForm, shape: Shape) -> tuple[DirichletForm, Float[Tensor, " n"]]:
-    """A harmonic disk's surface flattened: the Ω over which its scale is the same all along ∂Ω, and its slide there.
-
-    With u = log |ds/dz| on ∂Ω, s the length along Γ, low frequencies only, and v the conjugate of u, ∫ e^{u + iv} dz
-    maps Ω conformally onto the flattening. Nothing crowds there, whatever Ω was. Where the slide is too uneven to
-    smooth, or the flattening is not simple, Ω stays as it is.
-    """
-    n = len(disk.slide)
-    even = np.arange(n) / n
-    s = disk.slide.cpu().numpy()
-    k = np.fft.fftfreq(n, 1 / n)
-    damping = np.exp(-0.5 * (2 * np.pi * k * shape.width) ** 2)
-    smooth = even + np.fft.ifft(np.fft.fft(s - even) * damping).real
-    offset = np.fft.fft(shape.density.curve.length_share(s) - even) * damping
-    stretch = 1 + np.fft.ifft(2j * np.pi * k * offset).real
-    if stretch.min() <= 0:
-        return form, disk.slide
-    _, dz, _ = form.boundary.grid(n)
-    u = np.fft.ifft(np.fft.fft(np.log(stretch / np.abs(dz))) * damping).real
-    slope = np.fft.fft(form(torch.tensor(u, device=disk.slide.device)[:, None])[:, 0].cpu().numpy())
-    v = integral_of(2 * np.pi * slope).real
-    image = integral_of(np.fft.fft(dz * np.exp(u + 1j * v)))
-    t = shape.density.parameter(smooth)
-    slide = np.interp(even, np.concatenate([t - 1, t, t + 1]), np.concatenate([s - 1, s, s + 1]))
-    device = disk.slide.device
-    try:
-        new = resolved_form(rounded_boundary(image, t, shape), shape.steps, device)
-    except DomainError:
-        return form, disk.slide
-    return new, torch.tensor(slide, device=device)
-
-
-def integral_of(spectrum: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
-    """∫ f dt at t = j/n from the discrete Fourier transform of samples of f, of mean 0."""
-    n = len(spectrum)
-    k = np.fft.fftfreq(n, 1 / n)
-    inverse = np.zeros(n, dtype=np.complex128)
-    np.divide(1, 2j * np.pi * k, out=inverse, where=(k != 0) & (2 * np.abs(k) != n))
-    return np.asarray(np.fft.ifft(spectrum * inverse))

@@ -24,12 +24,12 @@ from spinor_geom.plateau.harmonic.harmonic_route import even, points_of_domain
 from spinor_geom.plateau.harmonic.lift import WORTHWHILE, Lift, circles_of, domain_of, lifted_between, surface_of
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, SMALL
 from spinor_geom.plateau.plane_route import lie_beside
-from spinor_geom.plateau.problem import Request
+from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.rims.capacity_path import all_on_path, mean_modulus
 from spinor_geom.plateau.rims.energy import DENSE, HarmonicSurface, RimsProblem
 from spinor_geom.plateau.rims.starts import Placement, Rim, seen_starts, start_between
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
-from spinor_geom.plateau.route_result import Between, Found, NoneBetweenError
+from spinor_geom.plateau.route_result import NoConnectedSurfaceError, RimsResult, RouteResult
 from spinor_geom.plateau.solution import RimMatch
 from spinor_geom.plateau.steps import SPENT
 from spinor_geom.plateau.vertices.vertex_route import surface_through
@@ -88,49 +88,49 @@ def parted_by_cone(first: BoundaryCurve, second: BoundaryCurve) -> bool:
 class RimsSolver:
     """Several loops on their routes."""
 
-    request: Request
+    problem: PlateauProblem
 
-    def on_circles(self) -> Found:
+    def on_circles(self) -> RouteResult:
         """Douglas's surface of least area over a circular domain, or that nearest to a modulus that was asked for."""
-        laurent = self.request.options.laurent
+        laurent = self.problem.options.laurent
         if laurent is not None and laurent.modulus is not None:
             log = math.log(laurent.modulus)
-            found = self._stable() if self.request.options.leaves_unstable else self.all_critical()
+            found = self._stable() if self.problem.options.leaves_unstable else self.all_critical()
             best = min(found, key=lambda one: abs(math.log(mean_modulus(one.surface.domain)) - log), default=None)
         else:
             best = self._descended
-            if best is None and len(self.request.units) == 2:
+            if best is None and len(self.problem.units) == 2:
                 best = min(self._stable(), key=lambda placed: placed.surface.dirichlet_energy, default=None)
         if best is None:
             until = "with the modulus, however large that is"
-            if len(self.request.units) > 2:
+            if len(self.problem.units) > 2:
                 until = "until they fall apart, whatever was tried"
-            raise NoneBetweenError(f"the energy of surfaces between the rims falls {until}")
+            raise NoConnectedSurfaceError(f"the energy of surfaces between the rims falls {until}")
         return self.fitted(best)
 
-    def through_points(self) -> Found:
+    def through_points(self) -> RouteResult:
         """The surface through the points of rough rims."""
         placed = self._descended
         if placed is None:
             raise SurfaceError("no minimal surface was found between averages of the rims")
         problem = self._problem(placed)
-        with self.request.clock.stage("lift"):
-            smooth = lifted_between(placed.surface, problem.curves, allowed=self.request.allowed)
+        with self.problem.clock.stage("lift"):
+            smooth = lifted_between(placed.surface, problem.curves, allowed=self.problem.allowed)
             circles = self._circles(placed, placed.surface.domain)
         points, starts = [], []
-        loops, averages = placed.as_run(self.request.units), placed.as_run(self._way[0])
+        loops, averages = placed.as_run(self.problem.units), placed.as_run(self._way[0])
         for loop, average, slide, circle in zip(loops, averages, smooth.slides, circles, strict=True):
             match = RimMatch(loop=loop, curve=average, boundary=circle, matching=_matching(slide))
             points.append(loop.points)
-            starts.append(torch.as_tensor(match.points_in_domain(), device=self.request.options.device))
-        with self.request.clock.stage("fit"):
-            found = surface_through(smooth, starts, points, allowed=self.request.allowed, steps=self.request.steps)
+            starts.append(torch.as_tensor(match.points_in_domain(), device=self.problem.options.device))
+        with self.problem.clock.stage("fit"):
+            found = surface_through(smooth, starts, points, allowed=self.problem.allowed, steps=self.problem.steps)
         return replace(found, between=_between(placed, smooth.series.antiperiodic, found.surface.largest_period()))
 
     @cached_property
     def _descended(self) -> Placement | None:
         """The surface that the energy falls to from the better start; None where it falls apart, or is no minimum."""
-        with self.request.clock.stage("slides"):
+        with self.problem.clock.stage("slides"):
             least = min((start.surface.dirichlet_energy for start in self._starts), default=0.0)
             rivals = [start for start in self._starts if start.surface.dirichlet_energy <= _RIVAL * least]
             found = [lower for start in rivals if (lower := self._lower(start)) is not None]
@@ -138,7 +138,7 @@ class RimsSolver:
             while best is not None:
                 problem, nodes = self._problem(best), 2 * best.surface.slides.shape[1]
                 fine = problem.stationary(problem.resampled(best.surface, nodes), saddles=True)
-                is_last = nodes * len(self.request.units) > 2 * DENSE
+                is_last = nodes * len(self.problem.units) > 2 * DENSE
                 if is_last or (fine.size <= _SETTLED and fine.is_minimum):
                     return replace(best, surface=fine)
                 # so few nodes do not tell of all bends
@@ -157,8 +157,8 @@ class RimsSolver:
             if not lower.falls_apart and lower.size <= _SETTLED:
                 return replace(start, surface=lower)
             n, fallen = 2 * n, fallen + lower.falls_apart
-            is_gone = fallen == 2 or (len(self.request.units) == 2 and lower.is_apart)
-            if is_gone or n * len(self.request.units) > DENSE:
+            is_gone = fallen == 2 or (len(self.problem.units) == 2 and lower.is_apart)
+            if is_gone or n * len(self.problem.units) > DENSE:
                 return None
 
     @cached_property
@@ -176,21 +176,21 @@ class RimsSolver:
         Newton's method finds its way through many sharp bends only if they grow on it.
         """
         if not self._is_noisy:
-            return (self.request.curves,)
-        ways = [_grown(curve) for curve in self.request.curves]
+            return (self.problem.curves,)
+        ways = [_grown(curve) for curve in self.problem.curves]
         return tuple(zip(*ways, strict=True))
 
     @cached_property
     def _is_noisy(self) -> bool:
         """Whether one of the loops is rough, or its curve a cubic spline without corners: no smoother one is shown."""
-        return any(map(is_rough, self.request.units, self.request.curves)) or any(
-            curve.degree == min(DEGREES) and not curve.corners.any() for curve in self.request.curves
+        return any(map(is_rough, self.problem.units, self.problem.curves)) or any(
+            curve.degree == min(DEGREES) and not curve.corners.any() for curve in self.problem.curves
         )
 
     @cached_property
     def _rims(self) -> tuple[tuple[Rim, ...], ...]:
         """All rims on each step of their way, in both directions."""
-        device = self.request.options.device
+        device = self.problem.options.device
         return tuple(
             tuple(
                 Rim(number=k, ways=(CurveTensors.of(curve, device), CurveTensors.of(curve.reversed(), device)))
@@ -206,7 +206,7 @@ class RimsSolver:
         return RimsProblem(
             curves=CurveTensors.batch(ways),
             negligible=negligible,
-            on_step=partial(self.request.steps.take, "Douglas-Newton"),
+            on_step=partial(self.problem.steps.take, "Douglas-Newton"),
         )
 
     def all_critical(self) -> list[Placement]:
@@ -214,12 +214,12 @@ class RimsSolver:
 
         Over more the one of least energy and those on its path.
         """
-        best, is_two = self._descended, len(self.request.units) == 2
+        best, is_two = self._descended, len(self.problem.units) == 2
         start = min(self._starts, key=lambda start: start.surface.dirichlet_energy) if is_two else best
         if start is None:
             return []
         n = (best or start).surface.slides.shape[1]
-        with self.request.clock.stage("moduli"):
+        with self.problem.clock.stage("moduli"):
             problem = self._problem(start)
             # half of the nodes do, and its steps on them cost an eighth
             coarse = problem.resampled(start.surface, max(_FEWEST_NODES, n // 2))
@@ -232,35 +232,35 @@ class RimsSolver:
     def _stable(self) -> list[Placement]:
         return [placed for placed in self.all_critical() if placed.surface.index == 0]
 
-    def fitted(self, placed: Placement) -> Found:
+    def fitted(self, placed: Placement) -> RouteResult:
         """The surface with as many nodes as the tolerance asks for, or as help."""
         problem, saddles = self._problem(placed, -1), placed.surface.index > 0
         tried: list[tuple[Lift, HarmonicSurface]] = []
         limit, before = "more nodes on the rims do not help", math.inf
         for finer in self._finer(placed, saddles=saddles):
-            goal = self.request.allowed * (_WELL_BELOW if finer.slides.numel() <= DENSE else 1.0)
-            if self.request.options.is_series:
+            goal = self.problem.allowed * (_WELL_BELOW if finer.slides.numel() <= DENSE else 1.0)
+            if self.problem.options.is_series:
                 goal = float(np.finfo(np.float64).tiny)
-            with self.request.clock.stage("lift"):
+            with self.problem.clock.stage("lift"):
                 tried.append((lifted_between(finer, problem.curves, allowed=goal), finer))
             lift, harmonic = min(tried, key=lambda pair: pair[0].misfit.rms)
-            if lift.misfit.excess(allowed=goal, tolerance=self.request.options.tolerance) <= 1:
+            if lift.misfit.excess(allowed=goal, tolerance=self.problem.options.tolerance) <= 1:
                 break
             # at corners the distance falls slowly, but surely: on the way to what is allowed it may
             now, doublings = tried[-1][0].misfit.rms, math.log2(_MOST_NODES / finer.slides.shape[1])
-            is_on_its_way = now > self.request.allowed >= now * (now / before) ** doublings
+            is_on_its_way = now > self.problem.allowed >= now * (now / before) ** doublings
             if now >= WORTHWHILE * before and (saddles or not is_on_its_way):
                 break
             before = lift.misfit.rms
         else:
-            are_spent = self.request.steps.are_spent
+            are_spent = self.problem.steps.are_spent
             limit = SPENT if are_spent else f"{_MOST_NODES} nodes on each rim are the most that are tried"
-        with self.request.clock.stage("surface"):
+        with self.problem.clock.stage("surface"):
             domain = domain_of(lift, *self._circles(placed, harmonic.domain))
-        return Found(
+        return RouteResult(
             domain=domain,
             surface_at=surface_of(lift, domain),
-            curves=tuple(placed.as_run(self.request.curves)),
+            curves=tuple(placed.as_run(self.problem.curves)),
             matchings=tuple(_matching(slide) for slide in lift.slides),
             misfit=lift.misfit,
             area=lift.area,
@@ -273,38 +273,38 @@ class RimsSolver:
         """The surface over the loops' own curves, and with more and more nodes."""
         problem, surface = self._problem(placed, -1), placed.surface
         if self._is_noisy:
-            n = even(_PER_EDGE * max(map(len, self.request.units)))
-            with self.request.clock.stage("slides"):
+            n = even(_PER_EDGE * max(map(len, self.problem.units)))
+            with self.problem.clock.stage("slides"):
                 for step in range(1, len(self._way)):
                     surface = self._stationary(self._problem(placed, step), surface, n, saddles=saddles)
         while True:
             yield surface
             n = even(2 * surface.slides.shape[1])
-            if n > _MOST_NODES or self.request.steps.are_spent:
+            if n > _MOST_NODES or self.problem.steps.are_spent:
                 return
             try:
-                with self.request.clock.stage("slides"):
+                with self.problem.clock.stage("slides"):
                     surface = self._stationary(problem, surface, n, saddles=saddles)
             except OutOfTimeError:  # the surfaces so far are not lost
                 return
 
     def _stationary(self, problem: RimsProblem, surface: HarmonicSurface, n: int, *, saddles: bool) -> HarmonicSurface:
-        edges = max(map(len, self.request.units))
+        edges = max(map(len, self.problem.units))
         return problem.stationary(
             problem.resampled(surface, n),
-            tolerance=ROUGH_GRADIENT * self.request.options.tolerance if self._is_noisy else ROUNDING,
-            max_steps=min(MOST_STEPS, self.request.steps.left),
+            tolerance=ROUGH_GRADIENT * self.problem.options.tolerance if self._is_noisy else ROUNDING,
+            max_steps=min(MOST_STEPS, self.problem.steps.left),
             near=not self._is_noisy,
             saddles=saddles,
-            negligible=negligible_energy(edges, self.request.allowed) if self._is_noisy else 0.0,
+            negligible=negligible_energy(edges, self.problem.allowed) if self._is_noisy else 0.0,
         )
 
     def _circles(self, placed: Placement, domain: CircularDomain) -> list[FourierBoundary]:
-        return circles_of(domain, [points_of_domain(self.request.units[rim.number]) for rim in placed.rims])
+        return circles_of(domain, [points_of_domain(self.problem.units[rim.number]) for rim in placed.rims])
 
 
-def _between(placed: Placement, antiperiodic: tuple[bool, ...], period: float) -> Between:
-    return Between(
+def _between(placed: Placement, antiperiodic: tuple[bool, ...], period: float) -> RimsResult:
+    return RimsResult(
         order=tuple(rim.number for rim in placed.rims),
         back=placed.back,
         modulus=mean_modulus(placed.surface.domain),

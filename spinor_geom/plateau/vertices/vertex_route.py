@@ -23,7 +23,6 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import Flattening, flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
@@ -39,8 +38,8 @@ from spinor_geom.plateau.harmonic.lift import Lift
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network.initial_spinors import images_in_plane, lifted_spinors
 from spinor_geom.plateau.network.network_problem import way_to
-from spinor_geom.plateau.problem import Request
-from spinor_geom.plateau.route_result import Found
+from spinor_geom.plateau.problem import PlateauProblem, Route
+from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.vertices.through_points import DEGREE, NODES, Basis, Passing, nearest_through, nodes_on_edges
 from spinor_geom.surface.formulas import null_vector, phi
@@ -52,12 +51,12 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 _FAR = 2.0
 
 
-def disk_through_points(request: Request, first: Disk | None = None) -> Found:
+def disk_through_points(problem: PlateauProblem) -> RouteResult:
     """The minimal disk through the points of a rough loop, as nearly as they can be met, next to a discrete one."""
-    loop, device, allowed = request.unit, request.options.device, request.allowed
-    (points, are_own), clock = request.pinned, request.clock
+    loop, device, allowed = problem.unit, problem.options.device, problem.allowed
+    (points, are_own), clock = problem.pinned, problem.clock
     with clock.stage("first fill"):
-        disk = first or first_disk(points)
+        disk = problem.start or first_disk(points)
     with clock.stage("flattening"):
         flat = flatten(disk.vertices, disk.faces, len(points))
         images = images_in_plane(disk.vertices, disk.faces, flat.boundary)
@@ -70,7 +69,7 @@ def disk_through_points(request: Request, first: Disk | None = None) -> Found:
                 polygon = torch.as_tensor(flat.boundary, device=device)
                 basis = Basis.on([polygon], [polygon_poles(flat.boundary)], nodes=nodes)
             with clock.stage("fit"):
-                raw = _fitted(basis, spinors, raw, request)
+                raw = _fitted(basis, spinors, raw, problem)
         except OutOfTimeError:
             if raw is None:
                 raise
@@ -97,22 +96,25 @@ def disk_through_points(request: Request, first: Disk | None = None) -> Found:
         return found
 
 
+THROUGH_POINTS = Route("vertices", disk_through_points)
+
+
 def _fitted(
-    basis: Basis, spinors: Complex[Tensor, "n 2"], raw: Complex[Tensor, "k 2"] | None, request: Request
+    basis: Basis, spinors: Complex[Tensor, "n 2"], raw: Complex[Tensor, "k 2"] | None, problem: PlateauProblem
 ) -> Complex[Tensor, "k 2"]:
     """Read-outs that meet all points, nearest to p and q of a start in the middle of each edge; from `raw` on."""
     (rim,) = basis.rims
     start = rim.nearest_between(spinors)
     readout = start if raw is None else rim.norm.mH @ raw
-    wanted = torch.tensor(request.pinned[0], device=start.device)
+    wanted = torch.tensor(problem.pinned[0], device=start.device)
     here = Passing(basis=basis, points=(wanted,), raw=basis.raw(readout))
-    in_edges = here.distance / request.unit.mean_edge_length
+    in_edges = here.distance / problem.unit.mean_edge_length
     if not in_edges <= _FAR:
         raise SurfaceError(
             "the flattened discrete disk over the loop is too far from conformal: p and q of its frames lead "
             f"{in_edges:.0f} edges away from the points"
         )
-    return basis.raw(nearest_through(here, readout, start=start, allowed=request.allowed, steps=request.steps))
+    return basis.raw(nearest_through(here, readout, start=start, allowed=problem.allowed, steps=problem.steps))
 
 
 def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], flat: Flattening) -> PlaneDomain:
@@ -132,7 +134,7 @@ def surface_through(
     *,
     allowed: float,
     steps: Steps,
-) -> Found:
+) -> RouteResult:
     """The surface through points next to a smooth one over averages of the rims, as nearly as they can be met.
 
     The starts are points of each rim's circle that lie about where its points shall.
@@ -209,14 +211,14 @@ def _passed(
     *,
     area: float,
     near: str,
-) -> Found:
+) -> RouteResult:
     """A surface whose boundary is so far off the points of each rim."""
     curves, misfits = [], []
     for rim, own, error in zip(rims, points, errors, strict=True):
         velocity = rim.velocity.real.reshape(len(own), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
         curves.append(_curve_through(own, velocity, error))
         misfits.append(_misfit_at_points(curves[-1], error))
-    return Found(
+    return RouteResult(
         domain=surface.domain,
         surface_at=surface.placed,
         curves=tuple(curves),
