@@ -49,7 +49,8 @@ def test_narrow_domains_are_left_to_other_routes_before_they_are_made() -> None:
 def test_narrow_smooth_loops_keep_the_area_of_their_curve() -> None:
     """A surface through 28 points alone would bulge between them by much of the waist."""
     few, many = (solve_plateau(waist(n, 0.01)) for n in (28, 112))
-    assert few.converged and many.converged
+    assert few.converged
+    assert many.converged
     assert abs(few.area / many.area - 1) < 1e-5
 
 
