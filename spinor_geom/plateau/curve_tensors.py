@@ -15,11 +15,11 @@ from spinor_geom.mesh.curve import BoundaryCurve
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurveTensors:
-    """Γ as tensors, or several curves as a batch, the shorter ones filled up."""
+    """A piecewise polynomial curve as tensors, or a padded batch of curves."""
 
-    breaks: Float[Tensor, "*batch m1"]  # 2 after the last break of a shorter curve
-    coefficients: Float[Tensor, "d1 *batch m 3"]  # highest power first; 0 above the degree of a curve of a lower one
-    slopes: Float[Tensor, "d1 *batch m 3"] | None = None  # the same for Γ′ where it comes from formulas, of all curves
+    breaks: Float[Tensor, "*batch m1"]  # padded with 2
+    coefficients: Float[Tensor, "d1 *batch m 3"]  # highest power first, padded with 0
+    slopes: Float[Tensor, "d1 *batch m 3"] | None = None  # those of Γ′, if it comes from formulas for all curves
 
     @classmethod
     def of(cls, curve: BoundaryCurve, device: torch.device) -> CurveTensors:
@@ -32,7 +32,7 @@ class CurveTensors:
 
     @classmethod
     def batch(cls, curves: Sequence[CurveTensors]) -> CurveTensors:
-        """Several curves, each without a batch, as one batch; they keep their own Γ′ where all have one."""
+        """A batch of single curves; they keep `slopes` if all have them."""
         most = max(len(curve.breaks) for curve in curves)
         slopes = [curve.slopes for curve in curves if curve.slopes is not None]
         return cls(
@@ -44,7 +44,7 @@ class CurveTensors:
         )
 
     def at(self, which: Int[Tensor, " k"]) -> CurveTensors:
-        """Some curves of a batch."""
+        """The selected curves of a batch."""
         slopes = None if self.slopes is None else self.slopes[:, which]
         return CurveTensors(breaks=self.breaks[which], coefficients=self.coefficients[:, which], slopes=slopes)
 
@@ -98,10 +98,7 @@ class CurveTensors:
         return point, first
 
     def local_edge(self, s: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:
-        """Mean length of an edge and its two neighbours, for the edge at each parameter.
-
-        Over three edges, so that a single tiny one among others is not taken for the size of what is to be resolved.
-        """
+        """Mean length of an edge and its two neighbours, at each parameter; a single tiny edge hardly changes it."""
         return _taken(self._local_edges.flatten(), self._piece(s - s.floor()))
 
     @cached_property
@@ -114,7 +111,7 @@ class CurveTensors:
         return mean
 
     def _piece(self, s: Float[Tensor, "*pts"]) -> Int[Tensor, "*pts"]:
-        """Number of the piece at each parameter in [0, 1) among those of all curves."""
+        """Index of the piece at each parameter in [0, 1), among the pieces of all curves."""
         return torch.minimum(torch.searchsorted(self.breaks, s, right=True) - 1, self._last_piece) + self._first_piece
 
 
@@ -124,7 +121,7 @@ def _taken(values: Float[Tensor, " k"], which: Int[Tensor, "*pts"]) -> Float[Ten
 
 
 def _side_by_side(parts: Sequence[Float[Tensor, "_ _ 3"]]) -> Float[Tensor, "d1 b m 3"]:
-    """Coefficients of several curves, of lower ones and after the last piece of shorter ones filled up with 0."""
+    """Coefficients of several curves, padded with 0."""
     highest, most = (max(part.shape[axis] for part in parts) for axis in (0, 1))
     filled = [torch.nn.functional.pad(part, (0, 0, 0, most - part.shape[1], highest - len(part), 0)) for part in parts]
     return torch.stack(filled, dim=1)

@@ -13,7 +13,7 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.network.discretisation import ModulusFields
-from spinor_geom.plateau.network.network_problem import NetworkProblem, way_across
+from spinor_geom.plateau.network.network_problem import NetworkProblem, path_across
 from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
 
 
@@ -127,7 +127,7 @@ def problem_on_annulus(branch=None):
 
 def test_integrals_go_along_both_boundaries_and_across():
     panels, problem, _ = problem_on_annulus()
-    z = torch.from_numpy(np.append(panels.z, way_across(DOMAIN)[0]))
+    z = torch.from_numpy(np.append(panels.z, path_across(DOMAIN)[0]))
     integral = problem.integrate((z**3 * problem.dz)[:, None])[:, 0]
     expected = torch.from_numpy(panels.z) ** 4 / 4
     difference = integral - expected

@@ -179,7 +179,7 @@ def test_inertia_of_the_energy_is_the_index_of_the_area(h):
     for number, formula in enumerate(coaxial(h)):
         curve = BoundaryCurve.from_formula(formula)
         ways = tuple(CurveTensors.of(way, torch.device("cpu")) for way in (curve, curve.reversed()))
-        rims.append(Rim(number=number, ways=ways))
+        rims.append(Rim(number=number, directions=ways))
     start = start_between(*rims, 48, back=True)
     problem = RimsProblem(curves=start.surface.curves)
     held = problem.stationary(replace(start.surface, held=True), tolerance=1e-6)

@@ -1,6 +1,6 @@
 """The harmonic route to a minimal disk: Douglas's slide on a smooth Ω, then the lift to p and q.
 
-It takes loops without corners: milliseconds for smooth ones, and its cost grows like n·log n with the number of nodes.
+It solves loops without corners. Smooth ones take milliseconds; the cost grows as n·log n with the number of nodes.
 """
 
 from __future__ import annotations
@@ -37,26 +37,23 @@ from spinor_geom.plateau.route_result import RouteResult, typed_failures
 from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.steps import SPENT
 
-_FEWEST_POINTS, _POINTS = 32, 128  # points that Ω is made from: the cost of Λ on it is their number cubed
-# Nodes of the loops that are fitted as one batch, and held in memory: half as many take an eighth longer.
-BATCH_NODES = 16384
-_MOST_PER_EDGE = 16  # most nodes for each edge, of Ω and of the slide: loops that want more are left to other routes
-# Surfaces through more points are not tried, as their cost grows like n³: longer loops have no other route, and get as
-# many nodes as they took before they were met (5,000 noisy points take more than 16 an edge); beyond it takes minutes.
+_FEWEST_POINTS, _POINTS = 32, 128  # points that Ω is made from; the cost of Λ is their number cubed
+BATCH_NODES = 16384  # nodes of all loops in one batch; half as many take an eighth longer
+_MOST_PER_EDGE = 16  # largest number of nodes for each edge; other routes solve loops that need more
+# Surfaces through more points are not tried, because their cost grows as n³. Longer loops have no other route and may
+# have this many nodes for each edge: 5,000 noisy points need more than 16.
 MOST_FREE_POINTS, _MOST_PER_EDGE_OF_LONG = 1500, 64
-_MORE_ON_ANALYTIC = (
-    3  # times as many nodes are tried next on analytic curves, where few do not suffice; twice on others
+_MORE_ON_ANALYTIC = 3  # factor of the nodes from one attempt to the next on analytic curves; 2 on others
+_FEWEST_PER_EDGE_OF_ROUGH = 4  # nodes for each edge of rough loops below which a distance is not significant
+FEWEST_NODES = 256  # nodes of short loops on the disk, so that many loops fit in one batch
+COARSE = (
+    1e-4  # relative gradient at which coarse solves stop; also the share of the tolerance of smooth loops' gradient
 )
-_TELLING_PER_EDGE = 4  # nodes for each edge of rough loops below which chance decides how near a surface comes
-FEWEST_NODES = 256  # nodes of short loops on the disk: many loops have as many nodes, and are fitted together
-# Gradient of the energy, relative to its factors, at which a coarse solve stops. Between it and rounding errors a solve
-# goes on to a share of the tolerance, on smooth loops as small a one: each step doubles the digits.
-COARSE = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicSolver:
-    """One loop on the harmonic route."""
+    """Solves a disk on the unit disk or on a smooth domain next to a flattened discrete disk."""
 
     problem: PlateauProblem
 
@@ -76,7 +73,7 @@ class HarmonicSolver:
     def below_on_disk(self, matching: Float[np.ndarray, "n 2"]) -> RouteResult | None:
         """The minimal disk of less area that an unstable one on the unit disk leads to; None where there is none."""
         slide = torch.tensor(matching[:, 1], device=self.problem.options.device)
-        # the cost of its directions is the number of nodes cubed
+        # its cost is the number of nodes cubed
         few = resampled(slide, min(len(slide), 2 * FEWEST_NODES))
         try:
             with typed_failures():
@@ -115,7 +112,7 @@ class HarmonicSolver:
         """The minimal disk on the smooth Ω next to a polygon with parameters t."""
         unit, device = self.problem.unit, self.problem.options.device
         with self.problem.clock.stage("flattening"):
-            # points that stand for single vertices are to be followed
+            # Ω has a point for each vertex and follows it
             is_fine = self.is_rough and len(unit) <= self._density.points
             shape, form = resolved(
                 polygon, t, self._density, is_fine, count=points_of_domain(unit), most=self.most_nodes, device=device
@@ -124,7 +121,7 @@ class HarmonicSolver:
         with self.problem.clock.stage("slide"):
             curve = self.exact
             if self.is_rough and not is_fine:
-                # as the points of Ω tell it: nodes that are too few for its bends would fall anywhere among them
+                # averaged: the nodes of Ω are too few for its bends
                 curve = CurveTensors.of(self.problem.curve.smoothed(1 / self._density.points), device)
             (disk,) = minimise_dirichlet_energies(
                 CurveTensors.batch([curve]),
@@ -142,18 +139,18 @@ class HarmonicSolver:
         return self._fitted(self._fit(form, disk.slide), "flattened")
 
     def _begin(self) -> Fit:
-        """The fit on the unit disk from equal steps, up to a quarter more than points: as many are fitted together."""
+        """The fit on the unit disk from equal steps; node counts are rounded up by at most a quarter, for batches."""
         points = max(FEWEST_NODES, len(self.problem.unit))
         step = 1 << ((points - 1).bit_length() - 3)
         n = step * math.ceil(points / step)
         return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.problem.options.device) / n)
 
     def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"]) -> Fit:
-        """The fit on an Ω from a slide."""
+        """A fit on Ω from a slide."""
         return Fit(solver=self, form=form, slide=slide, nodes=even(max(len(slide), len(self.problem.unit))))
 
     def _fitted(self, fit: Fit, route: RouteName) -> RouteResult:
-        """The minimal disk with as many nodes as the tolerance asks for, or as help."""
+        """The minimal disk of a fit, with as many nodes as the tolerance needs."""
         fit_together([fit])
         if fit.best is None:
             if not fit.limit:
@@ -177,22 +174,22 @@ class HarmonicSolver:
 
     @cached_property
     def exact(self) -> CurveTensors:
-        """Γ."""
+        """Γ as tensors."""
         return CurveTensors.of(self.problem.curve, self.problem.options.device)
 
     @cached_property
     def is_rough(self) -> bool:
-        """Whether the loop is."""
+        """Whether the loop is rough."""
         return is_rough(self.problem.unit, self.problem.curve)
 
     @property
     def is_analytic(self) -> bool:
-        """Whether Γ is, so that the distance from it falls geometrically with the nodes."""
+        """Whether Γ is analytic: the distance falls geometrically with the nodes."""
         return self.problem.curve.degree > max(DEGREES)
 
     @property
     def fine_gradient(self) -> float:
-        """At which a slide along Γ itself stops."""
+        """Relative gradient at which a slide along Γ stops."""
         if self.problem.options.is_series:
             return ROUNDING
         share = ROUGH_GRADIENT if self.is_rough else COARSE
@@ -200,13 +197,13 @@ class HarmonicSolver:
 
     @property
     def most_nodes(self) -> int:
-        """That are tried."""
+        """Upper limit on nodes."""
         points = len(self.problem.unit)
         per_edge = _MOST_PER_EDGE if points <= MOST_FREE_POINTS else _MOST_PER_EDGE_OF_LONG
         return even(max(4 * FEWEST_NODES, per_edge * points))
 
     def is_enough(self, misfit: Misfit) -> bool:
-        """Whether more nodes are not tried; rounding error is asked for where the curve itself has no other."""
+        """Whether the distance is small enough; power series over analytic curves go on to rounding error."""
         allowed = self.problem.allowed
         if self.problem.options.is_series and self.is_analytic:
             allowed = min(allowed, ROUNDING)
@@ -214,11 +211,11 @@ class HarmonicSolver:
 
     @property
     def negligible_energy(self) -> float:
-        """At a fall below which a slide stops, too."""
+        """Decrease of the energy below which a slide stops."""
         return negligible_energy(len(self.problem.unit), self.problem.allowed) if self.is_rough else 0.0
 
     def take(self, gradient: float) -> None:
-        """Takes down a step."""
+        """Records a step."""
         self.problem.steps.take("Douglas-Newton", gradient)
 
 
@@ -238,24 +235,24 @@ def _finished(fit: Fit, problem: PlateauProblem) -> RouteResult:
 
 
 def points_of_domain(loop: BoundaryLoop) -> int:
-    """Points that Ω is made from, but for those that narrow places want."""
+    """Number of points that Ω is made from, without those for narrow places."""
     return min(max(len(loop), _FEWEST_POINTS), _POINTS)
 
 
 @dataclass(kw_only=True, eq=False)
 class Fit:
-    """One loop's fit on an Ω, on its way."""
+    """The state of one loop's fit on an Ω."""
 
-    solver: HarmonicSolver  # of the loop
-    form: DirichletForm  # of Ω
-    slide: Float[Tensor, " n"]  # to start from, then the last one that was found
-    nodes: int  # to begin with, then those that are tried next
-    best: tuple[Lift, HarmonicDisk] | None = None  # the nearest surface so far, and what it was lifted from
-    limit: str = ""  # why it is over, as the end of a sentence; "" while it is not, as where time cut it short
-    attempt: int = 0  # number of those before
+    solver: HarmonicSolver
+    form: DirichletForm
+    slide: Float[Tensor, " n"]  # the start, then the last slide found
+    nodes: int  # number of nodes of the next attempt
+    best: tuple[Lift, HarmonicDisk] | None = None  # the nearest surface so far, and its harmonic disk
+    limit: str = ""  # why the fit is finished, as the end of a sentence; "" while it is not
+    attempt: int = 0  # number of attempts so far
 
     def take(self, disk: HarmonicDisk, lift: Lift | None) -> None:
-        """Takes the disk that was found with the nodes that were asked for, and its lift, if it has one."""
+        """Records the disk of an attempt and its lift, and decides about the next attempt."""
         if disk.crowded:
             self.limit = "the nodes crowd on the domain's boundary"
             return
@@ -263,8 +260,8 @@ class Fit:
         before = math.inf if self.best is None else self.best[0].misfit.rms
         share = WORTHWHILE
         if self.solver.is_rough:
-            share = 1.0 if self.nodes >= _TELLING_PER_EDGE * len(self.solver.problem.unit) else math.inf
-        # without a lift more nodes may tell the sheets apart
+            share = 1.0 if self.nodes >= _FEWEST_PER_EDGE_OF_ROUGH * len(self.solver.problem.unit) else math.inf
+        # more nodes may give a lift
         may_lift = self.attempt == 0 or self.solver.is_rough
         is_better = may_lift if lift is None else lift.misfit.rms < share * before
         if lift is not None and lift.misfit.rms < before:
@@ -282,13 +279,13 @@ class Fit:
 
     @property
     def near_enough(self) -> float:
-        """Distance from Γ that its lift need not lessen: where it is smooth more nodes do so far more, and sooner."""
+        """RMS distance above which the lift is refined; infinite on smooth curves, where more nodes are cheaper."""
         is_smooth = self.solver.is_analytic or (self.attempt == 0 and not self.solver.is_rough)
         return math.inf if is_smooth else self.solver.problem.allowed
 
 
 def fit_together(fits: Sequence[Fit]) -> None:
-    """Goes on with fits until they are over or time is, those on the unit disk with as many nodes as one batch."""
+    """Continues fits until all are finished or time is over; fits on one Ω with equal nodes form a batch."""
     left = list(fits)
     while (left := [fit for fit in left if not fit.limit]) and not is_out_of_time():
         alike: dict[tuple[object, ...], list[Fit]] = defaultdict(list)
@@ -301,7 +298,7 @@ def fit_together(fits: Sequence[Fit]) -> None:
 
 
 def _advance(fits: Sequence[Fit]) -> None:
-    """One more attempt of fits that ask for as many nodes on one Ω."""
+    """One attempt of fits on one Ω with an equal number of nodes."""
     begin = time.perf_counter()
     form, nodes = fits[0].form, fits[0].nodes
     curves = CurveTensors.batch([fit.solver.exact for fit in fits])
@@ -331,5 +328,5 @@ def _advance(fits: Sequence[Fit]) -> None:
 
 
 def even(nodes: int) -> int:
-    """An even number of nodes, not smaller, that is fast to transform."""
+    """The next even number that is fast to transform."""
     return 2 * next_fast_len((nodes + 1) // 2)

@@ -1,4 +1,4 @@
-"""Plateau's problem as tensors: the border between numpy geometry and torch functions."""
+"""The boundary problem of a Cauchy network on ∂Ω, as tensors."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from spinor_geom.surface.spinor_surface import PATH_ORDER
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NetworkProblem:
-    """Γ, the nodes on ∂Ω, and the features of the model there, and behind those on a way to the hole, if any."""
+    """Γ, and the features of the network at the nodes on ∂Ω, followed by those on a path to the hole, if any."""
 
     curves: tuple[CurveTensors, ...]  # Γ, one curve for each boundary of Ω
-    features: Complex[Tensor, "points n"]  # the model's hidden layer at the nodes and on the way
+    features: Complex[Tensor, "points n"]  # at the nodes and on the path
     dz: Complex[Tensor, " points"]  # dz/dt
     weights: Float[Tensor, " points"]  # quadrature weights in t
     widths: Float[Tensor, " panels"]  # lengths of the panels in t
-    rims: tuple[int, ...]  # numbers of panels of each boundary
+    rims: tuple[int, ...]  # number of panels of each boundary
     cumulative: Float[Tensor, "order order"]  # integration matrix of a panel of length 1
     slide_bounds: Float[Tensor, "nodes 2"]  # lowest and highest curve parameter of each node
     fields: Complex[Tensor, "nodes k"]  # fields along which Ω may move to change its moduli
@@ -41,17 +41,17 @@ class NetworkProblem:
         curves: tuple[CurveTensors, ...],
         corners: tuple[Float[np.ndarray, " _"], ...],
     ) -> NetworkProblem:
-        """The problem with the nodes of given panels, on a domain that does not move; see `slide_bounds`."""
+        """The problem on the nodes of panels, for a fixed domain; `corners` are as for `slide_bounds`."""
         device = network.poles.device
-        way, steps = way_across(domain)
+        path, steps = path_across(domain)
         sides = zip(domain.boundaries, corners, panels.own_parameters, strict=True)
         with torch.no_grad():
-            features = network.features(torch.tensor(np.append(panels.z, way), device=device))
+            features = network.features(torch.tensor(np.append(panels.z, path), device=device))
         return cls(
             curves=curves,
             features=features,
             dz=torch.tensor(np.append(panels.dz, steps), device=device),
-            weights=torch.tensor(np.append(panels.weights, np.ones(len(way))), device=device),
+            weights=torch.tensor(np.append(panels.weights, np.ones(len(path))), device=device),
             widths=torch.tensor(panels.widths, device=device),
             rims=panels.rims,
             cumulative=torch.tensor(panels.cumulative, device=device),
@@ -66,12 +66,12 @@ class NetworkProblem:
 
     @property
     def arc_weights(self) -> Float[Tensor, " nodes"]:
-        """Weights of the mean by arc length of ∂Ω; their sum is 1."""
+        """Weights of the mean by arc length of ∂Ω, with sum 1."""
         weights = (self.weights * self.dz.abs())[: self.nodes]
         return weights / weights.sum()
 
     def by_rim(self, values: Shaped[Tensor, "nodes *rest"]) -> tuple[Shaped[Tensor, "_ *rest"], ...]:
-        """What is told of the nodes, boundary by boundary."""
+        """Values at the nodes of each boundary."""
         return torch.split(values, [count * len(self.cumulative) for count in self.rims])
 
     def point_and_derivative(
@@ -83,13 +83,13 @@ class NetworkProblem:
         return torch.cat(points), torch.cat(tangents)
 
     def increasing(self, slide: Float[Tensor, " nodes"], speed: Float[Tensor, " nodes"]) -> Float[Tensor, " nodes"]:
-        """The slides around each boundary that do not fall and lie within their bounds; see `nearest_increasing`."""
+        """The nearest increasing slides within the bounds; see `nearest_increasing`."""
         arrays = [[part.cpu().numpy() for part in self.by_rim(one)] for one in (slide, speed, self.slide_bounds)]
         parts = [nearest_increasing(*one) for one in zip(*arrays, strict=True)]
         return torch.as_tensor(np.concatenate(parts), device=slide.device)
 
     def integrate(self, f: Complex[Tensor, "points k"]) -> Complex[Tensor, "nodes k"]:
-        """∫ f dt from the start of the first panel to each node, along ∂Ω and on the way to the hole."""
+        """∫ f dt from the start of the first panel to each node, along ∂Ω and the path to the hole."""
         order = len(self.cumulative)
         by_panel = f[: self.nodes].reshape(-1, order, f.shape[1])
         local = (self.cumulative.to(f.dtype) @ by_panel) * self.widths[:, None, None]
@@ -110,26 +110,26 @@ class NetworkProblem:
         return total[: len(self.rims) - 1]
 
     def velocities(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "points 3"]:
-        """φ dz/dt at the nodes and on the way; its real part is dr/dt."""
+        """φ dz/dt at the nodes and on the path; its real part is dr/dt."""
         return self.null_curve(readout) * self.dz[:, None]
 
     def null_curve(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "points 3"]:
-        """φ at the nodes and on the way."""
+        """φ at the nodes and on the path."""
         p, q = (self.features @ readout).unbind(-1)
         return phi(p, q)
 
     def moved(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3 k"]:
-        """Change of r at the nodes when they move along each field: Re(φ v)."""
+        """Derivative of r at the nodes by a move along each field: Re(φ v)."""
         return (self.null_curve(readout)[: self.nodes, :, None] * self.fields[:, None, :]).real
 
 
 def nearest_increasing(
     s: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"], bounds: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, " n"]:
-    """The nearest non-decreasing slide around the circle, s_n ≤ s_0 + 1, inside the bounds: isotonic regression.
+    """The nearest non-decreasing slide with s_n ≤ s_0 + 1 within the bounds, by isotonic regression.
 
-    The circle is cut where the speed |Γ'| is largest, where a change of s costs most. Shortening the whole step instead
-    stalls at corners and on noisy curves.
+    The circle is cut where the speed |Γ'| is largest. Shortening the whole step instead stalls at corners and on noisy
+    curves.
     """
     if (np.diff(np.append(s, s[0] + 1)) <= 0).any():
         cut = int(np.argmax(speed))
@@ -143,26 +143,26 @@ def nearest_increasing(
 def slide_bounds(
     boundary: Boundary, corners: Float[np.ndarray, " c"], t: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Lowest and highest curve parameter of nodes at parameters t of ∂Ω: each stays on its own side.
+    """Lowest and highest curve parameter of nodes at parameters t of ∂Ω, which stay between their corners.
 
-    The corners of Γ are those that belong to the corners of Ω, ascending in one turn.
+    `corners` are the curve parameters at the corners of Ω, ascending.
     """
     if not len(corners):
         return np.broadcast_to([-np.inf, np.inf], (len(t), 2))
     ends = np.concatenate([corners[-1:] - 1, corners, corners[:1] + 1])
     side = np.searchsorted(boundary.parameters[:-1][boundary.corners], t, side="right")
-    # not quite the corner: Γ′ there is that of the next side
+    # inside the side: Γ′ at a corner is that of the next side
     return np.stack([ends[side] + 1e-13, ends[side + 1] - 1e-13], axis=1)
 
 
-def way_to(
+def path_to(
     domain: PlaneDomain, vertex: int, order: int = PATH_ORDER
 ) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
-    """Quadrature nodes on a way through Ω from its root to a vertex of its triangulation, and their weights dz."""
-    way = [vertex]
-    while way[-1] != domain.root:
-        way.append(int(domain.parents[way[-1]]))
-    corners = domain.triangulation.points[way[::-1]]
+    """Quadrature nodes on a path through Ω from its root to a vertex of its triangulation, and their weights dz."""
+    path = [vertex]
+    while path[-1] != domain.root:
+        path.append(int(domain.parents[path[-1]]))
+    corners = domain.triangulation.points[path[::-1]]
     if domain.corners[vertex]:
         before, end = corners[-2:]
         corners = np.concatenate([corners[:-1], end + (before - end) * TOWARDS_CORNER, [end]])
@@ -171,9 +171,9 @@ def way_to(
     return (corners[:-1, None] + step * nodes).ravel(), (step * weights).ravel()
 
 
-def way_across(domain: PlaneDomain) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
-    """Those on a way through Ω from its boundary's first vertex to its hole's; none where it has no hole."""
+def path_across(domain: PlaneDomain) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
+    """`path_to` from the first vertex of the outer boundary to the hole's; empty without a hole."""
     if not domain.holes:
         return np.zeros(0, dtype=np.complex128), np.zeros(0, dtype=np.complex128)
-    (there, back), (here, ahead) = way_to(domain, 0), way_to(domain, len(domain.boundary.vertices))
+    (there, back), (here, ahead) = path_to(domain, 0), path_to(domain, len(domain.boundary.vertices))
     return np.append(there, here), np.append(-back, ahead)

@@ -1,7 +1,7 @@
 """The network route: Gauss-Newton for a Cauchy network on an Ω flattened from a discrete disk or annulus.
 
-It takes every loop, with corners or without, and two loops that crowd on a round annulus, and goes to the minimal
-surface nearest to where it starts, saddles of the area included.
+It solves loops with and without corners, and two loops that crowd on a round annulus. It converges to the minimal
+surface nearest to its start, which may be unstable.
 """
 
 from __future__ import annotations
@@ -40,28 +40,27 @@ from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up
 from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
 
-# Way of a vertex of Ω, in residuals, that changes nothing: its scale is near to 1. With 1 areas are off by 5e-4.
-_STILL = 0.01
-# Parts that the sides of a polygon given by its corners alone are divided into: with 8 the tetrahedron's quadrilateral
-# is met to 1e-6 of a side, with none to 1e-2.
+_STILL = 0.01  # largest move of a vertex of Ω, in residuals, that counts as none; with 1 areas are off by 5e-4
+# Pieces of the sides of polygons that are given by their corners alone: with 8 the tetrahedron's quadrilateral is met to
+# 1e-6 of a side, undivided to 1e-2.
 PARTS_OF_A_SIDE = 8
-_PARTS = 4  # of an edge of Ω, as whose corners it is told whether Ω crosses itself, and where that helps for paths
+_PARTS = 4  # pieces of an edge of ∂Ω in the test whether it crosses itself, and on paths that leave Ω
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Side:
     """A loop with the surface on its left."""
 
-    number: int
-    back: bool  # whether it runs against the one that was given
+    number: int  # among the given loops
+    back: bool  # whether it runs against the given loop
     loop: BoundaryLoop
     curve: BoundaryCurve
-    knots: Float[np.ndarray, " k1"]  # parameters of Γ at the points that stand for it, the first one again at the end
-    corners: Bool[np.ndarray, " k"]  # which of those are corners of Ω
+    knots: Float[np.ndarray, " k1"]  # parameters of Γ at its points in the discrete surface, closed
+    corners: Bool[np.ndarray, " k"]  # which of those points are corners of Ω
 
     @classmethod
     def of(cls, number: int, loop: BoundaryLoop, curve: BoundaryCurve, *, back: bool, parts_of_a_side: int) -> _Side:
-        """The loop's points, or so few that it may be long, and on sides between corners as many as told at least."""
+        """The loop with its `start_indices`, and at least `parts_of_a_side` points between corners."""
         if back:
             loop, curve = loop.reversed(), curve.reversed()
         indices = start_indices(loop)
@@ -75,16 +74,16 @@ class _Side:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NetworkSolver:
-    """One loop or two on the network route."""
+    """Fits a Cauchy network to one loop or two."""
 
     problem: PlateauProblem
 
     @cached_property
     def _sides(self) -> tuple[_Side, ...]:
-        """The loops in the order of Ω's boundaries: the longest goes outside, where there is more room."""
+        """The loops in the order of Ω's boundaries: the longest one is outside."""
         with self.problem.clock.stage("first fill"):
             reverse = len(self.problem.units) > 1 and runs_back(*(loop.points for loop in self.problem.units))
-        # discrete disks to start from have the loop's own points
+        # a problem's start has the loop's own points
         parts = 0 if self.problem.is_disk else PARTS_OF_A_SIDE
         sides = [
             _Side.of(number, loop, curve, back=reverse and number > 0, parts_of_a_side=parts)
@@ -94,7 +93,7 @@ class NetworkSolver:
 
     @cached_property
     def first_surface(self) -> Disk:
-        """The discrete disk or annulus over the points that stand for the loops."""
+        """The discrete disk or annulus over points of the loops."""
         rims = [side.curve.point(side.knots[:-1]) for side in self._sides]
         with self.problem.clock.stage("first fill"):
             if len(rims) > 1:
@@ -102,7 +101,7 @@ class NetworkSolver:
             else:
                 surface = first_disk(*rims)
                 surface = finer_disk(surface, *self._sizes) if self._is_rough else surface
-        require_time()  # a descent that was cut short leads elsewhere
+        require_time()  # a descent that was cut short leads to another surface
         return surface
 
     @property
@@ -140,7 +139,7 @@ class NetworkSolver:
         )
 
     def _fitted_from(self, start: Disk) -> Fitted:
-        """The fit that starts from a discrete surface: its flattening gives Ω, its frames p and q."""
+        """The fit from a discrete surface: its flattening gives Ω, its frames give p and q."""
         sides, device = self._sides, self.problem.options.device
 
         def boundaries(rims: tuple[Complex[np.ndarray, "_"], ...]) -> list[SplineBoundary]:
@@ -184,8 +183,8 @@ class NetworkSolver:
     def _refined(
         self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]
     ) -> Fitted:
-        """Rounds of Gauss-Newton, each with more units where the residual of the last one was."""
-        # a mesh's are never quite right, and with wrong ones a fit can be near to Γ at its nodes and nowhere else
+        """Rounds of Gauss-Newton, each with more units where the last residual was large."""
+        # the moduli of a flattened mesh are inexact, and with wrong ones a fit can be near Γ at its nodes only
         begin = self._with_right_moduli if stage.has_moduli else self._fitted
         best = begin(stage, readout, slide)
         while self._is_missed(best):
@@ -194,7 +193,7 @@ class NetworkSolver:
                 break
             try:
                 again = self._fitted(finer, *finer.transferred(best.stage, best.fit))
-            except OutOfTimeError:  # the rounds so far are not lost
+            except OutOfTimeError:  # keep the rounds so far
                 break
             if not again.misfit.rms < best.misfit.rms:
                 break
@@ -204,7 +203,7 @@ class NetworkSolver:
         return best
 
     def _may_meet(self, before: Fitted, now: Fitted) -> bool:
-        """Whether as many features as there may be meet the tolerance, if the distance from Γ falls on as it did.
+        """Whether the largest number of features would meet the tolerance, by extrapolating the last two rounds.
 
         The cost of a round grows with the cube of the number of features.
         """
@@ -215,7 +214,7 @@ class NetworkSolver:
     def _with_right_moduli(
         self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]
     ) -> Fitted:
-        """A fit in which Ω may move to its conformal moduli; the moves are made, and it is fitted again."""
+        """A fit in which Ω moves to the right conformal moduli."""
         last, folds = np.inf, False
         allowed, steps = self.problem.allowed, self.problem.steps
         while True:
@@ -226,14 +225,14 @@ class NetworkSolver:
                 return self._measured(stage, fit)
             try:
                 moved = stage.moved(fit, offset=self.problem.options.cauchy.pole_offset)
-            except DomainError:  # what is fitted so far stands
+            except DomainError:  # keep the fit so far
                 folds = True
                 break
             readout, slide = moved.transferred(stage, fit)
-            stage = moved  # whatever the fit gained by the move, it is lost without it
-            # below half of what is allowed only fast convergence goes on
+            stage = moved
+            # below half of the allowed residual, continue only while it converges fast
             stalls = not fit.residual <= (STALLED if fit.residual > allowed / 2 else 0.5) * last
-            # Newton's method would move it by about the square of this move next
+            # the next move of Newton's method would be about the square of this one
             if stalls or length**2 < _STILL * fit.residual or steps.are_spent:
                 break
             last = fit.residual
@@ -248,19 +247,19 @@ class NetworkSolver:
         return Fitted(stage=stage, fit=fit, misfit=misfit, energy=energy)
 
     def _is_missed(self, fitted: Fitted) -> bool:
-        """Whether a fit is to come nearer to Γ, and there are steps left for it."""
+        """Whether a fit is above the tolerance, with steps left."""
         return self.problem.excess(fitted.misfit) > 1 and not self.problem.steps.are_spent
 
     def _limit(self, fitted: Fitted) -> str:
-        """What keeps a fit from coming nearer to Γ, as the end of a sentence."""
+        """Why a fit is no nearer to Γ, as the end of a sentence."""
         stage, loops = fitted.stage, self.problem.units
         features = stage.network.mixing.shape[1]
         if self.problem.steps.are_spent:
             return SPENT
         if fitted.folds:
             return (
-                "the domain would fold if its corners moved to where conformal moduli let them meet the loop's; "
-                f"its network of {features} features follows the boundary no better"
+                "the domain would fold if it moved to the conformal moduli of the loop's corners; "
+                f"its network of {features} features comes no nearer to the boundary"
             )
         at_corners = stage.share_at_corners(fitted.energy)
         if at_corners > 0.5:
@@ -270,10 +269,10 @@ class NetworkSolver:
                 f"the loop is rough: one point in ten turns by more than {np.degrees(max(map(roughness, loops))):.0f}°"
             )
         else:
-            where = "more units would not bring it near enough"
+            where = "more features would not meet the tolerance"
         if stage.is_full:
-            return f"the network has as many features as it may have, {features}, and {where}"
-        return f"a network of {features} features follows the boundary no better: {where}"
+            return f"the network has the largest number of features, {features}, and {where}"
+        return f"a network of {features} features comes no nearer to the boundary: {where}"
 
 
 NETWORK = Route("network", lambda problem: NetworkSolver(problem=problem).solve())
@@ -281,18 +280,18 @@ NETWORK = Route("network", lambda problem: NetworkSolver(problem=problem).solve(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fitted:
-    """A round."""
+    """The result of a round."""
 
     stage: Discretisation
     fit: Fit
     misfit: Misfit  # at unit size
-    energy: Float[np.ndarray, " panels"]  # of the distance from Γ
-    rounds: int = 1  # its number
-    folds: bool = False  # whether Ω would fold if it moved to the conformal moduli that a fit asked for
+    energy: Float[np.ndarray, " panels"]  # squared distance from Γ on each panel
+    rounds: int = 1  # number of the round
+    folds: bool = False  # whether Ω would fold if it moved to the right conformal moduli
 
 
 def _middle(hole: Complex[np.ndarray, " n"]) -> complex:
-    """A point in a hole far from its boundary: the centre of the largest circle inside a triangle of a mesh of it."""
+    """A point in a hole: the centre of the largest inscribed circle of a triangle of its mesh."""
     mesh = PlaneDomain.from_boundary(hole[::-1]).triangulation
     corners = mesh.points[mesh.faces]
     a, b, c = corners.T
@@ -312,7 +311,7 @@ def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[SpinorSurface, fl
         network.readout.copy_(fit.readout)
     some = torch.arange(stage.panels.order // 2, len(stage.panels.t), stage.panels.order, device=device)
     weight = stage.problem.arc_weights.reshape(-1, stage.panels.order).sum(1)
-    # where edges cut across notches of Ω, past poles there, those of a finer polygon do not
+    # edges that cut across notches of Ω come near poles; those of a finer polygon do not
     for parts in (1, _PARTS):
         domain = stage.domain if parts == 1 else stage.domain.divided(parts)
         surface = SpinorSurface(network, domain, order=PATH_ORDER * fitted.rounds).to(device)
@@ -321,7 +320,7 @@ def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[SpinorSurface, fl
         boundary = (stage.problem.positions(network.readout.detach()) + fit.constant)[some]
         with torch.no_grad():
             offset = boundary - surface.position(torch.as_tensor(stage.panels.z, device=device)[some])
-            # the median: where a path is too near to a pole the others are still right
+            # the median is right even if some paths come too near to a pole
             constant = offset.median(0).values
             surface.constant.copy_(constant)
         astray = float(weight @ (offset - constant).square().sum(1)) ** 0.5
