@@ -1,4 +1,4 @@
-"""What a minimal surface is asked for with."""
+"""Options of `solve_plateau`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Cauchy:
     """Options of the Cauchy network.
 
     Attributes:
-        degree: highest degree of the polynomials; loops of fewer than 20 points take less.
+        degree: highest degree of the polynomials; less for loops of fewer than 20 points.
         pole_offset: distance of the poles from ∂Ω, in local edge lengths.
     """
 
@@ -40,9 +40,8 @@ class Laurent:
     """p and q between two loops as Laurent series on a round annulus, or between more on a disk with round holes.
 
     Attributes:
-        modulus: a start: of all surfaces that are found, or of the stable ones unless those that are not are to be
-            kept, the one is taken whose modulus (see `Annulus`) is nearest to this by ratio; none for the stable
-            surface of least area.
+        modulus: of all surfaces found (only the stable ones with `unstable="leave"`), the one whose modulus (see
+            `Annulus`) is nearest to this by ratio is returned. None for the stable surface of least area.
 
     Raises:
         OptionError: the modulus is not positive.
@@ -67,7 +66,7 @@ def require_model(model: Model) -> None:
 
 
 def usable_device(name: str | torch.device) -> torch.device:
-    """The device of a name; an OptionError where nothing can be computed on it."""
+    """The device of a name; raises an OptionError if it cannot be used."""
     try:
         device = torch.device(name)
         float(torch.zeros(1, device=device))
@@ -94,7 +93,7 @@ Optimizer: TypeAlias = Literal["levenberg-marquardt", "rmsprop"] | Trainer
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What every loop of a call is solved with: the options of `solve_plateau`, which are checked."""
+    """The checked options of `solve_plateau`."""
 
     model: Model = "auto"
     optimizer: Optimizer | None = None
@@ -115,11 +114,10 @@ class Options:
             raise OptionError(f"unknown choice for unstable {self.unstable!r}; choose 'leave' or 'keep'")
         if self.between not in ("smooth", "free"):
             raise OptionError(f"unknown choice for between {self.between!r}; choose 'smooth' or 'free'")
-        # an unknown optimizer is refused at once
-        _ = self.trainer
+        _ = self.trainer  # checks the optimizer
 
     def require_rims(self, count: int) -> None:
-        """Checks that the model has surfaces over so many loops."""
+        """Checks that the model has surfaces over this number of loops."""
         if count == 1 and self.laurent is not None:
             raise OptionError("Laurent series span two loops; use model='auto' or 'series' for one")
         if count > 1 and self.trainer is not None:
@@ -129,17 +127,17 @@ class Options:
 
     @property
     def cauchy(self) -> Cauchy:
-        """Of the Cauchy network."""
+        """Options of the Cauchy network."""
         return self.model if isinstance(self.model, Cauchy) else Cauchy()
 
     @property
     def laurent(self) -> Laurent | None:
-        """Of the Laurent series between loops, where they were asked for."""
+        """Options of the Laurent series; None for other models."""
         return self.model if isinstance(self.model, Laurent) else None
 
     @property
     def trainer(self) -> Trainer | None:
-        """Of a network that is trained; none for other models."""
+        """Options of the training; None for models that are not trained."""
         if self.model != "mlp":
             return None
         from spinor_geom.training import LevenbergMarquardt, RMSprop
@@ -163,15 +161,15 @@ class Options:
 
     @property
     def is_automatic(self) -> bool:
-        """Whether the model is chosen by the loop."""
+        """Whether the model depends on the loop."""
         return self.model == "auto" or isinstance(self.model, Laurent)
 
     @property
     def is_series(self) -> bool:
-        """Whether it is a power series."""
+        """Whether the model is a power series."""
         return self.model == "series"
 
     @property
     def leaves_unstable(self) -> bool:
-        """Whether an unstable disk is left for a better one."""
+        """Whether unstable disks are left for better ones."""
         return self.unstable == "leave"

@@ -16,7 +16,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.network.discretisation import Discretisation, ModulusFields
-from spinor_geom.plateau.network.network_problem import slide_bounds, path_across
+from spinor_geom.plateau.network.network_problem import path_across, slide_bounds
 from tests.loops import CONVEX, L_SHAPE, planar
 
 FLAT = np.array([1, 1j, 0])

@@ -41,8 +41,8 @@ from spinor_geom.surface.frames import signs_close_up
 from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
 
 _STILL = 0.01  # largest move of a vertex of Ω, in residuals, that counts as none; with 1 areas are off by 5e-4
-# Pieces of the sides of polygons that are given by their corners alone: with 8 the tetrahedron's quadrilateral is met to
-# 1e-6 of a side, undivided to 1e-2.
+# Pieces of the sides of polygons that are given by their corners alone: with 8 the tetrahedron's quadrilateral is met
+# to 1e-6 of a side, undivided to 1e-2.
 PARTS_OF_A_SIDE = 8
 _PARTS = 4  # pieces of an edge of ∂Ω in the test whether it crosses itself, and on paths that leave Ω
 

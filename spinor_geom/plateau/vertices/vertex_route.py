@@ -43,8 +43,8 @@ from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.interior import RimPrimitive
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Largest distance of a start from the points, and of Γ from the rim's edges, in mean edges. No start beyond it converged;
-# of rims cut along triangles one in seven exceeds half of it.
+# Largest distance of a start from the points, and of Γ from the rim's edges, in mean edges. No start beyond it
+# converged; of rims cut along triangles one in seven exceeds half of it.
 _FAR = 2.0
 
 
