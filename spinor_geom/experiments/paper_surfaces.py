@@ -12,8 +12,8 @@ from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
+from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_levenberg_marquardt
 

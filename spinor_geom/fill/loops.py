@@ -13,7 +13,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.plateau.plane_route import lie_in_plane
-from spinor_geom.plateau.roughness import corners_are_seen, shows_sides
+from spinor_geom.plateau.roughness import shows_sides
 
 LoopChoice: TypeAlias = Literal["all"] | int | BoundaryLoop | Sequence[int]
 
@@ -48,7 +48,7 @@ def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
     Corners that somebody gave the loop stay, those between smooth sides, and those of one that is plane within the
     tolerance, in mean edges: its sides bound the plane region.
     """
-    if not corners_are_seen(loop) or shows_sides(loop):
+    if loop.corners_given or not loop.corners.any() or shows_sides(loop):
         return loop
     if lie_in_plane([loop], allowed=tolerance * loop.mean_edge_length / loop.diagonal):
         return loop

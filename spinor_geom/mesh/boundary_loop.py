@@ -41,6 +41,7 @@ class BoundaryLoop:
         points: (M, 3) float64, in mesh units.
         vertex_ids: (M,) int64 indices of the points in the mesh; 0 to M − 1 for a bare curve.
         corners: (M,) bool, where the curve through the points has a kink.
+        corners_given: whether the caller named the corners; False where `detect_corners` found them.
         slit_fraction: share of the perimeter, 0 to 1, on edges that coincide with another edge of the same loop of
             opposite direction; 1 is a slit of zero width.
         seam_edges: (k, 2) int64 vertex ids, from and to, of the edges that coincide with an edge of another loop.
@@ -59,6 +60,7 @@ class BoundaryLoop:
     points: Float[np.ndarray, "m 3"]
     vertex_ids: Int[np.ndarray, " m"]
     corners: Bool[np.ndarray, " m"]
+    corners_given: bool = False
     slit_fraction: float = 0.0
     seam_edges: Int[np.ndarray, "k 2"] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
     seam_distance: float = 0.0
@@ -102,7 +104,8 @@ class BoundaryLoop:
         if len(given) > 1 and (given[0] == given[-1]).all():
             given = given[:-1]
         # an array of indices compares elementwise, so ask for text first
-        if isinstance(corners, str) and corners == "auto":
+        is_given = not (isinstance(corners, str) and corners == "auto")
+        if not is_given:
             flags = detect_corners(given)
         else:
             try:
@@ -113,7 +116,7 @@ class BoundaryLoop:
             if len(outside):
                 raise OptionError(f"corners names point {outside[0]}, but the loop has points 0 to {len(given) - 1}")
             flags = np.isin(np.arange(len(given)), indices)
-        loop = cls(points=given, vertex_ids=np.arange(len(given)), corners=flags)
+        loop = cls(points=given, vertex_ids=np.arange(len(given)), corners=flags, corners_given=is_given)
         require_distinct_neighbours(loop)
         return loop
 

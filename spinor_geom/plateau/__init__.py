@@ -1,16 +1,18 @@
-"""Plateau's problem for one loop or several: solver, solution and its evidence.
+"""Plateau's problem for one loop or several: solver, solutions and their evidence.
 
-The way of a loop, from a module to the next, in one direction:
+A solve goes through these modules, in this order:
 
-- `request`: the loops, simple and at unit size, and Γ, the curves through their points
-- `plan`: which routes are tried, and in what order; the first surface within the tolerance is the answer
-- Ω: `plane_route` takes the inside of Γ, `harmonic_route` the unit disk or a smooth one of `omega`, `network_route` and
-  `vertex_route` a flattened discrete surface, `rims` a disk with round holes for several loops
-- the slide along Γ: `douglas` by Dirichlet's energy, `gauss_newton` together with p and q; through points there is none
-- p and q: `lift` from a harmonic disk, `network` as polynomials and Cauchy units
-- `misfit`: how far the boundary is from Γ, in one definition for all
-- `solution`: the surface in the loops' coordinates, with its `evidence` on demand; `solutions`: what unstable disks
-  lead to
+- `solve`: the public functions
+- `problem`: the loops, simple and at unit size, the curves Γ through them, the options; and what a `Route` is
+- `plan`: which routes are tried, in which order; the first surface within the tolerance is the solution
+- the routes, each from a problem to a `RouteResult`:
+  `plane_route` (plane loops), `harmonic` (Douglas's method for loops without corners), `vertices` (through the points
+  of rough loops), `network` (Cauchy networks, also for corners), `rims` (several loops)
+- `misfit`: the distance between boundary and Γ, defined once for all routes
+- `solution`: the surface in the caller's coordinates, with `evidence` computed on first use
+- `disk_search`: better disks beside unstable ones, and all disks of a loop
+
+A new route is a module with a `Route`, and a line in `plan`.
 """
 
 from spinor_geom.plateau.misfit import BoundaryResidual

@@ -1,4 +1,4 @@
-"""What a solution is checked by that was not used to find it: computed when it is first asked for."""
+"""Checks of a solution that its solver did not use, computed on first use."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,18 +15,17 @@ from spinor_geom.plateau.steps import Clock
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# Gauss-Legendre nodes along each side of a triangle, of a piece between ∂Ω and its polygon, and of a path to a vertex.
-_ORDER = 3
+_ORDER = 3  # Gauss-Legendre nodes along the sides of triangles, boundary pieces, and paths
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evidence:
-    """A surface and its checks, each made when it is first read; checks are timed, each by itself."""
+    """A surface and its checks, each computed and timed on first use."""
 
     make: Callable[[], SpinorSurface]  # makes the surface
-    curvature: Curvature | None = None  # its total curvature, where that is known
-    is_plane: bool = False  # whether it is a plane region inside a simple boundary, which does not cross itself
-    clock: Clock = field(default_factory=Clock)  # of the stages "stability" and "certificates"
+    curvature: Curvature | None = None  # total curvature, if known
+    is_plane: bool = False  # whether it is a plane region, which does not intersect itself
+    clock: Clock = field(default_factory=Clock)  # stages "stability" and "certificates"
 
     @cached_property
     def surface(self) -> SpinorSurface:
@@ -50,7 +49,7 @@ class Evidence:
 
     @cached_property
     def self_intersections(self) -> int | None:
-        """Pairs of triangles that cross in the surface's mesh: see `crossing_faces`."""
+        """Pairs of intersecting triangles: see `crossing_faces`."""
         with one_thread(), self.clock.stage("certificates"):
             return 0 if self.is_plane else crossing_faces(self.surface)
 
@@ -58,7 +57,7 @@ class Evidence:
 def area_in_domain(surface: SpinorSurface) -> float:
     """Area ∫_Ω λ² dx dy by quadrature over Ω's triangles and the pieces between them and ∂Ω.
 
-    It is independent of `SpinorSurface.area`, an integral along ∂Ω; near rough rims the triangles do not resolve λ.
+    It is independent of `SpinorSurface.area`, an integral along ∂Ω. Near rough rims the triangles do not resolve λ.
     """
     mesh = surface.domain.triangulation
     parts = [_on_triangles(mesh.points[mesh.faces]), *map(_beside_rim, surface.domain.boundaries)]
@@ -67,12 +66,12 @@ def area_in_domain(surface: SpinorSurface) -> float:
 
 
 def crossing_faces(surface: SpinorSurface) -> int | None:
-    """Pairs of triangles that cross in the surface's mesh over Ω's triangulation.
+    """Number of pairs of intersecting triangles in the surface's mesh over Ω's triangulation.
 
-    None says that nothing is known, because the mesh has positions that are not finite.
+    None if the mesh has positions that are not finite.
     """
     mesh = surface.domain.triangulation
-    # whether triangles cross does not hang on the last digits
+    # a low order suffices for intersections
     rough = SpinorSurface(surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, order=_ORDER)
     vertices = rough.position(mesh.points)
     if not np.isfinite(vertices).all():

@@ -1,4 +1,4 @@
-"""The distance between a surface's boundary and Γ, in one definition for every route."""
+"""The distance between a surface's boundary and Γ, defined once for all routes."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from spinor_geom.mesh.curve import SAMPLES_PER_PIECE
-from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.curve_tensors import CurveTensors
 
-# No part of a loop may be missed by more than so many tolerances of its own edges: a tenth of them at 1e-3. Noisy and
-# narrow loops that are met everywhere stay below half of that; a finger that is passed over is missed by several edges.
+# Largest local distance, in tolerances of the local edges: a tenth of an edge at 1e-3. Noisy and narrow loops that are
+# followed everywhere stay below half of it; a finger that the boundary skips is missed by several edges.
 LOCAL_TOLERANCES = 100.0
-_PASSED_OVER = 1.5  # a piece of Γ so many times longer than the step of the boundary beside it is passed over
+_SKIPPED = 1.5  # the boundary skips a piece of Γ that is longer than this many steps of the boundary beside it
 
 
 @dataclass(frozen=True, kw_only=True)
 class Misfit:
     """Distance between a surface's boundary and Γ.
 
-    The mean is by arc length, of Γ or of the boundary, whichever is longer beside each point: a boundary that passes
-    over a part of Γ counts as far from it as one that runs off, and one that has collapsed is not near.
+    The mean is by arc length, of Γ or of the boundary, whichever is longer beside each point. So a boundary that skips
+    a part of Γ is far from it, like one that runs away from Γ.
     """
 
     rms: float  # root of the mean squared distance
     max: float  # largest distance
-    max_per_local_edge: float  # largest ratio of the distance to the mean length of the loop's three edges beside it
-    length: float  # of Γ
+    max_per_local_edge: float  # largest ratio of the distance to the mean length of the three nearest loop edges
+    length: float  # length of Γ
 
     @classmethod
     def of(cls, r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: CurveTensors) -> Misfit:
-        """The misfit at a closed sequence of points of the boundary, with the parameters of the points of Γ near each.
+        """The misfit of points r of the boundary, in order, and the nearby points Γ(slide).
 
-        Where Γ is much longer than the boundary, points of Γ between them count too.
+        Where Γ is much longer than the boundary, points of Γ in between count too.
         """
         point, tangent = curve.point_and_derivative(slide)
         known = r, slide, (r - point).norm(dim=-1), tangent.norm(dim=-1), curve.local_edge(slide)
@@ -54,16 +54,16 @@ class Misfit:
         *,
         alone: Callable[[int], CurveTensors],
     ) -> tuple[Misfit, ...]:
-        """The misfits of several boundaries, from distances, |Γ′| and edges there; `alone` gives a curve of one."""
+        """The misfits of several boundaries from distances, |Γ′| and local edges; `alone` returns one of the curves."""
         step, chord = torch.diff(slide, append=slide[:, :1] + 1), (r.roll(-1, 1) - r).norm(dim=-1)
         arc = step * (speed + speed.roll(-1, 1)) / 2
-        over = step * torch.maximum(speed, speed.roll(-1, 1)) > _PASSED_OVER * chord + distance
-        span = torch.maximum(arc, chord).where(~over, 0.0)
+        skipped = step * torch.maximum(speed, speed.roll(-1, 1)) > _SKIPPED * chord + distance
+        span = torch.maximum(arc, chord).where(~skipped, 0.0)
         squares = ((span + span.roll(1, 1)) / 2 * distance.square()).sum(-1)
         largest, local = distance.amax(-1), (distance / local_edge).amax(-1)
-        for i in over.any(-1).nonzero()[:, 0].tolist():
+        for i in skipped.any(-1).nonzero()[:, 0].tolist():
             curve = alone(i)
-            parameters, missed, weights = _passed_over(r[i], slide[i], over[i].nonzero()[:, 0], curve)
+            parameters, missed, weights = _on_skipped(r[i], slide[i], skipped[i].nonzero()[:, 0], curve)
             squares[i] += weights @ missed.square()
             largest[i] = torch.maximum(largest[i], missed.max())
             local[i] = torch.maximum(local[i], (missed / curve.local_edge(parameters)).max())
@@ -82,7 +82,7 @@ class Misfit:
         *,
         length: float,
     ) -> Misfit:
-        """The misfit of distances from Γ at parameters that stand for so much arc length each."""
+        """The misfit of distances from Γ at parameters, weighted by arc length."""
         return cls(
             rms=(float(weights @ distance.square()) / length) ** 0.5,
             max=float(distance.max()),
@@ -102,15 +102,15 @@ class Misfit:
         )
 
     def excess(self, *, allowed: float, tolerance: float) -> float:
-        """How many times farther from Γ than it may be, as RMS or in its own edges: 1 where the tolerance is met."""
+        """Distance over the allowed distance, as RMS or in local edges: the tolerance is met up to 1."""
         return max(self.rms / allowed, self.max_per_local_edge / (LOCAL_TOLERANCES * tolerance))
 
     def enlarged(self, scale: float) -> Misfit:
-        """That of a surface and a curve `scale` times as large."""
+        """The misfit after scaling surface and curve."""
         return replace(self, rms=scale * self.rms, max=scale * self.max, length=scale * self.length)
 
     def and_astray(self, distance: float) -> Misfit:
-        """That of a surface which is so far, as RMS, from the boundary that was measured."""
+        """The misfit of a surface whose own boundary has an RMS distance from the measured one."""
         return replace(self, rms=float(np.hypot(self.rms, distance)), max=max(self.max, distance))
 
 
@@ -133,7 +133,7 @@ class BoundaryResidual:
     diagonal: float
 
     def verdict(self, tolerance: float, *, steps: int, limit: str) -> tuple[bool, str]:
-        """Whether a tolerance is met, and a sentence that says by how much or why not, as the limit ends it."""
+        """Whether a tolerance is met, and a sentence that says by how much or, ending with `limit`, why not."""
         reached = f"residual {self.rms_per_edge:.1e} of the mean edge after {steps} steps"
         if not self.rms_per_edge <= tolerance:
             return False, f"{reached}, above the tolerance {tolerance:.1e}: {limit}"
@@ -164,13 +164,12 @@ class BoundaryResidual:
         return self.max / self.diagonal
 
 
-def _passed_over(
+def _on_skipped(
     r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], over: Int[Tensor, " j"], curve: CurveTensors
 ) -> tuple[Float[Tensor, " k"], Float[Tensor, " k"], Float[Tensor, " k"]]:
-    """Points of Γ on its parts beside pieces of the boundary that are much shorter: parameters, distances, arc lengths.
+    """Points of Γ on pieces that the boundary skips: parameters, distances, arc lengths.
 
-    The boundary's points tell how far it is from Γ. Where Γ has a finger that ∂Ω does not resolve the boundary passes
-    over that, near to Γ everywhere.
+    A boundary that skips a finger of Γ can be near Γ at all of its own points.
     """
     start, end, step = r[over], r.roll(-1, 0)[over], torch.diff(slide, append=slide[:1] + 1)[over]
     share = (torch.arange(SAMPLES_PER_PIECE, dtype=step.dtype, device=step.device) + 0.5) / SAMPLES_PER_PIECE
@@ -178,7 +177,7 @@ def _passed_over(
     point, tangent = curve.point_and_derivative(parameters)
     beside = (end - start)[:, None]
     away = point.reshape(len(over), SAMPLES_PER_PIECE, 3) - start[:, None]
-    # a boundary that has collapsed has no direction
+    # a boundary of length 0 has no direction
     along = (away * beside).sum(-1) / beside.square().sum(-1).clamp_min(torch.finfo(step.dtype).tiny)
     missed = (away - along.clamp(0, 1)[..., None] * beside).norm(dim=-1)
     arcs = step[:, None] / SAMPLES_PER_PIECE * tangent.norm(dim=-1).reshape(len(over), SAMPLES_PER_PIECE)

@@ -1,4 +1,4 @@
-"""Newton's method for Douglas's energy: slides, and the moduli of Ω where it has holes; minima, or saddles too."""
+"""Newton's method for Douglas's energy of slides, and of the moduli of Ω where it has holes."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -10,53 +10,54 @@ from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
 
-MOST_STEPS = 60  # Newton steps of one solve where nothing else is said, and of conjugate gradients in each
-# A step may raise the energy up to the highest of so many last ones: valleys of the energy are bent, and Newton's
-# method follows them far faster if it may climb their sides a little.
+MOST_STEPS = 60  # default limit on Newton steps, and on conjugate gradient steps in each
+# A step may raise the energy up to the highest of this many last values: valleys of the energy are bent, and Newton's
+# method follows them faster if it may climb their sides.
 _REMEMBERED = 6
-# A curvature of the energy counts as none below this share of the metric's, and a step below this share of Newton's; of
-# gradients so small the energy tells no more. With the root of the rounding error rough curves take 4 % more steps.
+# Relative curvature and step length that count as 0, and relative gradient below which the energy has no digits left.
+# With the root of the rounding error rough curves take 4 % more steps.
 SMALL = 1e-6
-ROUNDING = 1e-13  # gradients, and falls of the energy by itself, of rounding errors: at 3e-15 series take more steps
-# The factor by which damping grows and falls: with 2 smooth loops take a third more steps, with 8 hardly fewer. And the
-# least that is any: with 0.1 narrow loops take a quarter more steps, with 1e-6 smooth ones 6 %.
+ROUNDING = 1e-13  # relative rounding error of gradients and energies; with 3e-15 series take more steps
+# Factor by which damping changes (with 2 smooth loops take a third more steps, with 8 hardly fewer), and its least
+# value above 0 (with 0.1 narrow loops take a quarter more steps, with 1e-6 smooth ones 6 %).
 _MORE_DAMPING, _LEAST_DAMPING = 4.0, 1e-3
 
 E = TypeVar("E", bound="Energies")
-Rows: TypeAlias = Callable[[Float[Tensor, "b k"]], Float[Tensor, "b k"]]  # what maps rows of displacements to rows
+Rows: TypeAlias = Callable[[Float[Tensor, "b k"]], Float[Tensor, "b k"]]  # a linear map of rows of displacements
 
 
 class Energies(Protocol):
-    """Energies of b surfaces that do not know of each other, with k displacements each: along Γ, and of the moduli."""
+    """Energies of b independent surfaces, with k displacements each: along Γ, and of the moduli."""
 
     @property
     def energy(self) -> Float[Tensor, " b"]:
-        """Up to a factor."""
+        """The energies, up to a common factor."""
 
     @property
     def size(self) -> Float[Tensor, " b"]:
-        """Of the gradient, relative to the energy's factors."""
+        """Relative size of the gradients."""
 
     @property
     def is_over(self) -> Bool[Tensor, " b"]:
-        """Whether more steps lead nowhere."""
+        """Whether more steps are useless."""
 
     def at(self: E, which: Int[Tensor, " j"]) -> E:
-        """Some of them."""
+        """The selected surfaces."""
 
     def replaced(self: E, which: Int[Tensor, " j"], other: E) -> E:
-        """With some of them from another."""
+        """The surfaces with some of them replaced."""
 
     def direction(
         self, damping: Float[Tensor, " b"] | None, forcing: Float[Tensor, " b"]
     ) -> tuple[Float[Tensor, "b k"], Bool[Tensor, " b"]]:
-        """Newton's step, and whether the energy curves downwards along some way in spite of so much damping.
+        """Newton's step, and whether the damped energy has a direction of negative curvature.
 
-        It solves Newton's equations up to this share; without damping it leads to a critical point of any kind.
+        Newton's equations are solved to the relative residual `forcing`. Without damping the step leads to critical
+        points of any index.
         """
 
     def stepped(self: E, direction: Float[Tensor, "b k"], length: float) -> E:
-        """After a step."""
+        """The surfaces after a step."""
 
 
 def stationary(
@@ -69,16 +70,22 @@ def stationary(
     saddles: bool = False,
     on_step: Sequence[Callable[[float], None]] = (),
 ) -> list[tuple[list[int], E]]:
-    """The surfaces to which the energies fall: the numbers of those after as many Newton steps, and they.
+    """Critical points of energies, by damped Newton steps with a nonmonotone line search.
 
-    They do not know of each other; together they take little longer than the slowest of them where they are small.
-    Where the energy curves downwards Newton's equations are damped, as a surface takes it. Far from a solution they are
-    from the beginning, by a share that falls: many rough places that each want another step do not hold each other up.
+    Where the energy has negative curvature Newton's equations are damped; far from a solution they are from the start.
 
-    Each of b stops at the gradient that is tolerated, after most steps, or at a fall of the least energy over several
-    steps that is negligible; those that a time limit cuts short are left out. Starts that are near to solutions take
-    plain Newton steps at once; where saddles are sought as well no others, while each halves the gradient at least.
-    `on_step`, one for each or none, is called with the size of the gradient at the start of a step.
+    Args:
+        here: b starts.
+        tolerances: relative gradient at which each stops.
+        max_steps: limit on steps of each.
+        negligible: decrease of the least energy over several steps at which each stops.
+        near: whether the starts are near solutions: the first steps are not damped.
+        saddles: whether saddles are sought too: steps are never damped, and each must halve the gradient.
+        on_step: for each surface, or empty: called with the relative gradient at the start of a step.
+
+    Returns:
+        Groups (numbers of the starts, surfaces) in the order of finishing. Surfaces that a time limit cuts short are
+        missing.
 
     Source: Grippo, Lampariello & Lucidi, "A nonmonotone line search technique for Newton's method", SIAM J. Numer.
     Anal. 23 (1986).
@@ -92,16 +99,16 @@ def stationary(
     damping = torch.full_like(limits, 0.0 if near else 1.0)
     stuck = torch.zeros_like(number, dtype=torch.bool)
     recent = torch.full((count, _REMEMBERED), torch.inf, dtype=energy.dtype, device=energy.device)
-    # the last energies, and the least that had been reached before each of the last steps
+    # the last energies, and the least energy before each of the last steps
     energies = -recent
     energies[:, -1] = energy
     lowest = torch.full((count, _REMEMBERED + 1), torch.inf, dtype=energy.dtype, device=energy.device)
     lowest[:, -1] = energy
     for steps in itertools.count():
         size = here.size
-        # what is left once it stays as it is is rounding error
+        # a small gradient that does not change is rounding error
         stays = (size < SMALL) & (size > recent.amin(-1) / 2)
-        # near a solution the energy has no more digits to tell
+        # near a solution the energy does not change in its last digits
         level = energies.amax(-1) - energies.amin(-1) < ROUNDING * here.energy
         still = (size > SMALL) & (level | (lowest[:, 0] - lowest[:, -1] < falls))
         finished = (size <= limits) | stays | (still & (not saddles)) | stuck | here.is_over | (steps >= most)
@@ -121,7 +128,7 @@ def stationary(
                 on_step[i](value)
         recent = torch.cat([recent[:, 1:], size[:, None]], dim=1)
         recent[damping != 0] = torch.inf
-        # of the many steps that rough loops take the first need not be exact
+        # rough loops take many steps, of which the first need not be exact
         forcing = torch.where(falls > 0, size.sqrt(), size).clamp(max=0.1)
         direction, downwards = here.direction(None if saddles else damping, forcing)
         here, lengths = _halved(here, direction) if saddles else _line_search(here, direction, energies.amax(-1))
@@ -142,7 +149,7 @@ def stationary(
 def conjugate_gradients(
     hessian: Rows, gradient: Float[Tensor, "b k"], precondition: Rows, forcing: Float[Tensor, " b"]
 ) -> tuple[Float[Tensor, "b k"], Bool[Tensor, " b"]]:
-    """`Energies.direction` by products alone; each stops where it curves downwards and says so."""
+    """`Energies.direction` by conjugate gradients; each stops at a direction of negative curvature and reports it."""
     rest = -gradient
     x, z = torch.zeros_like(rest), precondition(rest)
     along, metric, size = z, rest, _dot(rest, z)
@@ -176,7 +183,7 @@ def factored(
     gradient: Float[Tensor, "1 k"],
     damping: Float[Tensor, "1"],
 ) -> tuple[Float[Tensor, "1 k"], Bool[Tensor, "1"]]:
-    """`Energies.direction` of one surface by its second derivative, damped by more until it curves upwards."""
+    """`Energies.direction` of one surface by Cholesky factors, with more damping until the matrix is definite."""
     share = damping
     while True:
         factor, info = torch.linalg.cholesky_ex(matrix + torch.diag(share * metric))
@@ -186,7 +193,7 @@ def factored(
 
 
 def _halved(here: E, direction: Float[Tensor, "b k"]) -> tuple[E, Float[Tensor, " b"]]:
-    """The whole step where it halves the gradient at least, and its length or 0."""
+    """The surfaces after the full step where it halves the gradient, and the length of the step or 0."""
     trial = here.stepped(direction, 1.0)
     lower = trial.size < here.size / 2
     taken = lower.nonzero()[:, 0]
@@ -196,7 +203,7 @@ def _halved(here: E, direction: Float[Tensor, "b k"]) -> tuple[E, Float[Tensor, 
 def _line_search(
     here: E, direction: Float[Tensor, "b k"], highest: Float[Tensor, " b"]
 ) -> tuple[E, Float[Tensor, " b"]]:
-    """The longest of the steps 1, ½, ¼, … after which the energy is not above the highest, and its length or 0."""
+    """The surfaces after the longest step 1, ½, ¼, … with an energy of at most `highest`, and its length or 0."""
     start, trial, length = here, here.stepped(direction, 1.0), 1.0
     highest = highest + ROUNDING * highest.abs()
     lower = trial.energy <= highest

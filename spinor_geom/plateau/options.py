@@ -1,4 +1,4 @@
-"""What a minimal surface is asked for with."""
+"""Options of `solve_plateau`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from spinor_geom.errors import OptionError, require_count, require_positive
 
 if TYPE_CHECKING:
     from spinor_geom.mesh.curve import BoundaryCurve
-    from spinor_geom.plateau.found import Found
+    from spinor_geom.plateau.route_result import RouteResult
     from spinor_geom.plateau.solution import PlateauSolution
     from spinor_geom.plateau.steps import Steps
 
@@ -21,7 +21,7 @@ class Cauchy:
     """Options of the Cauchy network.
 
     Attributes:
-        degree: highest degree of the polynomials; loops of fewer than 20 points take less.
+        degree: highest degree of the polynomials; less for loops of fewer than 20 points.
         pole_offset: distance of the poles from ∂Ω, in local edge lengths.
     """
 
@@ -39,9 +39,8 @@ class Laurent:
     """p and q between two loops as Laurent series on a round annulus, or between more on a disk with round holes.
 
     Attributes:
-        modulus: a start: of all surfaces that are found, or of the stable ones unless those that are not are to be
-            kept, the one is taken whose modulus (see `Annulus`) is nearest to this by ratio; none for the stable
-            surface of least area.
+        modulus: of all surfaces found (only the stable ones with `unstable="leave"`), the one whose modulus (see
+            `Annulus`) is nearest to this by ratio is returned. None for the stable surface of least area.
 
     Raises:
         OptionError: the modulus is not positive.
@@ -66,7 +65,7 @@ def require_model(model: Model) -> None:
 
 
 def usable_device(name: str | torch.device) -> torch.device:
-    """The device of a name; an OptionError where nothing can be computed on it."""
+    """The device of a name; raises an OptionError if it cannot be used."""
     try:
         device = torch.device(name)
         float(torch.zeros(1, device=device))
@@ -82,7 +81,9 @@ class Trainer(Protocol):
     def takes_start(self) -> bool:
         """Whether the network can take over the p and q of a solution."""
 
-    def disk(self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps) -> Found:
+    def disk(
+        self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps
+    ) -> RouteResult:
         """A minimal disk over Γ at unit size whose p and q are networks, from a solution over it or a random start."""
 
 
@@ -91,7 +92,7 @@ Optimizer: TypeAlias = Literal["levenberg-marquardt", "rmsprop"] | Trainer
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What every loop of a call is solved with: the options of `solve_plateau`, which are checked."""
+    """The checked options of `solve_plateau`."""
 
     model: Model = "auto"
     optimizer: Optimizer | None = None
@@ -99,7 +100,7 @@ class Options:
     tolerance: float = 1e-3
     max_iterations: int = 400
     unstable: str = "leave"
-    between: str = "auto"
+    between: str = "free"
     device: torch.device = field(default_factory=lambda: torch.device("cpu"))
 
     def __post_init__(self) -> None:
@@ -110,33 +111,32 @@ class Options:
         require_positive("max_iterations", self.max_iterations)
         if self.unstable not in ("leave", "keep"):
             raise OptionError(f"unknown choice for unstable {self.unstable!r}; choose 'leave' or 'keep'")
-        if self.between not in ("auto", "smooth", "free"):
-            raise OptionError(f"unknown choice for between {self.between!r}; choose 'auto', 'smooth' or 'free'")
-        # an unknown optimizer is refused at once
-        _ = self.trainer
+        if self.between not in ("smooth", "free"):
+            raise OptionError(f"unknown choice for between {self.between!r}; choose 'smooth' or 'free'")
+        _ = self.trainer  # checks the optimizer
 
     def require_rims(self, count: int) -> None:
-        """Checks that the model has surfaces over so many loops."""
+        """Checks that the model has surfaces over this number of loops."""
         if count == 1 and self.laurent is not None:
             raise OptionError("Laurent series span two loops; use model='auto' or 'series' for one")
         if count > 1 and self.trainer is not None:
             raise OptionError("no network is trained between two loops; use model='auto', 'series' or 'cauchy'")
-        if count > 2 and not self.is_free and not self.is_series:
+        if count > 2 and not self.is_automatic and not self.is_series:
             raise OptionError("no Cauchy network is fitted between three loops or more; use model='auto' or 'series'")
 
     @property
     def cauchy(self) -> Cauchy:
-        """Of the Cauchy network."""
+        """Options of the Cauchy network."""
         return self.model if isinstance(self.model, Cauchy) else Cauchy()
 
     @property
     def laurent(self) -> Laurent | None:
-        """Of the Laurent series between loops, where they were asked for."""
+        """Options of the Laurent series; None for other models."""
         return self.model if isinstance(self.model, Laurent) else None
 
     @property
     def trainer(self) -> Trainer | None:
-        """Of a network that is trained; none for other models."""
+        """Options of the training; None for models that are not trained."""
         if self.model != "mlp":
             return None
         from spinor_geom.training import LevenbergMarquardt, RMSprop
@@ -159,16 +159,16 @@ class Options:
         return optimizer
 
     @property
-    def is_free(self) -> bool:
-        """Whether the model is chosen by the loop."""
+    def is_automatic(self) -> bool:
+        """Whether the model depends on the loop."""
         return self.model == "auto" or isinstance(self.model, Laurent)
 
     @property
     def is_series(self) -> bool:
-        """Whether it is a power series."""
+        """Whether the model is a power series."""
         return self.model == "series"
 
     @property
     def leaves_unstable(self) -> bool:
-        """Whether an unstable disk is left for a better one."""
+        """Whether unstable disks are left for better ones."""
         return self.unstable == "leave"

@@ -13,11 +13,11 @@ from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, Plane
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.intersections import MEETING_PER_DIAGONAL
-from spinor_geom.plateau.found import Between, Found
-from spinor_geom.plateau.gauss_newton import normals_of
+from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.steps import Clock
+from spinor_geom.plateau.network.gauss_newton import normals_of
+from spinor_geom.plateau.problem import PlateauProblem, Route
+from spinor_geom.plateau.route_result import RimsResult, RouteResult
 from spinor_geom.surface.frames import spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -35,17 +35,18 @@ def lie_in_plane(loops: Sequence[BoundaryLoop], *, allowed: float) -> bool:
     return bool(max(away) <= max(MEETING_PER_DIAGONAL, min(_FLOAT32, allowed)) * diagonal)
 
 
-def plane_region(
-    loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve], device: torch.device, clock: Clock
-) -> Found:
-    """The region inside one of some loops of one plane and outside the others, itself as Ω and constant p and q.
+def plane_region(problem: PlateauProblem) -> RouteResult:
+    """The plane region inside one loop and outside the others: p and q are constant, the region itself is Ω.
 
-    It is the only minimal surface over them, and lies on the left of the first loop. Curves that cross themselves or
-    another one between the points, or bound no such region, are a DomainError.
+    It is the only minimal surface over the loops. It lies on the left of the first one.
+
+    Raises:
+        DomainError: the curves cross between the points, or bound no such region.
 
     Source: the convex hull property of minimal surfaces (Osserman, "A Survey of Minimal Surfaces" (1986), section 7).
     """
-    with clock.stage("surface"):
+    loops, curves = problem.units, problem.curves
+    with problem.clock.stage("surface"):
         plane = loops[0].plane
         outer = _outermost([curve.point(_parameters(curve)) for curve in curves], plane)
         if outer is None:
@@ -78,15 +79,15 @@ def plane_region(
             misfits.append(Misfit.from_distances(distance, slide, weights, tensors, length=float(arcs.sum())))
         between = None
         if len(curves) > 1:
-            between = Between(
+            between = RimsResult(
                 order=order,
                 back=back,
                 antiperiodic=(False,) * (len(rims) - 1),
                 period=surface.largest_period(),
             )
-        return Found(
+        return RouteResult(
             domain=domain,
-            surface_at=surface.to(device).placed,
+            surface_at=surface.to(problem.options.device).placed,
             curves=rims,
             matchings=tuple(np.repeat(curve.breaks[:-1, None], 2, axis=1) for curve in rims),
             misfit=Misfit.together(misfits),
@@ -95,6 +96,9 @@ def plane_region(
             limit="it is at rounding error",
             between=between,
         )
+
+
+PLANE = Route("plane", plane_region)
 
 
 def lie_beside(loops: Sequence[BoundaryLoop]) -> bool:

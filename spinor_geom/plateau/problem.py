@@ -1,318 +1,342 @@
-"""Plateau's problem as tensors: the border between numpy geometry and torch functions."""
+"""Plateau's problem: boundary loops, the curves through them, options; and the routes that solve it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from itertools import combinations, compress
+from typing import Any, TypeAlias
 
 import numpy as np
-import torch
-from jaxtyping import Complex, Float, Int, Shaped
-from scipy.optimize import isotonic_regression
-from torch import Tensor
+from jaxtyping import Bool, Float, Int
 
-from spinor_geom.domain.plane_domain import TOWARDS_CORNER, Boundary, PlaneDomain
-from spinor_geom.domain.quadrature import Panels, rule
-from spinor_geom.holomorphic.cauchy import CauchyNetwork
-from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.surface.formulas import phi
-from spinor_geom.surface.spinor_surface import PATH_ORDER
+from spinor_geom.adapters import to_rims
+from spinor_geom.discrete.area_descent import Disk
+from spinor_geom.errors import LoopsMeetError, OptionError, SpinorGeomError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, centroids, diagonals, require_distinct_neighbours
+from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
+from spinor_geom.mesh.intersections import crossings_between, is_star, require_simple
+from spinor_geom.mesh.spacing import with_long_edges_divided
+from spinor_geom.plateau.evidence import Evidence
+from spinor_geom.plateau.misfit import BoundaryResidual, Misfit
+from spinor_geom.plateau.options import Options
+from spinor_geom.plateau.route_result import RouteResult
+from spinor_geom.plateau.solution import Annulus, PlateauSolution, RimDisks, RimMatch, RouteName
+from spinor_geom.plateau.steps import Clock, Iteration, Steps
 
+# The first disk, Ω and the poles of a longer loop are made from this many of its points; Γ passes through all of them.
+_MOST_START_POINTS = 240
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CurveTensors:
-    """Γ as tensors, or several curves as a batch, the shorter ones filled up."""
-
-    breaks: Float[Tensor, "*batch m1"]  # 2 after the last break of a shorter curve
-    coefficients: Float[Tensor, "d1 *batch m 3"]  # highest power first; 0 above the degree of a curve of a lower one
-    slopes: Float[Tensor, "d1 *batch m 3"] | None = None  # the same for Γ′ where it comes from formulas, of all curves
-
-    @classmethod
-    def of(cls, curve: BoundaryCurve, device: torch.device) -> CurveTensors:
-        """The curve on a device."""
-        return cls(
-            breaks=torch.tensor(curve.breaks, device=device),
-            coefficients=torch.tensor(curve.coefficients, device=device),
-            slopes=None if curve.slopes is None else torch.tensor(curve.slopes, device=device),
-        )
-
-    @classmethod
-    def batch(cls, curves: Sequence[CurveTensors]) -> CurveTensors:
-        """Several curves, each without a batch, as one batch; they keep their own Γ′ where all have one."""
-        most = max(len(curve.breaks) for curve in curves)
-        slopes = [curve.slopes for curve in curves if curve.slopes is not None]
-        return cls(
-            breaks=torch.stack(
-                [torch.nn.functional.pad(curve.breaks, (0, most - len(curve.breaks)), value=2.0) for curve in curves]
-            ),
-            coefficients=_side_by_side([curve.coefficients for curve in curves]),
-            slopes=_side_by_side(slopes) if len(slopes) == len(curves) else None,
-        )
-
-    def at(self, which: Int[Tensor, " k"]) -> CurveTensors:
-        """Some curves of a batch."""
-        slopes = None if self.slopes is None else self.slopes[:, which]
-        return CurveTensors(breaks=self.breaks[which], coefficients=self.coefficients[:, which], slopes=slopes)
-
-    def alone(self, which: int) -> CurveTensors:
-        """One curve of a batch."""
-        slopes = None if self.slopes is None else self.slopes[:, which]
-        count = int((self.breaks[which] <= 1).sum())
-        return CurveTensors(
-            breaks=self.breaks[which, :count], coefficients=self.coefficients[:, which, : count - 1], slopes=slopes
-        )
-
-    @cached_property
-    def _last_piece(self) -> Int[Tensor, "*batch 1"]:
-        return (self.breaks <= 1).sum(-1, keepdim=True) - 2
-
-    @cached_property
-    def _first_piece(self) -> Int[Tensor, "*batch 1"]:
-        """Number of each curve's first piece among the pieces of all."""
-        shape = self.breaks.shape[:-1]
-        number = torch.arange(shape.numel(), device=self.breaks.device) * (self.breaks.shape[-1] - 1)
-        return number.reshape(*shape, 1)
-
-    @cached_property
-    def _starts(self) -> Float[Tensor, " k"]:
-        return self.breaks[..., :-1].flatten()
-
-    @cached_property
-    def _pieces(self) -> Float[Tensor, "d3 k"]:
-        return _by_piece(self.coefficients)
-
-    @cached_property
-    def _slope_pieces(self) -> Float[Tensor, "d3 k"] | None:
-        return None if self.slopes is None else _by_piece(self.slopes)
-
-    def point_and_derivatives(
-        self, s: Float[Tensor, "*pts"]
-    ) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
-        """Γ(s), Γ'(s) and Γ''(s); s is taken modulo 1, of shape (*batch, n) for a batch."""
-        s = s - s.floor()
-        piece = self._piece(s)
-        h = s - _taken(self._starts, piece)
-        value, first, second = _horner(self._pieces, piece, h)
-        if self._slope_pieces is None:
-            return value, first, second
-        first, second, _ = _horner(self._slope_pieces, piece, h)
-        return value, first, second
-
-    def point_and_derivative(self, s: Float[Tensor, "*pts"]) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
-        """Γ(s) and Γ'(s); s is taken modulo 1."""
-        point, first, _ = self.point_and_derivatives(s)
-        return point, first
-
-    def local_edge(self, s: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:
-        """Mean length of an edge and its two neighbours, for the edge at each parameter.
-
-        Over three edges, so that a single tiny one among others is not taken for the size of what is to be resolved.
-        """
-        return _taken(self._local_edges.flatten(), self._piece(s - s.floor()))
-
-    @cached_property
-    def _local_edges(self) -> Float[Tensor, "*batch m"]:
-        vertices, count = self.coefficients[-1], self._last_piece + 1
-        place = torch.arange(vertices.shape[-2], device=vertices.device)
-        after, before = (place + 1) % count, (place - 1) % count
-        edge = (torch.take_along_dim(vertices, after[..., None], -2) - vertices).norm(dim=-1)
-        mean: Tensor = (edge.gather(-1, before) + edge + edge.gather(-1, after)) / 3
-        return mean
-
-    def _piece(self, s: Float[Tensor, "*pts"]) -> Int[Tensor, "*pts"]:
-        """Number of the piece at each parameter in [0, 1) among those of all curves."""
-        return torch.minimum(torch.searchsorted(self.breaks, s, right=True) - 1, self._last_piece) + self._first_piece
-
-
-def _taken(values: Float[Tensor, " k"], which: Int[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:
-    # a third of the time that indexing takes
-    return values.index_select(0, which.flatten()).reshape(which.shape)
-
-
-def _side_by_side(parts: Sequence[Float[Tensor, "_ _ 3"]]) -> Float[Tensor, "d1 b m 3"]:
-    """Coefficients of several curves, of lower ones and after the last piece of shorter ones filled up with 0."""
-    highest, most = (max(part.shape[axis] for part in parts) for axis in (0, 1))
-    filled = [torch.nn.functional.pad(part, (0, 0, 0, most - part.shape[1], highest - len(part), 0)) for part in parts]
-    return torch.stack(filled, dim=1)
-
-
-def _by_piece(coefficients: Float[Tensor, "d1 *batch m 3"]) -> Float[Tensor, "d3 k"]:
-    """Coefficients of all pieces of all curves, those of one power and coordinate side by side."""
-    return coefficients.flatten(1, -2).transpose(1, 2).flatten(0, 1)
-
-
-def _horner(
-    pieces: Float[Tensor, "d3 k"], piece: Int[Tensor, "*pts"], h: Float[Tensor, "*pts"]
-) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
-    """Value, first and second derivative of polynomials at h."""
-    # coordinates stay apart: with three numbers in a row everything is far slower
-    local = pieces.gather(1, piece.flatten().expand(len(pieces), -1)).reshape(-1, 3, *piece.shape)
-    value, first = torch.addcmul(local[1], local[0], h), local[0].clone()
-    second = torch.zeros_like(value)
-    for coefficient in local[2:]:
-        torch.addcmul(first, second, h, out=second)
-        torch.addcmul(value, first, h, out=first)
-        torch.addcmul(coefficient, value, h, out=value)
-    return value.movedim(0, -1), first.movedim(0, -1), second.mul_(2).movedim(0, -1)
+# Loops at unit size, their centre and their scale: see `PlateauProblem`.
+UnitLoops: TypeAlias = tuple[tuple[BoundaryLoop, ...], Float[np.ndarray, "3"], float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlateauProblem:
-    """Γ, the nodes on ∂Ω, and the features of the model there, and behind those on a way to the hole, if any."""
+    """Boundary loops, the curves Γ through them, and the options of the solve.
 
-    curves: tuple[CurveTensors, ...]  # Γ, one curve for each boundary of Ω
-    features: Complex[Tensor, "points n"]  # the model's hidden layer at the nodes and on the way
-    dz: Complex[Tensor, " points"]  # dz/dt
-    weights: Float[Tensor, " points"]  # quadrature weights in t
-    widths: Float[Tensor, " panels"]  # lengths of the panels in t
-    rims: tuple[int, ...]  # numbers of panels of each boundary
-    cumulative: Float[Tensor, "order order"]  # integration matrix of a panel of length 1
-    slide_bounds: Float[Tensor, "nodes 2"]  # lowest and highest curve parameter of each node
-    fields: Complex[Tensor, "nodes k"]  # fields along which Ω may move to change its moduli
+    Attributes:
+        loops: the loops in the caller's coordinates.
+        units: the loops at unit size: common centre 0, common diagonal 1. All tolerances are ratios there.
+        curves: Γ through each loop, at unit size.
+        centre: centre of the loops, in the caller's coordinates.
+        scale: common diagonal of the loops, in mesh units.
+        options: options of the call.
+        steps: the steps of all routes.
+        clock: the time of their stages.
+        parts: number of pieces that each edge of the given loop was divided into; residuals count in whole edges.
+        start: a discrete surface to start from, at unit size; None for a first fill.
+    """
+
+    loops: tuple[BoundaryLoop, ...]
+    units: tuple[BoundaryLoop, ...]
+    curves: tuple[BoundaryCurve, ...]
+    centre: Float[np.ndarray, "3"]
+    scale: float
+    options: Options
+    steps: Steps
+    clock: Clock = field(default_factory=Clock)
+    parts: int = 1
+    start: Disk | None = None
 
     @classmethod
-    def on_panels(
+    def of(
         cls,
-        domain: PlaneDomain,
-        panels: Panels,
-        network: CauchyNetwork,
-        curves: tuple[CurveTensors, ...],
-        corners: tuple[Float[np.ndarray, " _"], ...],
+        given: Sequence[BoundaryLoop | ClosedCurve],
+        options: Options,
+        on_iteration: Callable[[Iteration], None] | None = None,
     ) -> PlateauProblem:
-        """The problem with the nodes of given panels, on a domain that does not move; see `slide_bounds`."""
-        device = network.poles.device
-        way, steps = way_across(domain)
-        sides = zip(domain.boundaries, corners, panels.own_parameters, strict=True)
-        with torch.no_grad():
-            features = network.features(torch.tensor(np.append(panels.z, way), device=device))
+        """The problem for loops, or for curves given by formulas.
+
+        Raises:
+            OptionError: the model has no surfaces over this number of loops.
+            SelfCrossingLoopError: a loop crosses or touches itself.
+            LoopsMeetError: two loops cross or touch each other.
+            RepeatedPointError: two neighbouring points of a loop are equal.
+            CurveError: formulas do not give a smooth closed curve.
+        """
+        options.require_rims(len(given))
+        samples = [(one, None) if isinstance(one, BoundaryLoop) else _sampled(one) for one in given]
+        loops = tuple(loop for loop, _ in samples)
+        _require_apart(loops)
+        return cls.over(loops, [curve for _, curve in samples], options, on_iteration)
+
+    @classmethod
+    def over(
+        cls,
+        loops: Sequence[BoundaryLoop],
+        curves: Sequence[BoundaryCurve | None],
+        options: Options,
+        on_iteration: Callable[[Iteration], None] | None = None,
+    ) -> PlateauProblem:
+        """The problem for loops that are known to be simple and apart; where a curve is None it is `from_loop`."""
+        units, centre, scale = _at_unit_size(loops)
         return cls(
-            curves=curves,
-            features=features,
-            dz=torch.tensor(np.append(panels.dz, steps), device=device),
-            weights=torch.tensor(np.append(panels.weights, np.ones(len(way))), device=device),
-            widths=torch.tensor(panels.widths, device=device),
-            rims=panels.rims,
-            cumulative=torch.tensor(panels.cumulative, device=device),
-            slide_bounds=torch.tensor(np.concatenate([slide_bounds(*side) for side in sides]), device=device),
-            fields=torch.zeros(len(panels.z), 0, dtype=torch.complex128, device=device),
+            loops=tuple(loops),
+            units=units,
+            curves=tuple(
+                BoundaryCurve.from_loop(unit)
+                if curve is None
+                else curve.placed(unit.points, unit.diagonal / _diagonal(curve.coefficients[-1]))
+                for unit, curve in zip(units, curves, strict=True)
+            ),
+            centre=centre,
+            scale=scale,
+            options=options,
+            steps=Steps(limit=options.max_iterations, on_iteration=on_iteration),
         )
 
-    @property
-    def nodes(self) -> int:
-        """Number of nodes on ∂Ω."""
-        return len(self.widths) * len(self.cumulative)
+    @classmethod
+    def each(cls, loops: Sequence[Any], options: Options) -> list[PlateauProblem | SpinorGeomError]:
+        """A problem for each of many loops, or the error that `of` raises for it."""
+        options.require_rims(1)
+        given = [_single_loop(loop) for loop in loops]
+        scaled = _each_at_unit_size(given)
+        simple = [one for one in scaled if not isinstance(one, SpinorGeomError)]
+        curves = iter(BoundaryCurve.from_loops([units[0] for units, _, _ in simple]))
+        problems: list[PlateauProblem | SpinorGeomError] = []
+        for loop, one in zip(given, scaled, strict=True):
+            if isinstance(loop, SpinorGeomError):
+                problems.append(loop)
+                continue
+            if isinstance(one, SpinorGeomError):
+                problems.append(one)
+                continue
+            units, centre, scale = one
+            steps = Steps(limit=options.max_iterations)
+            problems.append(
+                cls(
+                    loops=(loop,),
+                    units=units,
+                    curves=(next(curves),),
+                    centre=centre,
+                    scale=scale,
+                    options=options,
+                    steps=steps,
+                )
+            )
+        return problems
+
+    def starting_from(self, disk: Disk) -> PlateauProblem:
+        """The problem with a start, given in the caller's coordinates."""
+        return replace(self, start=replace(disk, vertices=(disk.vertices - self.centre) / self.scale))
 
     @property
-    def arc_weights(self) -> Float[Tensor, " nodes"]:
-        """Weights of the mean by arc length of ∂Ω; their sum is 1."""
-        weights = (self.weights * self.dz.abs())[: self.nodes]
-        return weights / weights.sum()
+    def is_disk(self) -> bool:
+        """Whether there is one loop."""
+        return len(self.loops) == 1
 
-    def by_rim(self, values: Shaped[Tensor, "nodes *rest"]) -> tuple[Shaped[Tensor, "_ *rest"], ...]:
-        """What is told of the nodes, boundary by boundary."""
-        return torch.split(values, [count * len(self.cumulative) for count in self.rims])
+    @property
+    def loop(self) -> BoundaryLoop:
+        """The first loop: the only one of a disk."""
+        return self.loops[0]
 
-    def point_and_derivative(
-        self, slide: Float[Tensor, " nodes"]
-    ) -> tuple[Float[Tensor, "nodes 3"], Float[Tensor, "nodes 3"]]:
-        """Γ and Γ' at each node's parameter of its own curve."""
-        parts = [curve.point_and_derivative(s) for curve, s in zip(self.curves, self.by_rim(slide), strict=True)]
-        points, tangents = zip(*parts, strict=True)
-        return torch.cat(points), torch.cat(tangents)
+    @property
+    def unit(self) -> BoundaryLoop:
+        """The first loop at unit size."""
+        return self.units[0]
 
-    def increasing(self, slide: Float[Tensor, " nodes"], speed: Float[Tensor, " nodes"]) -> Float[Tensor, " nodes"]:
-        """The slides around each boundary that do not fall and lie within their bounds; see `nearest_increasing`."""
-        arrays = [[part.cpu().numpy() for part in self.by_rim(one)] for one in (slide, speed, self.slide_bounds)]
-        parts = [nearest_increasing(*one) for one in zip(*arrays, strict=True)]
-        return torch.as_tensor(np.concatenate(parts), device=slide.device)
+    @property
+    def curve(self) -> BoundaryCurve:
+        """Γ of the first loop, at unit size."""
+        return self.curves[0]
 
-    def integrate(self, f: Complex[Tensor, "points k"]) -> Complex[Tensor, "nodes k"]:
-        """∫ f dt from the start of the first panel to each node, along ∂Ω and on the way to the hole."""
-        order = len(self.cumulative)
-        by_panel = f[: self.nodes].reshape(-1, order, f.shape[1])
-        local = (self.cumulative.to(f.dtype) @ by_panel) * self.widths[:, None, None]
-        total = (self.weights[: self.nodes].reshape(-1, 1, order).to(f.dtype) @ by_panel)[:, 0]
-        starts = [part.cumsum(0) - part for part in torch.split(total, list(self.rims))]
-        if len(f) > self.nodes:
-            starts[1] = starts[1] + self.weights[self.nodes :].to(f.dtype) @ f[self.nodes :]
-        return (local + torch.cat(starts)[:, None]).reshape(self.nodes, -1)
+    @cached_property
+    def pinned(self) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
+        """Points of a disk's loop at unit size, with more on long edges, and which of them are points of the loop."""
+        return with_long_edges_divided(self.unit.points)
 
-    def positions(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3"]:
-        """Positions r at the nodes, up to a constant: the real part of ∫ φ dz along ∂Ω."""
-        return self.integrate(self.velocities(readout)).real
+    @property
+    def allowed(self) -> float:
+        """Allowed RMS distance of the boundary from Γ, at unit size."""
+        return self.options.tolerance * _mean_edge(self.units)
 
-    def around_hole(self, f: Complex[Tensor, "points k"]) -> Complex[Tensor, "holes k"]:
-        """∮ f dt around each hole."""
-        last = self.nodes - self.rims[-1] * len(self.cumulative)
-        total = self.weights[None, last : self.nodes].to(f.dtype) @ f[last : self.nodes]
-        return total[: len(self.rims) - 1]
+    def excess(self, misfit: Misfit) -> float:
+        """Distance from Γ over the allowed distance: the tolerance is met up to 1."""
+        return misfit.excess(allowed=self.allowed, tolerance=self.options.tolerance)
 
-    def velocities(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "points 3"]:
-        """φ dz/dt at the nodes and on the way; its real part is dr/dt."""
-        return self.null_curve(readout) * self.dz[:, None]
+    def solution(self, found: RouteResult, rim_disks: RimDisks | None = None) -> PlateauSolution:
+        """The solution in the caller's coordinates; `rim_disks` are what a surface between loops is compared with."""
+        scale, history, between = self.scale, tuple(self.steps.history), found.between
+        misfit = found.misfit.enlarged(scale)
+        residual = BoundaryResidual(
+            rms=misfit.rms,
+            max=misfit.max,
+            max_per_local_edge=misfit.max_per_local_edge / self.parts,
+            mean_edge=_mean_edge(self.loops) * self.parts,
+            diagonal=scale,
+        )
+        converged, reason = residual.verdict(self.options.tolerance, steps=len(history), limit=found.limit)
+        order, back = ((0,), (False,)) if between is None else (between.order, between.back)
+        loops = [self.loops[k].reversed() if is_back else self.loops[k] for k, is_back in zip(order, back, strict=True)]
+        parts = zip(loops, found.curves, found.domain.boundaries, found.matchings, strict=True)
+        annulus = None
+        if between is not None and rim_disks is not None:
+            annulus = Annulus(
+                modulus=between.modulus,
+                antiperiodic=between.antiperiodic,
+                period=between.period * scale,
+                backward=tuple(is_back for _, is_back in sorted(zip(order, back, strict=True))),
+                order=order,
+                rim_disks=rim_disks,
+            )
+        return PlateauSolution(
+            rims=tuple(
+                RimMatch(loop=loop, curve=curve.placed(loop.points, scale), boundary=boundary, matching=matching)
+                for loop, curve, boundary, matching in parts
+            ),
+            domain=found.domain,
+            boundary_residual=residual,
+            area=found.area * scale**2,
+            route=found.route,
+            history=history,
+            solve_timings=dict(self.clock.seconds),
+            tolerance=self.options.tolerance,
+            converged=converged,
+            reason=reason,
+            evidence=Evidence(
+                make=partial(found.surface_at, scale, self.centre),
+                curvature=found.curvature,
+                is_plane=found.route == "plane",
+            ),
+            annulus=annulus,
+        )
 
-    def null_curve(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "points 3"]:
-        """φ at the nodes and on the way."""
-        p, q = (self.features @ readout).unbind(-1)
-        return phi(p, q)
 
-    def moved(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3 k"]:
-        """Change of r at the nodes when they move along each field: Re(φ v)."""
-        return (self.null_curve(readout)[: self.nodes, :, None] * self.fields[:, None, :]).real
+@dataclass(frozen=True, eq=False)
+class Route:
+    """A way to solve a problem.
 
-
-def nearest_increasing(
-    s: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"], bounds: Float[np.ndarray, "n 2"]
-) -> Float[np.ndarray, " n"]:
-    """The nearest non-decreasing slide around the circle, s_n ≤ s_0 + 1, inside the bounds: isotonic regression.
-
-    The circle is cut where the speed |Γ'| is largest, where a change of s costs most. Shortening the whole step instead
-    stalls at corners and on noisy curves.
+    Attributes:
+        name: the name that `PlateauSolution.route` has for one loop.
+        solve: returns the surface at unit size. It raises one of `FAILURES` where it finds none, and
+            NoConnectedSurfaceError where there is none.
     """
-    if (np.diff(np.append(s, s[0] + 1)) <= 0).any():
-        cut = int(np.argmax(speed))
-        line = np.concatenate([s[cut:], s[:cut] + 1])
-        line = isotonic_regression(line).x
-        line = np.minimum(line, line[0] + 1)
-        s = np.concatenate([line[len(s) - cut :] - 1, line[: len(s) - cut]])
-    return np.asarray(np.clip(s, *bounds.T))
+
+    name: RouteName
+    solve: Callable[[PlateauProblem], RouteResult]
+
+    def __repr__(self) -> str:
+        return f"Route({self.name!r})"
 
 
-def slide_bounds(
-    boundary: Boundary, corners: Float[np.ndarray, " c"], t: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "n 2"]:
-    """Lowest and highest curve parameter of nodes at parameters t of ∂Ω: each stays on its own side.
-
-    The corners of Γ are those that belong to the corners of Ω, ascending in one turn.
-    """
-    if not len(corners):
-        return np.broadcast_to([-np.inf, np.inf], (len(t), 2))
-    ends = np.concatenate([corners[-1:] - 1, corners, corners[:1] + 1])
-    side = np.searchsorted(boundary.parameters[:-1][boundary.corners], t, side="right")
-    # not quite the corner: Γ′ there is that of the next side
-    return np.stack([ends[side] + 1e-13, ends[side + 1] - 1e-13], axis=1)
+def start_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
+    """Indices of a loop's points on the boundary of a discrete disk to start from: all corners, all of few points."""
+    if len(loop) <= _MOST_START_POINTS:
+        return np.arange(len(loop))
+    along = np.concatenate([[0.0], np.cumsum(loop.edge_lengths)[:-1]])
+    wanted = np.searchsorted(along, np.arange(_MOST_START_POINTS) * (loop.perimeter / _MOST_START_POINTS))
+    return np.unique(np.concatenate([[0], wanted.clip(0, len(loop) - 1), np.flatnonzero(loop.corners)]))
 
 
-def way_to(
-    domain: PlaneDomain, vertex: int, order: int = PATH_ORDER
-) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
-    """Quadrature nodes on a way through Ω from its root to a vertex of its triangulation, and their weights dz."""
-    way = [vertex]
-    while way[-1] != domain.root:
-        way.append(int(domain.parents[way[-1]]))
-    corners = domain.triangulation.points[way[::-1]]
-    if domain.corners[vertex]:
-        before, end = corners[-2:]
-        corners = np.concatenate([corners[:-1], end + (before - end) * TOWARDS_CORNER, [end]])
-    nodes, weights = rule("gauss", order)
-    step = np.diff(corners)[:, None]
-    return (corners[:-1, None] + step * nodes).ravel(), (step * weights).ravel()
+def _each_at_unit_size(given: Sequence[BoundaryLoop | SpinorGeomError]) -> list[UnitLoops | SpinorGeomError]:
+    """Each loop at unit size by itself, or the error why it has no surface."""
+    scaled: dict[int, UnitLoops | SpinorGeomError] = {}
+    loops: dict[int, BoundaryLoop] = {}
+    by_length: dict[int, list[int]] = defaultdict(list)
+    for place, loop in enumerate(given):
+        if isinstance(loop, SpinorGeomError):
+            scaled[place] = loop
+        else:
+            loops[place] = loop
+            by_length[len(loop)].append(place)
+    for places in by_length.values():
+        are_stars = is_star(np.stack([loops[place].points for place in places]))
+        errors = ((place, _error_of(require_simple, loops[place])) for place in compress(places, ~are_stars))
+        scaled.update((place, error) for place, error in errors if error)
+        if simple := [place for place in places if place not in scaled]:
+            together = np.stack([loops[place].points for place in simple])
+            centres, scales = centroids(together), diagonals(together)
+            points = (together - centres[:, None]) / scales[:, None, None]
+            for place, own, centre, scale in zip(simple, points, centres, scales.tolist(), strict=True):
+                unit = _moved(loops[place], own)
+                scaled[place] = _error_of(require_distinct_neighbours, unit) or ((unit,), centre, scale)
+    return [scaled[place] for place in range(len(given))]
 
 
-def way_across(domain: PlaneDomain) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
-    """Those on a way through Ω from its boundary's first vertex to its hole's; none where it has no hole."""
-    if not domain.holes:
-        return np.zeros(0, dtype=np.complex128), np.zeros(0, dtype=np.complex128)
-    (there, back), (here, ahead) = way_to(domain, 0), way_to(domain, len(domain.boundary.vertices))
-    return np.append(there, here), np.append(-back, ahead)
+def _single_loop(curve: Any) -> BoundaryLoop | SpinorGeomError:
+    """The loop of one entry of a batch, or the error why it has none."""
+    try:
+        rims = to_rims(curve)
+    except SpinorGeomError as error:
+        return error
+    if len(rims) == 1 and isinstance(rims[0], BoundaryLoop):
+        return rims[0]
+    return OptionError("a batch takes single loops; use solve_plateau for curves in formulas and for several rims")
+
+
+def _error_of(check: Callable[[BoundaryLoop], None], loop: BoundaryLoop) -> SpinorGeomError | None:
+    """The error that a check raises for a loop."""
+    try:
+        check(loop)
+    except SpinorGeomError as error:
+        return error
+    return None
+
+
+def _at_unit_size(loops: Sequence[BoundaryLoop]) -> UnitLoops:
+    """Loops moved to their common centre and scaled to diagonal 1."""
+    lengths = np.array([loop.perimeter for loop in loops])
+    # relative to the first centre: no digits are lost far from the origin
+    first = loops[0].centroid
+    centre = first + lengths @ np.stack([loop.centroid - first for loop in loops]) / lengths.sum()
+    scale = _diagonal(np.concatenate([loop.points for loop in loops]))
+    units = tuple(_moved(loop, (loop.points - centre) / scale) for loop in loops)
+    return units, centre, scale
+
+
+def _moved(loop: BoundaryLoop, points: Float[np.ndarray, "m 3"]) -> BoundaryLoop:
+    """A loop with other positions, without what is known of the mesh beside it."""
+    return BoundaryLoop(
+        points=points, vertex_ids=loop.vertex_ids, corners=loop.corners, corners_given=loop.corners_given
+    )
+
+
+def _mean_edge(loops: Sequence[BoundaryLoop]) -> float:
+    return sum(loop.perimeter for loop in loops) / sum(map(len, loops))
+
+
+def _diagonal(points: Float[np.ndarray, "n 3"]) -> float:
+    """Diagonal of the bounding box."""
+    return float(diagonals(points))
+
+
+def _sampled(given: ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve]:
+    """The polynomial pieces of a curve given by formulas, and the loop of their end points."""
+    curve = BoundaryCurve.from_formula(given)
+    return BoundaryLoop.from_points(curve.coefficients[-1], corners=np.flatnonzero(curve.corners)), curve
+
+
+def _require_apart(loops: Sequence[BoundaryLoop]) -> None:
+    """Checks that no loop crosses or touches itself or another one."""
+    for loop in loops:
+        require_simple(loop)
+    for first, second in combinations(loops, 2):
+        meeting = crossings_between(first.points, second.points)
+        if len(meeting):
+            pairs = zip((first, second), meeting[0].tolist(), strict=True)
+            raise LoopsMeetError(
+                edges=[[int(loop.vertex_ids[k]), int(loop.vertex_ids[(k + 1) % len(loop)])] for loop, k in pairs]
+            )

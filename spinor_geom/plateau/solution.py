@@ -1,4 +1,4 @@
-"""What a solved Plateau problem returns, with its evidence."""
+"""Solutions of Plateau's problem, with their evidence."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from spinor_geom.shown import Shown, shortened
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 RouteName = Literal[
-    "plane", "disk", "vertices", "annulus", "annular network", "circles", "unfolded", "flattened", "network", "trained"
+    "plane", "disk", "vertices", "annulus", "annular network", "circles", "flattened", "network", "trained"
 ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RimMatch:
-    """A loop and the part of ∂Ω that the surface lays on it.
+    """A loop and the boundary of Ω that the surface maps to it.
 
     Attributes:
-        loop: the loop, run as the boundary of the surface runs.
-        curve: Γ, through all of the loop's points.
-        boundary: the part of ∂Ω.
-        matching: (n, 2), increasing pairs (t, s): the surface's boundary point at parameter t is matched with Γ(s); it
-            covers one turn of both, s may exceed [0, 1).
+        loop: the loop, in the direction of the surface's boundary.
+        curve: Γ, through all points of the loop.
+        boundary: the boundary of Ω.
+        matching: (n, 2) increasing pairs (t, s): the boundary point at parameter t belongs to Γ(s). One turn of both; s
+            may exceed [0, 1).
     """
 
     loop: BoundaryLoop
@@ -50,18 +50,18 @@ class RimMatch:
 
     @cached_property
     def bulge(self) -> float:
-        """Largest distance of Γ from the loop's edges, each piece from its own, in mesh units."""
+        """Largest distance of a piece of Γ from its edge of the loop, in mesh units."""
         return self.curve.bulge()
 
     def points_in_domain(self) -> Complex[np.ndarray, " m"]:
-        """The points of ∂Ω that the surface matches with the loop's points, in loop order."""
+        """The points of ∂Ω that belong to the loop's points, in loop order."""
         return self.boundary.point(self._parameters(self.curve.at_loop))
 
     def points_between(self, edge: int, count: int) -> Complex[np.ndarray, " count"]:
         """Points inside Ω beside the part of ∂Ω between two neighbouring points of the loop, in order.
 
-        They divide the edge's part of Γ evenly. The distance from ∂Ω is a quarter of that from each to the next in the
-        middle and falls towards the ends as a parabola, so that edge and points are a convex polygon.
+        They divide the edge's part of Γ evenly. Their distance from ∂Ω is a parabola, in the middle a quarter of their
+        spacing, so that edge and points form a convex polygon.
         """
         ends = np.append(self.curve.at_loop, self.curve.at_loop[0] + 1)[edge : edge + 2]
         share = np.arange(1, count + 1) / (count + 1)
@@ -72,30 +72,28 @@ class RimMatch:
         return np.asarray(self.boundary.point(t) + share * (1 - share) * length * inwards)
 
     def _parameters(self, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Parameters on ∂Ω of what is matched with Γ(s), −1 < s < 2."""
+        """Parameters on ∂Ω that belong to Γ(s), −1 < s < 2."""
         t, s = self.matching.T
-        # three turns, so that every vertex parameter lies well inside; equal s (nodes slid together) are one knot
+        # three turns, so that every vertex parameter lies well inside; equal s are one knot
         s = np.concatenate([s - 1, s, s + 1])
         t = np.concatenate([t - 1, t, t + 1])
         keep = np.append(True, np.diff(np.maximum.accumulate(s)) > 0)
         return np.asarray(PchipInterpolator(s[keep], t[keep])(at))
 
 
-# Numbers of the rims of each surface.
-Partition: TypeAlias = tuple[tuple[int, ...], ...]
+Partition: TypeAlias = tuple[tuple[int, ...], ...]  # numbers of the rims of each surface
 
-# Rims up to which Douglas's condition is told of every partition: four have 14 that are not all in one.
-_MOST_FOR_ALL_PARTITIONS = 4
+_MOST_FOR_ALL_PARTITIONS = 4  # rims up to which all partitions are computed: four rims have 14
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RimDisks:
-    """The minimal disks over several rims, which a surface between them is set against.
+    """Minimal surfaces over some of several rims, with which a surface between all rims is compared.
 
     Attributes:
         count: number of the rims.
-        surface_over: finds the surface of least area over one or some of them, by their numbers; None for none.
-        clock: of the stage "disks".
+        surface_over: finds the surface of least area over the rims of given numbers; None if there is none.
+        clock: time of the stage "disks".
     """
 
     count: int
@@ -107,17 +105,17 @@ class RimDisks:
 
     @cached_property
     def all(self) -> tuple[PlateauSolution, ...] | None:
-        """A disk over each rim, in the order in which they were given; None where one was not found."""
+        """A disk over each rim, in the given order; None if one was not found."""
         with one_thread(), self.clock.stage("disks"):
             disks = [disk for k in range(self.count) if (disk := self.surface_over((k,))) is not None]
         return tuple(disks) if len(disks) == self.count else None
 
     @cached_property
     def partitions(self) -> dict[Partition, float]:
-        """Areas of surfaces of fewer rims each that bound all rims together, by the numbers of the rims of each.
+        """Total areas of surfaces of fewer rims each that together bound all rims, by partition.
 
-        Of up to four rims all partitions are there that have surfaces; of more all disks, and each disk with a surface
-        over all other rims: the number of partitions grows faster than exponentially.
+        For up to four rims these are all partitions that have surfaces. For more rims, whose partitions are too many,
+        they are all disks, and each disk with a surface over the other rims.
         """
         if self.all is None:
             return {}
@@ -135,7 +133,7 @@ class RimDisks:
 
 
 def _partitions(count: int) -> list[Partition]:
-    """The partitions of rims that Douglas's condition is told of; see `RimDisks.partitions`."""
+    """The partitions of `RimDisks.partitions`."""
     if count > _MOST_FOR_ALL_PARTITIONS:
         one_apart = [((k,), tuple(j for j in range(count) if j != k)) for k in range(count)]
         return [tuple((k,) for k in range(count)), *one_apart]
@@ -151,18 +149,17 @@ def _partitions(count: int) -> list[Partition]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Annulus:
-    """What is told of a surface between two rims or more beyond that of a disk.
+    """Figures of a surface between two rims or more.
 
     Attributes:
-        modulus: logarithm of the ratio of the radii of the round annulus that Ω is conformal to; of three rims or more
-            the mean modulus 2πm/T, with T the sum of the capacities of the m rims against all others; none where it was
-            not needed to find the surface.
-        antiperiodic: for each hole of Ω whether p and q change their sign around it.
-        period: |Re ∮ φ dz| around a hole, the largest, in mesh units: the gap by which the surface does not close.
-        backward: for each loop that was given whether it runs against the boundary of the surface; not the first of
-            two.
+        modulus: logarithm of the ratio of the radii of the round annulus that Ω is conformal to; for m ≥ 3 rims the
+            mean modulus 2πm/T, with T the sum of the capacities of the rims, each against all others. None if the
+            solver did not need it.
+        antiperiodic: for each hole of Ω, whether p and q change sign around it.
+        period: the largest |Re ∮ φ dz| around a hole, in mesh units: the gap by which the surface does not close.
+        backward: for each given loop, whether it runs against the boundary of the surface; never the first of two.
         order: the numbers of the given loops in the order of the rims.
-        rim_disks: the minimal disks over all loops.
+        rim_disks: the minimal disks over the loops.
     """
 
     modulus: float | None
@@ -178,31 +175,28 @@ class Annulus:
 
     @property
     def spin(self) -> Literal["periodic", "antiperiodic"]:
-        """Whether p and q come back to themselves around all holes, or change their sign around one."""
+        """Whether p and q are periodic around all holes, or change sign around one."""
         return "antiperiodic" if any(self.antiperiodic) else "periodic"
 
     @property
     def reversed(self) -> bool:
-        """Whether the loops that were given run against each other: some with the boundary of the surface, some not."""
+        """Whether some given loops run with the boundary of the surface and some against it."""
         return len(set(self.backward)) > 1
 
     @property
     def disks(self) -> tuple[PlateauSolution, ...] | None:
-        """The minimal disks over the loops, in the order of the rims; none where one was not found.
-
-        They are solved when they are first asked for.
-        """
+        """The minimal disks over the loops, in the order of the rims; None if one is missing. Solved on first use."""
         disks = self.rim_disks.all
         return None if disks is None else tuple(disks[number] for number in self.order)
 
     @property
     def disk_area(self) -> float | None:
-        """Area of all disks together."""
+        """Total area of the disks."""
         return None if self.disks is None else sum(disk.area for disk in self.disks)
 
     @property
     def partition_areas(self) -> dict[Partition, float]:
-        """`RimDisks.partitions`: what Douglas's condition sets the surface's area against."""
+        """`RimDisks.partitions`: the areas of Douglas's condition."""
         return self.rim_disks.partitions
 
     def to_dict(self) -> dict[str, Any]:
@@ -219,30 +213,31 @@ class Annulus:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlateauSolution(Shown):
-    """A minimal disk over a loop, or a minimal surface of one piece between two or more.
+    """A minimal disk over a loop, or a connected minimal surface between several loops.
 
     Attributes:
-        rims: the loop, or all, with the parts of ∂Ω that lie on them: the outer boundary of Ω first.
+        rims: the loops with their boundaries of Ω, the outer boundary first.
         domain: Ω.
         boundary_residual: distance of the surface's boundary from Γ, of all rims together.
         area: ½∮ r·Im(φ dz), in squared mesh units.
-        route: how it was found. "plane": Ω is the region inside the plane loop, p and q are constant. "vertices": of
-            the surfaces through rough loops' points the one nearest to a discrete minimal disk, or to that over
-            averages of several loops; Γ between the points is the surface's own boundary. "disk", "unfolded",
-            "flattened": Douglas's slide on the unit disk, on the unfolded least-area triangulation, or on a flattened
-            discrete disk; p and q are a power series or Cauchy's formula. "network": Gauss-Newton for a Cauchy network.
-            "trained": training of a complex-valued network.
-            "annulus": Douglas's slides of two rims and the modulus between them, "circles" those of more and the moduli
-            of a disk with round holes; p and q are Laurent series. "annular network": Gauss-Newton for a Cauchy network
-            on a flattened discrete annulus.
+        route: how it was found.
+            "plane": the region inside the plane loop is Ω; p and q are constant.
+            "disk", "flattened": Douglas's slide on the unit disk, or on a smooth domain next to a flattened discrete
+            disk; p and q are a power series or Cauchy's formula.
+            "vertices": the surface through the points of rough loops that is nearest to a discrete minimal disk, or to
+            the surface over averages of several loops; Γ between the points is the surface's own boundary.
+            "network", "annular network": Gauss-Newton for a Cauchy network on a flattened discrete disk or annulus.
+            "annulus", "circles": Douglas's slides of two loops, or of more, on a disk with round holes; p and q are
+            Laurent series.
+            "trained": a complex-valued network.
         history: the steps.
         solve_timings: wall time of each stage of the solve, in seconds.
-        tolerance: RMS residual per mean edge that was asked for.
+        tolerance: the tolerance of the call: RMS residual in mean edges.
         converged: whether `boundary_residual.rms_per_edge` is within the tolerance, and `max_per_local_edge` within a
             hundred times as much.
         reason: one sentence: why the solver stopped.
-        evidence: the surface, and checks of it, made when they are first read, as the properties below.
-        annulus: what is told of surfaces over several rims alone; none for disks.
+        evidence: the surface and its checks, computed on first use; the properties below read it.
+        annulus: figures of a surface over several rims; None for disks.
     """
 
     rims: tuple[RimMatch, ...]
@@ -266,7 +261,7 @@ class PlateauSolution(Shown):
 
     @property
     def surface(self) -> SpinorSurface:
-        """The surface, in the loop's own coordinates."""
+        """The surface, in the loop's coordinates."""
         return self.evidence.surface
 
     @property
@@ -276,39 +271,36 @@ class PlateauSolution(Shown):
 
     @property
     def area_in_domain(self) -> float:
-        """The area by quadrature in Ω, a check of `area` over smooth rims; beside rough ones it is off by percents.
-
-        See `evidence.area_in_domain`.
-        """
+        """The area by quadrature in Ω: a check of `area` for smooth rims; over rough ones it is off by percents."""
         return self.evidence.area_in_domain
 
     @property
     def self_intersections(self) -> int | None:
-        """Pairs of triangles that cross in the surface's mesh over Ω's triangulation; 0 where it shows no crossing.
+        """Number of pairs of intersecting triangles in the surface's mesh over Ω's triangulation.
 
-        Every disk over a knotted loop crosses itself. None where the mesh is not finite, so that nothing is known.
+        Every disk over a knotted loop intersects itself. None if the mesh is not finite.
         """
         return self.evidence.self_intersections
 
     @property
     def timings(self) -> dict[str, float]:
-        """Wall time of each stage of the solve and of the checks that were read so far, in seconds."""
+        """Wall time of each stage of the solve and of the checks computed so far, in seconds."""
         disks = {} if self.annulus is None else self.annulus.rim_disks.clock.seconds
         return {**self.solve_timings, **self.evidence.clock.seconds, **disks}
 
     @property
     def loop(self) -> BoundaryLoop:
-        """The loop of a disk; a SeveralRimsError where the surface has several rims."""
+        """The loop of a disk. Raises a SeveralRimsError for several rims."""
         return self._rim.loop
 
     @property
     def curve(self) -> BoundaryCurve:
-        """Γ of a disk; a SeveralRimsError where the surface has several rims."""
+        """Γ of a disk. Raises a SeveralRimsError for several rims."""
         return self._rim.curve
 
     @property
     def matching(self) -> Float[np.ndarray, "n 2"]:
-        """`RimMatch.matching` of a disk; a SeveralRimsError where the surface has several rims."""
+        """`RimMatch.matching` of a disk. Raises a SeveralRimsError for several rims."""
         return self._rim.matching
 
     @property
@@ -319,10 +311,10 @@ class PlateauSolution(Shown):
 
     @property
     def is_area_minimum(self) -> bool:
-        """Whether the area is a local minimum and, over several rims, below those of `Annulus.partition_areas`.
+        """Whether the surface is stable and, over several rims, meets Douglas's condition.
 
-        That is Douglas's condition. A surface that is stable but has more area than surfaces of fewer rims each is a
-        local minimum only. Where the disks are not known the condition counts as not met.
+        The condition is that its area is below all `Annulus.partition_areas`; it counts as not met if the disks are not
+        known.
         """
         if self.stability.verdict != "stable":
             return False
@@ -332,7 +324,7 @@ class PlateauSolution(Shown):
         return bool(areas) and self.area < min(areas)
 
     def loop_points_in_domain(self) -> Complex[np.ndarray, " m"]:
-        """The points of ∂Ω that the surface matches with the loop's points, in loop order, rim after rim."""
+        """The points of ∂Ω that belong to the loops' points, in loop order, rim after rim."""
         return np.concatenate([rim.points_in_domain() for rim in self.rims])
 
     def to_dict(self) -> dict[str, Any]:
@@ -364,12 +356,12 @@ class PlateauSolution(Shown):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NoConnectedSurface:
-    """The answer that no minimal surface of one piece spans several rims: it falls apart into surfaces of fewer each.
+    """The result that no connected minimal surface spans several rims.
 
     Attributes:
         loops: all of them.
         rim_disks: the minimal disks over them.
-        reason: one sentence: how it is known.
+        reason: one sentence: how that is known.
         history: the steps.
         solve_timings: wall time of each stage of the search, in seconds.
     """
@@ -386,22 +378,22 @@ class NoConnectedSurface:
 
     @property
     def disks(self) -> tuple[PlateauSolution, ...] | None:
-        """The minimal disks over the loops, solved when they are first asked for; none where one was not found."""
+        """The minimal disks over the loops; None if one was not found. Solved on first use."""
         return self.rim_disks.all
 
     @property
     def timings(self) -> dict[str, float]:
-        """Wall time of each stage of the search, and of the disks where they were asked for, in seconds."""
+        """Wall time of each stage of the search, and of the disks if they were solved, in seconds."""
         return {**self.solve_timings, **self.rim_disks.clock.seconds}
 
     @property
     def partition_areas(self) -> dict[Partition, float]:
-        """`RimDisks.partitions`: of what is left the least has the least area."""
+        """`RimDisks.partitions`."""
         return self.rim_disks.partitions
 
     @property
     def area(self) -> float | None:
-        """Area of all disks together: of two rims the least area that they bound."""
+        """Total area of the disks: for two rims the least area that they bound."""
         return None if self.disks is None else sum(disk.area for disk in self.disks)
 
     def to_dict(self) -> dict[str, Any]:

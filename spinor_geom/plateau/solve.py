@@ -19,18 +19,20 @@ from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import first_disks
 from spinor_geom.errors import ArgumentTypeError, OptionError, SpinorGeomError, require_positive
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau.found import typed_failures
-from spinor_geom.plateau.harmonic_route import BATCH_NODES, FEWEST_NODES, HarmonicSolver
+from spinor_geom.plateau.harmonic.harmonic_route import BATCH_NODES, FEWEST_NODES, UNIT_DISK, begun_on_unit_disk
 from spinor_geom.plateau.options import Cauchy, Model, Optimizer, Options, usable_device
-from spinor_geom.plateau.plan import Route, Task, all_surfaces, minimal_disk, plan, surface_between
+from spinor_geom.plateau.plan import all_surfaces, minimal_disk, plan, surface_between
+from spinor_geom.plateau.problem import PlateauProblem, Route
+from spinor_geom.plateau.route_result import typed_failures
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.steps import Iteration
 from spinor_geom.plateau.threads import one_thread
+from spinor_geom.plateau.vertices.vertex_route import THROUGH_POINTS
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-Planned: TypeAlias = tuple[Task, tuple[Route, ...]]
+_Planned: TypeAlias = tuple[PlateauProblem, tuple[Route, ...]]
 
 # Points of rough loops whose first disks are made side by side: those of longer ones would take as long, and memory.
 _SHORT = 500
@@ -45,7 +47,7 @@ class _Rest(TypedDict, total=False):
     tolerance: float
     max_iterations: int
     unstable: Literal["leave", "keep"]
-    between: Literal["auto", "smooth", "free"]
+    between: Literal["smooth", "free"]
     time_limit: float
     device: str | torch.device
     on_iteration: Callable[[Iteration], None] | None
@@ -76,26 +78,27 @@ def solve_plateau(
     tolerance: float = 1e-3,
     max_iterations: int = 400,
     unstable: Literal["leave", "keep"] = "leave",
-    between: Literal["auto", "smooth", "free"] = "auto",
+    between: Literal["smooth", "free"] = "free",
     all_solutions: bool = False,
     time_limit: float = math.inf,
     device: str | torch.device = "cpu",
     on_iteration: Callable[[Iteration], None] | None = None,
 ) -> PlateauSolution | NoConnectedSurface | tuple[PlateauSolution, ...]:
-    """A minimal disk over a closed curve, or a minimal surface of one piece between several.
+    """A minimal disk over a closed curve, or a connected minimal surface between several curves.
 
-    It is exactly minimal, its boundary on Γ as nearly as the model allows. Γ is the curve through all of the loop's
-    points, with its corners kept (`BoundaryCurve`). A plane loop bounds the plane region inside it, exactly. Loops
-    without corners take Douglas's route; those with corners, and those that it does not bring near to Γ, a Cauchy
-    network, by Gauss-Newton: `spinor_geom.plateau` tells the way, `plateau.plan` the order. Minimal disks need not be
-    minima of the area: one that is unstable is left along an eigenvector of its second variation for one of less area.
+    The surface is exactly minimal; its boundary lies on Γ as nearly as the model allows. Γ is the curve through all
+    points of the loop, with its corners (`BoundaryCurve`). Of a plane loop the inside is returned exactly. Loops
+    without corners are solved by Douglas's method. Loops with corners, and those that it does not bring near to Γ, are
+    solved as Cauchy networks by Gauss-Newton. `spinor_geom.plateau` describes the steps and `plateau.plan` the order.
+    Minimal disks need not be minima of the area: an unstable disk is left along an eigenvector of its second variation
+    for one of less area.
 
-    Two curves and more take Douglas's route on the unit disk less round holes: all slides and the moduli, then p and q
-    as Laurent series; curves in one plane, one with the others inside it, bound the plane region between them. Where
-    that takes too many nodes, as for a small hole near the end of a long one, a Cauchy network on a flattened annulus
-    does. Which point lies opposite to which, and the directions of the curves after the first, come from the energy and
-    not from the order of the points. The area is set against that of the disks: see `PlateauSolution.annulus` and
-    `is_area_minimum`. Curves too far from each other have no surface of one piece, and the answer says so.
+    Several curves are solved by Douglas's method on the unit disk less round holes, with p and q as Laurent series;
+    curves in one plane, one with the others inside it, bound the plane region between them. Where that takes too many
+    nodes, as for a small hole near the end of a long one, a Cauchy network on a flattened annulus is used. The
+    directions of the curves and their alignment are found by the energy and do not depend on the order of the points.
+    The area is compared with that of the disks: see `PlateauSolution.annulus` and `is_area_minimum`. Curves that are
+    too far from each other have no connected surface; then `NoConnectedSurface` is returned.
 
     Args:
         loop: the curve: a `BoundaryLoop`, (m, 3) points in order, a mesh of any known type or its path where it has one
@@ -117,13 +120,11 @@ def solve_plateau(
             those after the first annulus is found. Training has limits of its own among the optimizer's options.
         unstable: "keep" returns an unstable surface, which is only a critical point of the area, as it was found;
             between several curves with the start that `Laurent(modulus=...)` gives.
-        between: what Γ is between the points of a loop. "smooth" is the curve through them that `BoundaryCurve` makes.
-            "free", for rims of meshes, of which only the points are in the mesh: where they show no smooth curve, Γ is
-            the boundary of the surface through the points that is nearest to a discrete minimal disk, or between
-            several loops to the surface between averages of them. It is found in hundredths of a second for tens of
-            points, between several loops in seconds, and is not left where it is unstable. "auto" is "smooth" for one
-            loop and "free" between several, where the curve through noise of some per cent of an edge takes minutes;
-            with a model that is chosen by name it is "smooth".
+        between: what Γ is between the points of a loop. "smooth" is the curve that `BoundaryCurve` makes. With "free",
+            points that show no smooth curve, as those of most mesh holes, are met by a surface whose own boundary runs
+            between them: the one nearest to a discrete minimal disk, or for several loops to the surface between
+            averages of them. That takes hundredths of a second for tens of points and seconds for several loops. It
+            has no effect with a model other than "auto".
         all_solutions: look for several disks over the loop, as Cauchy networks, or for annuli, as Laurent series,
             unstable ones too; see `find_disks`. It takes several times as long, and more may exist than are found.
         time_limit: seconds after which the best surface so far is returned: `converged` and `reason` say what it lacks,
@@ -167,10 +168,10 @@ def solve_plateau(
         _require_model_for_all(model, is_disk=len(rims) == 1)
     require_positive("time_limit", time_limit, finite=False)
     with one_thread(), typed_failures(), deadline.time_limit(time_limit):
-        task = Task.of(rims, options, on_iteration)
+        problem = PlateauProblem.of(rims, options, on_iteration)
         if all_solutions:
-            return all_surfaces(task)
-        return minimal_disk(task, plan(task)) if task.is_disk else surface_between(task)
+            return all_surfaces(problem)
+        return minimal_disk(problem, plan(problem)) if problem.is_disk else surface_between(problem)
 
 
 def _require_model_for_all(model: Model, *, is_disk: bool) -> None:
@@ -190,7 +191,7 @@ def solve_plateau_batch(
     tolerance: float = 1e-3,
     max_iterations: int = 400,
     unstable: Literal["leave", "keep"] = "leave",
-    between: Literal["smooth", "free"] = "smooth",
+    between: Literal["smooth", "free"] = "free",
     time_limit: float = math.inf,
     device: str | torch.device = "cpu",
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
@@ -236,47 +237,47 @@ def _side_by_side(
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
     while chunk := list(itertools.islice(loops, BATCH_NODES // FEWEST_NODES)):
         with one_thread():
-            answers = [_planned(task) for task in Task.each(chunk, options)]
-            _fit_together(answers, seconds)
-        for answer in answers:
-            yield answer if isinstance(answer, SpinorGeomError) else _solved(*answer, seconds)
+            planned = [_planned(problem) for problem in PlateauProblem.each(chunk, options)]
+            _begin_together(planned, seconds)
+        for one in planned:
+            yield one if isinstance(one, SpinorGeomError) else _solved(*one, seconds)
 
 
-def _planned(task: Task | SpinorGeomError) -> Planned | SpinorGeomError:
+def _planned(problem: PlateauProblem | SpinorGeomError) -> _Planned | SpinorGeomError:
     try:
         with typed_failures():
-            return task if isinstance(task, SpinorGeomError) else (task, plan(task))
+            return problem if isinstance(problem, SpinorGeomError) else (problem, plan(problem))
     except SpinorGeomError as error:
         return error
 
 
-def _fit_together(answers: list[Planned | SpinorGeomError], seconds: float) -> None:
-    """Hands the tasks what their plans begin with, made side by side: fits on the unit disk, first discrete disks."""
-    planned = [(place, *answer) for place, answer in enumerate(answers) if not isinstance(answer, SpinorGeomError)]
-    smooth = [(place, task, routes) for place, task, routes in planned if routes[0] == Route.ON_UNIT_DISK]
+def _begin_together(planned: list[_Planned | SpinorGeomError], seconds: float) -> None:
+    """Replaces problems and routes by those that are begun together: fits on the unit disk, first discrete disks."""
+    solvable = [(place, *one) for place, one in enumerate(planned) if not isinstance(one, SpinorGeomError)]
+    smooth = [(place, problem, routes) for place, problem, routes in solvable if routes[0] is UNIT_DISK]
     rough = [
-        (place, task, routes)
-        for place, task, routes in planned
-        if routes[0] == Route.THROUGH_POINTS and len(task.loop) <= _SHORT
+        (place, problem, routes)
+        for place, problem, routes in solvable
+        if routes[0] is THROUGH_POINTS and len(problem.loop) <= _SHORT
     ]
-    with deadline.time_limit(seconds * len(planned)):
-        fits = HarmonicSolver.side_by_side([task.harmonic for _, task, _ in smooth])
-        begin = time.perf_counter()
-        disks = first_disks([task.pinned[0] for _, task, _ in rough])
-        share = (time.perf_counter() - begin) / max(1, len(rough))
+    with deadline.time_limit(seconds * len(solvable)):
+        begun = begun_on_unit_disk([problem for _, problem, _ in smooth])
+        start = time.perf_counter()
+        disks = first_disks([problem.pinned[0] for _, problem, _ in rough])
+        share = (time.perf_counter() - start) / max(1, len(rough))
         are_whole = not deadline.is_out_of_time()
-    for (place, task, routes), fit in zip(smooth, fits, strict=True):
-        answers[place] = replace(task, on_disk=fit), routes
-    for (place, task, routes), disk in zip(rough, disks, strict=True):
-        task.clock.add("first fill", share)
-        # where there is none, or its descent was cut short, the task makes its own
-        answers[place] = replace(task, start=disk if are_whole and isinstance(disk, Disk) else None), routes
+    for (place, problem, routes), route in zip(smooth, begun, strict=True):
+        planned[place] = problem, (route, *routes[1:])
+    for (place, problem, routes), disk in zip(rough, disks, strict=True):
+        problem.clock.add("first fill", share)
+        # without a disk, or with one whose descent was cut short, the route makes its own
+        planned[place] = replace(problem, start=disk if are_whole and isinstance(disk, Disk) else None), routes
 
 
-def _solved(task: Task, routes: tuple[Route, ...], seconds: float) -> PlateauSolution | SpinorGeomError:
+def _solved(problem: PlateauProblem, routes: tuple[Route, ...], seconds: float) -> PlateauSolution | SpinorGeomError:
     with one_thread(), deadline.time_limit(seconds):
         try:
             with typed_failures():
-                return minimal_disk(task, routes)
+                return minimal_disk(problem, routes)
         except SpinorGeomError as error:
             return error

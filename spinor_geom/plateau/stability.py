@@ -1,4 +1,4 @@
-"""Second variation of area: is a minimal surface a local minimiser, and along which functions does its area fall?"""
+"""Second variation of area: stability of minimal surfaces, and directions in which the area decreases."""
 
 from __future__ import annotations
 
@@ -22,18 +22,15 @@ from spinor_geom.errors import SingularMatrixError
 from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# ∫|K| dA, and a bound of its error.
-Curvature: TypeAlias = tuple[float, float]
-# Distances, in diagonals, that a slide or a disk is moved from a stationary one in search of less energy.
-AMPLITUDES = tuple(0.2 * 0.6**k for k in range(8))
-_MOST_VERTICES = 5000  # vertices of a mesh beyond which none is refined: finer ones take seconds
-# A mesh resolves a surface where the normals turn by no more than this angle along the edges of its triangles, but for
-# this share of them: fits have wrinkles far below the meshes' size in corners. With twice the angle z¹⁶ is stable.
+Curvature: TypeAlias = tuple[float, float]  # ∫|K| dA, and a bound of its error
+AMPLITUDES = tuple(0.2 * 0.6**k for k in range(8))  # trial displacements from an unstable surface, in diagonals
+_MOST_VERTICES = 5000  # larger meshes are not refined; that would take seconds
+# A mesh resolves a surface if the normals turn by less than this angle along its edges, except for this share of the
+# faces: fits have tiny wrinkles in corners. With twice the angle z¹⁶ counts as stable.
 _LARGEST_TURN, _UNRESOLVED = np.radians(60.0), 0.05
-_NO_CURVATURE = -1e-9  # ∫|K| dA of planes with rounding errors: less is none
+_NO_CURVATURE = -1e-9  # ∫|K| dA of planes with rounding errors
 TINY = np.finfo(np.float64).tiny
-# Inner vertices up to which dense eigenvalues are found sooner; of more, relative error of the sparse ones.
-_MOST_DENSE, _EIGENVALUE_ERROR = 200, 1e-8
+_MOST_DENSE, _EIGENVALUE_ERROR = 200, 1e-8  # inner vertices up to which eigenvalues are dense; error of sparse ones
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,13 +38,12 @@ class Stability:
     """Whether a minimal surface is a local minimiser of area.
 
     Attributes:
-        verdict: "stable", "unstable", or "undecided" where the error of the computation leaves both possible: where the
-            finest mesh does not resolve the surface, or its p and q are not finite, too.
+        verdict: "stable", "unstable", or "undecided": the numerical error allows both, no mesh resolves the surface, or
+            p and q are not finite.
         eigenvalue: the smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary, n the Gauss map; above 1 the second
-            variation of area is positive. None where the total curvature alone decides, and where no mesh resolves the
-            surface.
-        index: Morse index, the number of μ below 1; None where the error leaves it open.
-        total_curvature: ∫|K| dA; below 2π every disk is stable. None where neither ∂Ω's points nor a mesh resolve it.
+            variation of area is positive. None if the total curvature decides, or no mesh resolves the surface.
+        index: Morse index, the number of μ below 1; None if it is undecided.
+        total_curvature: ∫|K| dA; below 2π every disk is stable. None if it is not resolved.
 
     Source: Barbosa & do Carmo, "On the size of a stable minimal surface in R³", Amer. J. Math. 98 (1976).
     """
@@ -59,9 +55,9 @@ class Stability:
 
 
 def stable_by_curvature(curvature: Curvature) -> Stability | None:
-    """The verdict of a total curvature that is surely below 2π; none of a larger one, or of one that is impossible."""
+    """The verdict "stable" if the total curvature is surely below 2π; None otherwise, and for impossible values."""
     total, error = curvature
-    # a sum that is NaN meets neither condition
+    # NaN meets neither condition
     if not (total >= _NO_CURVATURE and total + error < 2 * np.pi):
         return None
     return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=total)
@@ -70,10 +66,10 @@ def stable_by_curvature(curvature: Curvature) -> Stability | None:
 def assess_stability(surface: SpinorSurface) -> Stability:
     """Verdict of the second variation ∫ |∇u|² + 2Kλ²u² dx dy over u with u = 0 on ∂Ω.
 
-    The total curvature ∫|K| dA, an integral along ∂Ω, decides first: below 2π the surface is stable. Otherwise the
-    eigenvalues μ of −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated;
-    the surface is stable if the smallest is above 1. Where the difference of the meshes leaves it open finer ones are
-    tried. Wrinkles far below the meshes' size, as fits have them in corners, do not count.
+    If the total curvature ∫|K| dA, an integral along ∂Ω, is below 2π, the surface is stable. Otherwise the eigenvalues
+    μ of −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated; the surface
+    is stable if the smallest is above 1. If the two meshes do not decide, finer ones are tried. Wrinkles far below the
+    size of the mesh, which fits have in corners, do not count.
 
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976).
     """
@@ -89,7 +85,7 @@ def assess_stability(surface: SpinorSurface) -> Stability:
         if len(coarse.inner) and coarse.is_resolved:
             try:
                 stability = _on_meshes(coarse, mesh)
-            except SingularMatrixError:  # triangles without area tell nothing
+            except SingularMatrixError:  # triangles without area
                 stability = undecided
         if stability.index is not None or len(mesh.points) > _MOST_VERTICES:
             break
@@ -97,7 +93,7 @@ def assess_stability(surface: SpinorSurface) -> Stability:
 
 
 def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
-    """The verdict of two meshes."""
+    """The verdict from two meshes."""
     totals = [float(mesh.curvature.sum()) for mesh in (coarse, fine)]
     if stable := stable_by_curvature((totals[1], max(totals) - totals[1] + abs(totals[1] - totals[0]))):
         return stable
@@ -105,10 +101,9 @@ def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
     while True:
         few = coarse.smallest_eigenpairs(count)[0]
         many = fine.smallest_eigenpairs(count)[0][: len(few)]
-        # linear elements converge at order 2, which the value is extrapolated by; at order 1, if they do not yet, they
-        # would go on by as much again as from the coarser mesh to the finer one
+        # the bounds assume convergence of order 1 at least; the extrapolated value assumes order 2
         low, high = np.sort([many, 2 * many - few], axis=0)
-        # the eigenvalues are in order: the first that is not surely below 1 decides about all after it
+        # ascending: the first eigenvalue that is not surely below 1 decides about all after it
         index = int(np.argmin(np.append(high < 1, False)))
         if index < len(many) or len(few) < count:
             break
@@ -125,10 +120,10 @@ def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
 def lowest_modes(
     surface: SpinorSurface, mesh: PlaneTriangulation, count: int
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "n k"]]:
-    """The smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary of a mesh, ascending, and as columns u, at most 1.
+    """The smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary of a mesh, ascending, and the columns u, at most 1.
 
-    Along u·n the second variation of area is (1 − 1/μ)∫|∇u|²: negative where μ < 1. Fewer than `count` come back where
-    the mesh has fewer inner vertices.
+    Along u·n the second variation of area is (1 − 1/μ)∫|∇u|², negative for μ < 1. There are at most as many as inner
+    vertices.
     """
     own = _Mesh.of(surface, mesh, np.zeros(mesh.boundary_size))
     values, functions = own.smallest_eigenpairs(count)
@@ -140,8 +135,8 @@ def lowest_modes(
 def gauss_image_areas(spinors: Complex[np.ndarray, "n 2"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " f"]:
     """Areas of the spherical triangles between the normals at the corners of faces: ∫|K| dA, half of ∫|dn|² dx dy.
 
-    The area is twice the phase of the product of (p, q)'s inner products around the triangle, negative where the
-    triangle runs the other way than on the surface's Gauss image.
+    The area is twice the phase of the product of the inner products of (p, q) around the triangle. It is negative where
+    the triangle is oriented against the Gauss image.
 
     Source: Pancharatnam, Proc. Indian Acad. Sci. A 44 (1956): the phase of a cycle of two-component spinors is half of
     its solid angle.
@@ -155,29 +150,29 @@ def _inner(a: Complex[np.ndarray, "n 2"], b: Complex[np.ndarray, "n 2"]) -> Comp
 
 
 def curvature_within(rims: Sequence[Complex[Tensor, "*b _ 2"]]) -> Float[Tensor, "2 *b"]:
-    """Total curvature of surfaces by p and q at points along each boundary of Ω, and a bound of its error.
+    """Total curvature of surfaces from p and q at points along each boundary of Ω, and a bound of its error.
 
-    Δ log λ = −Kλ² turns ∫|K| dA into ∮ ∂_ν log λ |dz|, which is the area enclosed by the normals along ∂Ω; 4π too large
-    for each branch point. The points are evenly many, and a half of them tells the error.
+    By Δ log λ = −Kλ², ∫|K| dA is ∮ ∂_ν log λ |dz|, the area enclosed by the normals along ∂Ω, and 4π more for each
+    branch point. The number of points is even; every second point gives the error.
     """
     fine, coarse = (torch.stack([_polygon_area(one[..., ::step, :]) for one in rims]).sum(0) for step in (1, 2))
     return torch.stack([(4 * fine - coarse) / 3, (fine - coarse).abs()])
 
 
 def _polygon_area(spinors: Complex[Tensor, "*b n 2"]) -> Float[Tensor, "*b"]:
-    """Area that the normals at consecutive points of closed curves enclose on the sphere, sheet by sheet.
+    """Area on the sphere enclosed by the normals at consecutive points of closed curves, with multiplicity.
 
-    It is 2∮ Im(p̄ dp + q̄ dq)/λ for normals that run along arcs of great circles.
+    It is 2∮ Im(p̄ dp + q̄ dq)/λ for normals that move along great circles.
     """
-    # squared, so that a change of sign, as antiperiodic spinors have one, does not count
+    # squared, so that the change of sign of antiperiodic spinors does not count
     area: Tensor = torch.linalg.vecdot(spinors, spinors.roll(-1, -2)).square().angle().sum(-1)
     return area
 
 
 def _boundary_curvature(surface: SpinorSurface) -> Curvature:
-    """That of a surface."""
+    """Total curvature of a surface, with its error."""
     rims = [(boundary, panel_breaks(boundary)) for boundary in surface.domain.boundaries]
-    # four points a panel at least, which are doubled up to three times while 2π lies within the error
+    # four points a panel, doubled up to three times while 2π lies within the error
     for level in range(2, 6):
         share = np.arange(2**level) / 2**level
         along = [b.point((breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel()) for b, breaks in rims]
@@ -190,9 +185,9 @@ def _boundary_curvature(surface: SpinorSurface) -> Curvature:
 
 
 def _turning(surface: SpinorSurface, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Twice |(p, q)′|/|(p, q)|: a bound of the normal's angle, and of the spinors' phase twice, per length in Ω.
+    """2|(p, q)′|/|(p, q)|: a bound of the turning of the normal per length in Ω.
 
-    Samples alone do not tell it: those of powers at equal steps may be as those of a constant.
+    Values alone do not show it: equal steps may sample a high power as a constant.
     """
     spinors, slopes = surface.spinors(z), surface.spinor_derivatives(z)
     size = np.maximum(np.linalg.norm(spinors, axis=1), TINY)
@@ -200,23 +195,23 @@ def _turning(surface: SpinorSurface, z: Complex[np.ndarray, " n"]) -> Float[np.n
 
 
 def _are_small(turns: Float[np.ndarray, " n"]) -> bool:
-    """Whether angles between neighbours are small enough to be followed, but for a few; a NaN is not."""
+    """Whether angles between neighbours are small, except for a few; NaN is not small."""
     return bool(np.mean(~(turns <= _LARGEST_TURN)) <= _UNRESOLVED)
 
 
 @dataclass(frozen=True, eq=False)
 class _Mesh:
-    """A triangulation of Ω with midpoint refinement that follows ∂Ω; the coarse vertices come first in the refined."""
+    """A triangulation of Ω with midpoint refinement that follows ∂Ω; coarse vertices come first."""
 
     surface: SpinorSurface
     points: Complex[np.ndarray, " n"]
     faces: Int[np.ndarray, "f 3"]
     spinors: Complex[np.ndarray, "n 2"]  # p and q there
-    parameter: Float[np.ndarray, " n"]  # of boundary vertices on ∂Ω; NaN inside
+    parameter: Float[np.ndarray, " n"]  # parameters of boundary vertices on ∂Ω; NaN inside
 
     @classmethod
     def of(cls, surface: SpinorSurface, mesh: PlaneTriangulation, rim: Float[np.ndarray, " m"]) -> _Mesh:
-        """With the parameters of the boundary vertices."""
+        """The mesh with the parameters of its boundary vertices."""
         parameter = np.append(rim, np.full(len(mesh.points) - len(rim), np.nan))
         return cls(surface, mesh.points, mesh.faces, surface.spinors(mesh.points), parameter)
 
@@ -227,7 +222,7 @@ class _Mesh:
 
     @property
     def is_resolved(self) -> bool:
-        """Whether the normals turn little along most edges, by their slopes: vertices alone would not tell it."""
+        """Whether the normals turn little along most edges, by their derivatives at the vertices."""
         (p, q), (dp, dq) = self.spinors.T, self.surface.spinor_derivatives(self.points).T
         turning = 2 * np.abs(p * dq - q * dp) / np.maximum((np.abs(self.spinors) ** 2).sum(axis=1), TINY)
         after = np.roll(self.faces, -1, axis=1)
@@ -239,7 +234,7 @@ class _Mesh:
         return np.flatnonzero(np.isnan(self.parameter))
 
     def refined(self) -> _Mesh:
-        """Every triangle in four; new boundary points on ∂Ω, or on the sides where ∂Ω would turn a triangle over."""
+        """Every triangle in four; new boundary points on ∂Ω, or on the side where ∂Ω would flip a triangle."""
         n = len(self.points)
         codes, sides = np.unique(edge_codes(self.faces, n), return_inverse=True)
         edges = np.stack([codes // n, codes % n], axis=1)
@@ -249,7 +244,7 @@ class _Mesh:
         rim = np.flatnonzero(uses == 1)
         a, b = self.parameter[edges[rim]].T
         gap = np.mod(b - a + 0.5, 1.0) - 0.5  # the short way around
-        start = 2 * (a // 2)  # of the parameters of the edge's boundary
+        start = 2 * (a // 2)  # first parameter of the edge's boundary
         parameter[rim] = start + np.mod(a - start + gap / 2, 1.0)
         ab, bc, ca = (sides + n).reshape(-1, 3).T
         i, j, k = self.faces.T

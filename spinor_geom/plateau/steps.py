@@ -1,4 +1,4 @@
-"""The steps of all tries over a loop, and the time that their stages take."""
+"""The steps of a solve, and the time of its stages."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ from typing import Literal
 
 from spinor_geom.deadline import is_out_of_time
 
-# Share of the distance from Γ at which a step with a new linearisation is the last one: what is gained slower is not
-# worth its cost.
-STALLED = 0.98
-SPENT = "the limit on steps or on time was reached"  # why a surface comes no nearer to Γ, as the end of a sentence
+STALLED = 0.98  # a solve ends with a step that leaves more than this share of the distance, in spite of a new Jacobian
+SPENT = "the limit on steps or on time was reached"  # a reason, as the end of a sentence
 
 Method = Literal["Newton", "Gauss-Newton", "Douglas-Newton", "distillation", "polishing", "RMSprop"]
 
@@ -23,13 +21,12 @@ class Iteration:
     """One step of a solver.
 
     Attributes:
-        index: from 1.
-        method: of the step.
-        residual: what the steps bring towards 0: Newton's RMS distance from the loop's points, in diagonals;
-            Gauss-Newton's RMS distance from Γ at the nodes after it, in units of the loop's diagonal; Douglas-Newton's
-            RMS gradient of the energy before it, relative to its two factors. In the training of a network: the RMS
-            error of p and q ("distillation"), the RMS distance from Γ in diagonals ("polishing"), an epoch's mean loss
-            ("RMSprop").
+        index: number of the step, from 1.
+        method: the solver.
+        residual: the quantity that the solver reduces. "Newton": RMS distance from the loop's points, in diagonals.
+            "Gauss-Newton": RMS distance from Γ at the nodes after the step, in diagonals. "Douglas-Newton": relative
+            RMS gradient of the energy before the step. "distillation": RMS error of p and q. "polishing": RMS distance
+            from Γ, in diagonals. "RMSprop": mean loss of an epoch.
     """
 
     index: int
@@ -39,43 +36,43 @@ class Iteration:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Steps:
-    """Steps in their order, and who hears of them."""
+    """The steps so far, and their limit."""
 
-    limit: int  # on their number
-    on_iteration: Callable[[Iteration], None] | None = None  # is called with each
-    history: list[Iteration] = field(default_factory=list)  # those so far
+    limit: int  # largest number of steps
+    on_iteration: Callable[[Iteration], None] | None = None  # called with each step
+    history: list[Iteration] = field(default_factory=list)
 
     def take(self, method: Method, residual: float) -> None:
-        """Takes down the next step and tells it; see `Iteration`."""
+        """Records a step; see `Iteration`."""
         step = Iteration(index=len(self.history) + 1, method=method, residual=residual)
         self.history.append(step)
         if self.on_iteration is not None:
             self.on_iteration(step)
 
     def copied(self) -> Steps:
-        """As many more steps after those so far, which further ones of the other do not join."""
+        """A copy with a history of its own."""
         return replace(self, history=[*self.history])
 
     @property
     def left(self) -> int:
-        """How many more may be taken."""
+        """Number of steps left."""
         return max(0, self.limit - len(self.history))
 
     @property
     def are_spent(self) -> bool:
-        """Whether steps or time are used up."""
+        """Whether no steps or no time are left."""
         return not self.left or is_out_of_time()
 
 
 class Clock:
-    """Wall time of named stages; a stage that comes again adds up."""
+    """Wall time of named stages, added up."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Counts the time of a `with` block for a stage, without that of other stages inside it."""
+        """Adds the time of a `with` block to a stage, without the time of stages inside it."""
         start, others = time.perf_counter(), sum(self.seconds.values())
         try:
             yield
@@ -84,11 +81,11 @@ class Clock:
             self.add(name, time.perf_counter() - start - inside)
 
     def copied(self) -> Clock:
-        """One that goes on from here by itself."""
+        """A copy."""
         clock = Clock()
         clock.seconds.update(self.seconds)
         return clock
 
     def add(self, name: str, seconds: float) -> None:
-        """Counts time that was measured elsewhere."""
+        """Adds time to a stage."""
         self.seconds[name] = self.seconds.get(name, 0.0) + seconds

@@ -15,9 +15,8 @@ from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.quadrature import Panels, Rule
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
-from spinor_geom.plateau.network import projected
-from spinor_geom.plateau.omega import integral_of
-from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.network.discretisation import projected
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import weierstrass_phi
@@ -55,7 +54,7 @@ class BoundaryNodes:
             count = max(count, len(boundary.coefficients) + 1)
             z, dz, _ = boundary.grid(count)
             t, weights = np.arange(count) / count, np.full(count, 1 / count)
-            integral = circulant(integral_of(np.ones(count, dtype=np.complex128)).real)
+            integral = circulant(_integral_of(np.ones(count, dtype=np.complex128)).real)
         else:
             breaks = domain.panel_breaks
             panels = Panels.on(boundary, breaks, max(_PANEL_ORDER, count // (len(breaks) - 1)))
@@ -143,3 +142,12 @@ class RayBoundary(torch.nn.Module):
 
 def _circle(s: Float[Tensor, " n"]) -> Complex[Tensor, " n"]:
     return torch.polar(torch.ones_like(s), 2 * math.pi * s)
+
+
+def _integral_of(spectrum: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
+    """∫ f dt at t = j/n from the discrete Fourier transform of samples of f, of mean 0."""
+    n = len(spectrum)
+    k = np.fft.fftfreq(n, 1 / n)
+    inverse = np.zeros(n, dtype=np.complex128)
+    np.divide(1, 2j * np.pi * k, out=inverse, where=(k != 0) & (2 * np.abs(k) != n))
+    return np.asarray(np.fft.ifft(spectrum * inverse))

@@ -23,11 +23,11 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import require_count, require_positive
 from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP, Linearisation, disk_around
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
-from spinor_geom.plateau.found import Found
-from spinor_geom.plateau.gauss_newton import normals_of
+from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.network import interpolate_matching
-from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.network.discretisation import interpolate_matching
+from spinor_geom.plateau.network.gauss_newton import normals_of
+from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.threads import one_thread
@@ -81,7 +81,9 @@ class LevenbergMarquardt:
         require_count(0, distillation_steps=self.distillation_steps, polishing_steps=self.polishing_steps)
         require_positive("tolerance", self.tolerance, finite=False)
 
-    def disk(self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps) -> Found:
+    def disk(
+        self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps
+    ) -> RouteResult:
         """A minimal disk over a curve at unit size; see `plateau.options.Trainer`."""
         unit = None
         if start is not None:

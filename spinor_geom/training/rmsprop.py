@@ -25,9 +25,9 @@ from spinor_geom.errors import OptionError, StorageError, require_count, require
 from spinor_geom.files import atomic_path
 from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
-from spinor_geom.plateau.found import Found
+from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -98,7 +98,9 @@ class RMSprop:
         if self.representation not in FORMS:
             raise OptionError(f"unknown representation {self.representation!r}; choose one of: {', '.join(FORMS)}")
 
-    def disk(self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps) -> Found:
+    def disk(
+        self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps
+    ) -> RouteResult:
         """A minimal disk over a curve at unit size, from random parameters; see `plateau.options.Trainer`."""
         assert start is None
         larger = curve.placed(_DIAGONAL * curve.coefficients[-1], _DIAGONAL)

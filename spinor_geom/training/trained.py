@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 
@@ -70,11 +70,11 @@ class Trained:
         """RMS distance in diagonals of Γ."""
         return self.misfit.rms / self.diagonal
 
-    def as_disk(self, curve: BoundaryCurve, *, scale: float = 1.0) -> Found:
+    def as_disk(self, curve: BoundaryCurve, *, scale: float = 1.0) -> RouteResult:
         """The disk over a curve at unit size, `scale` times as large as Γ."""
         assert isinstance(self.surface, SpinorSurface)  # the options exclude the other representation
         surface = self.surface.transform(scale=scale)
-        return Found(
+        return RouteResult(
             domain=surface.domain,
             surface_at=surface.placed,
             curves=(curve,),

@@ -140,7 +140,7 @@ def test_attributes_that_the_format_cannot_hold_are_named(tmp_path: Path) -> Non
 def test_loops_alone_are_written_without_being_solved(
     mixed: Path, tmp_path: Path, format: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("spinor_geom.plateau.plan.Task.of", lambda *_: pytest.fail("a loop was solved"))
+    monkeypatch.setattr("spinor_geom.plateau.problem.PlateauProblem.of", lambda *_: pytest.fail("a loop was solved"))
     solved([mixed], tmp_path / "out", what="loops", format=format)
     (first, second) = record(tmp_path / "out", "in/two.obj")["loops"]
     assert (first["status"], first["vertices"], second["vertices"]) == ("done", 12, 30)

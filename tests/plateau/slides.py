@@ -12,9 +12,9 @@ from torch import Tensor
 from spinor_geom.domain import FourierBoundary
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.dirichlet import DirichletForm
-from spinor_geom.plateau.douglas import HarmonicDisk, Slides, minimise_dirichlet_energies
-from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
+from spinor_geom.plateau.harmonic.douglas import HarmonicDisk, Slides, minimise_dirichlet_energies
 
 CPU = torch.device("cpu")
 DISK = DirichletForm.of_disk(64)

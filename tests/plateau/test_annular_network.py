@@ -11,8 +11,9 @@ from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
 from spinor_geom.domain.quadrature import Panels
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.network import ModulusFields
-from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, way_across
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.network.discretisation import ModulusFields
+from spinor_geom.plateau.network.network_problem import NetworkProblem, path_across
 from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
 
 
@@ -121,12 +122,12 @@ def problem_on_annulus(branch=None):
         CurveTensors.of(BoundaryCurve.from_loop(sampled(ring(r, 0.0), 24)), torch.device("cpu")) for r in (1.0, 0.4)
     )
     corners = np.empty(0), np.empty(0)
-    return panels, PlateauProblem.on_panels(DOMAIN, panels, network, curves, corners), network
+    return panels, NetworkProblem.on_panels(DOMAIN, panels, network, curves, corners), network
 
 
 def test_integrals_go_along_both_boundaries_and_across():
     panels, problem, _ = problem_on_annulus()
-    z = torch.from_numpy(np.append(panels.z, way_across(DOMAIN)[0]))
+    z = torch.from_numpy(np.append(panels.z, path_across(DOMAIN)[0]))
     integral = problem.integrate((z**3 * problem.dz)[:, None])[:, 0]
     expected = torch.from_numpy(panels.z) ** 4 / 4
     difference = integral - expected

@@ -21,7 +21,7 @@ def test_area_of_a_domain_with_corners():
 
 
 @pytest.mark.parametrize(
-    ("curve", "points"), [(gallery.tennis_seam(0.8), 100), (gallery.ellipse(8.0, 0.3), 100)], ids=["disk", "unfolded"]
+    ("curve", "points"), [(gallery.tennis_seam(0.8), 100), (gallery.ellipse(8.0, 0.3), 100)], ids=["disk", "flattened"]
 )
 def test_both_areas_of_a_solution_agree(curve, points):
     solution = solve_plateau(curve.sample(points), tolerance=1e-6)

@@ -8,10 +8,10 @@ import torch
 
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.capacity_path import mean_modulus
-from spinor_geom.plateau.dirichlet import CirclesForm
-from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.rims_energy import HarmonicSurface
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.dirichlet import CirclesForm
+from spinor_geom.plateau.rims.capacity_path import mean_modulus
+from spinor_geom.plateau.rims.energy import HarmonicSurface
 from tests.plateau.rims import facing
 
 

@@ -7,8 +7,9 @@ import pytest
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau import NoConnectedSurface, rims
-from spinor_geom.plateau.rims import parted_by_cone
+from spinor_geom.plateau import NoConnectedSurface
+from spinor_geom.plateau.rims import rims_route as rims
+from spinor_geom.plateau.rims.rims_route import parted_by_cone
 from spinor_geom.plateau.solve import solve_plateau
 from tests.plateau.rims import coaxial, ring, sampled, skew
 

@@ -14,8 +14,9 @@ from spinor_geom.holomorphic.poles import edge_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.network import Discretisation, ModulusFields
-from spinor_geom.plateau.problem import CurveTensors, slide_bounds, way_across
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.network.discretisation import Discretisation, ModulusFields
+from spinor_geom.plateau.network.network_problem import path_across, slide_bounds
 from tests.loops import CONVEX, L_SHAPE, planar
 
 FLAT = np.array([1, 1j, 0])
@@ -39,7 +40,7 @@ def fields_on(domain, panels):
         poles=torch.from_numpy(poles.positions),
         scales=torch.from_numpy(poles.scales),
         degree=8,
-    ).features(torch.from_numpy(np.append(panels.z, way_across(domain)[0])))
+    ).features(torch.from_numpy(np.append(panels.z, path_across(domain)[0])))
     return ModulusFields.of_corners(domain, panels, features.numpy())
 
 

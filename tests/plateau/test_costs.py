@@ -11,10 +11,11 @@ import torch
 from spinor_geom import BoundaryLoop, solve_plateau
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import DomainError, SpinorGeomError
-from spinor_geom.plateau import network_route
-from spinor_geom.plateau.omega import resolved_form
+from spinor_geom.plateau.harmonic.harmonic_route import HarmonicSolver
+from spinor_geom.plateau.harmonic.smooth_domain import resolved_form
+from spinor_geom.plateau.network import network_route
 from spinor_geom.plateau.options import Options
-from spinor_geom.plateau.plan import Task
+from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.solution import PlateauSolution
 
 
@@ -36,7 +37,7 @@ def star(n: int, seed: int) -> BoundaryLoop:
 @pytest.mark.parametrize("n", [28, 100, 400])
 def test_slides_and_domains_have_at_most_16_nodes_a_point(n: int) -> None:
     # short loops have as many as are quick for any
-    assert Task.of([waist(n, 0.03)], Options()).harmonic.most_nodes <= max(1024, 1.01 * 16 * n)
+    assert HarmonicSolver(problem=PlateauProblem.of([waist(n, 0.03)], Options())).most_nodes <= max(1024, 1.01 * 16 * n)
 
 
 def test_narrow_domains_are_left_to_other_routes_before_they_are_made() -> None:
@@ -45,11 +46,12 @@ def test_narrow_domains_are_left_to_other_routes_before_they_are_made() -> None:
         resolved_form(circle, 2688, torch.device("cpu"), most=1024)
 
 
-def test_narrow_loops_go_through_their_points_at_once() -> None:
-    solution = solve_plateau(waist(28, 0.01), between="free")
-    assert solution.route == "vertices"
-    assert solution.converged
-    assert len(solution.history) < 20
+def test_narrow_smooth_loops_keep_the_area_of_their_curve() -> None:
+    """A surface through 28 points alone would bulge between them by much of the waist."""
+    few, many = (solve_plateau(waist(n, 0.01)) for n in (28, 112))
+    assert few.converged
+    assert many.converged
+    assert abs(few.area / many.area - 1) < 1e-5
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -64,7 +66,7 @@ def test_networks_that_cannot_meet_the_tolerance_do_not_grow_on(seed: int, monke
         return found
 
     monkeypatch.setattr(network_route, "gauss_newton", counted)
-    solution = solve_plateau(star(40, seed))
+    solution = solve_plateau(star(40, seed), between="smooth")
     assert not solution.converged
     assert sum(work) < 3 * 420**3  # three steps with all features
 

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 
 from spinor_geom import gallery
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau.douglas import (
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.douglas import (
     Slides,
     minimise_dirichlet_energies,
     resampled,
     slide_downhill,
 )
 from spinor_geom.plateau.newton import _line_search
-from spinor_geom.plateau.problem import CurveTensors
 from tests.loops import noisy_ellipse
 from tests.plateau.slides import DISK, PEANUT, Solved, ellipse, even, form_of, increments, solved, tensors
 from tests.strategies import SEEDS

@@ -17,12 +17,17 @@ from spinor_geom import gallery
 from spinor_geom.errors import SingularMatrixError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau import gauss_newton, plan, solve_plateau, solve_plateau_batch
-from spinor_geom.plateau.lift import _each_solved
-from spinor_geom.plateau.network import Discretisation
-from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau import solve_plateau, solve_plateau_batch
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.harmonic_route import HarmonicSolver
+from spinor_geom.plateau.harmonic.lift import _each_solved
+from spinor_geom.plateau.network import gauss_newton
+from spinor_geom.plateau.network.discretisation import Discretisation
+from spinor_geom.plateau.network.network_route import NetworkSolver
+from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.solution import NoConnectedSurface
 from spinor_geom.plateau.steps import Steps
+from spinor_geom.plateau.vertices import vertex_route
 from tests.loops import noisy_ellipse
 from tests.plateau.rims import circle, coaxial, sampled
 from tests.plateau.test_residual import ROUTES
@@ -43,11 +48,10 @@ def singular_in_torch(*_: object, **__: object) -> None:
 def test_singular_equations_are_a_typed_error_and_other_routes_are_tried(
     monkeypatch: pytest.MonkeyPatch, fail: Callable[..., None]
 ) -> None:
-    surface = plan.Route.surface
-    failing = set(plan.Route) - {plan.Route.BY_NETWORK}
-    monkeypatch.setattr(plan.Route, "surface", lambda route, task: (fail if route in failing else surface)(route, task))
+    monkeypatch.setattr(HarmonicSolver, "_fitted", fail)
+    monkeypatch.setattr(vertex_route, "_fitted", fail)
     assert solve_plateau(SMOOTH).route == "network"
-    failing.add(plan.Route.BY_NETWORK)
+    monkeypatch.setattr(NetworkSolver, "solve", fail)
     with pytest.raises(SingularMatrixError, match=r"check the loop"):
         solve_plateau(SMOOTH)
     answers = list(solve_plateau_batch([SMOOTH, noisy_ellipse(40), SMOOTH], between="free"))
@@ -55,13 +59,13 @@ def test_singular_equations_are_a_typed_error_and_other_routes_are_tried(
 
 
 def test_a_surface_that_is_not_finite_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    surface = plan.Route.surface
+    on_unit_disk = HarmonicSolver.on_unit_disk
 
-    def overflowing(route: plan.Route, task: plan.Task) -> object:
-        found = surface(route, task)
-        return replace(found, misfit=replace(found.misfit, rms=np.nan)) if route is plan.Route.ON_UNIT_DISK else found
+    def overflowing(solver: HarmonicSolver, *begun: Any) -> RouteResult:
+        found = on_unit_disk(solver, *begun)
+        return replace(found, misfit=replace(found.misfit, rms=np.nan))
 
-    monkeypatch.setattr(plan.Route, "surface", overflowing)
+    monkeypatch.setattr(HarmonicSolver, "on_unit_disk", overflowing)
     assert solve_plateau(SMOOTH).route != "disk"
     with pytest.raises(SpinorGeomError, match="not finite"):
         solve_plateau(SMOOTH, model="series")

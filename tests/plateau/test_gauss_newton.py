@@ -7,9 +7,9 @@ import torch
 from spinor_geom import gallery
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.gauss_newton import gauss_newton
-from spinor_geom.plateau.network import Discretisation
-from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.network.discretisation import Discretisation
+from spinor_geom.plateau.network.gauss_newton import gauss_newton
 from spinor_geom.plateau.steps import Steps
 
 KNOWN = gallery.enneper(0.8)

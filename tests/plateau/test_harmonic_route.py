@@ -13,8 +13,9 @@ from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
+from spinor_geom.plateau.harmonic.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.options import Options
-from spinor_geom.plateau.plan import Task
+from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.surface.formulas import phi
 from tests.loops import noisy_ellipse
 
@@ -23,7 +24,7 @@ SEAM_AREA = 4.36461878664500
 
 def harmonic_solver(loop, *, tolerance, max_steps=300):
     """The route alone, at unit size."""
-    return Task.of([loop], Options(tolerance=tolerance, max_iterations=max_steps)).harmonic
+    return HarmonicSolver(problem=PlateauProblem.of([loop], Options(tolerance=tolerance, max_iterations=max_steps)))
 
 
 def measured(surface, curve, steps):
@@ -61,12 +62,12 @@ def measured(surface, curve, steps):
 @pytest.mark.parametrize("ratio", [2.0, 4.0, 8.0])
 def test_ellipses(ratio, points):
     solver = harmonic_solver(gallery.ellipse(ratio).sample(points), tolerance=1e-8)
-    found = solver.on_disk() if ratio == 2 else solver.unfolded()
-    assert found.misfit.rms < 1e-8 * solver.request.unit.mean_edge_length
+    found = solver.on_unit_disk() if ratio == 2 else solver.on_flattening()
+    assert found.misfit.rms < 1e-8 * solver.problem.unit.mean_edge_length
     if points == 256:  # a spline of degree 5 or more
         diagonal = np.hypot(2 * ratio, 2)
         assert abs(found.area * diagonal**2 / (np.pi * ratio) - 1) < 1e-8
-    rms, largest = measured(found.surface, solver.request.curve, 8000)
+    rms, largest = measured(found.surface, solver.problem.curve, 8000)
     assert rms < 1.5 * found.misfit.rms + 1e-12
     assert largest < 1.5 * found.misfit.max + 1e-11
 
@@ -76,7 +77,7 @@ def test_ellipses(ratio, points):
     [
         (gallery.tennis_seam(0.8), "disk", PowerSeries),
         (gallery.twisted_circle(), "disk", PowerSeries),
-        (gallery.ellipse(4.0, 0.3), "unfolded", CauchyInterpolant),
+        (gallery.ellipse(4.0, 0.3), "flattened", CauchyInterpolant),
     ],
     ids=["seam", "twisted circle", "saddle"],
 )
@@ -105,7 +106,7 @@ def test_long_smooth_loop_takes_no_more_nodes_than_it_needs():
 @pytest.mark.parametrize(("ratio", "seed"), [(1.0, 0), (2.0, 1), (6.0, 2)])
 def test_noisy_loops(ratio, seed):
     """15 % of an edge of noise on 120 points."""
-    solution = solve_plateau(noisy_ellipse(120, ratio, 0.15, seed))
+    solution = solve_plateau(noisy_ellipse(120, ratio, 0.15, seed), between="smooth")
     assert solution.converged
     assert solution.route == "flattened"
     rms, largest = measured(solution.surface, solution.curve, 8 * len(solution.matching))
@@ -117,7 +118,7 @@ def test_noisy_loops(ratio, seed):
 def test_noisy_loops_get_more_nodes_where_these_help_slowly():
     # twice as many do not quite halve the distance: it was left to the network, which has no room for so many bends
     loop = gallery.noisy_loop(gallery.evenly_sampled(gallery.ellipse(2.0, 0.3), 300), 0.15, seed=0)
-    solution = solve_plateau(loop, tolerance=1e-2)
+    solution = solve_plateau(loop, tolerance=1e-2, between="smooth")
     assert solution.converged
     assert solution.route == "flattened"
 
@@ -126,7 +127,7 @@ def test_noisy_loops_get_more_nodes_where_these_help_slowly():
 def test_slides_on_noisy_loops_begin_on_their_average(points, steps):
     # from points of Γ itself, as many as Ω has, 1,000 took 229 steps, and 5,000 were not met
     loop = gallery.noisy_loop(gallery.evenly_sampled(gallery.ellipse(2.0, 0.3), points), 0.15, seed=0)
-    solution = solve_plateau(loop, tolerance=1e-2)
+    solution = solve_plateau(loop, tolerance=1e-2, between="smooth")
     assert solution.converged
     assert solution.route == "flattened"
     assert len(solution.history) < steps
@@ -142,7 +143,7 @@ def same_area(first, second, error):
 @pytest.mark.parametrize(
     ("loop", "error"),
     [(gallery.tennis_seam(0.8).sample(80), 1e-11), (gallery.ellipse(4.0, 0.3).sample(161), 1e-9)],
-    ids=["disk", "unfolded"],
+    ids=["disk", "flattened"],
 )
 def test_start_orientation_place_and_scale_do_not_matter(loop, error):
     first = solve_plateau(loop, tolerance=1e-8)
@@ -190,13 +191,13 @@ def test_reported_residual_of_random_curves_is_the_measured_one(first):
     for seed in range(first, first + 10):
         solver = harmonic_solver(gallery.random_curve(seed).sample(80), tolerance=1e-2, max_steps=25)
         try:
-            found = solver.unfolded()
+            found = solver.on_flattening()
         except (DomainError, SurfaceError):
             continue
         found_some += 1
-        assert len(solver.request.steps.history) <= 25
-        rms, largest = measured(found.surface, solver.request.curve, 8 * len(found.matchings[0]))
-        if found.misfit.rms <= solver.request.allowed:
+        assert len(solver.problem.steps.history) <= 25
+        rms, largest = measured(found.surface, solver.problem.curve, 8 * len(found.matchings[0]))
+        if found.misfit.rms <= solver.problem.allowed:
             # told at half as many points of the boundary as it is measured at: four to the shortest waves, whose crests
             # may lie an eighth of the wave beside them
             assert abs(rms / found.misfit.rms - 1) < 0.02, seed
@@ -237,7 +238,7 @@ def noisy_random_curve(seed):
 
 def test_noisy_folds_are_met_on_the_flattening_of_a_discrete_disk():
     """Their unfolding is refused; a network came to 8e-4 of an edge."""
-    solution = solve_plateau(noisy_random_curve(121), tolerance=2e-3)
+    solution = solve_plateau(noisy_random_curve(121), tolerance=2e-3, between="smooth")
     assert solution.converged
     assert solution.route == "flattened"
     assert solution.boundary_residual.rms_per_edge < 5e-4
@@ -247,7 +248,7 @@ def test_noisy_folds_are_met_on_the_flattening_of_a_discrete_disk():
 @pytest.mark.parametrize("seed", [3, 25, 45])
 def test_noisy_folds_that_no_domain_is_found_for_are_met_within_a_hundredth_of_an_edge(seed):
     """Networks from first disks end at 1e-2 of an edge and more; paths past poles put a surface 59 edges away."""
-    solution = solve_plateau(noisy_random_curve(seed))
+    solution = solve_plateau(noisy_random_curve(seed), between="smooth")
     assert solution.boundary_residual.rms_per_edge < 1e-2
     on_boundary = solution.surface.position(solution.domain.boundary.point(np.arange(960) / 960))
     distance = np.linalg.norm(on_boundary - solution.curve.point(solution.curve.nearest(on_boundary)), axis=1)
@@ -264,8 +265,8 @@ def test_crowded_disk_is_given_up_for_a_domain_of_the_loop_s_own():
 def test_limit_on_steps_holds_for_all_routes_together():
     solver = harmonic_solver(noisy_ellipse(60, amount=0.15), tolerance=1e-3, max_steps=7)
     for _ in range(2):
-        solver.unfolded()
-        assert len(solver.request.steps.history) <= 7
+        solver.on_flattening()
+        assert len(solver.problem.steps.history) <= 7
 
 
 def test_loops_with_corners_go_to_the_network():

@@ -17,11 +17,11 @@ from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.douglas import HarmonicDisk
-from spinor_geom.plateau.lift import circles_of, domain_of, lifted_between, lifted_together, surface_of
-from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.rims_energy import HarmonicSurface
-from spinor_geom.plateau.traces import with_between_nodes
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.douglas import HarmonicDisk
+from spinor_geom.plateau.harmonic.lift import circles_of, domain_of, lifted_between, lifted_together, surface_of
+from spinor_geom.plateau.harmonic.traces import with_between_nodes
+from spinor_geom.plateau.rims.energy import HarmonicSurface
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.formulas import phi
 from tests.exact_solutions import ENNEPER

@@ -6,8 +6,8 @@ import torch
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import BoundaryResidual, Misfit
-from spinor_geom.plateau.problem import CurveTensors
 
 CPU = torch.device("cpu")
 OFF = 1e-3

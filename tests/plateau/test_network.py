@@ -8,11 +8,12 @@ from spinor_geom import gallery
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau import network, solve_plateau
-from spinor_geom.plateau.gauss_newton import Fit
-from spinor_geom.plateau.network import Discretisation
+from spinor_geom.plateau import solve_plateau
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.network import discretisation
+from spinor_geom.plateau.network.discretisation import Discretisation
+from spinor_geom.plateau.network.gauss_newton import Fit
 from spinor_geom.plateau.options import Cauchy
-from spinor_geom.plateau.problem import CurveTensors
 from tests.loops import noisy_ellipse
 
 POLES = 48
@@ -61,7 +62,7 @@ def test_share_at_corners_counts_the_edges_that_end_there():
 
 
 def test_rough_loop_is_said_to_limit_a_full_network(monkeypatch):
-    monkeypatch.setattr(network, "_MAX_FEATURES", 60)
+    monkeypatch.setattr(discretisation, "_MAX_FEATURES", 60)
     solution = solve_plateau(noisy_ellipse(40, amount=0.3), tolerance=1e-12, model=Cauchy(degree=4))
     assert not solution.converged
     assert "as many features as it may have" in solution.reason
@@ -69,7 +70,7 @@ def test_rough_loop_is_said_to_limit_a_full_network(monkeypatch):
 
 
 def test_corners_are_said_to_limit_a_fit_that_is_worst_there(monkeypatch):
-    monkeypatch.setattr(network, "_MAX_FEATURES", 60)
+    monkeypatch.setattr(discretisation, "_MAX_FEATURES", 60)
     solution = solve_plateau(gallery.l_shape(rise=0.25).sample(64), tolerance=1e-10)
     assert not solution.converged
     assert "% of the squared distance lies within an edge of the loop's corners" in solution.reason
@@ -79,9 +80,9 @@ def test_moduli_are_said_to_limit_a_fit_whose_domain_would_fold(monkeypatch):
     def folds(*_, **__):
         raise DomainError("the moved domain is not simple")
 
-    monkeypatch.setattr(network, "_MAX_FEATURES", 60)
+    monkeypatch.setattr(discretisation, "_MAX_FEATURES", 60)
     monkeypatch.setattr(Discretisation, "moved", folds)
-    solution = solve_plateau(gallery.catenoid(0.5, turn=np.pi).rim(48), tolerance=1e-6)
+    solution = solve_plateau(gallery.catenoid(0.5, turn=np.pi).rim(48), tolerance=1e-6, between="smooth")
     assert not solution.converged
     assert "the domain would fold" in solution.reason
     assert "conformal moduli" in solution.reason

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from spinor_geom import gallery
-from spinor_geom.plateau import network_route, solve_plateau
+from spinor_geom.plateau import solve_plateau
+from spinor_geom.plateau.network import network_route
+from spinor_geom.plateau.network.network_route import NetworkSolver
 from spinor_geom.plateau.options import Options
-from spinor_geom.plateau.plan import Task
+from spinor_geom.plateau.problem import PlateauProblem
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -26,6 +28,6 @@ def test_residual_tells_what_the_surface_s_paths_lose(monkeypatch, order):
 def test_corners_do_not_make_a_polygon_rough():
     loop = gallery.schwarz_prism(1.5).sample(64)
     assert np.count_nonzero(loop.corners) == 8
-    network = Task.of([loop], Options()).network
-    # a ninth of its points are corners of 90°: it would count as rough, and be spared the second start that it needs
+    network = NetworkSolver(problem=PlateauProblem.of([loop], Options()))
+    # a ninth of its points are corners of 90°: with them it would count as rough
     assert not network._is_rough

@@ -1,10 +1,9 @@
-"""Domains made for a loop: their parameter, their smoothness, and their flattening anew."""
+"""Domains made for a loop: their parameter, and their smoothness."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,11 +14,15 @@ from spinor_geom.domain.polygons import is_simple
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.dirichlet import DirichletForm
-from spinor_geom.plateau.omega import NodeDensity, Shape, _steps_across, reflattened, resolved_form, rounded_boundary
-from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
+from spinor_geom.plateau.harmonic.smooth_domain import (
+    NodeDensity,
+    Shape,
+    _steps_across,
+    resolved_form,
+    rounded_boundary,
+)
 from tests.loops import noisy_ellipse, planar
-from tests.plateau import slides
 from tests.plateau.slides import CPU, PEANUT, ellipse
 from tests.strategies import rough_loops, smooth_loops
 
@@ -48,27 +51,6 @@ def unfolded(loop):
     curve, density = BoundaryCurve.from_loop(loop), density_of(loop)
     polygon = unfolded_loop(curve.point(density.slide(EVEN)))
     return polygon, rounded_boundary(polygon, EVEN, shape_of(loop))
-
-
-def solved(loop, form, slide):
-    curve = CurveTensors.of(BoundaryCurve.from_loop(loop), CPU)
-    return slides.solved(curve, form, torch.tensor(slide), tolerance=1e-7, max_steps=200)
-
-
-def log_scale(disk, form):
-    """Log of the length in space per length of ∂Ω at the nodes, less its mean."""
-    n = len(disk.points)
-    frequency = np.fft.fftfreq(n, 1 / n)
-    slope = np.fft.ifft(2j * np.pi * frequency[:, None] * np.fft.fft(disk.points.numpy(), axis=0), axis=0).real
-    scale = np.log(np.linalg.norm(slope, axis=1) / np.abs(form.boundary.grid(n)[1]))
-    return scale - scale.mean()
-
-
-def flattened(loop, disk, form):
-    """The disk over Ω flattened anew."""
-    again, slide = reflattened(disk, form, shape_of(loop))
-    assert again is not form
-    return solved(loop, again, slide.numpy()), again
 
 
 # --- density of the nodes ---------------------------------------------------------------------------------------------
@@ -165,42 +147,3 @@ def test_domain_that_asks_for_more_memory_than_there_is_room_for_is_refused_at_o
 def test_steps_across_a_strip_are_its_width_in_edges(width):
     strip = planar(((0, 0), (600, 0), (600, width), (0, width)), 1200).points @ np.array([1, 1j, 0])
     np.testing.assert_allclose(_steps_across(strip), width, rtol=1e-2)
-
-
-# --- flattening anew --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("name", "most"), [("tennis seam", 0.03), ("Enneper", 0.04), ("saddle 8:1", 0.02)])
-def test_after_flattening_the_scale_is_constant_along_the_boundary(name, most):
-    loop = LOOPS[name]
-    form = resolved_form(unfolded(loop)[1], STEPS, CPU)
-    first = solved(loop, form, density_of(loop).slide(np.arange(STEPS) / STEPS))
-    second, again = flattened(loop, first, form)
-    assert np.abs(log_scale(second, again)).max() < most
-    third, again = flattened(loop, second, again)
-    # |φ| = √2·scale: constant to half a percent but for what is smoothed out at sharp bends
-    assert np.abs(log_scale(third, again)).max() < max(0.006, 0.9 * most * (name == "saddle 8:1"))
-    # the same surface over all domains, its boundary at the steps that the loop asks for
-    for disk in (second, third):
-        assert abs(disk.energy / first.energy - 1) < 1e-8
-        t = density_of(loop).parameter(disk.slide.numpy())
-        assert np.abs(np.diff(t) * STEPS - 1).max() < 0.05
-
-
-def test_flattening_of_a_noisy_loop_keeps_the_scale_within_a_factor():
-    loop = LOOPS["noisy"]
-    form = resolved_form(unfolded(loop)[1], STEPS, CPU)
-    first = solved(loop, form, density_of(loop).slide(np.arange(STEPS) / STEPS))
-    second, again = flattened(loop, first, form)
-    assert log_scale(second, again).std() < 0.3
-    assert is_simple(again.boundary.grid(STEPS)[0])
-
-
-def test_slide_that_stands_still_cannot_be_flattened():
-    loop = LOOPS["tennis seam"]
-    form = resolved_form(unfolded(loop)[1], STEPS, CPU)
-    t = np.arange(STEPS) / STEPS
-    # turns back for a tenth of the way
-    slide = torch.tensor(t + 0.06 * np.sin(2 * np.pi * 4 * t))
-    disk = slides.solved(CurveTensors.of(BoundaryCurve.from_loop(loop), CPU), form, slide, tolerance=1.0, max_steps=0)
-    assert reflattened(disk, form, shape_of(loop)) == (form, disk.slide)

@@ -17,8 +17,8 @@ from tests.plateau.solved import measured, recovered, spanned
 @pytest.mark.parametrize(
     "solve",
     [
-        lambda: solve_plateau(noisy_ellipse(), tolerance=1e-2),
-        lambda: solve_plateau(ramp(0.95), tolerance=1e-2),
+        lambda: solve_plateau(noisy_ellipse(), tolerance=1e-2, between="smooth"),
+        lambda: solve_plateau(ramp(0.95), tolerance=1e-2, between="smooth"),
         lambda: spanned("tennis seam"),
         lambda: spanned("saddle 8:1"),
     ],
@@ -55,9 +55,9 @@ ROUTES = {
     "plane": (TRIANGLE, {}, "plane"),
     "disk": (gallery.enneper(0.8).rim(24), {}, "disk"),
     "series": (gallery.tennis_seam(0.6).sample(48), {"model": "series"}, "disk"),
-    "unfolded": (ramp(0.9, 80), {}, "unfolded"),
-    "flattened": (noisy_ellipse(40), {}, "flattened"),
-    "vertices": (noisy_ellipse(40), {"between": "free"}, "vertices"),
+    "unfolded": (ramp(0.9, 80), {}, "flattened"),
+    "flattened": (noisy_ellipse(40), {"between": "smooth"}, "flattened"),
+    "vertices": (noisy_ellipse(40), {}, "vertices"),
     "sides": (HEXAGON, {}, "network"),
     "quadrilateral": (QUADRILATERAL, {}, "network"),
     "corners": (planar([(0, 0), (3, 0), (3, 1)], 10), {"model": "cauchy"}, "network"),

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.plateau.problem import nearest_increasing
+from spinor_geom.plateau.network.network_problem import nearest_increasing
 from tests.strategies import SEEDS
 
 

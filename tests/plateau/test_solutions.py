@@ -12,8 +12,9 @@ from spinor_geom import gallery
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.errors import DomainError, FirstFillError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau import Cauchy, PlateauSolution, Stability, network_route, plan, solutions, solve_plateau
-from spinor_geom.plateau.solutions import Rim, find_disks, leave_unstable, lower_beside
+from spinor_geom.plateau import Cauchy, PlateauSolution, Stability, disk_search, plan, solve_plateau
+from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, leave_unstable, lower_beside
+from spinor_geom.plateau.network import network_route
 from spinor_geom.plateau.steps import Steps
 from tests.exact_solutions import ENNEPER, exact_solution, with_stability
 from tests.loops import noisy_ellipse
@@ -38,7 +39,7 @@ def start_round(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lets the solver start from the harmonic disk over a plane one, which leads to symmetric disks."""
 
     def round_disk(points):
-        return Rim(loop=BoundaryLoop.from_points(points), indices=np.arange(len(points))).round_disk()
+        return ThinnedLoop(loop=BoundaryLoop.from_points(points), indices=np.arange(len(points))).round_disk()
 
     monkeypatch.setattr(network_route, "first_disk", round_disk)
 
@@ -135,7 +136,7 @@ def test_two_searches_are_equal_bit_for_bit():
 
 def test_ridge_between_two_stable_disks_leads_to_the_saddle(monkeypatch):
     rim, function = solver_of(seam(0.75, 64), monkeypatch)
-    search = solutions._Search(rim=rim, solve=function)
+    search = disk_search._Search(rim=rim, solve=function)
     search.start(partial(first_disk, rim.points))
     # mirrored in the harmonic disk, which is beside the saddle
     middle = rim.round_disk()
@@ -150,7 +151,7 @@ def test_round_positions_converge_to_the_surface():
     """Ω's harmonic map to the round mesh is a similarity here, so that the surface's positions there are known."""
     for points in (32, 64, 128):
         exact = exact_solution(ENNEPER, points)
-        rim = Rim(loop=exact.loop, indices=np.arange(points))
+        rim = ThinnedLoop(loop=exact.loop, indices=np.arange(points))
         positions = rim.round_positions(exact)
         assert np.array_equal(positions[:points], exact.loop.points)
         z = rim.round_mesh.points / np.abs(rim.round_mesh.points[0])
@@ -210,19 +211,19 @@ def test_ennepers_disk_is_left_near_and_far_from_its_threshold(monkeypatch, radi
     assert solution.area < (1 - 1e-4) * gallery.enneper(radius).area
 
 
-def unstable_ennepers_disk() -> tuple[PlateauSolution, Rim]:
+def unstable_ennepers_disk() -> tuple[PlateauSolution, ThinnedLoop]:
     exact = exact_solution(((1, 0), (0, 1.2)), 64)
-    return with_stability(exact, UNSTABLE), Rim(loop=exact.loop, indices=np.arange(64))
+    return with_stability(exact, UNSTABLE), ThinnedLoop(loop=exact.loop, indices=np.arange(64))
 
 
-def left(solution: PlateauSolution, rim: Rim, solve_from) -> PlateauSolution:
+def left(solution: PlateauSolution, rim: ThinnedLoop, solve_from) -> PlateauSolution:
     lower = partial(lower_beside, rim=rim, solve=solve_from, steps=Steps(limit=9))
     return leave_unstable(solution, lower, "along its eigenvectors")
 
 
 def test_stable_disk_comes_back_as_it_is():
     exact = exact_solution(ENNEPER, 64)
-    assert left(exact, Rim(loop=exact.loop, indices=np.arange(64)), _fails) is exact
+    assert left(exact, ThinnedLoop(loop=exact.loop, indices=np.arange(64)), _fails) is exact
 
 
 def test_disk_that_cannot_be_left_comes_back_with_the_reason():
@@ -248,7 +249,7 @@ def test_lower_disk_far_from_the_loop_is_no_better_one():
 
 def test_disks_beside_an_unstable_one_lie_on_its_two_sides():
     unstable, rim = unstable_ennepers_disk()
-    up, down = (next(direction) for direction in solutions._departures(unstable, rim))
+    up, down = (next(direction) for direction in disk_search._departures(unstable, rim))
     for disk in (up, down):
         assert np.array_equal(disk.vertices[:64], rim.points)
         assert disk.areas[-1] < 0.9999 * unstable.area
@@ -267,21 +268,21 @@ def _fails(disk):
 
 
 def test_search_in_which_nothing_is_found_raises_the_first_error(monkeypatch):
-    rim = Rim(loop=seam(0.75, 32), indices=np.arange(32))
+    rim = ThinnedLoop(loop=seam(0.75, 32), indices=np.arange(32))
     with pytest.raises(DomainError, match="folded"):
         find_disks(rim, _fails)
 
     def no_fill(points):
         raise FirstFillError("no fill")
 
-    monkeypatch.setattr(solutions, "first_disk", no_fill)
+    monkeypatch.setattr(disk_search, "first_disk", no_fill)
     with pytest.raises(FirstFillError, match="no fill"):
         find_disks(rim, _fails)
 
 
 def test_search_in_which_nothing_converged_returns_the_nearest_disk():
     exact = exact_solution(ENNEPER, 32)
-    rim = Rim(loop=exact.loop, indices=np.arange(32))
+    rim = ThinnedLoop(loop=exact.loop, indices=np.arange(32))
     residuals = iter([3e-3, 2e-3, 4e-3])
 
     def poor(disk):
@@ -302,8 +303,8 @@ def test_number_of_starts_is_bounded():
         calls.append(disk)
         return replace(exact, area=next(areas))
 
-    found = find_disks(Rim(loop=exact.loop, indices=np.arange(32)), another)
-    assert len(calls) == len(found) == solutions._MOST_STARTS
+    found = find_disks(ThinnedLoop(loop=exact.loop, indices=np.arange(32)), another)
+    assert len(calls) == len(found) == disk_search._MOST_STARTS
 
 
 def test_unknown_choice_for_unstable_disks_is_refused():

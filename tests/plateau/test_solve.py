@@ -30,7 +30,9 @@ def test_alternating_steps_of_an_analytic_curve_converge_faster_than_a_spline():
     errors = []
     for n in (16, 32, 64):
         s = (np.arange(n) + 0.2 * (-1.0) ** np.arange(n)) / n
-        solution = solve_plateau(BoundaryLoop.from_points(CURVES["twisted circle"].point(s)), tolerance=1e-5)
+        solution = solve_plateau(
+            BoundaryLoop.from_points(CURVES["twisted circle"].point(s)), tolerance=1e-5, between="smooth"
+        )
         errors.append(abs(solution.area / CURVES["twisted circle"].disks[0].area - 1))
     assert errors[0] < 1e-4  # the cubic spline's is 2.5e-3
     assert errors[-1] < 2e-7
@@ -43,7 +45,9 @@ def test_area_converges_at_order_four_where_the_spline_is_cubic(monkeypatch):
     for n in counts:
         # long and short steps in turn, as no smooth parameter has them
         s = (np.arange(n) + 0.2 * (-1.0) ** np.arange(n)) / n
-        solution = solve_plateau(BoundaryLoop.from_points(CURVES["twisted circle"].point(s)), tolerance=1e-5)
+        solution = solve_plateau(
+            BoundaryLoop.from_points(CURVES["twisted circle"].point(s)), tolerance=1e-5, between="smooth"
+        )
         assert solution.curve.kind == "cubic"
         errors.append(abs(solution.area / CURVES["twisted circle"].disks[0].area - 1))
     assert 3.5 < -np.polyfit(np.log(counts), np.log(errors), 1)[0] < 4.5

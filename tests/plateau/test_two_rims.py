@@ -24,13 +24,14 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.plateau import Laurent, NoConnectedSurface
-from spinor_geom.plateau.capacity_path import all_on_path
-from spinor_geom.plateau.network_route import NetworkSolver
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.network.network_route import NetworkSolver
 from spinor_geom.plateau.options import Options
-from spinor_geom.plateau.plan import Task
-from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.rim_starts import Rim, start_between
-from spinor_geom.plateau.rims_energy import RimsProblem
+from spinor_geom.plateau.problem import PlateauProblem
+from spinor_geom.plateau.rims.capacity_path import all_on_path
+from spinor_geom.plateau.rims.energy import RimsProblem
+from spinor_geom.plateau.rims.rims_route import RimsSolver
+from spinor_geom.plateau.rims.starts import Rim, start_between
 from tests.plateau.rims import CATENOIDS, SKEW_AREA, coaxial, linked, ring, sampled, skew
 
 
@@ -163,9 +164,9 @@ def test_unstable_catenoid_on_request():
 
 def test_an_unstable_annulus_of_a_network_is_left_for_a_stable_one(monkeypatch):
     stable, unstable = solve_plateau(coaxial(0.5), all_solutions=True)
-    task = Task.of(coaxial(0.5), Options(model=Laurent(modulus=4.0), unstable="keep"))
-    poor = replace(task.rims.on_circles(), route="annular network")
-    monkeypatch.setattr(NetworkSolver, "found_from", lambda *_: poor)
+    problem = PlateauProblem.of(coaxial(0.5), Options(model=Laurent(modulus=4.0), unstable="keep"))
+    poor = replace(RimsSolver(problem=problem).on_circles(), route="annular network")
+    monkeypatch.setattr(NetworkSolver, "solve", lambda *_: poor)
     left = solve_plateau(coaxial(0.5), model="cauchy")
     assert abs(left.area / stable.area - 1) < 1e-12
     assert "left an unstable" in left.reason
@@ -178,7 +179,7 @@ def test_inertia_of_the_energy_is_the_index_of_the_area(h):
     for number, formula in enumerate(coaxial(h)):
         curve = BoundaryCurve.from_formula(formula)
         ways = tuple(CurveTensors.of(way, torch.device("cpu")) for way in (curve, curve.reversed()))
-        rims.append(Rim(number=number, ways=ways))
+        rims.append(Rim(number=number, directions=ways))
     start = start_between(*rims, 48, back=True)
     problem = RimsProblem(curves=start.surface.curves)
     held = problem.stationary(replace(start.surface, held=True), tolerance=1e-6)

@@ -17,11 +17,11 @@ from spinor_geom.gallery.surfaces import enneper
 from spinor_geom.holomorphic.poles import polygon_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.found import Found
 from spinor_geom.plateau.options import Options
-from spinor_geom.plateau.request import Request
+from spinor_geom.plateau.problem import PlateauProblem
+from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.steps import Steps
-from spinor_geom.plateau.vertex_route import disk_through_points
+from spinor_geom.plateau.vertices.vertex_route import disk_through_points
 
 
 def cap(subdivisions: int, height: float) -> tuple[np.ndarray, np.ndarray]:
@@ -143,13 +143,13 @@ def test_steps_are_told_and_bounded() -> None:
 
 def test_a_start_far_from_the_points_is_no_surface(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = rim_of(3, 0.7)
-    request = Request.of([loop], Options(max_iterations=20))
+    problem = PlateauProblem.of([loop], Options(max_iterations=20))
 
-    def solved() -> Found:
-        return disk_through_points(replace(request, steps=Steps(limit=20)))
+    def solved() -> RouteResult:
+        return disk_through_points(replace(problem, steps=Steps(limit=20)))
 
-    assert solved().misfit.rms < request.allowed
-    monkeypatch.setattr("spinor_geom.plateau.vertex_route._FAR", 1e-3)
+    assert solved().misfit.rms < problem.allowed
+    monkeypatch.setattr("spinor_geom.plateau.vertices.vertex_route._FAR", 1e-3)
     with pytest.raises(SurfaceError, match="edges away from the points"):
         solved()
     monkeypatch.undo()

@@ -12,7 +12,7 @@ from spinor_geom.holomorphic import ComplexMLP, PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.problem import CurveTensors
+from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, train_by_levenberg_marquardt
 from spinor_geom.training.boundary import BoundaryNodes

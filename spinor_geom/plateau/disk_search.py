@@ -1,8 +1,10 @@
-"""Several minimal disks of one loop: unstable ones are left for better ones, and others are looked for.
+"""The search for several minimal disks of one loop, and for better ones beside unstable disks.
 
-It knows no solver: one is handed in as a function that makes a solution from a discrete disk. It must go to the nearest
-minimal disk, saddles of the area included, as Gauss-Newton on the boundary does.
+The solver is an argument: a function from a discrete disk to a solution. It must converge to the nearest minimal disk,
+stable or not, as Gauss-Newton on the boundary does.
 """
+
+from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -23,36 +25,38 @@ from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_pol
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
-from spinor_geom.plateau.found import FAILURES
+from spinor_geom.plateau.problem import PlateauProblem, start_indices
+from spinor_geom.plateau.route_result import FAILURES
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.stability import AMPLITUDES, lowest_modes
 from spinor_geom.plateau.steps import Steps
 
-# Growth of the triangles inwards: finer than a first fill, whose area may have no descent where the surface's has.
-_GROWTH = 0.1
-# Two disks of one area and of one normal along Γ are the same (a minimal surface is determined by its normal along a
-# curve): as many radians normals differ by, as RMS, where they are not. Twins over the tennis seam a = 0.76 are 0.18
-# apart, one disk found twice 3e-4.
+_GROWTH = 0.1  # growth of triangles inwards, finer than in a first fill, so that the area has the surface's descents
+# RMS difference of the normals along Γ, in radians, up to which disks of equal area are the same: a minimal surface is
+# determined by its normal along a curve. Twins over the tennis seam a = 0.76 differ by 0.18, one disk found twice by
+# 3e-4.
 _SAME_NORMAL = 0.1
-# Starts in all, and unstable disks that are left one after the other: three disks take 5, and a solver that finds
-# another one each time is not followed for ever.
-_MOST_STARTS = 24
+_MOST_STARTS = 24  # largest number of starts, and of unstable disks in a row; three disks take 5 starts
 
-
-# Makes a solution from a discrete disk over the rim; raises one of the failures where that leads to none.
+# A solver: the solution from a discrete disk over the loop. It raises one of `FAILURES` where there is none.
 Solve: TypeAlias = Callable[[Disk], PlateauSolution]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Rim:
-    """The points of a loop that stand for it in discrete disks."""
+class ThinnedLoop:
+    """A loop and the points of it that are the boundary of discrete disks."""
 
     loop: BoundaryLoop
-    indices: Int[np.ndarray, " m"]  # of the points in it, ascending
+    indices: Int[np.ndarray, " m"]  # ascending
+
+    @classmethod
+    def of(cls, problem: PlateauProblem) -> ThinnedLoop:
+        """The loop of a disk, in the caller's coordinates."""
+        return cls(loop=problem.loop, indices=start_indices(problem.unit))
 
     @cached_property
     def points(self) -> Float[np.ndarray, "m 3"]:
-        """The points."""
+        """Positions of the points."""
         return np.asarray(self.loop.points[self.indices])
 
     @cached_property
@@ -61,18 +65,18 @@ class Rim:
 
     @cached_property
     def round_mesh(self) -> PlaneTriangulation:
-        """A mesh of the disk whose circle is as long as the rim, the rim's points on it by their distances."""
+        """A mesh of the disk with the rim's perimeter, the rim's points on its circle by arc length."""
         length = self._edges.sum()
         along = np.append(0.0, np.cumsum(self._edges)[:-1]) / length
         circle = length / (2 * np.pi) * np.exp(2j * np.pi * along)
         return triangulate_polygon(circle, graded_size(circle, growth=_GROWTH))
 
     def round_disk(self) -> Disk:
-        """The harmonic disk over a plane one: it has the symmetries of the loop, where a triangulation breaks them."""
+        """The harmonic disk over the round mesh, which has the symmetries of the loop."""
         return _disk(_harmonic(self.round_mesh, self.points), self.round_mesh)
 
     def mean(self, values: Float[np.ndarray, " m"]) -> float:
-        """Mean of values at the points by the length of their edges, without corners, where they may not exist."""
+        """Mean of values at the points by arc length, without corners, where normals may not exist."""
         smooth = ~self.loop.corners[self.indices]
         counted = smooth if smooth.any() else ~smooth
         weight = self._edges + np.roll(self._edges, 1)
@@ -84,7 +88,7 @@ class Rim:
         return triangulate_polygon(polygon, graded_size(polygon, growth=_GROWTH))
 
     def positions(self, solution: PlateauSolution, mesh: PlaneTriangulation) -> Float[np.ndarray, "n 3"]:
-        """A solution's positions at the vertices of a mesh of its Ω, with the rim's own at its boundary."""
+        """A solution's positions at the vertices of a mesh of its Ω; those of the rim at the boundary."""
         x = solution.surface.position(mesh.points)
         x[: mesh.boundary_size] = self.points
         return x
@@ -94,7 +98,7 @@ class Rim:
         mesh, target = self.domain_mesh(solution), self.round_mesh
         m = mesh.boundary_size
         circle = target.points[:m]
-        # harmonic onto a convex domain, with a Delaunay mesh's positive weights: one to one
+        # one to one: harmonic onto a convex domain, with positive weights
         plane = _harmonic(mesh, plane_coordinates(circle))
         x = self.positions(solution, mesh)
         moved = LinearNDInterpolator(plane, x)(target.points[m:].real, target.points[m:].imag)
@@ -104,9 +108,12 @@ class Rim:
 def leave_unstable(
     solution: PlateauSolution, lower: Callable[[PlateauSolution], PlateauSolution | None], where: str
 ) -> PlateauSolution:
-    """The last of the disks to which an unstable one is left, one of less area after the other; its reason says so.
+    """Replaces an unstable disk by disks of less area until one is stable; the reason reports it.
 
-    `lower` finds a disk of less area than an unstable one, or none; `where` it looks is the end of a sentence.
+    Args:
+        solution: a disk.
+        lower: finds a disk of less area than an unstable one, or None.
+        where: where `lower` searches, as the end of a sentence.
     """
     left: list[float] = []
     if is_out_of_time():
@@ -115,7 +122,7 @@ def leave_unstable(
         try:
             better = lower(solution)
         except OutOfTimeError:
-            better, where = None, "within the time that was allowed"
+            better, where = None, "within the time limit"
         if better is None:
             break
         left.append(solution.area)
@@ -128,11 +135,11 @@ def leave_unstable(
     return solution if reason == solution.reason else replace(solution, reason=reason)
 
 
-def lower_beside(solution: PlateauSolution, rim: Rim, solve: Solve, steps: Steps) -> PlateauSolution | None:
-    """The first disk of less area beside an unstable one, no farther from Γ; None where no try leads to one.
+def lower_beside(solution: PlateauSolution, rim: ThinnedLoop, solve: Solve, steps: Steps) -> PlateauSolution | None:
+    """The first disk of less area beside an unstable one, no farther from Γ; None if no start leads to one.
 
-    The disk is moved along an eigenvector of its second variation to the least area, the area descends from there, and
-    the solver starts from the discrete disk that this leads to.
+    The disk is moved along an eigenvector of its second variation to the least area; area descent from there gives the
+    discrete disk that the solver starts from.
     """
     for direction in _departures(solution, rim):
         for disk in direction:
@@ -145,23 +152,22 @@ def lower_beside(solution: PlateauSolution, rim: Rim, solve: Solve, steps: Steps
             if _is_lower(again, solution):
                 if again.converged or again.boundary_residual.rms <= solution.boundary_residual.rms:
                     return again
-                break  # from farther along the solver would only come here again
+                break  # larger displacements lead to the same disk
     return None
 
 
-def find_disks(rim: Rim, solve: Solve) -> tuple[PlateauSolution, ...]:
+def find_disks(rim: ThinnedLoop, solve: Solve) -> tuple[PlateauSolution, ...]:
     """Minimal disks of one loop, sorted by area.
 
-    Starts: the unfolded least-area triangulation, and the harmonic disk over a plane one. Every unstable disk is left
-    to both sides along each of its eigenvectors. Where Γ bounds no degenerate disk, Σ(−1)^index = 1 over all disks;
-    while the sum is larger, the averages of pairs of stable disks are starts too, because between two minima there is a
-    saddle.
+    Starts are a first discrete disk, the harmonic disk over a round one, and displacements of every unstable disk in
+    both directions of its eigenvectors. If Γ bounds no degenerate disk, Σ(−1)^index = 1 over all disks. While the sum
+    is larger, averages of pairs of stable disks are starts too, because there is a saddle between two minima.
 
     Returns:
-        Different disks, all converged; the nearest one alone where none converged.
+        Different disks, all converged; only the nearest one if none converged.
 
     Raises:
-        DomainError, FirstFillError, SingularMatrixError: no start led to a solution; that of the first one.
+        DomainError, FirstFillError, SingularMatrixError: no start led to a solution; the error of the first start.
 
     Source: Dierkes, Hildebrandt & Tromba, Global Analysis of Minimal Surfaces (2010), for the sum over the indices.
     """
@@ -180,11 +186,11 @@ def find_disks(rim: Rim, solve: Solve) -> tuple[PlateauSolution, ...]:
 
 @dataclass(kw_only=True, eq=False)
 class _Entry:
-    """A disk that was found, its normals at the rim's points, and whether it was left along its eigenvectors."""
+    """A disk, its normals at the rim's points, and whether its unstable directions were searched."""
 
     solution: PlateauSolution
     normals: Float[np.ndarray, "m 3"]
-    left: bool = False
+    searched: bool = False
 
     @property
     def residual(self) -> float:
@@ -192,16 +198,16 @@ class _Entry:
 
     @property
     def sign(self) -> int:
-        """(−1)^index; 0 where the index is not known."""
+        """(−1)^index; 0 if the index is not known."""
         index = self.solution.stability.index
         return 0 if index is None else 1 - 2 * (index % 2)
 
 
 @dataclass(kw_only=True, eq=False)
 class _Search:
-    """Different disks of one loop, and what has been tried to find them."""
+    """The different disks found so far, and the failed starts."""
 
-    rim: Rim
+    rim: ThinnedLoop
     solve: Solve
     entries: list[_Entry] = field(default_factory=list)
     poor: list[PlateauSolution] = field(default_factory=list)
@@ -209,7 +215,7 @@ class _Search:
     starts: int = 0
 
     def start(self, make_disk: Callable[[], Disk]) -> PlateauSolution | None:
-        """The solution from a disk that is yet to be made, kept if it converged and is new; None if there is none."""
+        """Solves from a start and keeps a new converged solution; None if there is no solution."""
         self.starts += 1
         if self.starts > _MOST_STARTS or is_out_of_time():
             return None
@@ -236,9 +242,9 @@ class _Search:
         return apart <= _area_error(a.solution, b.solution) and turned <= _SAME_NORMAL
 
     def leave_all(self) -> None:
-        """Starts to both sides of every unstable disk along its eigenvectors, and of those that this finds."""
-        while waiting := [e for e in self.entries if not e.left and e.solution.stability.verdict == "unstable"]:
-            waiting[0].left = True
+        """Starts from displacements of every unstable disk, also of those that this finds."""
+        while waiting := [e for e in self.entries if not e.searched and e.solution.stability.verdict == "unstable"]:
+            waiting[0].searched = True
             unstable = waiting[0].solution
             for direction in _departures(unstable, self.rim):
                 for disk in direction:
@@ -247,16 +253,15 @@ class _Search:
                         break
 
     def ridge(self, first: _Entry, second: _Entry) -> Disk:
-        """The average of two disks, nearly minimal."""
+        """The average of two disks after one step of area descent; more steps would lead to one of the minima."""
         one, other = (self.rim.round_positions(entry.solution) for entry in (first, second))
         mesh = self.rim.round_mesh
-        # more steps than one would slide off the ridge
         return descend_area(
             (one + other) / 2, mesh.faces, mesh.boundary_size, relative_change=FINE_CHANGE, max_iterations=1
         )
 
     def open_pairs(self) -> Iterator[tuple[_Entry, _Entry]]:
-        """Pairs of stable disks, nearest in area to the least first, while the list is not complete."""
+        """Pairs of stable disks, those of least area first, while Σ(−1)^index > 1."""
         used: set[tuple[int, int]] = set()
         while sum(entry.sign for entry in self.entries) > 1:
             minima = [entry for entry in self.entries if entry.solution.stability.index == 0]
@@ -270,7 +275,7 @@ class _Search:
     def result(self) -> tuple[PlateauSolution, ...]:
         """The solutions by area."""
         different: list[_Entry] = []
-        # once more, the best first: poor fits may not have been known for the same disk
+        # compared again, the best first: poor fits of one disk may have counted as different
         for entry in sorted(self.entries, key=lambda entry: entry.residual):
             if not any(self._are_one(entry, other) for other in different):
                 different.append(entry)
@@ -282,24 +287,24 @@ class _Search:
         raise self.errors[0]
 
 
-def _departures(solution: PlateauSolution, rim: Rim) -> Iterator[Iterator[Disk]]:
-    """For each unstable eigenvector and each side discrete disks beside an unstable disk, the most promising first."""
+def _departures(solution: PlateauSolution, rim: ThinnedLoop) -> Iterator[Iterator[Disk]]:
+    """Discrete disks beside an unstable disk, for each unstable eigenvector and direction, the best ones first."""
     try:
         mesh = rim.domain_mesh(solution)
-    except DomainError:  # points that slid together make no polygon: there is no mesh to move
+    except DomainError:  # points of the boundary coincide
         return
     m = mesh.boundary_size
-    if len(mesh.points) == m:  # nothing that could move
+    if len(mesh.points) == m:  # no inner vertices
         return
     x = rim.positions(solution, mesh)
     normal = solution.surface.normal(mesh.points)
-    normal[:m] = 0  # it may not exist at corners
+    normal[:m] = 0
     try:
         _, modes = lowest_modes(solution.surface, mesh, solution.stability.index or 1)
-    except SingularMatrixError:  # nor do triangles without area tell where to
+    except SingularMatrixError:  # triangles without area
         return
     for mode in modes.T:
-        # a mode's own sign is arbitrary
+        # the sign of an eigenvector is arbitrary
         mode = mode * np.sign(mode[np.abs(mode).argmax()])
         for side in (1.0, -1.0):
             yield _beside(x, side * rim.loop.diagonal * mode[:, None] * normal, mesh)
@@ -308,29 +313,29 @@ def _departures(solution: PlateauSolution, rim: Rim) -> Iterator[Iterator[Disk]]
 def _beside(
     x: Float[np.ndarray, "n 3"], displacement: Float[np.ndarray, "n 3"], mesh: PlaneTriangulation
 ) -> Iterator[Disk]:
-    """Disks that a displacement leads to: by area descent where the mesh has one, then without."""
+    """Disks along a displacement: after area descent if the area decreases, then without."""
     faces = mesh.faces
     areas = np.array([face_areas(x + a * displacement, faces).sum() for a in AMPLITUDES])
     if areas.min() < face_areas(x, faces).sum():
         start = x + AMPLITUDES[areas.argmin()] * displacement
         try:
             descent = descend_area(start, faces, mesh.boundary_size, relative_change=FINE_CHANGE)
-        except SingularMatrixError:  # triangles collapsed on the way
+        except SingularMatrixError:  # triangles collapsed
             pass
         else:
             yield _disk(descent.vertices, mesh)
-    # large ones: from beyond a new disk Newton's method goes to it, from short of it back to the old one
+    # large amplitudes: from small ones Newton's method returns to the old disk
     for amplitude in AMPLITUDES[:3]:
         yield _disk(x + amplitude * displacement, mesh)
 
 
 def _is_lower(solution: PlateauSolution, other: PlateauSolution) -> bool:
-    """Whether its area is surely less."""
+    """Whether its area is less by more than the error."""
     return solution.area < other.area - _area_error(solution, other)
 
 
 def _area_error(a: PlateauSolution, b: PlateauSolution) -> float:
-    """Difference of area that two fits of one disk may have: the first variation of area is at most ∮ |δr| ds."""
+    """Largest difference of the areas of two fits of one disk: the first variation is at most ∮ |δr| ds."""
     residuals = a.boundary_residual.rms + b.boundary_residual.rms
     return float(np.sqrt(np.finfo(np.float64).eps)) * max(a.area, b.area) + residuals * a.loop.perimeter
 

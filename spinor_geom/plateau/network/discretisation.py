@@ -1,10 +1,9 @@
-"""The network and the nodes of one round of a fit, its residual between them, and their refinement where that is.
+"""The network and nodes of one round of a fit, the residual between the nodes, and their refinement.
 
-A conformal map takes three boundary points where one wants; with n corners n − 3 moduli of Ω, or n around a hole, must
-be right before a surface over Ω can have all its corners on Γ's. A domain flattened from a mesh has them to a few
-digits, and is moved with the fit along fields v = conj(g), g holomorphic with g' = 0 at the corners: conformal there,
-so that the angles stay, and undone by no holomorphic change of coordinates. Between two rims without corners the hole
-grows or shrinks.
+With n corners, n − 3 conformal moduli of Ω (n around a hole) must be right before a surface over Ω can have all its
+corners on those of Γ. A domain flattened from a mesh has the moduli to a few digits. The fit moves it along fields
+v = conj(g), with g holomorphic and g' = 0 at the corners: they keep the angles there and change the moduli. Between two
+rims without corners the hole grows or shrinks.
 """
 
 from __future__ import annotations
@@ -25,29 +24,29 @@ from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_b
 from spinor_geom.domain.quadrature import Panels
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import Poles, corner_poles, edge_poles, place_poles, refining_poles
-from spinor_geom.plateau.gauss_newton import Fit
+from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.problem import CurveTensors, PlateauProblem, way_across
+from spinor_geom.plateau.network.gauss_newton import Fit
+from spinor_geom.plateau.network.network_problem import NetworkProblem, path_across
 
-# Most features of p and q each, of four real unknowns: with 300 a step of the fit takes a quarter of a second, and its
-# time grows with the cube.
+# Largest number of features, with four real unknowns each. With 300 a step takes a quarter of a second; the time grows
+# with the cube.
 _MAX_FEATURES = 420
-# Gauss-Newton steps from a matched point of Γ to the nearest one: two or three are taken where they are not far apart.
-_PROJECTIONS = 5
+_PROJECTIONS = 5  # largest number of Gauss-Newton steps to the nearest point of Γ
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Discretisation:
-    """Poles and panels, and the network made from them."""
+    """Poles, panels of nodes, and the network made from them."""
 
     domain: PlaneDomain  # Ω
     curves: tuple[CurveTensors, ...]  # Γ, one for each boundary of Ω
-    corners: tuple[Float[np.ndarray, " _"], ...]  # of each, its parameters at the corners of Ω, ascending in one turn
+    corners: tuple[Float[np.ndarray, " _"], ...]  # parameters of each curve at the corners of Ω, ascending
     poles: Poles  # poles outside Ω
     breaks: tuple[Float[np.ndarray, " _"], ...]  # ends of the panels on each boundary
     degree: int  # of the polynomials
-    at_corner: int  # number of poles that are clustered at each corner
-    branch: complex | None  # the point in the hole around which p and q change their sign; none where they do not
+    at_corner: int  # number of poles clustered at each corner
+    branch: complex | None  # a point in the hole around which p and q change sign; None if they do not
 
     @classmethod
     def first(
@@ -61,10 +60,16 @@ class Discretisation:
         tolerance: float,
         branch: complex | None = None,
     ) -> Discretisation:
-        """One pole a boundary vertex, panels between the vertices and shorter towards corners.
+        """One pole for each boundary vertex, and panels between the vertices, shorter towards corners.
 
-        The offset of the poles is in local edges; corners take fewer poles for a loose tolerance, the RMS distance from
-        Γ in mean edges.
+        Args:
+            domain: Ω.
+            curves: Γ.
+            corners: see above.
+            degree: degree of the polynomials.
+            offset: distance of the poles from ∂Ω, in local edges.
+            tolerance: RMS distance from Γ in mean edges; corners have more poles for a small one.
+            branch: see above.
         """
         at_corner = corner_poles(tolerance)
         return cls(
@@ -80,10 +85,10 @@ class Discretisation:
 
     @cached_property
     def panels(self) -> Panels:
-        """Nodes on ∂Ω, four equations per unknown.
+        """Nodes on ∂Ω, four equations for each unknown.
 
         With 1.5 the residual at the nodes of a rough loop can be a hundredth of that between them, and the iteration
-        wanders off.
+        diverges.
         """
         unknowns = 4 * (self.degree + 1 + len(self.poles.positions))
         count = sum(len(some) - 1 for some in self.breaks)
@@ -91,7 +96,7 @@ class Discretisation:
 
     @cached_property
     def network(self) -> CauchyNetwork:
-        """Features orthonormal on the nodes."""
+        """The network, with features orthonormal on the nodes."""
         return self._network_with(self.poles)
 
     def _network_with(self, poles: Poles) -> CauchyNetwork:
@@ -106,15 +111,16 @@ class Discretisation:
         )
 
     @cached_property
-    def problem(self) -> PlateauProblem:
-        """The same as tensors."""
-        return PlateauProblem.on_panels(self.domain, self.panels, self.network, self.curves, self.corners)
+    def problem(self) -> NetworkProblem:
+        """The boundary problem on the nodes."""
+        return NetworkProblem.on_panels(self.domain, self.panels, self.network, self.curves, self.corners)
 
     def refined(self, energy: Float[np.ndarray, " panels"], goal: float) -> Discretisation | None:
-        """More poles and shorter panels where the residual is; None where nothing more may be added.
+        """More poles and shorter panels where the residual is large; None if no more features are allowed.
 
-        The energy is the integral of the squared residual over each panel; those matter until the ones left out have
-        less than half of goal² together.
+        Args:
+            energy: integral of the squared residual over each panel.
+            goal: the panels that are not refined have less than goal²/2 together.
         """
         order = np.argsort(energy)
         matter = np.empty(len(energy), dtype=bool)
@@ -134,12 +140,12 @@ class Discretisation:
 
     @property
     def is_full(self) -> bool:
-        """Whether no more poles may be added."""
+        """Whether no more poles are allowed."""
         return self.degree + len(self.poles.positions) + 2 > _MAX_FEATURES
 
     @property
     def room(self) -> float:
-        """How many times as many features there may be."""
+        """Ratio of the largest number of features to the present one."""
         return _MAX_FEATURES / self.network.mixing.shape[1]
 
     def share_at_corners(self, energy: Float[np.ndarray, " panels"]) -> float:
@@ -151,29 +157,29 @@ class Discretisation:
 
     @property
     def has_moduli(self) -> bool:
-        """Whether Ω has a hole, or more corners than a conformal map can place where it wants."""
+        """Whether Ω has conformal moduli: a hole, or more than three corners."""
         return bool(self.domain.holes) or bool(np.count_nonzero(self.domain.boundary.corners) > 3)
 
     @cached_property
     def _modulus_fields(self) -> ModulusFields:
         if self.domain.holes and not self.domain.corners.any():
             return ModulusFields.of_hole(self.domain, self.panels)
-        # without the poles clustered at the corners: what they resolve, the moved boundary's spline would not
-        z = torch.as_tensor(np.append(self.panels.z, way_across(self.domain)[0]), device=self.problem.dz.device)
+        # without the poles clustered at the corners, which are finer than the spline of the moved boundary
+        z = torch.as_tensor(np.append(self.panels.z, path_across(self.domain)[0]), device=self.problem.dz.device)
         smooth = replace(self, branch=None)._network_with(edge_poles(self.domain)).features(z)
         return ModulusFields.of_corners(self.domain, self.panels, smooth.cpu().numpy())
 
     @property
-    def flexible_problem(self) -> PlateauProblem:
-        """The problem with an unknown for each field along which Ω may move."""
+    def flexible_problem(self) -> NetworkProblem:
+        """The problem with an unknown for each modulus field of Ω."""
         return replace(self.problem, fields=torch.as_tensor(self._modulus_fields.nodes, device=self.problem.dz.device))
 
     def length_of_move(self, fit: Fit) -> float:
-        """Longest way of a vertex of ∂Ω when it moves as a fit asks."""
+        """Longest move of a vertex of ∂Ω by a fit's amounts."""
         return float(np.abs(self._modulus_fields.vertices @ fit.amounts.cpu().numpy()).max(initial=0.0))
 
     def moved(self, fit: Fit, *, offset: float) -> Discretisation:
-        """The discretisation of Ω moved along its modulus fields as a fit asks, poles placed anew."""
+        """The discretisation of Ω moved by a fit's amounts, with new poles."""
         domain = self._modulus_fields.moved(self.domain, fit.amounts.cpu().numpy())
         rims = zip(self.breaks, self.domain.boundaries, domain.boundaries, strict=True)
         return replace(
@@ -188,7 +194,7 @@ class Discretisation:
         return self.problem.features[: self.problem.nodes].mH @ (self.problem.arc_weights[:, None] * spinors)
 
     def matchings(self, fit: Fit) -> tuple[Float[np.ndarray, "_ 2"], ...]:
-        """Pairs (t, s) of a fit, increasing, of each boundary with its own t from 0 to 1."""
+        """`RimMatch.matching` of each boundary."""
         slides = self.problem.by_rim(fit.slide.detach())
         return tuple(
             np.column_stack([t, slide.cpu().numpy()])
@@ -196,7 +202,7 @@ class Discretisation:
         )
 
     def transferred(self, other: Discretisation, fit: Fit) -> tuple[Complex[Tensor, "n 2"], Float[Tensor, " nodes"]]:
-        """Read-outs and slide here of a fit made with another discretisation, of Ω or of a domain moved a little."""
+        """Read-outs and slide of a fit that was made with another discretisation."""
         domains = zip(self.panels.own_parameters, self.domain.boundaries, other.domain.boundaries, strict=True)
         rims = [np.interp(t, here.parameters, there.parameters) for t, here, there in domains]
         points = [boundary.point(t) for boundary, t in zip(other.domain.boundaries, rims, strict=True)]
@@ -208,7 +214,7 @@ class Discretisation:
 
 
 def interpolate_matching(matching: Float[np.ndarray, "n 2"], t: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """Curve parameters s at parameters t of ∂Ω, linear between the pairs and continued around the circle."""
+    """Curve parameters s at parameters t of ∂Ω, by periodic linear interpolation of the pairs."""
     around = np.concatenate([matching[-1:] - 1, matching, matching[:1] + 1])
     return np.asarray(np.interp(t, around[:, 0], around[:, 1]))
 
@@ -216,16 +222,17 @@ def interpolate_matching(matching: Float[np.ndarray, "n 2"], t: Float[np.ndarray
 def independent_residual(
     stage: Discretisation, fit: Fit, *, points: int
 ) -> tuple[Misfit, Float[np.ndarray, " panels"]]:
-    """Distance to Γ on panels of another order, that share no node with those of the fit.
+    """Distance to Γ on panels of another order, which share no node with those of the fit.
 
-    Each point is projected on Γ near its matched parameter, not on the nearest part of Γ: a boundary that lies on the
-    wrong part of the curve is not excused. The second answer is the integral of the squared distance over each panel by
-    arc length of ∂Ω, which has length 1 there.
+    Each point is projected on Γ near its matched parameter, so that a boundary on the wrong part of Γ is far from it.
+
+    Returns:
+        The misfit, and the integral of the squared distance over each panel; ∂Ω counts with length 1.
     """
     count = len(stage.panels.ends)
     order = max(stage.panels.order + 3, int(np.ceil(3 * points / count)))
     dense = Panels.around(stage.domain, stage.breaks, order)
-    problem = PlateauProblem.on_panels(stage.domain, dense, stage.network, stage.curves, stage.corners)
+    problem = NetworkProblem.on_panels(stage.domain, dense, stage.network, stage.curves, stage.corners)
     velocity = problem.velocities(fit.readout)
     r = problem.integrate(velocity).real + fit.constant
     pairs = zip(stage.matchings(fit), dense.own_parameters, strict=True)
@@ -236,7 +243,7 @@ def independent_residual(
         squares.append((position - curve.point_and_derivative(parameter)[0]).square().sum(1))
         rims.append(Misfit.of(position, parameter, curve))
     misfit = Misfit.together(rims)
-    # closing it moves the boundary by about as much
+    # closing the gap moves the boundary by about as much
     gap = float(problem.around_hole(velocity).real.norm())
     energy = (problem.arc_weights * torch.cat(squares)).reshape(count, order).sum(1)
     return misfit.and_astray(gap), energy.cpu().numpy()
@@ -257,31 +264,29 @@ def projected(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModulusFields:
-    """Vector fields on ∂Ω that change the moduli of Ω: conj(g), which keeps its corners' angles, or a hole's growth."""
+    """Vector fields on ∂Ω that change the moduli of Ω: conj(g), which keeps the corners' angles, or a hole's growth."""
 
-    # at the nodes of the panels they were made with, one field a column, in units of Ω
-    nodes: Complex[np.ndarray, "nodes k"]
-    # at the vertices of ∂Ω, or of its hole; each field is as large as Ω's diameter at most
-    vertices: Complex[np.ndarray, "m k"]
+    nodes: Complex[np.ndarray, "nodes k"]  # at the nodes of the panels, in units of Ω
+    vertices: Complex[np.ndarray, "m k"]  # at the vertices of ∂Ω, or of its hole; at most Ω's diameter
 
     @classmethod
     def of_corners(cls, domain: PlaneDomain, panels: Panels, features: Complex[np.ndarray, "all n"]) -> ModulusFields:
-        """As many fields as a domain with corners has moduli: three fewer than these, or as many around a hole.
+        """A field for each modulus of a domain with corners: n − 3 for n corners, or n around a hole.
 
         The moves of least strain that change the moduli have g' a quadratic differential of Ω: holomorphic, with g'dz²
-        real along ∂Ω. Of all g' made of the features, at nodes and on the way to a hole, that vanish at the corners,
-        those nearest to this are taken. On a strip they stretch it along its length, however it winds.
+        real along ∂Ω. The fields are the combinations of features, vanishing at the corners, that are nearest to this.
+        On a strip they stretch it along its length.
 
         Source: Ahlfors, "Lectures on quasiconformal mappings" (1966), chapter VI, for the pairing.
         """
         corner = domain.vertices[domain.corners]
         count = len(corner) - (0 if domain.holes else 3)
-        (way, steps), nodes = way_across(domain), len(panels.z)
+        (way, steps), nodes = path_across(domain), len(panels.z)
         still = np.prod((np.append(panels.z, way)[:, None] - corner) / domain.diameter, axis=1)
         slopes = (still / np.abs(still).max())[:, None] * features
         if domain.holes:
             outer = panels.rims[0] * panels.order
-            # g is to be the same after a turn around the hole
+            # g must be single-valued around the hole
             slopes = slopes @ scipy.linalg.null_space(((panels.dz * panels.weights)[:outer] @ slopes[:outer])[None])
         g_slopes = slopes @ _nearest_to_real(slopes[:nodes], panels, count)
         by_panel = (g_slopes[:nodes] * panels.dz[:, None]).reshape(-1, panels.order, count)
@@ -296,7 +301,7 @@ class ModulusFields:
 
     @classmethod
     def of_hole(cls, domain: PlaneDomain, panels: Panels) -> ModulusFields:
-        """The field along the hole's normals: longer where there is room, it keeps it near to a level curve."""
+        """The field along the hole's normals, larger where the gap to the outer boundary is wide."""
         (hole,), outer = domain.holes, domain.boundary.vertices
         w = hole.vertices
         ahead, back = np.roll(w, -1) - w, w - np.roll(w, 1)
@@ -312,7 +317,7 @@ class ModulusFields:
         return cls(nodes=nodes[:, None], vertices=field[:, None])
 
     def moved(self, domain: PlaneDomain, amounts: Float[np.ndarray, " k"]) -> PlaneDomain:
-        """Ω with its hole grown, or with all its vertices moved, at most by a tenth of its diameter."""
+        """Ω with its hole changed, or with all vertices moved by at most a tenth of its diameter."""
         move = self.vertices @ amounts
         if len(move) < len(domain.vertices):
             hole = SplineBoundary.through(domain.holes[0].vertices + move)
@@ -327,7 +332,7 @@ class ModulusFields:
 
 
 def _nearest_to_real(f: Complex[np.ndarray, "nodes n"], panels: Panels, count: int) -> Complex[np.ndarray, "n {count}"]:
-    """Coefficients of the combinations of functions f with the least ∮|Im f dz²/|dz|²|² |dz| for their ∮|f|² |dz|."""
+    """Coefficients of the combinations of functions f with the least ratio of ∮|Im f dz²/|dz|²|² |dz| to ∮|f|² |dz|."""
     root = np.sqrt(panels.arc_weights)[:, None]
     along = root * (panels.dz / np.abs(panels.dz))[:, None] ** 2 * f
     imaginary = np.concatenate([along.imag, along.real], axis=1)

@@ -1,17 +1,14 @@
 """The route for rough rims: the minimal surface through their points that is nearest to a discrete or a smooth one.
 
-Of a mesh's rim only the points are in the mesh, so between them Γ is the surface's own boundary. Long edges are kept
-straight by points on them: the surface's own boundary would bulge there by many of the edges beside them. n points ask
-for 3n equations for the read-outs of p and q, fewer than there are. Of their solutions the one is taken that is nearest
-to p and q of a start, in the H¹ norm on ∂Ω: p and q hardly vary along an edge, and Γ keeps near to the rim's edges.
-Nothing slides, and two to six Newton steps are enough.
+A mesh has only the points of a rim, so Γ between them is the surface's own boundary. Points are added on long edges,
+where that boundary would bulge. n points give 3n equations for the read-outs of p and q, fewer than unknowns. The
+solution nearest to the p and q of a start in the H¹ norm on ∂Ω is taken: then p and q hardly vary along an edge, and Γ
+stays near the rim's edges. There is no slide, and two to six Newton steps suffice.
 
-For one rim the start is a discrete minimal disk, and Ω that disk flattened with its boundary lengths kept. For several
-it is the smooth surface over averages of the rims, on a circular domain; where that comes nearest to each point, along
-its tangent planes, is the point's place, and the polygons through these places, circles with the rims' teeth, bound Ω.
-p and q are sums of Cauchy units, beside each edge for the teeth, and deeper in each hole and as polynomials for what is
-smooth: powers of the circles' coordinates would be too coarse where places crowd. Three equations a hole make Re ∮ φ dz
-= 0.
+For one rim the start is a discrete minimal disk, and Ω is the disk flattened with its boundary lengths. For several
+rims the start is the smooth surface over averages of the rims, on a circular domain. Its nearest points to the rims'
+points, along the tangent planes, are the vertices of ∂Ω. p and q are sums of polynomials and Cauchy units, with poles
+beside each edge and deeper in each hole. Three equations for each hole make Re ∮ φ dz = 0.
 """
 
 from collections.abc import Sequence
@@ -23,7 +20,6 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import Flattening, flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
@@ -35,29 +31,35 @@ from spinor_geom.holomorphic.poles import Poles, polygon_poles
 from spinor_geom.holomorphic.series import power_sums
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import piece_places, through
-from spinor_geom.plateau.found import Found
-from spinor_geom.plateau.lift import Lift
+from spinor_geom.plateau.harmonic.lift import Lift
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.problem import way_to
-from spinor_geom.plateau.request import Request
-from spinor_geom.plateau.start import images_in_plane, lifted_spinors
+from spinor_geom.plateau.network.initial_spinors import images_in_plane, lifted_spinors
+from spinor_geom.plateau.network.network_problem import path_to
+from spinor_geom.plateau.problem import PlateauProblem, Route
+from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.steps import Steps
-from spinor_geom.plateau.through_points import DEGREE, NODES, Basis, Passing, nearest_through, nodes_on_edges
+from spinor_geom.plateau.vertices.through_points import DEGREE, NODES, Basis, Passing, nearest_through, nodes_on_edges
 from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.interior import RimPrimitive
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# So many edges away from the points no start has led to a surface through them, and a boundary that leaves the loop's
-# edges by as many would cross what is beside them; of rims cut along triangles one in seven goes beyond half of it.
+# Largest distance of a start from the points, and of Γ from the rim's edges, in mean edges. No start beyond it
+# converged; of rims cut along triangles one in seven exceeds half of it.
 _FAR = 2.0
 
 
-def disk_through_points(request: Request, first: Disk | None = None) -> Found:
-    """The minimal disk through the points of a rough loop, as nearly as they can be met, next to a discrete one."""
-    loop, device, allowed = request.unit, request.options.device, request.allowed
-    (points, are_own), clock = request.pinned, request.clock
+def disk_through_points(problem: PlateauProblem) -> RouteResult:
+    """The minimal disk through the points of a rough loop that is nearest to a discrete minimal disk.
+
+    Raises:
+        SurfaceError: the start is too far from conformal, or Γ runs too far from the loop's edges.
+        DomainError: the disk has no simple flattening.
+        OutOfTimeError: time ran out.
+    """
+    loop, device, allowed = problem.unit, problem.options.device, problem.allowed
+    (points, are_own), clock = problem.pinned, problem.clock
     with clock.stage("first fill"):
-        disk = first or first_disk(points)
+        disk = problem.start or first_disk(points)
     with clock.stage("flattening"):
         flat = flatten(disk.vertices, disk.faces, len(points))
         images = images_in_plane(disk.vertices, disk.faces, flat.boundary)
@@ -70,11 +72,11 @@ def disk_through_points(request: Request, first: Disk | None = None) -> Found:
                 polygon = torch.as_tensor(flat.boundary, device=device)
                 basis = Basis.on([polygon], [polygon_poles(flat.boundary)], nodes=nodes)
             with clock.stage("fit"):
-                raw = _fitted(basis, spinors, raw, request)
+                raw = _fitted(basis, spinors, raw, problem)
         except OutOfTimeError:
             if raw is None:
                 raise
-            break  # the surface by fewer nodes is there
+            break  # keep the surface of fewer nodes
         with clock.stage("surface"):
             surface = SpinorSurface(basis.network(raw), domain).to(device)
             (rim,) = surface.rim_primitives(2 * nodes)
@@ -97,26 +99,29 @@ def disk_through_points(request: Request, first: Disk | None = None) -> Found:
         return found
 
 
+THROUGH_POINTS = Route("vertices", disk_through_points)
+
+
 def _fitted(
-    basis: Basis, spinors: Complex[Tensor, "n 2"], raw: Complex[Tensor, "k 2"] | None, request: Request
+    basis: Basis, spinors: Complex[Tensor, "n 2"], raw: Complex[Tensor, "k 2"] | None, problem: PlateauProblem
 ) -> Complex[Tensor, "k 2"]:
-    """Read-outs that meet all points, nearest to p and q of a start in the middle of each edge; from `raw` on."""
+    """Read-outs that meet all points, nearest to spinors at the midpoints of the edges; from `raw` if given."""
     (rim,) = basis.rims
     start = rim.nearest_between(spinors)
     readout = start if raw is None else rim.norm.mH @ raw
-    wanted = torch.tensor(request.pinned[0], device=start.device)
+    wanted = torch.tensor(problem.pinned[0], device=start.device)
     here = Passing(basis=basis, points=(wanted,), raw=basis.raw(readout))
-    in_edges = here.distance / request.unit.mean_edge_length
+    in_edges = here.distance / problem.unit.mean_edge_length
     if not in_edges <= _FAR:
         raise SurfaceError(
             "the flattened discrete disk over the loop is too far from conformal: p and q of its frames lead "
             f"{in_edges:.0f} edges away from the points"
         )
-    return basis.raw(nearest_through(here, readout, start=start, allowed=request.allowed, steps=request.steps))
+    return basis.raw(nearest_through(here, readout, start=start, allowed=problem.allowed, steps=problem.steps))
 
 
 def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], flat: Flattening) -> PlaneDomain:
-    """Inside the flattened boundary, with the disk's own triangles where they have a place there."""
+    """The inside of the flattened boundary, with the disk's triangles if none is flipped there."""
     boundary = _polygon_through(flat.boundary)
     a, b, c = images[faces].T
     if not ((np.conj(b - a) * (c - a)).imag > 0).all():
@@ -132,10 +137,19 @@ def surface_through(
     *,
     allowed: float,
     steps: Steps,
-) -> Found:
-    """The surface through points next to a smooth one over averages of the rims, as nearly as they can be met.
+) -> RouteResult:
+    """The surface through points that is nearest to a smooth one over averages of the rims.
 
-    The starts are points of each rim's circle that lie about where its points shall.
+    Args:
+        smooth: the smooth surface.
+        starts: for each rim, points of its circle near the images of its points.
+        points: the points of each rim.
+        allowed: RMS distance from the points.
+        steps: the steps of the solve.
+
+    Raises:
+        DomainError: a hole is too narrow for the teeth of its rim.
+        SurfaceError: the surface is not finite.
     """
     wanted = [torch.tensor(each, device=smooth.shift.device) for each in points]
     outer, *holes = (
@@ -149,7 +163,7 @@ def surface_through(
     if not np.isfinite(here.distance):
         raise SurfaceError("p and q of the surface over averages of the rims overflow beside their points")
     surface = SpinorSurface(basis.network(here.raw), domain).to(here.raw.device)
-    # distances from the points by integrals along ∂Ω with twice as many nodes
+    # distances from the points, by integrals along ∂Ω with twice as many nodes
     rims = surface.rim_primitives(2 * NODES)
     places = surface.position(np.array([boundary.vertices[0] for boundary in domain.boundaries]))
     off = [place + rim.at_breaks[:-1].real - each for place, rim, each in zip(places, rims, points, strict=True)]
@@ -161,7 +175,7 @@ def surface_through(
 
 
 def _feet(smooth: Lift, start: Complex[Tensor, " n"], points: Float[Tensor, "n 3"]) -> Complex[Tensor, " n"]:
-    """Where a surface comes nearest to points, by a step along its tangent planes."""
+    """Points of Ω where a surface is nearest to given points, by a step along its tangent planes."""
     with torch.no_grad():
         velocity = phi(*smooth.series.value(start).unbind(-1))
         away = points - smooth.shift - null_vector(*smooth.series.primitive(start).unbind(-1)).real
@@ -169,14 +183,14 @@ def _feet(smooth: Lift, start: Complex[Tensor, " n"], points: Float[Tensor, "n 3
 
 
 def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Complex[Tensor, "k 2"]]:
-    """The features on the rims of Ω, and their orthonormal read-outs for the smooth surface."""
+    """The features on the rims of Ω, and the orthonormal read-outs of the smooth surface."""
     circles = smooth.circles
     device = circles.radii.device
     poles = [polygon_poles(boundary.vertices) for boundary in domain.boundaries]
     if domain.contains(circles.centres.cpu().numpy()).any():
         raise DomainError("a hole of Ω is too narrow for the teeth of its rim", vertices=len(domain.vertices))
     for number, centre in enumerate(circles.centres.tolist(), 1):
-        # halfway to its middle, for what is smooth around the hole: as many as there are polynomials
+        # halfway to its centre, for low frequencies around the hole: as many as there are polynomials
         turn = np.exp(2j * np.pi * np.arange(DEGREE + 1) / (DEGREE + 1))
         radius = np.abs(domain.boundaries[number].vertices - centre).min() / 2
         poles[number] += Poles(positions=centre + radius * turn, scales=np.full(DEGREE + 1, radius))
@@ -186,7 +200,7 @@ def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Co
         [torch.as_tensor(boundary.vertices, device=device) for boundary in domain.boundaries],
         poles,
         nodes=NODES,
-        ways=[way_to(domain, first, NODES) for first in firsts],
+        ways=[path_to(domain, first, NODES) for first in firsts],
         branches=circles.centres[torch.tensor(smooth.antiperiodic, device=device)],
     )
     parts = [_part(smooth, nodes_on_edges(rim.polygon, NODES), number) for number, rim in enumerate(basis.rims)]
@@ -194,7 +208,7 @@ def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Co
 
 
 def _part(smooth: LaurentSeries, z: Complex[Tensor, "*pts"], number: int) -> Complex[Tensor, "*pts 2"]:
-    """What one circle's powers bring to p and q, without what changes sign."""
+    """The part of one circle's powers in p and q, without the function that changes sign."""
     zeta = smooth.circles.coordinates(z)[number]
     if number == 0:
         return power_sums(zeta, smooth.outward.detach())
@@ -209,14 +223,14 @@ def _passed(
     *,
     area: float,
     near: str,
-) -> Found:
-    """A surface whose boundary is so far off the points of each rim."""
+) -> RouteResult:
+    """The result for a surface whose boundary misses the points of each rim by `errors`."""
     curves, misfits = [], []
     for rim, own, error in zip(rims, points, errors, strict=True):
         velocity = rim.velocity.real.reshape(len(own), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
         curves.append(_curve_through(own, velocity, error))
         misfits.append(_misfit_at_points(curves[-1], error))
-    return Found(
+    return RouteResult(
         domain=surface.domain,
         surface_at=surface.placed,
         curves=tuple(curves),
@@ -234,9 +248,9 @@ def _passed(
 def _curve_through(
     points: Float[np.ndarray, "n 3"], velocity: Float[np.ndarray, "n g 3"], error: Float[np.ndarray, "n 3"]
 ) -> BoundaryCurve:
-    """Γ: a surface's boundary less its distances from points, which change linearly from one to the next.
+    """Γ: a surface's boundary less its errors at the points, interpolated linearly between them.
 
-    The velocity is dr by the share of the way, at Gauss-Legendre nodes.
+    `velocity` is the derivative of r by the share of each edge, at Gauss-Legendre nodes.
     """
     place = piece_places()
     within = np.einsum("hg,ngk->hnk", cumulative_matrix(velocity.shape[1], tuple(place)), velocity)
@@ -250,7 +264,7 @@ def _curve_through(
 
 
 def _misfit_at_points(curve: BoundaryCurve, error: Float[np.ndarray, "n 3"]) -> Misfit:
-    """The misfit of a surface's boundary off Γ by what its points are, and linearly between them."""
+    """The misfit of a boundary with given errors at the points, linear between them."""
     points = curve.coefficients[-1]
     length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
     after, beside = np.roll(error, -1, axis=0), (length + np.roll(length, 1)) / 2
@@ -265,7 +279,7 @@ def _misfit_at_points(curve: BoundaryCurve, error: Float[np.ndarray, "n 3"]) -> 
 
 
 def _polygon_through(vertices: Complex[np.ndarray, " n"]) -> SplineBoundary:
-    """The closed polygon through vertices; p and q have no singularity at them, so they are no corners."""
+    """The closed polygon through vertices; they are no corners, because p and q are regular there."""
     step = np.roll(vertices, -1) - vertices
     if not step.all():
         raise DomainError("two neighbouring points of the flattened disk's boundary are one", vertices=len(vertices))

@@ -1,6 +1,6 @@
-"""Douglas's variational problem: of all ways to slide ∂Ω along Γ, the one of least Dirichlet energy.
+"""Douglas's variational problem: the map from ∂Ω to Γ whose harmonic surface has the least Dirichlet energy.
 
-At a stationary slide the harmonic surface is conformal, hence minimal.
+Such a map is called a slide. The harmonic surface of a stationary slide is conformal, hence minimal.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from jaxtyping import Bool, Float, Int
 from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
-from spinor_geom.plateau.dirichlet import DirichletForm, frequencies
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.dirichlet import DirichletForm, frequencies
 from spinor_geom.plateau.newton import SMALL, Rows, conjugate_gradients, stationary
-from spinor_geom.plateau.problem import CurveTensors
 from spinor_geom.plateau.stability import AMPLITUDES
 
-# Nodes may be no farther apart on Γ than so many times their mean distance: beyond, ∂Ω crowds and nothing is resolved.
+# Largest distance of neighbouring nodes on Γ, in mean distances: beyond it the other nodes crowd.
 CROWDED = 40.0
-# Of the Hessian by arc length against conformal maps of Ω onto itself, where they are not known exactly.
+# Stiffness against conformal maps of Ω onto itself, which leave the energy as it is, where they are not known exactly.
 _GAUGE_STIFFNESS = 1e-3
 
 
@@ -32,7 +32,7 @@ class HarmonicDisk:
 
     slide: Float[Tensor, " n"]  # curve parameter s at each node, increasing
     points: Float[Tensor, "n 3"]  # Γ(s)
-    crowded: bool  # whether it was given up because the nodes crowd
+    crowded: bool  # whether the solve ended because nodes crowd
 
 
 def minimise_dirichlet_energies(
@@ -46,13 +46,22 @@ def minimise_dirichlet_energies(
     near: bool = False,
     on_step: Sequence[Callable[[float], None]] = (),
 ) -> tuple[HarmonicDisk | None, ...]:
-    """The slides of several curves by `stationary`, all of it by fast Fourier transforms; None if cut short by time.
+    """Stationary slides of several curves on one Ω, by Newton's method; None where time ran out.
 
-    The energy is E(s) = π/n Σ Γ(s)·ΛΓ(s). Conformal maps of Ω onto itself, the gauge, leave it as it is: on the disk
-    steps are orthogonal, by arc length, to what those maps move, along which the error of the samples would lead
-    astray; on other Ω a little stiffness against slow displacements keeps the Hessian regular and takes nothing from
-    the solution. A step is taken along s by factors of the increments, so that s stays increasing. The starts are at
-    t = j/n, increasing around the circle, Λ is one for all curves, and the rest is as for `stationary`.
+    The energy E(s) = π/n Σ Γ(s)·ΛΓ(s) is evaluated by fast Fourier transforms. Conformal maps of Ω onto itself (the
+    gauge) do not change it. On the disk, steps are orthogonal to the gauge; on other Ω a small stiffness against slow
+    displacements keeps the Hessian regular and does not change the solution. Steps scale the increments of s, so that
+    s keeps increasing.
+
+    Args:
+        curves: b curves.
+        form: Λ of Ω.
+        slides: starts at t = j/n, increasing.
+        tolerances: as for `stationary`, like all that follow.
+        max_steps: see there.
+        negligible: see there.
+        near: see there.
+        on_step: see there.
 
     Source: Douglas, "Solution of the problem of Plateau", Trans. AMS 33 (1931).
     """
@@ -72,10 +81,10 @@ def minimise_dirichlet_energies(
 
 
 def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Tensor, " n"]) -> Float[Tensor, " n"] | None:
-    """A slide of less energy beside a stationary one that is not a minimum; none beside a minimum.
+    """A slide of less energy beside a stationary one; None beside a minimum.
 
-    It is moved along the eigenvector of the Hessian by arc length that curves downwards most, to the side and by the
-    amount that lower the energy most. The cost is n³.
+    The slide moves along the eigenvector of the Hessian with the lowest eigenvalue, in the direction and by the
+    amplitude of least energy. The cost is O(n³).
     """
     here = Slides.of(CurveTensors.batch([curve]), form, slide[None])
     hessian = here.hessian(None)(torch.eye(len(slide), dtype=slide.dtype, device=slide.device))
@@ -90,7 +99,7 @@ def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Tensor
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Slides:
-    """Slides of b curves on one Ω, with the energies of the harmonic surfaces: see `newton.Energies`."""
+    """Slides of b curves on one Ω, with the energies of their harmonic surfaces; it implements `newton.Energies`."""
 
     curves: CurveTensors  # a batch of b
     form: DirichletForm  # Λ
@@ -99,11 +108,11 @@ class Slides:
     tangent: Float[Tensor, "b n 3"]  # Γ′
     bend: Float[Tensor, "b n"]  # Γ″·ΛX
     normal: Float[Tensor, "b n 3"]  # ΛX
-    energy: Float[Tensor, " b"]  # sums over the nodes, without the factor 2π/n
+    energy: Float[Tensor, " b"]  # in units of 2π/n
 
     @classmethod
     def of(cls, curves: CurveTensors, form: DirichletForm, slide: Float[Tensor, "b n"]) -> Slides:
-        """The energies of given slides."""
+        """Evaluates the energies."""
         points, tangent, second = curves.point_and_derivatives(slide)
         normal = form(points)
         return cls(
@@ -118,12 +127,12 @@ class Slides:
         )
 
     def at(self, which: Int[Tensor, " k"]) -> Slides:
-        """Some of them."""
+        """The selected slides."""
         parts = {name: getattr(self, name)[which] for name in _BY_CURVE}
         return Slides(curves=self.curves.at(which), form=self.form, **parts)
 
     def replaced(self, which: Int[Tensor, " k"], other: Slides) -> Slides:
-        """With some of them from another."""
+        """The slides with some of them replaced."""
         parts = {name: getattr(self, name).index_copy(0, which, getattr(other, name)) for name in _BY_CURVE}
         return Slides(curves=self.curves, form=self.form, **parts)
 
@@ -139,22 +148,22 @@ class Slides:
 
     @cached_property
     def gradient(self) -> Float[Tensor, "b n"]:
-        """Of the energy by arc length."""
+        """Gradient of the energy by arc length."""
         return self._without_gauge((self.normal * self.tangent).sum(-1) / self.speed)
 
     @cached_property
     def size(self) -> Float[Tensor, " b"]:
-        """RMS of the gradient by that of ΛX: 0 where the surface is conformal."""
+        """RMS of the gradient over the RMS of ΛX: 0 where the surface is conformal."""
         return (self.gradient.square().mean(-1) / self.normal.square().sum(-1).mean(-1)).sqrt()
 
     @property
     def is_over(self) -> Bool[Tensor, " b"]:
-        """Whether nodes crowd; nor does what is not finite lead anywhere."""
+        """Whether nodes crowd or the energy is not finite."""
         return (self._increments.amax(-1) * self.slide.shape[1] > CROWDED) | ~self.size.isfinite()
 
     @cached_property
     def gauge(self) -> Float[Tensor, "b 3 n"]:
-        """Orthonormal rows: what conformal maps of Ω near the identity move along Γ; off the disk roughly."""
+        """Orthonormal displacements along Γ by conformal maps of Ω near the identity; approximate off the disk."""
         fields = _first_harmonics(self.slide.shape[1], self.slide.device)
         if not self.form.is_disk:
             fields = fields.expand(len(self.slide), -1, -1)
@@ -164,14 +173,14 @@ class Slides:
         return columns.mT
 
     def _in_gauge(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
-        # rows: of columns side by side products take twice as long
+        # products with rows take half the time of products with columns
         return (u[:, None] @ self.gauge.mT @ self.gauge)[:, 0]
 
     def _without_gauge(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
         return u - self._in_gauge(u) if self.form.is_disk else u
 
     def hessian(self, damping: Float[Tensor, " b"] | None) -> Rows:
-        """The second derivative of the energy by arc length, on each row; damped, what bends downwards is reflected."""
+        """The Hessian of the energy by arc length, applied to rows; with damping the negative bends are reflected."""
         unit = self.tangent / self.speed[..., None]
         bend = reflected(self.bend, damping) / self.speed.square()
 
@@ -191,7 +200,7 @@ class Slides:
         return self._without_gauge(smoothed(u))
 
     def stepped(self, direction: Float[Tensor, "b n"], length: float) -> Slides:
-        """After a step by arc length."""
+        """The slides after a step, which is given by arc length."""
         return Slides.of(self.curves, self.form, slid(self.slide, direction / self.speed, length))
 
 
@@ -199,12 +208,12 @@ _BY_CURVE = ("slide", "points", "tangent", "bend", "normal", "energy")
 
 
 def reflected(bends: Float[Tensor, "b n"], damping: Float[Tensor, " b"] | None) -> Float[Tensor, "b n"]:
-    """Γ″·ΛX; where Γ bends towards the inside, with the opposite sign by so large a share."""
+    """Γ″·ΛX; with damping 1 its negative values change sign, with damping ½ they become 0."""
     return bends if damping is None else bends + 2 * damping[:, None] * (-bends).clamp(min=0)
 
 
 def smoothed(u: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
-    """Rows with each frequency k divided by |k| + ½, as Dirichlet's form roughly multiplies it."""
+    """Rows with each frequency k divided by |k| + ½: an approximate inverse of Λ."""
     n = u.shape[-1]
     smooth: Tensor = torch.fft.irfft(torch.fft.rfft(u) * _smoothing(n, u.device), n=n)
     return smooth
@@ -212,7 +221,7 @@ def smoothed(u: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
 
 @lru_cache(maxsize=64)
 def _smoothing(n: int, device: torch.device) -> Float[Tensor, " k"]:
-    # dividing complex numbers takes four times as long
+    # multiplying complex numbers by it takes a quarter of the time of a division
     return 1 / (frequencies(n, device) + 0.5)
 
 
@@ -224,10 +233,10 @@ def _first_harmonics(n: int, device: torch.device) -> Float[Tensor, "n 3"]:
 
 
 def slid(slide: Float[Tensor, "b n"], direction: Float[Tensor, "b n"], length: float) -> Float[Tensor, "b n"]:
-    """Slides after a step of a given length along a direction, by factors of their increments: they increase."""
+    """Slides after a step of a given length along a direction; the step scales the increments, which stay positive."""
     increments = torch.diff(slide, append=slide[:, :1] + 1)
     change = length * torch.diff(direction, append=direction[:, :1]) / increments.clamp(min=1e-300)
-    # of shrinking ones, too, 1 + change up to the third order
+    # both factors are 1 + change up to third order, and positive
     factor = torch.where(change < 0, 1 / (1 - change + change**2), 1 + change)
     scaled = increments * factor
     share = (scaled / scaled.sum(-1, keepdim=True)).cumsum(-1)[:, :-1]
@@ -243,7 +252,7 @@ def resampled(slides: Float[Tensor, "*b m"], n: int) -> Float[Tensor, "*b n"]:
     even, steps = (torch.arange(k, dtype=slides.dtype, device=slides.device) / k for k in (n, m))
     spectrum = torch.fft.rfft(slides - steps)[..., : min(m, n) // 2]
     fine: Tensor = torch.fft.irfft(spectrum * (n / m), n=n) + even
-    # rough slides overshoot
+    # Fourier interpolation of rough slides overshoots
     rough = (torch.diff(fine, append=fine[..., :1] + 1) <= 0).any(-1)
     if rough.any():
         some = slides[rough].cpu().numpy()

@@ -1,9 +1,8 @@
-"""All critical points of Douglas's energy: along a path on which the rims are pulled together or apart.
+"""Critical points of Douglas's energy E over the moduli, found by continuation.
 
-Rims that are moved by τ in a direction of their own each, at right angles to space, bound surfaces of energy E + τ²T/2,
-with T the sum of the rims' capacities, a conformal and symmetric function of the moduli alone. The critical points of
-E − λT, λ of either sign, are a curve that T parametrises, or the mean modulus M = 2πm/T; where λ is 0 on it there is a
-minimal surface over the rims, of whatever index. Over two rims the path is the least energy of each modulus.
+T is the sum of the capacities of the rims, each against all others: a conformal and symmetric function of the moduli.
+The critical points of E − λT form a curve, parametrised by the mean modulus M = 2πm/T. Where λ = 0 on it there is a
+minimal surface over the rims, of any Morse index. Over two rims the curve is the least energy of each modulus.
 """
 
 from __future__ import annotations
@@ -21,15 +20,15 @@ from torch import Tensor
 from spinor_geom.deadline import require_time
 from spinor_geom.errors import SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
-from spinor_geom.plateau.dirichlet import CirclesForm
+from spinor_geom.plateau.harmonic.dirichlet import CirclesForm
 from spinor_geom.plateau.newton import MOST_STEPS, SMALL
-from spinor_geom.plateau.rims_energy import HarmonicSurface, Moduli, RimsProblem
+from spinor_geom.plateau.rims.energy import HarmonicSurface, Moduli, RimsProblem
 
-_STEP, _LEAST_STEP = 0.5, 0.002  # steps of log M: the largest, and the least before the path is lost
+_STEP, _LEAST_STEP = 0.5, 0.002  # largest and smallest step of log M
 
 
 def mean_modulus(domain: CircularDomain, n: int = 64) -> float:
-    """M = 2πm/T, with T the sum of the capacities of m circles against all others: the modulus where there are two."""
+    """M = 2πm/T, with T the sum of the capacities of m circles, each against all others: the modulus for m = 2."""
     return _capacity(CirclesForm.of(domain, n))[0]
 
 
@@ -42,10 +41,11 @@ def _capacity(form: CirclesForm) -> tuple[float, Moduli]:
 
 
 def all_on_path(problem: RimsProblem, surface: HarmonicSurface | None) -> list[HarmonicSurface]:
-    """The critical points on the path of a surface whose slides are stationary, if there is one, by mean modulus.
+    """The critical points on the path of a surface with stationary slides, sorted by mean modulus.
 
-    Where the energy rises from the least mean modulus on that the nodes resolve, or they crowd, others may exist, which
-    is a SurfaceError.
+    Raises:
+        SurfaceError: the nodes crowd, or the energy of two rims rises from the least resolved modulus on: there may be
+            other critical points.
     """
     near = None if surface is None else _OnPath.near(replace(surface, held=False))
     here = None if near is None else near.at(near.log_modulus)
@@ -64,7 +64,7 @@ def all_on_path(problem: RimsProblem, surface: HarmonicSurface | None) -> list[H
     for low, high in pairwise(points):
         sign = math.copysign(1, low.multiplier)
         if low.multiplier * high.multiplier > 0 and sign * low.rise < 0 < sign * high.rise:
-            # it may change its sign twice between two steps
+            # λ may have two zeros between these steps
             points = sorted([*points, _least(low, high)], key=lambda point: point.log_modulus)
     return [
         _zero(problem, before, after)
@@ -80,7 +80,7 @@ class _OnPath:
 
     @classmethod
     def near(cls, here: HarmonicSurface) -> _OnPath:
-        """With the multiplier that suits the moduli's slopes."""
+        """The point with the least squares multiplier."""
         free = cls(here=here, multiplier=0.0)
         pull = free._capacity[1].slopes
         return replace(free, multiplier=float(here.moduli.slopes @ pull / (pull @ pull)))
@@ -95,21 +95,21 @@ class _OnPath:
 
     @cached_property
     def _pull(self) -> Float[Tensor, " k"]:
-        """The derivative of T/2 by arc length, which is 0, and the moduli."""
+        """The derivative of T/2 by arc length (0) and by the moduli."""
         return torch.cat([torch.zeros_like(self.here.by_slides), self._capacity[1].slopes])
 
     @cached_property
     def _by_log_modulus(self) -> Float[Tensor, " k"]:
-        """The derivative of log M, −(2/T) that of T/2."""
+        """The derivative of log M."""
         return self._pull * (-2 * self._capacity[0] / self.here.slides.numel())
 
     @cached_property
     def _gradient(self) -> Float[Tensor, " k"]:
-        """Of E − λT."""
+        """The gradient of E − λT."""
         return self.here.gradient[0] - self.multiplier * self._pull
 
     def _defect(self, log_modulus: float) -> float:
-        """How far this is from the path at a given log M."""
+        """Residual of the equations of the path at a given log M."""
         slides, moduli = torch.split(self._gradient, [self.here.slides.numel(), len(self.here.moduli.slopes)])
         along = slides.square().mean().sqrt() / self.here.normal.square().sum(-1).mean().sqrt()
         return max(float(along), float(moduli.abs().max() / self.here.energy), abs(self.log_modulus - log_modulus))
@@ -128,7 +128,7 @@ class _OnPath:
         return 1 / float(self._by_log_modulus @ self._steps[1])
 
     def at(self, log_modulus: float) -> _OnPath | None:
-        """The point with a given log M by Newton's method; None where that does not come to it."""
+        """The point with a given log M by Newton's method; None where it does not converge."""
         near, before = self, math.inf
         for _ in range(MOST_STEPS):
             size = near._defect(log_modulus)
@@ -145,7 +145,7 @@ class _OnPath:
 
 
 def _followed(start: _OnPath, way: int) -> list[_OnPath]:
-    """The points on one side, as far as circles are apart and the nodes resolve the gaps between them."""
+    """The points on one side, as long as the circles are apart and the nodes resolve the gaps between them."""
     found, here, step = [], start, _STEP
     while step >= _LEAST_STEP:
         require_time()
@@ -170,7 +170,7 @@ def _least(low: _OnPath, high: _OnPath) -> _OnPath:
 
 
 def _zero(problem: RimsProblem, low: _OnPath, high: _OnPath) -> HarmonicSurface:
-    """The critical point between two points: Newton's method from where λ is about 0, if it stays between them."""
+    """The critical point between two points: Newton's method from an interpolated point, with bisection."""
     while True:
         share = low.multiplier / (low.multiplier - high.multiplier)
         width = high.log_modulus - low.log_modulus
@@ -183,6 +183,6 @@ def _zero(problem: RimsProblem, low: _OnPath, high: _OnPath) -> HarmonicSurface:
 
 
 def _nearby(points: tuple[_OnPath, _OnPath], log_modulus: float) -> _OnPath:
-    """The point with a given log M from the nearest of two; that one itself where the way is lost."""
+    """The point with a given log M from the nearest of two; that one itself where Newton's method fails."""
     nearest = min(points, key=lambda point: abs(point.log_modulus - log_modulus))
     return nearest.at(log_modulus) or nearest

@@ -1,7 +1,7 @@
-"""What routes share whose surface passes through points: integrals along polygons in Ω, and Newton's method for them.
+"""Newton's method for surfaces through given points: features of p and q, integrals along polygons in Ω.
 
-p and q are sums of features; δr = Re ∫ (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)) dz, so that two complex matrices say
-all of how the points move.
+p and q are sums of features. With δr = Re ∫ (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)) dz two complex matrices
+contain the derivatives of all points.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from spinor_geom.domain.quadrature import rule
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features, sign_changing
 from spinor_geom.holomorphic.poles import Poles
-from spinor_geom.plateau.gauss_newton import gram
+from spinor_geom.plateau.network.gauss_newton import gram
 from spinor_geom.plateau.steps import STALLED, Steps
 from spinor_geom.surface.formulas import null_vector, phi
 
-# The Newton equations' diagonal is raised by this share of its mean: an equation that no read-out can meet is not met
-# at any price. With 1e-7 600 points with 30 % noise keep 3e-3 of an edge, with 1.5e-8 one of sixty rims cut along
-# triangles 6e-3; with 1e-9 teeth of 10° keep 1e-3.
+# Added to the diagonal of the Newton equations, as a share of its mean, because some equations may have no solution.
+# Residuals, in edges: with 1e-7, 3e-3 on 600 points with 30 % noise; with 1.5e-8, 6e-3 on one of sixty rims cut along
+# triangles; with 1e-9, 1e-3 on teeth of 10°.
 _DAMPING = 5e-9
-# Gauss-Legendre nodes on each edge while p and q are sought; with twice as many it is told how near the surface comes,
-# and sought again where that is not near enough: 1 rim in 25 of those cut along triangles, with 10 nodes every third.
+# Gauss-Legendre nodes on each edge. The distance is measured with twice as many; if it is too large the solve is
+# repeated with them: for 1 in 25 rims cut along triangles, with 10 nodes for every third.
 NODES = 14
-# Shares of a step with a new linearisation that are tried; one with an old one is taken as it is or not at all. Without
-# the last one three of sixty rims cut along triangles keep 1e-3 of an edge; smaller ones bring none nearer.
+# Step lengths to try after a new linearisation. Without the last one three of sixty rims cut along triangles keep a
+# residual of 1e-3 of an edge; shorter steps improve none.
 _LENGTHS = (1.0, 0.5, 0.25)
-DEGREE = 24  # degree of the polynomials: with 12 two of those rims keep 1e-3 to 3e-3 of an edge; 48 bring none nearer
+DEGREE = 24  # degree of the polynomials; with 12 two of these rims keep 1e-3 to 3e-3 of an edge, 48 improves none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointEquations:
-    """The distances of points from where they shall be as linear functions of orthonormal read-outs."""
+    """Linearised distances of n points from their targets, as functions of orthonormal read-outs."""
 
     by_p: Complex[Tensor, "k n"]  # conjugates of ∫ 2pf dz to each point for all features f
     by_q: Complex[Tensor, "k n"]  # of ∫ 2qf dz
@@ -62,9 +62,12 @@ class PointEquations:
         return cls(by_p=by_p, by_q=by_q, factor=torch.linalg.cholesky(matrix))
 
     def step(self, error: Float[Tensor, "n 3"], away: Complex[Tensor, "k 2"] | None) -> Complex[Tensor, "k 2"]:
-        """The shortest change of the read-outs that takes distances away; `away` from others, the nearest to them."""
+        """The shortest change of the read-outs that removes an error.
+
+        With `away`, the difference of the read-outs from others, the result is the solution nearest to those others.
+        """
         wanted = error
-        if away is not None:  # less the change of the vertices by it
+        if away is not None:
             (pp, pq), (qp, qq) = (self.by_p.mH @ away).T, (self.by_q.mH @ away).T
             wanted = error - torch.stack([pp - qq, -1j * (pp + qq), qp + pq], dim=1).real
         x, y, z = torch.cholesky_solve(wanted.T.reshape(-1, 1), self.factor).reshape(3, -1)
@@ -76,17 +79,17 @@ class PointEquations:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OnRim:
-    """The features on one rim of Ω, times what changes sign."""
+    """The features on one rim of Ω, times the function that changes sign around holes."""
 
     polygon: Complex[Tensor, " n"]
     dz: Complex[Tensor, "n g"]  # weights of integrals, at Gauss-Legendre nodes on the edges
     sign: Complex[Tensor, "n g"]
     features: Complex[Tensor, "n g k"]
-    own: slice  # those of the rim's own poles
-    norm: Complex[Tensor, "c c"]  # L with LLᴴ the Gram matrix of the own ones in H¹
+    own: slice  # the features of the rim's own poles
+    norm: Complex[Tensor, "c c"]  # L with LLᴴ the Gram matrix of the own features in H¹
 
     def nearest(self, spinors: Complex[Tensor, "n g 2"]) -> Complex[Tensor, "c 2"]:
-        """Orthonormal read-outs of the own features nearest in H¹ to values at the nodes, but for what changes sign."""
+        """Orthonormal read-outs of the own features, without sign change, nearest in H¹ to values at the nodes."""
         norm = _norm_of_edge(spinors.shape[1], spinors.device).to(spinors)
         weighted = norm.mT @ (norm @ spinors) * shares(self.polygon)[:, None, None] / self.sign.conj()[..., None]
         nearest: Tensor = torch.linalg.solve_triangular(
@@ -95,7 +98,7 @@ class OnRim:
         return nearest
 
     def nearest_between(self, spinors: Complex[Tensor, "n 2"]) -> Complex[Tensor, "k 2"]:
-        """Orthonormal read-outs of the sums nearest in H¹ to values in the middle of each edge and linear between."""
+        """Orthonormal read-outs nearest in H¹ to values at the midpoints of the edges, linear between them."""
         place = torch.tensor(rule("gauss", self.features.shape[1]).nodes, device=spinors.device)[:, None]
         edge = shares(self.polygon)[:, None, None]
         before, after = spinors.roll(1, 0)[:, None], spinors.roll(-1, 0)[:, None]
@@ -115,7 +118,7 @@ class OnRim:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Basis:
-    """Polynomials and Cauchy units, the outer rim's first, and the H¹ norm of each rim's own on its edges."""
+    """Polynomials and Cauchy units, those of the outer rim first, with the H¹ norm of each rim's features."""
 
     hessenberg: Complex[Tensor, "d1 d"]
     poles: Complex[Tensor, " m"]
@@ -134,7 +137,11 @@ class Basis:
         ways: Sequence[tuple[Complex[np.ndarray, "_"], Complex[np.ndarray, "_"]]] = (),
         branches: Complex[Tensor, " b"] | None = None,
     ) -> Basis:
-        """The features on the rims of Ω; an OutOfTimeError where the time limit cuts it short."""
+        """The features on the rims of Ω.
+
+        Raises:
+            OutOfTimeError: time ran out.
+        """
         outer = polygons[0]
         branches = outer[:0] if branches is None else branches
         positions = torch.as_tensor(np.concatenate([each.positions for each in poles]), device=outer.device)
@@ -144,13 +151,13 @@ class Basis:
         hessenberg = arnoldi_hessenberg(
             nodes_on_edges(outer, nodes).flatten(), weight.flatten(), min(DEGREE, max(2, len(outer) // 2))
         )
-        # the polynomials are the outer rim's own
+        # the polynomials belong to the outer rim
         ends = [0, *(len(hessenberg) + np.cumsum([len(each.positions) for each in poles])).tolist()]
         rims = []
         for number, polygon in enumerate(polygons):
             z = nodes_on_edges(polygon, nodes)
             sign = sign_changing(z, branches)
-            require_time()  # of thousands of points features and products take seconds each
+            require_time()  # for thousands of points each product takes seconds
             features = raw_features(z, hessenberg, positions, scales)
             require_time()
             own = slice(*ends[number : number + 2])
@@ -182,19 +189,19 @@ class Basis:
         )
 
     def raw(self, readout: Complex[Tensor, "k 2"]) -> Complex[Tensor, "k 2"]:
-        """Of the features themselves from read-outs of those that are orthonormal in H¹ on their own rims."""
+        """Read-outs of the features from read-outs of the orthonormal ones."""
         return torch.cat(
             [torch.linalg.solve_triangular(rim.norm.mH, readout[rim.own], upper=True) for rim in self.rims]
         )
 
     def orthonormal(self, rows: Complex[Tensor, "r k"]) -> Complex[Tensor, "k r"]:
-        """Conjugates of functions of the features as functions of the orthonormal ones."""
+        """Conjugates of linear functions of the features, as functions of the orthonormal ones."""
         return torch.cat(
             [torch.linalg.solve_triangular(rim.norm, rows[:, rim.own].mH, upper=False) for rim in self.rims]
         )
 
     def network(self, raw: Complex[Tensor, "k 2"]) -> CauchyNetwork:
-        """The network with read-outs of the features themselves."""
+        """The network with given read-outs of the features."""
         return CauchyNetwork.of_raw_features(
             self.rims[0].polygon,
             hessenberg=self.hessenberg,
@@ -207,7 +214,7 @@ class Basis:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Passing:
-    """A surface on its way through the points of all rims."""
+    """A surface that is fitted to the points of all rims."""
 
     basis: Basis
     points: tuple[Float[Tensor, "_ 3"], ...]
@@ -236,7 +243,7 @@ class Passing:
 
     @cached_property
     def error(self) -> Float[Tensor, "n 3"]:
-        """What the points are off, their mean at 0, and below it by how much r does not close around each hole."""
+        """Distances of the points, with mean 0, followed by the periods of r around each hole."""
         rows = [step.cumsum(0) - step - points for step, points in zip(self._steps, self.points, strict=True)]
         for row, values, (_, steps) in zip(rows, self._on_ways, self.basis.ways, strict=False):
             row += (phi(*values.unbind(-1)) * steps[:, None]).sum(0).real
@@ -249,11 +256,11 @@ class Passing:
         return float(self.error.square().sum(1).mean().sqrt())
 
     def at(self, readout: Complex[Tensor, "k 2"]) -> Passing:
-        """The surface of other read-outs."""
+        """The surface with other read-outs."""
         return replace(self, raw=self.basis.raw(readout))
 
     def linearised(self) -> PointEquations:
-        """How the error changes with the read-outs."""
+        """The derivative of the error by the read-outs."""
         by_points, by_gaps = [], []
         for over_edge in self._changes:
             by_points.append(over_edge.cumsum(1).sub_(over_edge))
@@ -266,16 +273,16 @@ class Passing:
         return PointEquations.of(*map(self.basis.orthonormal, rows))
 
     def closed(self, readout: Complex[Tensor, "k 2"]) -> Complex[Tensor, "k 2"]:
-        """The read-outs of the nearest surface that closes around all holes, to first order."""
+        """The nearest read-outs without periods, to first order."""
         rows = torch.stack([over_edge.sum(1) for over_edge in self._changes[1:]], dim=1)
         return readout + PointEquations.of(*map(self.basis.orthonormal, rows)).step(torch.stack(self._gaps), None)
 
 
 @lru_cache
 def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
-    """R with |Rf|² = ∫ |f|² + |f′|² for a polynomial of a degree of half the nodes, from its values at these.
+    """R with |Rf|² = ∫ |f|² + |f′|² over an edge of length 1, from values at the nodes.
 
-    The edge is the unit of length; of other functions it is their projection's: p and q hardly vary along an edge.
+    f is projected on polynomials of a degree of half the nodes: p and q hardly vary along an edge.
     """
     places, weights = rule("gauss", count)
     degrees = np.arange(count // 2 + 1)
@@ -289,10 +296,10 @@ def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
 def nearest_through(
     here: Passing, readout: Complex[Tensor, "k 2"], *, start: Complex[Tensor, "k 2"], allowed: float, steps: Steps
 ) -> Complex[Tensor, "k 2"]:
-    """Newton's method for the read-outs nearest to a start that meet all points, to half of the distance allowed.
+    """Read-outs nearest to a start whose surface meets all points, by Newton's method, to allowed/2.
 
     Raises:
-        OutOfTimeError: the time limit cut it short.
+        OutOfTimeError: time ran out.
     """
     linear: PointEquations | None = None
     while here.distance > allowed / 2 and steps.left:
@@ -300,7 +307,7 @@ def nearest_through(
         fresh = linear is None
         if linear is None:
             linear = here.linearised()
-        # far from the points the step is the one to the solution nearest to the start, not to where it is
+        # a step with a new linearisation leads to the solution nearest to the start
         step = linear.step(here.error, readout - start if fresh else None)
         for length in _LENGTHS if fresh else _LENGTHS[:1]:
             there = here.at(readout + length * step)
@@ -328,6 +335,6 @@ def nodes_on_edges(polygon: Complex[Tensor, " n"], count: int) -> Complex[Tensor
 
 
 def shares(polygon: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
-    """Lengths of a polygon's edges by all."""
+    """Lengths of a polygon's edges over its perimeter."""
     edge = (polygon.roll(-1) - polygon).abs()
     return edge / edge.sum()

@@ -1,7 +1,7 @@
 """The network route: Gauss-Newton for a Cauchy network on an Ω flattened from a discrete disk or annulus.
 
-It takes every loop, with corners or without, and two loops that crowd on a round annulus, and goes to the minimal
-surface nearest to where it starts, saddles of the area included.
+It solves loops with and without corners, and two loops that crowd on a round annulus. It converges to the minimal
+surface nearest to its start, which may be unstable.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from functools import cached_property, partial
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from spinor_geom.deadline import require_time
@@ -22,51 +22,48 @@ from spinor_geom.discrete.strip import discrete_annulus, runs_back
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks, sampled
 from spinor_geom.domain.quadrature import Panels
-from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
+from spinor_geom.errors import DomainError, OutOfTimeError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.found import Between, Found
-from spinor_geom.plateau.gauss_newton import Fit, gauss_newton
+from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.network import Discretisation, independent_residual
-from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.request import Request
+from spinor_geom.plateau.network.discretisation import Discretisation, independent_residual
+from spinor_geom.plateau.network.gauss_newton import Fit, gauss_newton
+from spinor_geom.plateau.network.initial_spinors import images_in_plane, lifted_spinors
+from spinor_geom.plateau.problem import PlateauProblem, Route, start_indices
 from spinor_geom.plateau.roughness import is_rough, roughness
-from spinor_geom.plateau.start import images_in_plane, lifted_spinors
+from spinor_geom.plateau.route_result import RimsResult, RouteResult
 from spinor_geom.plateau.steps import SPENT, STALLED
-from spinor_geom.plateau.through_points import PointEquations
+from spinor_geom.plateau.vertices.through_points import PointEquations
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up
 from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
 
-# Longer loops are thinned to this many points for the first fill, Ω and the poles; Γ still passes through all points.
-_LONGEST_RIM = 240
-# Way of a vertex of Ω, in residuals, that changes nothing: its scale is near to 1. With 1 areas are off by 5e-4.
-_STILL = 0.01
-# Parts that the sides of a polygon given by its corners alone are divided into: with 8 the tetrahedron's quadrilateral
-# is met to 1e-6 of a side, with none to 1e-2.
+_STILL = 0.01  # largest move of a vertex of Ω, in residuals, that counts as none; with 1 areas are off by 5e-4
+# Pieces of the sides of polygons that are given by their corners alone: with 8 the tetrahedron's quadrilateral is met
+# to 1e-6 of a side, undivided to 1e-2.
 PARTS_OF_A_SIDE = 8
-_PARTS = 4  # of an edge of Ω, as whose corners it is told whether Ω crosses itself, and where that helps for paths
+_PARTS = 4  # pieces of an edge of ∂Ω in the test whether it crosses itself, and on paths that leave Ω
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Side:
     """A loop with the surface on its left."""
 
-    number: int
-    back: bool  # whether it runs against the one that was given
+    number: int  # among the given loops
+    back: bool  # whether it runs against the given loop
     loop: BoundaryLoop
     curve: BoundaryCurve
-    knots: Float[np.ndarray, " k1"]  # parameters of Γ at the points that stand for it, the first one again at the end
-    corners: Bool[np.ndarray, " k"]  # which of those are corners of Ω
+    knots: Float[np.ndarray, " k1"]  # parameters of Γ at its points in the discrete surface, closed
+    corners: Bool[np.ndarray, " k"]  # which of those points are corners of Ω
 
     @classmethod
     def of(cls, number: int, loop: BoundaryLoop, curve: BoundaryCurve, *, back: bool, parts_of_a_side: int) -> _Side:
-        """The loop's points, or so few that it may be long, and on sides between corners as many as told at least."""
+        """The loop with its `start_indices`, and at least `parts_of_a_side` points between corners."""
         if back:
             loop, curve = loop.reversed(), curve.reversed()
-        indices = rim_indices(loop)
+        indices = start_indices(loop)
         parts = max(1, math.ceil(parts_of_a_side * np.count_nonzero(loop.corners) / len(indices)))
         ends = np.append(curve.breaks[indices], curve.breaks[indices[0]] + 1)
         knots = np.interp(np.arange(len(indices) * parts + 1) / parts, np.arange(len(ends)), ends)
@@ -77,34 +74,34 @@ class _Side:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NetworkSolver:
-    """One loop or two on the network route."""
+    """Fits a Cauchy network to one loop or two."""
 
-    request: Request
+    problem: PlateauProblem
 
     @cached_property
     def _sides(self) -> tuple[_Side, ...]:
-        """The loops in the order of Ω's boundaries: the longest goes outside, where there is more room."""
-        with self.request.clock.stage("first fill"):
-            reverse = len(self.request.units) > 1 and runs_back(*(loop.points for loop in self.request.units))
-        # discrete disks to start from have the loop's own points
-        parts = 0 if self.request.is_disk else PARTS_OF_A_SIDE
+        """The loops in the order of Ω's boundaries: the longest one is outside."""
+        with self.problem.clock.stage("first fill"):
+            reverse = len(self.problem.units) > 1 and runs_back(*(loop.points for loop in self.problem.units))
+        # a problem's start has the loop's own points
+        parts = 0 if self.problem.is_disk else PARTS_OF_A_SIDE
         sides = [
             _Side.of(number, loop, curve, back=reverse and number > 0, parts_of_a_side=parts)
-            for number, (loop, curve) in enumerate(zip(self.request.units, self.request.curves, strict=True))
+            for number, (loop, curve) in enumerate(zip(self.problem.units, self.problem.curves, strict=True))
         ]
         return tuple(sorted(sides, key=lambda side: -side.loop.perimeter))
 
     @cached_property
     def first_surface(self) -> Disk:
-        """The discrete disk or annulus over the points that stand for the loops."""
+        """The discrete disk or annulus over points of the loops."""
         rims = [side.curve.point(side.knots[:-1]) for side in self._sides]
-        with self.request.clock.stage("first fill"):
+        with self.problem.clock.stage("first fill"):
             if len(rims) > 1:
                 surface = discrete_annulus(*rims)[1]
             else:
                 surface = first_disk(*rims)
                 surface = finer_disk(surface, *self._sizes) if self._is_rough else surface
-        require_time()  # a descent that was cut short leads elsewhere
+        require_time()  # a descent that was cut short leads to another surface
         return surface
 
     @property
@@ -113,26 +110,23 @@ class NetworkSolver:
 
     @property
     def _is_rough(self) -> bool:
-        return any(map(is_rough, self.request.units, self.request.curves))
+        return any(map(is_rough, self.problem.units, self.problem.curves))
 
-    def found_from(self, start: Disk) -> Found:
-        """The minimal surface that a discrete one leads to."""
-        fitted = self._fitted_from(start)
-        # rough loops start from a finer one
-        if self.request.is_disk and self._is_missed(fitted) and not self._is_rough:
-            fitted = self._improved(fitted, start)
-        with self.request.clock.stage("surface"):
-            surface, astray = fitted_surface(fitted, allowed=self.request.allowed)
+    def solve(self) -> RouteResult:
+        """The minimal surface that the problem's start, or a first discrete surface, leads to."""
+        fitted = self._fitted_from(self.problem.start or self.first_surface)
+        with self.problem.clock.stage("surface"):
+            surface, astray = fitted_surface(fitted, allowed=self.problem.allowed)
             area = surface.area()
         between = None
         if surface.domain.holes:
-            between = Between(
+            between = RimsResult(
                 order=tuple(side.number for side in self._sides),
                 back=tuple(side.back for side in self._sides),
                 antiperiodic=(fitted.stage.branch is not None,),
                 period=surface.largest_period(),
             )
-        return Found(
+        return RouteResult(
             curves=tuple(side.curve for side in self._sides),
             domain=surface.domain,
             surface_at=surface.placed,
@@ -144,24 +138,14 @@ class NetworkSolver:
             between=between,
         )
 
-    def _improved(self, fitted: Fitted, disk: Disk) -> Fitted:
-        """The better of a fit and one that starts from a finer disk; the fit itself where that disk cannot be made."""
-        try:
-            with self.request.clock.stage("first fill"):
-                finer = finer_disk(disk, *self._sizes)
-            return min(fitted, self._fitted_from(finer), key=lambda one: one.misfit.rms)
-        # what a second try fails at must not cost the first one's result
-        except (DomainError, SingularMatrixError, OutOfTimeError):
-            return fitted
-
     def _fitted_from(self, start: Disk) -> Fitted:
-        """The fit that starts from a discrete surface: its flattening gives Ω, its frames p and q."""
-        sides, device = self._sides, self.request.options.device
+        """The fit from a discrete surface: its flattening gives Ω, its frames give p and q."""
+        sides, device = self._sides, self.problem.options.device
 
         def boundaries(rims: tuple[Complex[np.ndarray, "_"], ...]) -> list[SplineBoundary]:
             return [SplineBoundary.through(rim, side.corners) for rim, side in zip(rims, sides, strict=True)]
 
-        with self.request.clock.stage("flattening"):
+        with self.problem.clock.stage("flattening"):
             flat = flatten(
                 start.vertices,
                 start.faces,
@@ -171,7 +155,7 @@ class NetworkSolver:
             )
             outer, *holes = boundaries(flat.rims)
             domain = PlaneDomain.inside(outer, flat.log_scale, holes=tuple(holes))
-        with self.request.clock.stage("features"):
+        with self.problem.clock.stage("features"):
             images = images_in_plane(start.vertices, start.faces, flat.boundary)
             lifted = partial(lifted_spinors, start.vertices, start.faces, images, self._sizes, device)
             spinors, branch = lifted(), None
@@ -183,9 +167,9 @@ class NetworkSolver:
                 domain,
                 tuple(CurveTensors.of(side.curve, device) for side in sides),
                 tuple(side.knots[:-1][side.corners] for side in sides),
-                degree=self.request.options.cauchy.degree,
-                offset=self.request.options.cauchy.pole_offset,
-                tolerance=self.request.options.tolerance,
+                degree=self.problem.options.cauchy.degree,
+                offset=self.problem.options.cauchy.pole_offset,
+                tolerance=self.problem.options.tolerance,
                 branch=branch,
             )
             edge = torch.as_tensor(np.searchsorted(domain.arcs[:, 0], stage.panels.t, side="right") - 1, device=device)
@@ -193,23 +177,23 @@ class NetworkSolver:
             readout = stage.readout_of(spinors[edge] * stage.network.sign_changing(z)[:, None])
             parts = zip(stage.panels.own_parameters, domain.boundaries, sides, strict=True)
             slides = [np.interp(t, boundary.parameters, side.knots) for t, boundary, side in parts]
-        with self.request.clock.stage("fit"):
+        with self.problem.clock.stage("fit"):
             return self._refined(stage, readout, torch.as_tensor(np.concatenate(slides), device=device))
 
     def _refined(
         self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]
     ) -> Fitted:
-        """Rounds of Gauss-Newton, each with more units where the residual of the last one was."""
-        # a mesh's are never quite right, and with wrong ones a fit can be near to Γ at its nodes and nowhere else
+        """Rounds of Gauss-Newton, each with more units where the last residual was large."""
+        # the moduli of a flattened mesh are inexact, and with wrong ones a fit can be near Γ at its nodes only
         begin = self._with_right_moduli if stage.has_moduli else self._fitted
         best = begin(stage, readout, slide)
         while self._is_missed(best):
-            finer = best.stage.refined(best.energy, best.misfit.rms / self.request.excess(best.misfit))
+            finer = best.stage.refined(best.energy, best.misfit.rms / self.problem.excess(best.misfit))
             if finer is None:
                 break
             try:
                 again = self._fitted(finer, *finer.transferred(best.stage, best.fit))
-            except OutOfTimeError:  # the rounds so far are not lost
+            except OutOfTimeError:  # keep the rounds so far
                 break
             if not again.misfit.rms < best.misfit.rms:
                 break
@@ -219,20 +203,20 @@ class NetworkSolver:
         return best
 
     def _may_meet(self, before: Fitted, now: Fitted) -> bool:
-        """Whether as many features as there may be meet the tolerance, if the distance from Γ falls on as it did.
+        """Whether the largest number of features would meet the tolerance, by extrapolating the last two rounds.
 
         The cost of a round grows with the cube of the number of features.
         """
         more = before.stage.room / now.stage.room
         order = math.log(before.misfit.rms / now.misfit.rms) / math.log(more) if more > 1 else 0.0
-        return bool(self.request.excess(now.misfit) <= now.stage.room**order)
+        return bool(self.problem.excess(now.misfit) <= now.stage.room**order)
 
     def _with_right_moduli(
         self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]
     ) -> Fitted:
-        """A fit in which Ω may move to its conformal moduli; the moves are made, and it is fitted again."""
+        """A fit in which Ω moves to the right conformal moduli."""
         last, folds = np.inf, False
-        allowed, steps = self.request.allowed, self.request.steps
+        allowed, steps = self.problem.allowed, self.problem.steps
         while True:
             fit = gauss_newton(stage.flexible_problem, readout, slide, allowed=allowed, steps=steps)
             readout, slide = fit.readout, fit.slide
@@ -240,42 +224,42 @@ class NetworkSolver:
             if length < _STILL * fit.residual:
                 return self._measured(stage, fit)
             try:
-                moved = stage.moved(fit, offset=self.request.options.cauchy.pole_offset)
-            except DomainError:  # what is fitted so far stands
+                moved = stage.moved(fit, offset=self.problem.options.cauchy.pole_offset)
+            except DomainError:  # keep the fit so far
                 folds = True
                 break
             readout, slide = moved.transferred(stage, fit)
-            stage = moved  # whatever the fit gained by the move, it is lost without it
-            # below half of what is allowed only fast convergence goes on
+            stage = moved
+            # below half of the allowed residual, continue only while it converges fast
             stalls = not fit.residual <= (STALLED if fit.residual > allowed / 2 else 0.5) * last
-            # Newton's method would move it by about the square of this move next
+            # the next move of Newton's method would be about the square of this one
             if stalls or length**2 < _STILL * fit.residual or steps.are_spent:
                 break
             last = fit.residual
         return replace(self._fitted(stage, readout, slide), folds=folds)
 
     def _fitted(self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]) -> Fitted:
-        fit = gauss_newton(stage.problem, readout, slide, allowed=self.request.allowed, steps=self.request.steps)
+        fit = gauss_newton(stage.problem, readout, slide, allowed=self.problem.allowed, steps=self.problem.steps)
         return self._measured(stage, fit)
 
     def _measured(self, stage: Discretisation, fit: Fit) -> Fitted:
-        misfit, energy = independent_residual(stage, fit, points=sum(map(len, self.request.units)))
+        misfit, energy = independent_residual(stage, fit, points=sum(map(len, self.problem.units)))
         return Fitted(stage=stage, fit=fit, misfit=misfit, energy=energy)
 
     def _is_missed(self, fitted: Fitted) -> bool:
-        """Whether a fit is to come nearer to Γ, and there are steps left for it."""
-        return self.request.excess(fitted.misfit) > 1 and not self.request.steps.are_spent
+        """Whether a fit is above the tolerance, with steps left."""
+        return self.problem.excess(fitted.misfit) > 1 and not self.problem.steps.are_spent
 
     def _limit(self, fitted: Fitted) -> str:
-        """What keeps a fit from coming nearer to Γ, as the end of a sentence."""
-        stage, loops = fitted.stage, self.request.units
+        """Why a fit is no nearer to Γ, as the end of a sentence."""
+        stage, loops = fitted.stage, self.problem.units
         features = stage.network.mixing.shape[1]
-        if self.request.steps.are_spent:
+        if self.problem.steps.are_spent:
             return SPENT
         if fitted.folds:
             return (
-                "the domain would fold if its corners moved to where conformal moduli let them meet the loop's; "
-                f"its network of {features} features follows the boundary no better"
+                "the domain would fold if it moved to the conformal moduli of the loop's corners; "
+                f"its network of {features} features comes no nearer to the boundary"
             )
         at_corners = stage.share_at_corners(fitted.energy)
         if at_corners > 0.5:
@@ -285,35 +269,29 @@ class NetworkSolver:
                 f"the loop is rough: one point in ten turns by more than {np.degrees(max(map(roughness, loops))):.0f}°"
             )
         else:
-            where = "more units would not bring it near enough"
+            where = "more features would not meet the tolerance"
         if stage.is_full:
-            return f"the network has as many features as it may have, {features}, and {where}"
-        return f"a network of {features} features follows the boundary no better: {where}"
+            return f"the network has the largest number of features, {features}, and {where}"
+        return f"a network of {features} features comes no nearer to the boundary: {where}"
 
 
-def rim_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
-    """Indices of the points that stand for the loop in the first fill, in Ω and for the poles; corners stay."""
-    if len(loop) <= _LONGEST_RIM:
-        return np.arange(len(loop))
-    along = np.concatenate([[0.0], np.cumsum(loop.edge_lengths)[:-1]])
-    wanted = np.searchsorted(along, np.arange(_LONGEST_RIM) * (loop.perimeter / _LONGEST_RIM))
-    return np.unique(np.concatenate([[0], wanted.clip(0, len(loop) - 1), np.flatnonzero(loop.corners)]))
+NETWORK = Route("network", lambda problem: NetworkSolver(problem=problem).solve())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fitted:
-    """A round."""
+    """The result of a round."""
 
     stage: Discretisation
     fit: Fit
     misfit: Misfit  # at unit size
-    energy: Float[np.ndarray, " panels"]  # of the distance from Γ
-    rounds: int = 1  # its number
-    folds: bool = False  # whether Ω would fold if it moved to the conformal moduli that a fit asked for
+    energy: Float[np.ndarray, " panels"]  # squared distance from Γ on each panel
+    rounds: int = 1  # number of the round
+    folds: bool = False  # whether Ω would fold if it moved to the right conformal moduli
 
 
 def _middle(hole: Complex[np.ndarray, " n"]) -> complex:
-    """A point in a hole far from its boundary: the centre of the largest circle inside a triangle of a mesh of it."""
+    """A point in a hole: the centre of the largest inscribed circle of a triangle of its mesh."""
     mesh = PlaneDomain.from_boundary(hole[::-1]).triangulation
     corners = mesh.points[mesh.faces]
     a, b, c = corners.T
@@ -333,7 +311,7 @@ def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[SpinorSurface, fl
         network.readout.copy_(fit.readout)
     some = torch.arange(stage.panels.order // 2, len(stage.panels.t), stage.panels.order, device=device)
     weight = stage.problem.arc_weights.reshape(-1, stage.panels.order).sum(1)
-    # where edges cut across notches of Ω, past poles there, those of a finer polygon do not
+    # edges that cut across notches of Ω come near poles; those of a finer polygon do not
     for parts in (1, _PARTS):
         domain = stage.domain if parts == 1 else stage.domain.divided(parts)
         surface = SpinorSurface(network, domain, order=PATH_ORDER * fitted.rounds).to(device)
@@ -342,7 +320,7 @@ def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[SpinorSurface, fl
         boundary = (stage.problem.positions(network.readout.detach()) + fit.constant)[some]
         with torch.no_grad():
             offset = boundary - surface.position(torch.as_tensor(stage.panels.z, device=device)[some])
-            # the median: where a path is too near to a pole the others are still right
+            # the median is right even if some paths come too near to a pole
             constant = offset.median(0).values
             surface.constant.copy_(constant)
         astray = float(weight @ (offset - constant).square().sum(1)) ** 0.5

@@ -1,8 +1,8 @@
-"""Douglas's variational problem for two rims and more: their slides and the moduli of Ω, by Newton's method.
+"""Douglas's variational problem for several rims: Newton's method in their slides and the moduli of Ω.
 
-Ω is the unit disk less round holes. The energy E of the harmonic surface over Ω is stationary in the slides and in the
-moduli where the surface is conformal, hence minimal. Circles that move with velocity v, values carried along, change it
-by dE = −½ Im ∮ φ·φ v dz; polarised, that is the change of Λ itself, so that all second derivatives need Λ alone.
+Ω is the unit disk less round holes. The energy E of the harmonic surface over Ω is stationary in the slides and moduli
+where the surface is conformal, hence minimal. Circles that move with velocity v and carry their values change it by
+dE = −½ Im ∮ φ·φ v dz. The bilinear form of this is the derivative of Λ, so all second derivatives follow from Λ.
 """
 
 from __future__ import annotations
@@ -19,46 +19,44 @@ from torch import Tensor
 from spinor_geom.errors import OutOfTimeError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
-from spinor_geom.plateau.dirichlet import CirclesForm, derivative, without_highest
-from spinor_geom.plateau.douglas import CROWDED, reflected, resampled, slid, smoothed
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.dirichlet import CirclesForm, derivative, without_highest
+from spinor_geom.plateau.harmonic.douglas import CROWDED, reflected, resampled, slid, smoothed
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, Rows, conjugate_gradients, factored, stationary
-from spinor_geom.plateau.problem import CurveTensors
 
-# Modulus beyond which all but the distance of the rims' means has decayed to 1e-9 of itself: there is no surface.
-MOST_MODULUS = 20.0
-_HELD = 1e26  # the second derivative, by the energy, of moduli that stay
-DENSE = 512  # nodes on all rims together up to which Newton's equations are factored
+MOST_MODULUS = 20.0  # beyond it the rims' influence on each other is below 1e-9: there is no surface
+_HELD = 1e26  # second derivative by moduli that are held fixed, over the energy
+DENSE = 512  # number of nodes on all rims up to which Newton's equations are factored
 
-_LARGEST_STEP = 0.5  # largest step of a modulus: of its logarithm, or of a place by the distance to the next circle
-_LARGE_PART = 0.5  # share of a curve that no step may be: few nodes do not crowd before they are all in one place
+_LARGEST_STEP = 0.5  # largest step of a log modulus, or of a centre in distances to the next circle
+_LARGE_PART = 0.5  # largest step along a curve, as a share of the curve: few nodes crowd in one place
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicSurface:
     """A harmonic surface over a circular domain, its rims on curves at equal steps of every circle's angle.
 
-    The energy and its derivatives by slides and moduli are sums over the nodes, without the factor 2π/n: a batch of
-    one of `newton.Energies`.
+    It implements `newton.Energies` as a batch of one. The energy and its derivatives are in units of 2π/n.
     """
 
-    curves: CurveTensors  # of the rims, as the boundary of Ω runs, as a batch
+    curves: CurveTensors  # a batch of the rims in the direction of ∂Ω
     slides: Float[Tensor, "m n"]  # curve parameters
-    points: Float[Tensor, "m n 3"]  # of the curves
-    speed: Float[Tensor, "m n"]  # of the curves by their parameters
-    unit: Float[Tensor, "m n 3"]  # their tangents
+    points: Float[Tensor, "m n 3"]  # Γ
+    speed: Float[Tensor, "m n"]  # |Γ′|
+    unit: Float[Tensor, "m n 3"]  # unit tangents
     bends: Float[Tensor, "m n"]  # Γ″·ΛX by arc length
     form: CirclesForm  # Λ
     negligible: float  # as for `CirclesForm.of`
     energy: Float[Tensor, "1"]  # E
     by_slides: Float[Tensor, " mn"]  # derivative of E by arc length
     normal: Float[Tensor, "m n 3"]  # ΛX
-    held: bool = False  # whether the moduli stay
+    held: bool = False  # whether the moduli are held fixed
 
     @classmethod
     def of(
         cls, curves: CurveTensors, slides: Float[Tensor, "m n"], domain: CircularDomain, negligible: float
     ) -> HarmonicSurface:
-        """The energy with given slides over a given domain."""
+        """Evaluates the energy."""
         points, tangent, second = curves.point_and_derivatives(slides)
         form = CirclesForm.of(domain, slides.shape[1], negligible=negligible)
         normal = form(points)
@@ -90,35 +88,35 @@ class HarmonicSurface:
 
     @property
     def dirichlet_energy(self) -> float:
-        """E with its factor: the area where the surface is conformal, more elsewhere."""
+        """E with the factor 2π/n: the area where the surface is conformal, more elsewhere."""
         return float(self.energy) * 2 * math.pi / self.slides.shape[1]
 
     @property
     def crowded(self) -> bool:
-        """Whether the nodes leave out a large part of a curve, so that the energy means nothing."""
+        """Whether the nodes leave out a large part of a curve."""
         steps = torch.diff(self.slides, append=self.slides[:, :1] + 1)
         return float(steps.max()) > min(CROWDED / self.slides.shape[1], _LARGE_PART)
 
     @property
     def is_apart(self) -> bool:
-        """Whether a modulus has run away."""
+        """Whether a modulus is too large for a connected surface."""
         return float(self.domain.room[1].max()) > MOST_MODULUS
 
     @cached_property
     def falls_apart(self) -> bool:
-        """Whether a modulus runs away, or a rim shrinks to a point of it."""
+        """Whether the surface degenerates: nodes crowd, or a modulus is too large."""
         return self.crowded or self.is_apart
 
     @property
     def is_over(self) -> Bool[Tensor, "1"]:
-        """Whether more steps lead nowhere."""
+        """Whether the surface degenerates."""
         return torch.tensor([self.falls_apart], device=self.slides.device)
 
     @cached_property
     def size(self) -> Float[Tensor, "1"]:
-        """Of the gradient: RMS by arc length relative to ΛX, or the steepest by a modulus over the energy.
+        """Relative gradient: the RMS by arc length over that of ΛX, or the largest by a modulus over the energy.
 
-        A rotation of Ω, which only nodes feel, is left out.
+        Rotations of Ω are left out.
         """
         by_slides, normal = self.gradient[:, : len(self.by_slides)], self.normal.square().sum(-1).mean()
         along: Tensor = (by_slides.square().mean(-1) / normal).sqrt()
@@ -130,12 +128,12 @@ class HarmonicSurface:
 
     @property
     def stiffness(self) -> float:
-        """Mean of |k|: the size of the energy's second derivatives by one node, and of what holds a rotation."""
+        """Mean of |k|: the size of second derivatives by one node, and the stiffness against rotations of Ω."""
         return float(self.form.own.mean())
 
     @cached_property
     def gradient(self) -> Float[Tensor, "1 k"]:
-        """The first derivative by arc length and the moduli, less that by a rotation of Ω."""
+        """The derivative by arc length and the moduli, without its part along rotations of Ω."""
         gradient = torch.cat([self.by_slides, self._slopes])
         along = (gradient @ self.rotation) / (self.rotation @ self.rotation)
         return (gradient - along * self.rotation)[None]
@@ -153,7 +151,7 @@ class HarmonicSurface:
     def direction(
         self, damping: Float[Tensor, "1"] | None, forcing: Float[Tensor, "1"]
     ) -> tuple[Float[Tensor, "1 k"], Bool[Tensor, "1"]]:
-        """Newton's step: of few nodes exactly, and damped until the energy curves downwards no more."""
+        """Newton's step; with few nodes by factors, damped until the matrix is definite."""
         if damping is None:
             step = torch.linalg.solve(self.matrix(), -self.gradient[0])
             return step[None], torch.zeros_like(self.energy, dtype=torch.bool)
@@ -169,7 +167,7 @@ class HarmonicSurface:
         return hessian + torch.diag(torch.full_like(hessian[0], _HELD * float(self.energy))) if self.held else hessian
 
     def _hessian(self, damping: Float[Tensor, "1"]) -> Rows:
-        """The product with `matrix`, damped."""
+        """Products with the damped `matrix`."""
         bends = reflected(self.bends, damping)
         moduli = self._by_moduli + torch.diag(damping * self._by_moduli.diagonal().abs())
 
@@ -191,21 +189,21 @@ class HarmonicSurface:
         return torch.cat([smooth.flatten(), u[0, count:] / scales])[None]
 
     def at(self, which: Int[Tensor, " _"]) -> HarmonicSurface:
-        """This."""
+        """This surface."""
         return self
 
     def replaced(self, which: Int[Tensor, " _"], other: HarmonicSurface) -> HarmonicSurface:
-        """The other one."""
+        """The other surface, if any is selected."""
         return other if len(which) else self
 
     @property
     def is_minimum(self) -> bool:
-        """Whether the index is 0, which is told sooner."""
+        """Whether the index is 0; quicker than `index`."""
         return int(torch.linalg.cholesky_ex(self.matrix())[1]) == 0
 
     @property
     def index(self) -> int:
-        """Number of directions of all slides and moduli along which the energy falls: the Morse index."""
+        """Morse index: the number of negative eigenvalues of the second derivative."""
         values = torch.linalg.eigvalsh(self.matrix())
         return int((values < -ROUNDING * values.abs().max()).sum())
 
@@ -217,7 +215,7 @@ class HarmonicSurface:
 
     @cached_property
     def rotation(self) -> Float[Tensor, " k"]:
-        """What a rotation of Ω moves, by arc length and the moduli: the outer rim ahead, the others back."""
+        """The displacement of a rotation of Ω, by arc length and the moduli."""
         steps = torch.diff(self.slides, append=self.slides[:, :1] + 1)
         signs = -torch.ones_like(steps[:, :1])
         signs[0] = 1
@@ -228,7 +226,7 @@ class HarmonicSurface:
         return rotation
 
     def stepped(self, direction: Float[Tensor, "1 k"], length: float = 1.0) -> HarmonicSurface:
-        """The surface after a step; this one, of infinite energy, where circles would meet."""
+        """The surface after a step; this surface with infinite energy where circles would meet."""
         count = self.slides.numel()
         slides, along = direction[0, :count].reshape(self.slides.shape) / self.speed, direction[0, count:]
         length = min(length, _LARGEST_STEP / max(float(along.abs().max()), 1e-300))
@@ -241,9 +239,9 @@ class HarmonicSurface:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moduli:
-    """Derivatives by the moduli: of each hole its place, by the distance to the next circle, and its log modulus.
+    """Derivatives by the moduli: centre (in distances to the next circle) and log modulus of each hole.
 
-    The first hole stays about 0.
+    The centre of the first hole is fixed at 0.
     """
 
     form: CirclesForm  # Λ
@@ -292,7 +290,7 @@ class Moduli:
         hole = _without_first_place(torch.arange(h).repeat_interleave(3))
         carried = _without_first_place(self._carried.real.flatten(0, 1))
         second = -torch.einsum("pnc,qpnc->pq", carried, self.changes[:, hole + 1])
-        # the units of a place and of a log modulus change with the modulus
+        # the units of centres and log moduli depend on the modulus
         of_units = torch.zeros(h, 3, h, 3, dtype=second.dtype, device=second.device)
         own = torch.arange(h)
         _, modulus = self.form.domain.room
@@ -304,17 +302,17 @@ class Moduli:
 
 
 def _without_first_place(rows: Tensor) -> Tensor:
-    """Rows of all moduli of holes without those of the first one's place."""
+    """Rows of all moduli without those of the first hole's centre."""
     return rows[2:]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RimsProblem:
-    """Douglas's problem for curves that run as the boundary of Ω does, the outer one first."""
+    """Douglas's problem for curves in the order and direction of the boundaries of Ω."""
 
     curves: CurveTensors  # two or more, as a batch
     negligible: float = ROUND_OFF  # as for `CirclesForm.of`
-    on_step: Callable[[float], None] = lambda size: None  # is called with the gradient at each Newton step
+    on_step: Callable[[float], None] = lambda size: None  # called with the relative gradient at each step
 
     def stationary(
         self,
@@ -326,10 +324,10 @@ class RimsProblem:
         near: bool = True,
         saddles: bool = False,
     ) -> HarmonicSurface:
-        """The surface that the energy falls to, or the critical point next to a start: see `newton.stationary`.
+        """The critical point that `newton.stationary` finds from a start.
 
         Raises:
-            OutOfTimeError: the time limit cut it short.
+            OutOfTimeError: time ran out.
         """
         finished = stationary(
             start,

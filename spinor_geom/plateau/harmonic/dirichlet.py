@@ -1,4 +1,4 @@
-"""Dirichlet's form of harmonic functions on Ω, with one boundary or on a disk with round holes."""
+"""The Dirichlet-to-Neumann map of plane domains: one analytic boundary, or a disk with round holes."""
 
 from __future__ import annotations
 
@@ -21,32 +21,31 @@ class DirichletForm:
     """The Dirichlet-to-Neumann map Λ of Ω: boundary values x(t) ↦ ∂x*/∂θ, θ = 2πt, with x* the conjugate of x.
 
     ½ ∫ x·Λx dθ is the Dirichlet energy of the harmonic function with boundary values x; it does not depend on the
-    parameter of ∂Ω. On the disk Λ is the multiplier |k| of Fourier series. On an analytic ∂Ω it differs from that by an
-    operator with a smooth kernel, which acts on low frequencies only: a small matrix says it all, whatever the number
-    of samples. The smooth kernel and its counterpart for Cauchy integrals come from the Cauchy integral by the
-    trapezoidal rule with the cotangent taken out.
+    parameter of ∂Ω. On the disk Λ multiplies Fourier coefficients by |k|. On an analytic ∂Ω it differs from that by an
+    operator with a smooth kernel, which acts on low frequencies only, so that a small matrix suffices for any number of
+    samples. The kernel is that of the Cauchy integral less a cotangent, by the trapezoidal rule.
 
     Source: Kress, "Linear Integral Equations" (2014), sections 7 and 12, for the integral equation.
     """
 
     boundary: FourierBoundary  # ∂Ω
-    # the smooth part of Cauchy's integral on c equal steps, 1/n included, and Λ less that of the disk; none on the disk
+    # smooth part of the Cauchy integral on c equal steps, with the factor 1/n, and Λ − |k|; None on the disk
     kernel: Complex[Tensor, "c c"] | None
     correction: Float[Tensor, "c c"] | None
-    # the larger of two: of Λ on the real and the imaginary part of z, which are each other's conjugates, relative to
-    # the largest |dz/dθ|; and the correction's deviation from a symmetric matrix, relative to |k|'s largest entry. The
-    # second is blind on domains as symmetric as ellipses, the first where far parts of ∂Ω come near each other
+    # the larger of two errors: of Λ z against −i dz/dθ, relative to the largest |dz/dθ|, which misses far parts of ∂Ω
+    # that come near each other; and the asymmetry of the correction, relative to the largest entry of |k|, which is 0
+    # on symmetric domains such as ellipses
     error: float
 
     @classmethod
     @lru_cache(maxsize=16)
     def of_disk(cls, vertices: int) -> DirichletForm:
-        """The form of the unit disk about 0, with so many vertices on ∂Ω: z(t) = e^{2πit}."""
+        """Λ of the unit disk, z(t) = e^{2πit}, with a number of vertices on ∂Ω."""
         return cls(boundary=FourierBoundary.circle(1.0, vertices), kernel=None, correction=None, error=0.0)
 
     @classmethod
     def of(cls, boundary: FourierBoundary, n: int, device: torch.device) -> DirichletForm:
-        """The form of any Ω, on an even number of equal steps that resolve the kernel; the cost is n³."""
+        """Λ of any Ω; n is even and resolves the kernel. The cost is O(n³)."""
         z, dz, ddz = (torch.tensor(row, device=device) for row in boundary.grid(n))
         kernel = _smooth_kernel(z, dz) / n
         kernel.diagonal().copy_(ddz / (4 * np.pi * dz * n))
@@ -65,14 +64,13 @@ class DirichletForm:
 
     @property
     def is_disk(self) -> bool:
-        """Whether Ω is the unit disk, its boundary by angle."""
+        """Whether Ω is the unit disk, parametrised by angle."""
         return self.correction is None
 
     def __call__(self, x: Float[Tensor, "*batch n k"]) -> Float[Tensor, "*batch n k"]:
-        """Λ of each column, sampled at t = j/n."""
+        """Λ applied to columns of samples at t = j/n."""
         n = x.shape[-2]
-        # along rows: of columns side by side some processors round a loop's otherwise when other loops are beside it;
-        # one coordinate of all loops after the other, as curves tell points
+        # along rows: some processors round a column differently when other columns are beside it
         spectrum = torch.fft.rfft(x.movedim(-1, 0).contiguous())
         result = spectrum * frequencies(n, x.device)
         if self.correction is not None:
@@ -87,15 +85,12 @@ class DirichletForm:
 
 @lru_cache(maxsize=64)
 def frequencies(n: int, device: torch.device) -> Float[Tensor, " k"]:
-    """Those of the real Fourier transform of n values."""
+    """Frequencies of the real Fourier transform of n values."""
     return torch.arange(n // 2 + 1, dtype=torch.float64, device=device)
 
 
 def _smooth_kernel(z: Complex[Tensor, " n"], dz: Complex[Tensor, " n"]) -> Complex[Tensor, "n n"]:
-    """Cauchy's kernel z'(τ)/(z(τ) − z(t)) less the circle's ½cot(π(τ − t)), per step of τ, over 2π.
-
-    The curve is sampled at equal steps; where t = τ the entry means nothing.
-    """
+    """Cauchy's kernel z'(τ)/(z(τ) − z(t)) less ½cot(π(τ − t)), over 2π, at equal steps; the diagonal is undefined."""
     step = torch.arange(len(z)).to(dz.real) / len(z)
     turn = step - step[:, None]
     same = turn == 0
@@ -105,27 +100,27 @@ def _smooth_kernel(z: Complex[Tensor, " n"], dz: Complex[Tensor, " n"]) -> Compl
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CirclesForm:
-    """`DirichletForm` of the unit disk less round holes, on equal steps of every circle's angle τ.
+    """Λ of the unit disk less round holes, on equal steps of the angle τ of every circle; see `DirichletForm`.
 
-    Each circle has a coordinate ζ that maps its own side of the plane to the unit disk: ζ = z for the unit circle,
-    ζ = r/(z − c) for a hole. A harmonic function on Ω is the real part of a sum of powers of them all, and of a
-    logarithm for each hole. On a circle its own powers are the frequencies that lead and all others the frequencies
-    that lag, so the normal derivative is |k| on the first and −|k| on the second. Between two concentric circles Λ is a
-    multiplier of Fourier series; with more it differs from |k| by an operator with a smooth kernel.
+    Each circle has a coordinate ζ that maps its side of the plane to the unit disk: ζ = z for the unit circle,
+    ζ = r/(z − c) for a hole. A harmonic function on Ω is the real part of a sum of powers of all coordinates, and of a
+    logarithm for each hole. On a circle the normal derivative is |k| on the powers of its own coordinate and −|k| on
+    the others. Between two concentric circles Λ multiplies Fourier coefficients; with more circles it differs from |k|
+    by an operator with a smooth kernel.
     """
 
     domain: CircularDomain  # Ω
     steps: int  # n, of every circle
     own: Float[Tensor, " f"]  # multipliers of a circle's own values, frequencies 0 … n/2
-    # multipliers of the conjugate spectrum of the other of two circles; none where there are more
+    # multipliers of the conjugate spectrum of the other circle; None with more than two circles
     other: Float[Tensor, " f"] | None
-    # Λ less |k| on so many equal steps of every circle as resolve it, (m c, m c); none for two circles
+    # Λ − |k| on c equal steps of every circle, which resolve it; None for two circles
     correction: Float[Tensor, "mc mc"] | None
-    error: float  # the correction's deviation from a symmetric matrix, relative to the largest entry of |k|'s
+    error: float  # asymmetry of the correction, relative to the largest entry of |k|
 
     @classmethod
     def of(cls, domain: CircularDomain, n: int, *, negligible: float = ROUND_OFF) -> CirclesForm:
-        """Λ on n equal steps of every circle, an even number; without powers that are negligible on other circles."""
+        """Λ on n equal steps of every circle, n even; powers below `negligible` on the other circles are left out."""
         if domain.rims == 2:
             own, other = multipliers(domain.log_radii.new_tensor(domain.modulus), n)
             return cls(domain=domain, steps=n, own=own, other=other, correction=None, error=0.0)
@@ -137,7 +132,7 @@ class CirclesForm:
         return cls(domain=domain, steps=n, own=own, other=None, correction=(coupling + coupling.T) / 2, error=error)
 
     def __call__(self, x: Float[Tensor, "*batch m n c"]) -> Float[Tensor, "*batch m n c"]:
-        """Λ of each column, on all circles."""
+        """Λ applied to columns of samples on all circles."""
         n = self.steps
         spectrum = torch.fft.rfft(x, dim=-2)
         result = self.own[:, None] * spectrum
@@ -154,18 +149,18 @@ class CirclesForm:
         return values
 
     def matrix(self) -> Float[Tensor, "mn mn"]:
-        """Λ on the samples of all circles, one circle after the other."""
+        """Λ as a matrix on the samples of all circles, circle by circle."""
         n, m = self.steps, self.domain.rims
         j = torch.arange(n, device=self.own.device)
         own = torch.fft.irfft(self.own.to(torch.complex128), n=n)[(j[:, None] - j) % n]
         if self.other is not None:
             other = torch.fft.irfft(self.other.to(torch.complex128), n=n)[(j[:, None] + j) % n]
             return torch.cat([torch.cat([own, other], dim=1), torch.cat([other, own], dim=1)])
-        assert self.correction is not None  # more than two circles have one
+        assert self.correction is not None
         count = len(self.correction) // m
         matrix = self.correction.reshape(m, count, m, count)
         if count < n:
-            # the factor of each side's interpolation, and of the sum over n steps in place of c
+            # interpolated on both sides; n/c because sums run over n steps
             spectrum = torch.fft.rfft(matrix, dim=1)[:, : count // 2]
             matrix = torch.fft.irfft(spectrum, n=n, dim=1) * (n / count)
             spectrum = torch.fft.rfft(matrix, dim=3)[..., : count // 2]
@@ -176,10 +171,10 @@ class CirclesForm:
 
 
 def multipliers(modulus: Float[Tensor, "*m"], n: int) -> tuple[Float[Tensor, "*m f"], Float[Tensor, "*m f"]]:
-    """The Dirichlet-to-Neumann map Λ(m) of cylinders of any moduli on n equal steps of both rims.
+    """Multipliers of the Dirichlet-to-Neumann map of cylinders of modulus m, on n equal steps of both rims.
 
-    Both rims run with the cylinder on their left, as the boundary of an annulus does. For the frequencies k = 0 … n/2 a
-    rim's own part is |k| coth |k|m; the other's, of its conjugate spectrum, is −|k| / sinh |k|m (for k = 0: ±1/m).
+    Both rims have the cylinder on their left, as the boundary of an annulus has. For k = 0 … n/2 the multiplier of a
+    rim's own spectrum is |k| coth |k|m, that of the other rim's conjugate spectrum −|k| / sinh |k|m (for k = 0: ±1/m).
     """
     m = modulus[..., None]
     k = torch.arange(n // 2 + 1, dtype=m.dtype, device=m.device)
@@ -192,10 +187,10 @@ def multipliers(modulus: Float[Tensor, "*m"], n: int) -> tuple[Float[Tensor, "*m
 
 
 def _coupling(domain: CircularDomain, n: int) -> Float[Tensor, "mn mn"]:
-    """Λ less |k| of each circle by itself, by collocation of sums of harmonic functions at n equal steps.
+    """Λ − |k| by collocation of harmonic functions at n equal steps of every circle.
 
-    Of each circle's coordinate for the outer one 1, for holes log(|z − c|/r), and powers; of the highest, of which n
-    equal steps see a cosine only, the real part alone.
+    The functions of a circle are the powers of its coordinate, and 1 (outer circle) or log(|z − c|/r) (holes). Of the
+    highest power, n equal steps resolve the real part only.
     """
     m, zeta = domain.rims, domain.coordinates_on_circles(n)
     powers = torch.cumprod(zeta[:, None].expand(-1, n // 2, *zeta.shape[1:]), dim=1)
@@ -207,7 +202,7 @@ def _coupling(domain: CircularDomain, n: int) -> Float[Tensor, "mn mn"]:
     lagging[circle, :, circle] = 0
     spectrum = torch.fft.rfft(lagging)
     frequency = torch.arange(spectrum.shape[-1], dtype=values.dtype, device=values.device)
-    # own powers have |k| of their values, all others −|k|
+    # the normal derivative of own powers is |k|, of all others −|k|
     change = torch.fft.irfft(-2 * frequency * spectrum, n=n)
     # the flux of a logarithm: out of Ω at the outer circle, into it at its hole
     change[1:, 0, 0] += 1
@@ -217,17 +212,17 @@ def _coupling(domain: CircularDomain, n: int) -> Float[Tensor, "mn mn"]:
 
 
 def derivative(x: Float[Tensor, "*m n c"]) -> Float[Tensor, "*m n c"]:
-    """dx/dτ of columns at n equal steps of every circle; of their highest frequency, a cosine, it is 0 at the steps."""
+    """dx/dτ of columns at n equal steps of every circle; the highest frequency contributes 0 at the steps."""
     n = x.shape[-2]
     k = 1j * torch.arange(n // 2 + 1, dtype=x.dtype, device=x.device)
     k[-1] = 0
-    # along rows: of columns side by side some processors round one otherwise when others are beside it
+    # along rows: see `DirichletForm.__call__`
     values: Tensor = torch.fft.irfft(k * torch.fft.rfft(x.mT.contiguous()), n=n).mT
     return values
 
 
 def without_highest(x: Float[Tensor, "*m n c"]) -> Float[Tensor, "*m n c"]:
-    """Columns at n equal steps of every circle without their highest frequency, of which steps see no sine."""
+    """Columns at n equal steps of every circle without their highest frequency, whose sine is 0 at the steps."""
     n = x.shape[-2]
     values: Tensor = torch.fft.irfft(torch.fft.rfft(x, dim=-2)[..., : n // 2, :], n=n, dim=-2)
     return values

@@ -1,4 +1,4 @@
-"""Several loops on their way to a minimal surface between them: directions, start, moduli, and when there is none."""
+"""The routes to a connected minimal surface between several loops, and the criteria that there is none."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -18,36 +18,33 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.capacity_path import all_on_path, mean_modulus
-from spinor_geom.plateau.found import Between, Found, NoneBetweenError
-from spinor_geom.plateau.harmonic_route import even, points_of_domain
-from spinor_geom.plateau.lift import WORTHWHILE, Lift, circles_of, domain_of, lifted_between, surface_of
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.harmonic_route import even, points_of_domain
+from spinor_geom.plateau.harmonic.lift import WORTHWHILE, Lift, circles_of, domain_of, lifted_between, surface_of
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, SMALL
 from spinor_geom.plateau.plane_route import lie_beside
-from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.request import Request
-from spinor_geom.plateau.rim_starts import Placement, Rim, seen_starts, start_between
-from spinor_geom.plateau.rims_energy import DENSE, HarmonicSurface, RimsProblem
+from spinor_geom.plateau.problem import PlateauProblem
+from spinor_geom.plateau.rims.capacity_path import all_on_path, mean_modulus
+from spinor_geom.plateau.rims.energy import DENSE, HarmonicSurface, RimsProblem
+from spinor_geom.plateau.rims.starts import OrientedSurface, Rim, projected_starts, start_between
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
+from spinor_geom.plateau.route_result import NoConnectedSurfaceError, RimsResult, RouteResult
 from spinor_geom.plateau.solution import RimMatch
 from spinor_geom.plateau.steps import SPENT
-from spinor_geom.plateau.vertex_route import surface_through
+from spinor_geom.plateau.vertices.vertex_route import surface_through
 
-# Fewest nodes on each rim where a surface is sought, and most of all.
-_FEWEST_NODES, _MOST_NODES = 32, 1 << 13
-_PER_EDGE = 6  # nodes for each edge of rough rims to begin with
-# Powers of one circle's coordinate on another that are left away over rough rims: far below what their nodes resolve.
-_NEGLIGIBLE_POWER = 1e-8
-# While nodes are so few that matrices are factored, the distance is brought to this share of what is asked for.
-_WELL_BELOW = 1e-3
-_RIVAL = 1.3  # the other direction of the second loop is tried too if its start has at most so many times the energy
-_SETTLED = 1e-3  # gradient above which a search has found nothing
-# The smooth curve that leads to a rough one: its width as a share of the loop, and how many curves there are between.
+_FEWEST_NODES, _MOST_NODES = 32, 1 << 13  # smallest and largest number of nodes on each rim
+_PER_EDGE = 6  # first number of nodes for each edge of rough rims
+_NEGLIGIBLE_POWER = 1e-8  # powers on other circles below this are left out over rough rims
+_WELL_BELOW = 1e-3  # share of the allowed distance that is sought while matrices are factored
+_RIVAL = 1.3  # a start with the second loop in the other direction is tried up to this ratio of energies
+_SETTLED = 1e-3  # largest relative gradient of a critical point
+# Width of the average of a noisy curve, as a share of the loop, and number of curves from it to the curve itself.
 _AVERAGE, _DEFORMATIONS = 0.03, 4
 
 
 def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> str | None:
-    """Why there cannot be a surface of one piece between several loops at unit size, where that is certain."""
+    """Why there is no connected surface between several loops at unit size; None where it is not certain."""
     if lie_beside(loops):
         return "the rims lie beside each other in one plane, which a minimal surface between them would not leave"
     if len(curves) == 2 and parted_by_cone(*curves):
@@ -85,51 +82,51 @@ def parted_by_cone(first: BoundaryCurve, second: BoundaryCurve) -> bool:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RimsSolver:
-    """Several loops on their routes."""
+    """Finds connected minimal surfaces between several loops."""
 
-    request: Request
+    problem: PlateauProblem
 
-    def on_circles(self) -> Found:
-        """Douglas's surface of least area over a circular domain, or that nearest to a modulus that was asked for."""
-        laurent = self.request.options.laurent
+    def on_circles(self) -> RouteResult:
+        """Douglas's surface of least area over a circular domain, or the one nearest to the modulus of the options."""
+        laurent = self.problem.options.laurent
         if laurent is not None and laurent.modulus is not None:
             log = math.log(laurent.modulus)
-            found = self._stable() if self.request.options.leaves_unstable else self.all_critical()
+            found = self._stable() if self.problem.options.leaves_unstable else self.all_critical()
             best = min(found, key=lambda one: abs(math.log(mean_modulus(one.surface.domain)) - log), default=None)
         else:
             best = self._descended
-            if best is None and len(self.request.units) == 2:
+            if best is None and len(self.problem.units) == 2:
                 best = min(self._stable(), key=lambda placed: placed.surface.dirichlet_energy, default=None)
         if best is None:
             until = "with the modulus, however large that is"
-            if len(self.request.units) > 2:
+            if len(self.problem.units) > 2:
                 until = "until they fall apart, whatever was tried"
-            raise NoneBetweenError(f"the energy of surfaces between the rims falls {until}")
+            raise NoConnectedSurfaceError(f"the energy of surfaces between the rims falls {until}")
         return self.fitted(best)
 
-    def through_points(self) -> Found:
+    def through_points(self) -> RouteResult:
         """The surface through the points of rough rims."""
         placed = self._descended
         if placed is None:
             raise SurfaceError("no minimal surface was found between averages of the rims")
         problem = self._problem(placed)
-        with self.request.clock.stage("lift"):
-            smooth = lifted_between(placed.surface, problem.curves, allowed=self.request.allowed)
+        with self.problem.clock.stage("lift"):
+            smooth = lifted_between(placed.surface, problem.curves, allowed=self.problem.allowed)
             circles = self._circles(placed, placed.surface.domain)
         points, starts = [], []
-        loops, averages = placed.as_run(self.request.units), placed.as_run(self._way[0])
+        loops, averages = placed.as_run(self.problem.units), placed.as_run(self._continuation[0])
         for loop, average, slide, circle in zip(loops, averages, smooth.slides, circles, strict=True):
             match = RimMatch(loop=loop, curve=average, boundary=circle, matching=_matching(slide))
             points.append(loop.points)
-            starts.append(torch.as_tensor(match.points_in_domain(), device=self.request.options.device))
-        with self.request.clock.stage("fit"):
-            found = surface_through(smooth, starts, points, allowed=self.request.allowed, steps=self.request.steps)
+            starts.append(torch.as_tensor(match.points_in_domain(), device=self.problem.options.device))
+        with self.problem.clock.stage("fit"):
+            found = surface_through(smooth, starts, points, allowed=self.problem.allowed, steps=self.problem.steps)
         return replace(found, between=_between(placed, smooth.series.antiperiodic, found.surface.largest_period()))
 
     @cached_property
-    def _descended(self) -> Placement | None:
-        """The surface that the energy falls to from the better start; None where it falls apart, or is no minimum."""
-        with self.request.clock.stage("slides"):
+    def _descended(self) -> OrientedSurface | None:
+        """The minimum of the energy from the best start; None where the surface degenerates."""
+        with self.problem.clock.stage("slides"):
             least = min((start.surface.dirichlet_energy for start in self._starts), default=0.0)
             rivals = [start for start in self._starts if start.surface.dirichlet_energy <= _RIVAL * least]
             found = [lower for start in rivals if (lower := self._lower(start)) is not None]
@@ -137,18 +134,18 @@ class RimsSolver:
             while best is not None:
                 problem, nodes = self._problem(best), 2 * best.surface.slides.shape[1]
                 fine = problem.stationary(problem.resampled(best.surface, nodes), saddles=True)
-                is_last = nodes * len(self.request.units) > 2 * DENSE
+                is_last = nodes * len(self.problem.units) > 2 * DENSE
                 if is_last or (fine.size <= _SETTLED and fine.is_minimum):
                     return replace(best, surface=fine)
-                # so few nodes do not tell of all bends
+                # on few nodes the energy may have other minima
                 best = self._lower(replace(best, surface=problem.resampled(best.surface, nodes)))
             return None
 
-    def _lower(self, start: Placement) -> Placement | None:
-        """What the energy falls to from a start, with as many nodes as resolve the gaps between the circles.
+    def _lower(self, start: OrientedSurface) -> OrientedSurface | None:
+        """The minimum of the energy from a start, with enough nodes to resolve the gaps between the circles.
 
-        None where the modulus of two rims runs away, and where with twice as many nodes too it falls apart: few nodes
-        on a small rim may all come together in one place of it.
+        None where the modulus of two rims is too large, or the surface degenerates twice: few nodes on a small rim may
+        all meet in one place.
         """
         problem, n, fallen = self._problem(start), start.surface.slides.shape[1], 0
         while True:
@@ -156,71 +153,72 @@ class RimsSolver:
             if not lower.falls_apart and lower.size <= _SETTLED:
                 return replace(start, surface=lower)
             n, fallen = 2 * n, fallen + lower.falls_apart
-            is_gone = fallen == 2 or (len(self.request.units) == 2 and lower.is_apart)
-            if is_gone or n * len(self.request.units) > DENSE:
+            is_gone = fallen == 2 or (len(self.problem.units) == 2 and lower.is_apart)
+            if is_gone or n * len(self.problem.units) > DENSE:
                 return None
 
     @cached_property
-    def _starts(self) -> tuple[Placement, ...]:
-        """Where to start from: two rims with the second as it is and reversed."""
+    def _starts(self) -> tuple[OrientedSurface, ...]:
+        """The starts; for two rims, with the second one as given and reversed."""
         rims = self._rims[0]
         if len(rims) == 2:
             return tuple(start_between(*rims, _FEWEST_NODES, back=back) for back in (False, True))
-        return tuple(seen_starts(rims, _FEWEST_NODES))
+        return tuple(projected_starts(rims, _FEWEST_NODES))
 
     @cached_property
-    def _way(self) -> tuple[tuple[BoundaryCurve, ...], ...]:
-        """Curves that lead to those of the loops: these alone, or to noisy ones from smooth ones on.
+    def _continuation(self) -> tuple[tuple[BoundaryCurve, ...], ...]:
+        """Curves of a continuation from smooth averages to the curves of noisy loops; of others the curves alone.
 
-        Newton's method finds its way through many sharp bends only if they grow on it.
+        From a smooth start Newton's method does not converge on curves with many sharp bends.
         """
         if not self._is_noisy:
-            return (self.request.curves,)
-        ways = [_grown(curve) for curve in self.request.curves]
-        return tuple(zip(*ways, strict=True))
+            return (self.problem.curves,)
+        continuations = [_from_average(curve) for curve in self.problem.curves]
+        return tuple(zip(*continuations, strict=True))
 
     @cached_property
     def _is_noisy(self) -> bool:
-        """Whether one of the loops is rough, or its curve a cubic spline without corners: no smoother one is shown."""
-        return any(map(is_rough, self.request.units, self.request.curves)) or any(
-            curve.kind == "cubic" and not curve.corners.any() for curve in self.request.curves
+        """Whether a loop is rough, or its curve a cubic spline without corners."""
+        return any(map(is_rough, self.problem.units, self.problem.curves)) or any(
+            curve.kind == "cubic" and not curve.corners.any() for curve in self.problem.curves
         )
 
     @cached_property
     def _rims(self) -> tuple[tuple[Rim, ...], ...]:
-        """All rims on each step of their way, in both directions."""
-        device = self.request.options.device
+        """The rims of each step of the continuation."""
+        device = self.problem.options.device
         return tuple(
             tuple(
-                Rim(number=k, ways=(CurveTensors.of(curve, device), CurveTensors.of(curve.reversed(), device)))
+                Rim(number=k, directions=(CurveTensors.of(curve, device), CurveTensors.of(curve.reversed(), device)))
                 for k, curve in enumerate(curves)
             )
-            for curves in self._way
+            for curves in self._continuation
         )
 
-    def _problem(self, placed: Placement, step: int = 0) -> RimsProblem:
+    def _problem(self, placed: OrientedSurface, step: int = 0) -> RimsProblem:
         rims = self._rims[step]
-        ways = [rims[rim.number].ways[back] for rim, back in zip(placed.rims, placed.back, strict=True)]
+        curves = [rims[rim.number].directions[back] for rim, back in zip(placed.rims, placed.back, strict=True)]
         negligible = _NEGLIGIBLE_POWER if self._is_noisy else ROUND_OFF
         return RimsProblem(
-            curves=CurveTensors.batch(ways),
+            curves=CurveTensors.batch(curves),
             negligible=negligible,
-            on_step=partial(self.request.steps.take, "Douglas-Newton"),
+            on_step=partial(self.problem.steps.take, "Douglas-Newton"),
         )
 
-    def all_critical(self) -> list[Placement]:
-        """Critical points: over two rims all with the second loop in the direction whose start has less energy.
+    def all_critical(self) -> list[OrientedSurface]:
+        """Critical points of the energy.
 
-        Over more the one of least energy and those on its path.
+        Over two rims these are all with the second loop in the direction of the start of less energy; over more, the
+        minimum and those on its capacity path.
         """
-        best, is_two = self._descended, len(self.request.units) == 2
+        best, is_two = self._descended, len(self.problem.units) == 2
         start = min(self._starts, key=lambda start: start.surface.dirichlet_energy) if is_two else best
         if start is None:
             return []
         n = (best or start).surface.slides.shape[1]
-        with self.request.clock.stage("moduli"):
+        with self.problem.clock.stage("moduli"):
             problem = self._problem(start)
-            # half of the nodes do, and its steps on them cost an eighth
+            # steps on half of the nodes cost an eighth
             coarse = problem.resampled(start.surface, max(_FEWEST_NODES, n // 2))
             held = problem.stationary(replace(coarse, held=is_two), tolerance=SMALL, saddles=not is_two)
             return [
@@ -228,38 +226,38 @@ class RimsSolver:
                 for surface in all_on_path(problem, held)
             ]
 
-    def _stable(self) -> list[Placement]:
+    def _stable(self) -> list[OrientedSurface]:
         return [placed for placed in self.all_critical() if placed.surface.index == 0]
 
-    def fitted(self, placed: Placement) -> Found:
-        """The surface with as many nodes as the tolerance asks for, or as help."""
+    def fitted(self, placed: OrientedSurface) -> RouteResult:
+        """The minimal surface next to a harmonic one, with as many nodes as the tolerance needs."""
         problem, saddles = self._problem(placed, -1), placed.surface.index > 0
         tried: list[tuple[Lift, HarmonicSurface]] = []
         limit, before = "more nodes on the rims do not help", math.inf
         for finer in self._finer(placed, saddles=saddles):
-            goal = self.request.allowed * (_WELL_BELOW if finer.slides.numel() <= DENSE else 1.0)
-            if self.request.options.is_series:
+            goal = self.problem.allowed * (_WELL_BELOW if finer.slides.numel() <= DENSE else 1.0)
+            if self.problem.options.is_series:
                 goal = float(np.finfo(np.float64).tiny)
-            with self.request.clock.stage("lift"):
+            with self.problem.clock.stage("lift"):
                 tried.append((lifted_between(finer, problem.curves, allowed=goal), finer))
             lift, harmonic = min(tried, key=lambda pair: pair[0].misfit.rms)
-            if lift.misfit.excess(allowed=goal, tolerance=self.request.options.tolerance) <= 1:
+            if lift.misfit.excess(allowed=goal, tolerance=self.problem.options.tolerance) <= 1:
                 break
-            # at corners the distance falls slowly, but surely: on the way to what is allowed it may
+            # at corners the distance falls slowly: go on while it can reach the allowed distance
             now, doublings = tried[-1][0].misfit.rms, math.log2(_MOST_NODES / finer.slides.shape[1])
-            is_on_its_way = now > self.request.allowed >= now * (now / before) ** doublings
+            is_on_its_way = now > self.problem.allowed >= now * (now / before) ** doublings
             if now >= WORTHWHILE * before and (saddles or not is_on_its_way):
                 break
             before = lift.misfit.rms
         else:
-            are_spent = self.request.steps.are_spent
+            are_spent = self.problem.steps.are_spent
             limit = SPENT if are_spent else f"{_MOST_NODES} nodes on each rim are the most that are tried"
-        with self.request.clock.stage("surface"):
+        with self.problem.clock.stage("surface"):
             domain = domain_of(lift, *self._circles(placed, harmonic.domain))
-        return Found(
+        return RouteResult(
             domain=domain,
             surface_at=surface_of(lift, domain),
-            curves=tuple(placed.as_run(self.request.curves)),
+            curves=tuple(placed.as_run(self.problem.curves)),
             matchings=tuple(_matching(slide) for slide in lift.slides),
             misfit=lift.misfit,
             area=lift.area,
@@ -268,42 +266,42 @@ class RimsSolver:
             between=_between(replace(placed, surface=harmonic), lift.series.antiperiodic, lift.period),
         )
 
-    def _finer(self, placed: Placement, *, saddles: bool) -> Iterator[HarmonicSurface]:
-        """The surface over the loops' own curves, and with more and more nodes."""
+    def _finer(self, placed: OrientedSurface, *, saddles: bool) -> Iterator[HarmonicSurface]:
+        """The harmonic surface over the loops' own curves, with increasing numbers of nodes."""
         problem, surface = self._problem(placed, -1), placed.surface
         if self._is_noisy:
-            n = even(_PER_EDGE * max(map(len, self.request.units)))
-            with self.request.clock.stage("slides"):
-                for step in range(1, len(self._way)):
+            n = even(_PER_EDGE * max(map(len, self.problem.units)))
+            with self.problem.clock.stage("slides"):
+                for step in range(1, len(self._continuation)):
                     surface = self._stationary(self._problem(placed, step), surface, n, saddles=saddles)
         while True:
             yield surface
             n = even(2 * surface.slides.shape[1])
-            if n > _MOST_NODES or self.request.steps.are_spent:
+            if n > _MOST_NODES or self.problem.steps.are_spent:
                 return
             try:
-                with self.request.clock.stage("slides"):
+                with self.problem.clock.stage("slides"):
                     surface = self._stationary(problem, surface, n, saddles=saddles)
             except OutOfTimeError:  # the surfaces so far are not lost
                 return
 
     def _stationary(self, problem: RimsProblem, surface: HarmonicSurface, n: int, *, saddles: bool) -> HarmonicSurface:
-        edges = max(map(len, self.request.units))
+        edges = max(map(len, self.problem.units))
         return problem.stationary(
             problem.resampled(surface, n),
-            tolerance=ROUGH_GRADIENT * self.request.options.tolerance if self._is_noisy else ROUNDING,
-            max_steps=min(MOST_STEPS, self.request.steps.left),
+            tolerance=ROUGH_GRADIENT * self.problem.options.tolerance if self._is_noisy else ROUNDING,
+            max_steps=min(MOST_STEPS, self.problem.steps.left),
             near=not self._is_noisy,
             saddles=saddles,
-            negligible=negligible_energy(edges, self.request.allowed) if self._is_noisy else 0.0,
+            negligible=negligible_energy(edges, self.problem.allowed) if self._is_noisy else 0.0,
         )
 
-    def _circles(self, placed: Placement, domain: CircularDomain) -> list[FourierBoundary]:
-        return circles_of(domain, [points_of_domain(self.request.units[rim.number]) for rim in placed.rims])
+    def _circles(self, placed: OrientedSurface, domain: CircularDomain) -> list[FourierBoundary]:
+        return circles_of(domain, [points_of_domain(self.problem.units[rim.number]) for rim in placed.rims])
 
 
-def _between(placed: Placement, antiperiodic: tuple[bool, ...], period: float) -> Between:
-    return Between(
+def _between(placed: OrientedSurface, antiperiodic: tuple[bool, ...], period: float) -> RimsResult:
+    return RimsResult(
         order=tuple(rim.number for rim in placed.rims),
         back=placed.back,
         modulus=mean_modulus(placed.surface.domain),
@@ -312,10 +310,10 @@ def _between(placed: Placement, antiperiodic: tuple[bool, ...], period: float) -
     )
 
 
-def _grown(curve: BoundaryCurve) -> list[BoundaryCurve]:
+def _from_average(curve: BoundaryCurve) -> list[BoundaryCurve]:
     """Curves from a smooth average to a rough one.
 
-    Averaged once, curves shrink; twice the average less the average's average keeps what is much longer than its width.
+    Twice the average less the average's average does not shrink on scales much longer than its width.
     """
     once = curve.smoothed(_AVERAGE)
     average = once.towards(once.smoothed(_AVERAGE), -1.0)
@@ -324,5 +322,5 @@ def _grown(curve: BoundaryCurve) -> list[BoundaryCurve]:
 
 
 def _matching(slide: Float[Tensor, " n"]) -> Float[np.ndarray, "n 2"]:
-    """The pairs of `RimMatch` for curve parameters at equal steps, the first one in [0, 1)."""
+    """`RimMatch.matching` for curve parameters at equal steps, the first one in [0, 1)."""
     return np.column_stack([np.arange(len(slide)) / len(slide), (slide - slide[0].floor()).cpu().numpy()])

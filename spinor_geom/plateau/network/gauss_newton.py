@@ -12,10 +12,10 @@ from scipy.linalg.blas import dsyrk, zherk
 from torch import Tensor
 
 from spinor_geom.deadline import require_time
-from spinor_geom.plateau.problem import PlateauProblem
+from spinor_geom.plateau.network.network_problem import NetworkProblem
 from spinor_geom.plateau.steps import STALLED, Steps
 
-_FIRST_DAMPING = 1e-2  # of the first step, as a share of the mean diagonal entry of the normal equations
+_FIRST_DAMPING = 1e-2  # damping of the first step, in mean diagonal entries of the normal equations
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,25 +23,24 @@ class Fit:
     """State of a fit."""
 
     readout: Complex[Tensor, "n 2"]  # read-outs of p and q
-    constant: Float[Tensor, "3"]  # added to the positions that start at 0 at the first panel's start
+    constant: Float[Tensor, "3"]  # c: position at the start of the first panel
     slide: Float[Tensor, " nodes"]  # curve parameters of the nodes
-    # how far Ω should move along its modulus fields, to first order; included in the error
-    amounts: Float[Tensor, " k"]
+    amounts: Float[Tensor, " k"]  # moves of Ω along its modulus fields, to first order; included in the error
     error: Float[Tensor, "nodes 3"]  # r + c − Γ(slide)
     tangent: Float[Tensor, "nodes 3"]  # Γ′(slide)
     gap: Float[Tensor, "holes 3"]  # Re ∮ φ dz around each hole
-    energy: float  # the mean of |error|² by arc length of ∂Ω, and the sum of |gap|²
+    energy: float  # mean of |error|² by arc length of ∂Ω, plus the sum of |gap|²
 
     @classmethod
     def at(
         cls,
-        problem: PlateauProblem,
+        problem: NetworkProblem,
         readout: Complex[Tensor, "n 2"],
         slide: Float[Tensor, " nodes"],
         constant: Float[Tensor, "3"] | None = None,
         amounts: Float[Tensor, " k"] | None = None,
     ) -> Fit:
-        """That of given unknowns, or of the constant that brings r nearest to Γ, and of an Ω at rest."""
+        """The state of given unknowns; by default with the best constant and a fixed Ω."""
         amounts = problem.weights.new_zeros(problem.fields.shape[1]) if amounts is None else amounts
         point, tangent = problem.point_and_derivative(slide)
         velocity, weights = problem.velocities(readout), problem.arc_weights
@@ -67,7 +66,7 @@ class Fit:
 
 
 def gauss_newton(
-    problem: PlateauProblem,
+    problem: NetworkProblem,
     readout: Complex[Tensor, "n 2"],
     slide: Float[Tensor, " nodes"],
     *,
@@ -77,11 +76,11 @@ def gauss_newton(
     """Minimises ∮ |r − Γ(s)|² |dz| and the square of Re ∮ φ dz around a hole by Levenberg-Marquardt.
 
     The residual is projected on the two directions normal to Γ'(s), which eliminates s from the linear system; s then
-    moves along the tangent and back onto the increasing sequences. Below an RMS residual of `allowed` only fast
-    convergence goes on.
+    moves along the tangent and is projected onto increasing sequences. Below an RMS residual of `allowed` the iteration
+    continues only while it converges fast.
 
     Raises:
-        OutOfTimeError: the time limit cut it short.
+        OutOfTimeError: time ran out.
     """
     fit = Fit.at(problem, readout, slide)
     damping = _FIRST_DAMPING
@@ -92,7 +91,7 @@ def gauss_newton(
         fit, damping = _damped_step(problem, fit, linear, damping)
         if fit.energy < before:
             steps.take("Gauss-Newton", fit.residual)
-        # a linearisation costs many times what a step costs; an energy that is 0 or not finite falls no more
+        # a linearisation costs many times as much as a step; an energy of 0 or infinity does not decrease
         if not fit.energy < before / 2:
             if fresh and (fit.energy <= allowed**2 or not fit.energy <= STALLED**2 * before):
                 break
@@ -105,32 +104,32 @@ def gauss_newton(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Linear:
-    """The residual projected on the normals of Γ (and on Γ' where the slide is held), and the periods, linearised.
+    """The linearised residual: its components normal to Γ (and along Γ' where the slide is held), and the periods.
 
     Unknowns: real parts of the changes of both read-outs, their imaginary parts, the change of the constant, the
-    amounts by which Ω moves.
+    moves of Ω.
     """
 
     rows: Tensor  # (equations, k)
     normal_matrix: Tensor  # (k, k), lower triangle
-    held: Tensor  # indices of the nodes that the slide's bounds hold
+    held: Tensor  # indices of the nodes at a bound of the slide
 
     @classmethod
-    def at(cls, problem: PlateauProblem, state: Fit) -> _Linear:
+    def at(cls, problem: NetworkProblem, state: Fit) -> _Linear:
         root = problem.arc_weights.sqrt()[:, None]
         p, q = (problem.features @ state.readout).unbind(-1)
         slopes = [(2 * value * problem.dz)[:, None] * problem.features for value in (p, q)]
         parts = _in_parts(*map(problem.integrate, slopes))
         around = _in_parts(*map(problem.around_hole, slopes))
         moved = problem.moved(state.readout)
-        # nodes at a bound of their slide that would go on beyond it: their distance along Γ' is a residual too
+        # nodes at a bound that would move beyond it: their distance along Γ' is a residual too
         low, high = problem.slide_bounds.T
         beyond = (state.tangent * state.error).sum(1)
         held = (((state.slide <= low) & (beyond < 0)) | ((state.slide >= high) & (beyond > 0))).nonzero()[:, 0]
         directions = list(_directions(state.tangent, held))
         counts = [len(direction) for direction, _ in directions]
         n = 4 * parts.shape[2]
-        # written in place, by real products: copies of rows cost as much as making them
+        # in place and by real products, because copying rows costs as much as computing them
         gaps = 3 * len(around)
         rows = parts.new_zeros(sum(counts) + gaps, n + 3 + moved.shape[2])
         for (direction, nodes), block in zip(directions, torch.split(rows[: sum(counts)], counts), strict=True):
@@ -143,7 +142,7 @@ class _Linear:
             rows[-gaps:, :n] = (_by_spinors(axes) @ around[:, None]).flatten(2).flatten(0, 1)
         return cls(rows=rows, normal_matrix=gram(rows), held=held)
 
-    def gradient(self, problem: PlateauProblem, state: Fit) -> Float[Tensor, " k"]:
+    def gradient(self, problem: NetworkProblem, state: Fit) -> Float[Tensor, " k"]:
         root = problem.arc_weights.sqrt()[:, None]
         residual = [
             (root[nodes] * direction * state.error[nodes]).sum(1)
@@ -157,9 +156,9 @@ def _in_parts(by_p: Complex[Tensor, "m n"], by_q: Complex[Tensor, "m n"]) -> Flo
 
 
 def _by_spinors(e: Float[Tensor, "m 3"]) -> Float[Tensor, "m 4 4"]:
-    """What makes e · Re ∫ δφ dz of the real and imaginary parts of ∫ 2p f dz and ∫ 2q f dz, for a feature f.
+    """Matrices from the real and imaginary parts of ∫ 2p f dz and ∫ 2q f dz to the derivatives of e · Re ∫ φ dz.
 
-    Rows: by the real parts of δp and δq, then by their imaginary parts, with
+    Rows: derivatives by the real parts of δp and δq, then by their imaginary parts, with
     δφ = (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)).
     """
     x, y, z = e.unbind(1)
@@ -171,7 +170,7 @@ def _by_spinors(e: Float[Tensor, "m 3"]) -> Float[Tensor, "m 4 4"]:
 def _directions(
     tangent: Float[Tensor, "nodes 3"], held: Int[Tensor, " k"]
 ) -> Iterator[tuple[Float[Tensor, "n 3"], Tensor | slice]]:
-    """Directions in which a residual counts, with their nodes: both normals everywhere, the tangent where held."""
+    """Directions of the residual, with their nodes: both normals everywhere, the tangent at held nodes."""
     for normal in normals_of(tangent):
         yield normal, slice(None)
     if len(held):
@@ -187,16 +186,16 @@ def normals_of(tangent: Float[Tensor, "*pts 3"]) -> tuple[Float[Tensor, "*pts 3"
 
 
 def gram(rows: Float[Tensor, "m k"] | Complex[Tensor, "m k"]) -> Float[Tensor, "k k"] | Complex[Tensor, "k k"]:
-    """Lower triangle of rowsᴴ·rows, the costliest product of a fit."""
+    """Lower triangle of rowsᴴ·rows."""
     if rows.is_cuda:
         return rows.mH @ rows
-    # torch has no symmetric product: BLAS's own does half the work. Its upper triangle by columns is the lower by rows.
+    # BLAS's symmetric product does half the work; its upper triangle by columns is the lower one by rows
     product = zherk if rows.is_complex() else dsyrk
     return torch.from_numpy(product(1.0, rows.numpy().T).T)
 
 
-def _damped_step(problem: PlateauProblem, state: Fit, linear: _Linear, damping: float) -> tuple[Fit, float]:
-    """The first step that lowers the residual, at rising damping; the old state if none does."""
+def _damped_step(problem: NetworkProblem, state: Fit, linear: _Linear, damping: float) -> tuple[Fit, float]:
+    """The first step, with increasing damping, that lowers the residual; the old state if none does."""
     n = problem.features.shape[1]
     gradient = linear.gradient(problem, state)
     scale = linear.normal_matrix.diagonal().mean()
@@ -211,7 +210,7 @@ def _damped_step(problem: PlateauProblem, state: Fit, linear: _Linear, damping: 
             shift, amounts = step[4 * n : 4 * n + 3], step[4 * n + 3 :]
             unknowns = state.constant + shift, state.amounts + amounts
             error = Fit.at(problem, state.readout + change, state.slide, *unknowns).error
-            # damped like the rest: where Γ turns sharply the full move along its tangent can lead away from it
+            # damped like the rest: at sharp turns of Γ the full move along its tangent leads away from it
             along = (state.tangent * error).sum(1) / (speed2 * (1 + damping))
             slide = problem.increasing(state.slide + along, speed2)
             trial = Fit.at(problem, state.readout + change, slide, *unknowns)

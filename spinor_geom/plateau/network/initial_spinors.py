@@ -1,4 +1,4 @@
-"""The start of a fit: spinors lifted from the frames of a discrete disk along its boundary."""
+"""Initial spinors of a fit, lifted from the frames of a discrete surface along its boundary."""
 
 import numpy as np
 import torch
@@ -16,7 +16,7 @@ from spinor_geom.surface.frames import phi_from_frames, spinors_from_phi
 def images_in_plane(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary: Complex[np.ndarray, " m"]
 ) -> Complex[np.ndarray, " n"]:
-    """Where the vertices of a discrete surface lie in Ω: its harmonic map with given images of the boundary."""
+    """Images in Ω of the vertices of a discrete surface, by the harmonic map with given images of the boundary."""
     points = harmonic_extension(mollified_laplacian(vertices, faces), plane_coordinates(boundary)) @ np.array([1.0, 1j])
     points[: len(boundary)] = boundary
     return np.asarray(points)
@@ -31,12 +31,18 @@ def lifted_spinors(
     *,
     branch: complex | None = None,
 ) -> Complex[Tensor, "m 2"]:
-    """Spinors p and q on each boundary edge of a discrete surface, with signs that make them continuous on all of it.
+    """Spinors p and q on each boundary edge of a discrete surface, with signs that are continuous on the surface.
 
-    On a ragged boundary the spinors beside each other may not tell the sign. From face to face the frame turns less:
-    the signs are handed on along the tree of faces whose steps have the most nearly parallel spinors. The first
-    vertices are the boundary, in order; `points` are their images in Ω. Where p and q change their signs around a
-    `branch` c in a hole, p/√(z − c) and q/√(z − c) are given, which do not.
+    On a ragged boundary neighbouring spinors do not determine the sign. From face to face the frame turns less, so the
+    signs are propagated along a minimum spanning tree of the faces.
+
+    Args:
+        vertices: positions; the boundary comes first, in order.
+        faces: triangles.
+        points: images of the vertices in Ω.
+        rims: number of vertices of each boundary.
+        device: where the result is.
+        branch: a point c in a hole around which p and q change sign; p/√(z − c) and q/√(z − c) are returned then.
     """
     after = rim_successors(rims)
     boundary = points[: len(after)]
@@ -52,7 +58,7 @@ def lifted_spinors(
     normal = np.cross(tangent, corner[:, 2] - corner[:, 0])
     frames = (torch.from_numpy(part) for part in (tangent, normal, step, np.ones(len(faces))))
     inner = single_valued(phi_from_frames(*frames), image.mean(axis=1)).numpy()
-    # not by libigl, which starts threads for it
+    # not by libigl, which would start threads
     codes = edge_codes(faces, len(points))
     order = codes.argsort()
     shared = np.flatnonzero(np.diff(codes[order]) == 0)
@@ -62,7 +68,7 @@ def lifted_spinors(
     _, before = breadth_first_order(minimum_spanning_tree(graph), 0, directed=False)
     before[0] = 0
     sign = np.where((inner.conj() * inner[before]).sum(axis=1).real < 0, -1.0, 1.0)
-    # pointer jumping: each round multiplies the signs over twice as long a way to the first face
+    # pointer jumping: each round multiplies the signs over twice as many faces
     while (before != before[before]).any():
         sign, before = sign * sign[before], before[before]
     sign *= sign[before]
@@ -77,13 +83,13 @@ def lifted_frames(
     rims: Rims,
     device: torch.device,
 ) -> Complex[Tensor, "m 3"]:
-    """φ on each boundary edge of a discrete surface, of its first vertices in order, as its frames there say."""
+    """φ on each boundary edge of a discrete surface, from the frames of the faces there."""
     m = len(boundary)
     after = rim_successors(rims)
     corner = vertices[faces[_faces_along(faces, after)]]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     tangent = vertices[after] - vertices[:m]
-    # a face without area has no normal: any direction across the edge will do for a start
+    # a face without area has no normal: take any direction across the edge
     flat = np.linalg.norm(normal, axis=1) <= np.finfo(np.float64).eps * np.sum(tangent**2, axis=1)
     normal[flat] = np.cross(tangent[flat], np.eye(3)[np.abs(tangent[flat]).argmin(axis=1)])
     edge = boundary[after] - boundary

@@ -1,7 +1,7 @@
-"""Where Douglas's problem for several rims starts: each one's place in Ω, its direction, and what is opposite what.
+"""Starts of Douglas's problem for several rims: the circles of Ω, the directions of the rims, and their slides.
 
-Two rims are matched by all shifts of one against the other and all moduli at once. More are seen as circles on a sphere
-around some points, from where the energy is least.
+Two rims are matched by trying all shifts of one against the other and many moduli at once. Three rims and more are
+projected as circles onto spheres around several view points; the projections of least energy are used.
 """
 
 from __future__ import annotations
@@ -20,16 +20,14 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.dirichlet import multipliers
-from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.rims_energy import MOST_MODULUS, HarmonicSurface
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.dirichlet import multipliers
+from spinor_geom.plateau.rims.energy import MOST_MODULUS, HarmonicSurface
 
 _STEP = 0.05  # step of the logarithm of a modulus
-_KEPT = 2  # starts that are kept: with one, noisy rims on the sides of a cube are not met in their points
-# Eyes' distances from the rims' middle, in the rims' largest distance from it.
-_EYES = (0.5, 2.0)
-# Narrowest circles on a sphere, as the cosine of their angle, and how often those that cross are made smaller.
-_NARROWEST, _SHRINKINGS = 0.9999, 20
+_KEPT = 2  # starts that are returned; with one, noisy rims on the sides of a cube are not met
+_VIEW_DISTANCES = (0.5, 2.0)  # of view points from the centre, in the largest distance of the rims from it
+_NARROWEST, _SHRINKINGS = 0.9999, 20  # cosine of the narrowest circle's angle; rounds of shrinking crossing circles
 
 
 _Run = TypeVar("_Run", BoundaryLoop, BoundaryCurve)
@@ -39,53 +37,53 @@ _Run = TypeVar("_Run", BoundaryLoop, BoundaryCurve)
 class Rim:
     """A curve in both directions."""
 
-    number: int  # of the rim among those that were given
-    ways: tuple[CurveTensors, CurveTensors]  # its curve as it was given, and reversed
+    number: int  # among the given loops
+    directions: tuple[CurveTensors, CurveTensors]  # the curve as given, and reversed
 
     def samples(self, n: int, *, back: bool = False) -> Float[Tensor, "n 3"]:
         """Points at equal steps of the parameter."""
-        breaks = self.ways[back].breaks
+        breaks = self.directions[back].breaks
         even = torch.arange(n, dtype=breaks.dtype, device=breaks.device) / n
-        return self.ways[back].point_and_derivative(even)[0]
+        return self.directions[back].point_and_derivative(even)[0]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Placement:
-    """Rims in their places."""
+class OrientedSurface:
+    """A harmonic surface, with the rims and directions of its circles."""
 
-    rims: tuple[Rim, ...]  # that of the outer circle, of the hole about 0, and of all others
-    back: tuple[bool, ...]  # which of them run against the curve that was given
+    rims: tuple[Rim, ...]  # of the outer circle, of the hole about 0, and of all others
+    back: tuple[bool, ...]  # whether each runs against the given curve
     surface: HarmonicSurface
 
     @classmethod
     def of(
         cls, rims: Sequence[Rim], back: Sequence[bool], slides: Float[Tensor, "m n"], domain: CircularDomain
-    ) -> Placement:
-        """The placement with given slides over a given domain."""
-        curves = CurveTensors.batch([rim.ways[way] for rim, way in zip(rims, back, strict=True)])
+    ) -> OrientedSurface:
+        """The surface with given slides over a given domain."""
+        curves = CurveTensors.batch([rim.directions[is_back] for rim, is_back in zip(rims, back, strict=True)])
         surface = HarmonicSurface.of(curves, slides, domain, ROUND_OFF)
         return cls(rims=tuple(rims), back=tuple(back), surface=surface)
 
     def as_run(self, given: Sequence[_Run]) -> list[_Run]:
-        """What was given of each rim, in the order and in the direction of the boundary of Ω."""
+        """The given loops or curves in the order and direction of the boundaries of Ω."""
         rims = zip(self.rims, self.back, strict=True)
         return [given[rim.number].reversed() if back else given[rim.number] for rim, back in rims]
 
-    def with_first_as_given(self) -> Placement:
-        """This, or its mirror image in Ω, such that the first rim that was given runs as it was given."""
+    def with_first_as_given(self) -> OrientedSurface:
+        """This surface or its mirror image in Ω, whichever has the first given rim in its given direction."""
         if not any(back for rim, back in zip(self.rims, self.back, strict=True) if rim.number == 0):
             return self
         slides, domain = self.surface.slides, self.surface.domain
         mirrored = CircularDomain(centres=domain.centres.conj(), log_radii=domain.log_radii)
         ahead = torch.cat([1 - slides[:, :1], 2 - slides[:, 1:].flip(1)], dim=1)
-        return Placement.of(self.rims, [not back for back in self.back], ahead, mirrored)
+        return OrientedSurface.of(self.rims, [not back for back in self.back], ahead, mirrored)
 
 
-def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:
-    """Slides by the curves' own parameters, one shifted against the other, and the modulus where E first has a minimum.
+def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> OrientedSurface:
+    """The start of two rims: equal steps of both parameters with the shift of least energy.
 
-    Where it has none, the modulus is 1 more than between circles of the curves' lengths in one plane. Of all shifts the
-    one of least energy is taken.
+    The modulus is that of the first minimum of the energy. Without a minimum it is 1 more than that between circles of
+    the curves' lengths in one plane.
     """
     points = torch.stack([first.samples(n), second.samples(n, back=back)])
     spectrum = torch.fft.rfft(points, dim=1)
@@ -104,44 +102,46 @@ def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> Placement:
     even = torch.arange(n, dtype=weight.dtype, device=weight.device) / n
     domain = CircularDomain.annulus(float(moduli[row]), weight.device)
     slides = torch.stack([even, even + float(shift[row]) / n])
-    return Placement.of((first, second), (False, back), slides, domain)
+    return OrientedSurface.of((first, second), (False, back), slides, domain)
 
 
-def seen_starts(rims: Sequence[Rim], n: int) -> list[Placement]:
-    """Starts with three rims or more as circles on a sphere around a point, at an even number of nodes.
+def projected_starts(rims: Sequence[Rim], n: int) -> list[OrientedSurface]:
+    """Starts of three rims or more, projected onto spheres around view points; n is even.
 
-    From the rims' middle those of a junction are seen beside each other, and from above those of a hole and of islands
-    in it; circles that cross are made smaller.
+    From their centre the rims of a junction appear beside each other, and from above the rims of a hole and of islands
+    in it. Circles that cross are shrunk.
     """
     samples = torch.stack([rim.samples(n) for rim in rims])
     middle = samples.mean(1).mean(0)
     axes = torch.linalg.eigh(torch.einsum("mni,mnj->ij", samples - middle, samples - middle))[1].T
     size = (samples - middle).norm(dim=-1).max()
-    ways = [torch.zeros_like(axes[0]), *(share * way for share in _EYES for way in (*axes, *-axes))]
-    starts = [_seen(rims, samples, middle + size * way) for way in ways]
+    views = [torch.zeros_like(axes[0]), *(share * axis for share in _VIEW_DISTANCES for axis in (*axes, *-axes))]
+    starts = [_projected(rims, samples, middle + size * view) for view in views]
     found = sorted((start for start in starts if start is not None), key=lambda start: start.surface.dirichlet_energy)
     return [start.with_first_as_given() for start in found[:_KEPT]]
 
 
-def _seen(rims: Sequence[Rim], samples: Float[Tensor, "m n 3"], eye: Float[Tensor, "3"]) -> Placement | None:
-    """The start that a point shows; none where two rims are seen in one direction."""
+def _projected(
+    rims: Sequence[Rim], samples: Float[Tensor, "m n 3"], view: Float[Tensor, "3"]
+) -> OrientedSurface | None:
+    """The start of a view point; None where rims overlap in the projection."""
     m, n = samples.shape[:2]
-    away = torch.nn.functional.normalize(samples - eye, dim=-1)
+    away = torch.nn.functional.normalize(samples - view, dim=-1)
     mean = away.mean(1)
     axis = torch.linalg.eigh(torch.einsum("mni,mnj->mij", away - mean[:, None], away - mean[:, None]))[1][..., 0]
     height = (away @ axis[..., None]).mean((1, 2))
-    # to the side of each circle on which the other rims are not
+    # each axis points to the side without the other rims
     side = torch.einsum("kni,mi->mkn", away, axis) - height[:, None, None]
     side[torch.arange(m), torch.arange(m)] = 0
     sign = -side.sum((1, 2)).sign()
     axis, width = sign[:, None] * axis, (sign * height).clamp(-_NARROWEST, _NARROWEST).acos()
-    # the widest outside, and about 0 what is opposite to it
+    # the widest circle is the outer one, the one opposite to it is about 0
     opposite = axis @ axis[width.argmax()]
     order = opposite.index_fill(0, width.argmax(), -math.inf).argsort()
-    seen = _circles_on_sphere(axis[order], width[order], away[order])
-    if seen is None:
+    projected = _circles_on_sphere(axis[order], width[order], away[order])
+    if projected is None:
         return None
-    domain, points = seen
+    domain, points = projected
     even, coordinates = np.arange(n) / n, domain.coordinates(points).cpu().numpy()
     slides, back = [], []
     for k in range(m):
@@ -149,7 +149,7 @@ def _seen(rims: Sequence[Rim], samples: Float[Tensor, "m n 3"], eye: Float[Tenso
         back.append(bool(turn[-1] < turn[0]))
         own = -even if back[-1] else even
         slides.append(even + np.interp(even, turn, own - turn, period=1))
-    return Placement.of(
+    return OrientedSurface.of(
         [rims[k] for k in order.tolist()], back, torch.as_tensor(np.stack(slides), device=away.device), domain
     )
 
@@ -157,9 +157,9 @@ def _seen(rims: Sequence[Rim], samples: Float[Tensor, "m n 3"], eye: Float[Tenso
 def _circles_on_sphere(
     axis: Float[Tensor, "m 3"], width: Float[Tensor, " m"], points: Float[Tensor, "m k 3"]
 ) -> tuple[CircularDomain, Complex[Tensor, "m k"]] | None:
-    """Ω between circles on a sphere, the first one outside and the second one about 0, and points of the sphere in it.
+    """Ω between circles on a sphere, the first one outer and the second one about 0, and points of the sphere in Ω.
 
-    None where circles cross and cannot be made so small that they do not.
+    None where circles still cross after they were shrunk.
     """
     apart = (axis @ axis.T).clamp(-1, 1).acos()
     apart.fill_diagonal_(math.inf)
@@ -170,16 +170,16 @@ def _circles_on_sphere(
         width = (width - excess).maximum(width / 2)
     basis = torch.linalg.qr(axis[:1].T, mode="complete")[0]
     frame = torch.stack([basis[:, 1], torch.linalg.cross(axis[0], basis[:, 1]), axis[0]])
-    # from the pole of the first circle, which becomes the unit circle
+    # stereographic projection from the pole of the first circle, which becomes the unit circle
     outer = torch.tan(width[0] / 2)
     x, y, z = (points @ frame.T).unbind(-1)
     flat = torch.complex(x, y) / (1 - z) * outer
-    # the meridians' points of each circle that are nearest to and farthest from that pole
+    # the points of each circle on the meridian of its axis
     x, y, z = (axis[1:] @ frame.T).unbind(-1)
     angle = z.clamp(-1, 1).acos()
     near, far = (outer / torch.tan((angle + way * width[1:]) / 2) for way in (1, -1))
     centre, radius = torch.polar((near + far) / 2, torch.atan2(y, x)), (far - near) / 2
-    # the unit disk is moved into itself along the line through the second circle's centre
+    # a Möbius map of the unit disk moves the second circle's centre to 0
     product = 1 + near[0] * far[0]
     root = (near + far)[0] / (product + (product.square() - (near + far)[0].square()).clamp(min=0).sqrt())
     to = torch.polar(root, centre[0].angle())
@@ -191,7 +191,7 @@ def _circles_on_sphere(
 
 
 def _first_valley(energy: Float[Tensor, " k"], usual: int) -> int:
-    """Where a function has its first minimum; else where it falls least before it falls more; else the usual place."""
+    """The place of the first minimum of a function, else of the first local maximum of its slope, else `usual`."""
     inner = (energy[1:-1] <= energy[:-2]) & (energy[1:-1] < energy[2:])
     if not inner.any():
         slope = energy.diff()

@@ -1,8 +1,8 @@
-"""Holomorphic functions on Ω by what tells them on ∂Ω: each circle's own powers, or their values at nodes.
+"""Discretisations of p and q on ∂Ω: coefficients of each circle's powers, or values at nodes.
 
-On every rim ∂Ω has a parameter τ from 0 to 2π, and Ω on its left. Functions are rows over rims and terms or nodes. The
-spinors p and q are told without the root of their sign changes, the product of √(z − c_j) over the holes around which
-they change their sign; its square is in the `weights`, so that φ dz/dτ is φ(p, q) times these.
+Every rim has a parameter τ from 0 to 2π, with Ω on its left. Functions are rows over rims and terms or nodes. The
+spinors are divided by the product of √(z − c_j) over the holes around which they change sign; its square is part of the
+`weights`, so that φ dz/dτ = φ(p, q) · weights.
 """
 
 from __future__ import annotations
@@ -23,51 +23,51 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.laurent import ROUND_OFF, LaurentSeries, parts_on_circles, sums_on_circles
 from spinor_geom.holomorphic.series import PowerSeries, power_table
-from spinor_geom.plateau.dirichlet import CirclesForm, DirichletForm, derivative
+from spinor_geom.plateau.harmonic.dirichlet import CirclesForm, DirichletForm, derivative
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 
-_DEGREE = 8  # degree of the powers that are added to p and q: 4 and 16 bring surfaces as near, 16 and 32 take longer
+_DEGREE = 8  # degree of the powers that are added to p and q: 4 and 16 give equal distances, 16 and 32 take longer
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OnCircles:
-    """On the unit disk less round holes, or without any: of each circle the powers of its own coordinate."""
+    """On the unit disk, less round holes if any: coefficients of the powers of each circle's coordinate."""
 
     domain: CircularDomain  # Ω
     nodes: int  # n, of every rim
-    antiperiodic: tuple[bool, ...] = ()  # around which holes p and q change their sign
+    antiperiodic: tuple[bool, ...] = ()  # for each hole: whether p and q change sign around it
 
     @classmethod
     def of(cls, domain: CircularDomain, slope: Complex[Tensor, "m n 3"]) -> OnCircles:
-        """Those with the sign changes of the spinors of a harmonic surface with given φ dz/dτ."""
+        """The discretisation with the sign changes of a harmonic surface, from its φ dz/dτ."""
         n = slope.shape[1]
         is_periodic = signs_close_up(*spinors_from_phi(slope / domain.velocities(n)[..., None]))
         return cls(domain=domain, nodes=n, antiperiodic=tuple((~is_periodic[1:]).tolist()))
 
     def weights(self, n: int) -> Complex[Tensor, "m n"]:
-        """dz/dτ at n equal steps of every rim, times the square of what p and q are divided by."""
+        """dz/dτ at n equal steps of every rim, times the square of the function that p and q are divided by."""
         return self.domain.velocities(n) * self.domain.squared_root(self.domain.circles(n), self.antiperiodic)
 
     def functions(self, spinors: Complex[Tensor, "b 2 m n"]) -> Complex[Tensor, "b 2 m k"]:
-        """Functions with given values at nodes, on each rim up to one sign."""
+        """Functions from values at the nodes, which are given up to one sign on each rim."""
         n = self.nodes
         own: Tensor = torch.fft.fft(spinors, norm="forward")[..., : n // 2]
         if self.domain.rims == 1:
             return own
         own[..., 1:, 0] = 0
-        # with the right signs what one circle has of the others' powers is what these have of them
+        # with the right signs the values on a circle agree with the sum of the other circles' powers there
         parts = parts_on_circles(self.domain, own, n)
         agreement = (spinors[..., None, :] * parts.conj()).sum((0, 1, -1)).real.fill_diagonal_(0.0)
         vector = torch.linalg.eigh(agreement + agreement.T)[1][:, -1]
         return own * torch.where(vector * vector[0] < 0, -1.0, 1.0)[:, None]
 
     def values(self, functions: Complex[Tensor, "*rows m k"], n: int) -> Complex[Tensor, "*rows m n"]:
-        """What they are at n equal steps of every rim."""
+        """Values at n equal steps of every rim."""
         return sums_on_circles(self.domain, functions, n)
 
     def integral(self, f: Complex[Tensor, "*rows m n"]) -> Complex[Tensor, "*rows m n"]:
-        """∫ f dτ along all rims; in place of logarithms of z − c those of |z − c|."""
+        """∫ f dτ along all rims, with log |z − c| in place of log(z − c)."""
         n = f.shape[-1]
         spectrum = torch.fft.fft(f, norm="forward")[..., : n // 2]
         own = spectrum * _integrating(n, f.device)[: n // 2]
@@ -80,7 +80,7 @@ class OnCircles:
 
     @cached_property
     def powers(self) -> Complex[Tensor, "f m k"]:
-        """Low powers of each circle's coordinate, as they are `told`."""
+        """Low powers of each circle's coordinate, as functions."""
         m, number = self.domain.rims, torch.arange(self._few)
         functions = self.domain.centres.new_zeros(m, self._few, m, self.nodes // 2)
         functions[:, number, :, number] = torch.eye(m, dtype=functions.dtype, device=functions.device)
@@ -88,7 +88,7 @@ class OnCircles:
 
     @cached_property
     def powers_at_nodes(self) -> Complex[Tensor, "f m n"]:
-        """Their values at the nodes."""
+        """Values of `powers` at the nodes."""
         return _by_coordinate(power_table(self.domain.coordinates_on_circles(self.nodes), self._few).transpose(0, 1))
 
     @property
@@ -96,7 +96,7 @@ class OnCircles:
         return min(_DEGREE + 1, self.nodes // 2)
 
     def model_of(self, spinors: Complex[Tensor, "2 m k"]) -> Callable[[], PowerSeries | LaurentSeries]:
-        """What makes one p and q on Ω, from a copy of them and nothing else that is large."""
+        """A function that makes the model of p and q; it keeps a copy of them and nothing else that is large."""
         if self.domain.rims == 1:
             return partial(_power_series, spinors[:, 0].T.clone())
         return partial(_laurent_series, spinors.clone(), self.domain, self.antiperiodic)
@@ -104,7 +104,7 @@ class OnCircles:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OnCurve:
-    """On an Ω with one analytic boundary curve: values at nodes, continued by Cauchy's formula."""
+    """On an Ω with one analytic boundary: values at nodes, continued by Cauchy's formula."""
 
     boundary: FourierBoundary  # ∂Ω
     kernel: Complex[Tensor, "c c"]  # of its `DirichletForm`
@@ -119,12 +119,12 @@ class OnCurve:
         return spinors
 
     def values(self, functions: Complex[Tensor, "b f 1 n"], n: int) -> Complex[Tensor, "b f 1 m"]:
-        """What they are at n equal steps."""
+        """Values at n equal steps."""
         each = n // self.nodes
         return functions if each == 1 else with_between_nodes(functions[..., 0, :], self.kernel, each)[..., None, :]
 
     def integral(self, f: Complex[Tensor, "*rows 1 n"]) -> Complex[Tensor, "*rows 1 n"]:
-        """∫ f dτ, of mean 0."""
+        """∫ f dτ, with mean 0."""
         n = f.shape[-1]
         integral: Tensor = torch.fft.ifft(torch.fft.fft(f) * _integrating(n, f.device))
         return integral
@@ -137,7 +137,7 @@ class OnCurve:
 
     @property
     def powers_at_nodes(self) -> Complex[Tensor, "f 1 n"]:
-        """The same."""
+        """Values of `powers` at the nodes."""
         return self.powers
 
     def model_of(self, spinors: Complex[Tensor, "2 1 n"]) -> Callable[[], CauchyInterpolant]:
@@ -158,7 +158,6 @@ def _laurent_series(
     return LaurentSeries(outward, inward.transpose(0, 1), domain, antiperiodic=antiperiodic)
 
 
-# most loops share the circle
 @lru_cache(maxsize=16)
 def grid_of(boundary: FourierBoundary, n: int, device: torch.device) -> Complex[Tensor, "2 n"]:
     """The points at n equal steps of a boundary's parameter t, and dz/dt."""
@@ -173,20 +172,20 @@ def slopes(form: CirclesForm | DirichletForm, points: Float[Tensor, "*b m n 3"])
 def closed(
     traces: OnCircles | OnCurve, spinors: Complex[Tensor, "b 2 m t"], weights: Complex[Tensor, "m k"]
 ) -> tuple[Complex[Tensor, "b 2 m t"], Complex[Tensor, "b 2 m k"], Complex[Tensor, "b 3 m k"]]:
-    """Spinors p and q of the least change of powers that makes Re ∮ φ dz = 0 around holes; their values, and φ dz/dτ.
+    """Spinors changed by the least powers that make Re ∮ φ dz = 0 around holes; their values, and φ dz/dτ.
 
-    The weights are those of the traces, at so many points that products of p and q are resolved.
+    `weights` are those of the traces, at enough points to resolve products of p and q.
     """
     last = math.inf
     while True:
         values = traces.values(spinors, weights.shape[1])
-        # along rows, as in DirichletForm
+        # along rows: see `DirichletForm.__call__`
         velocity = phi(values[:, 0], values[:, 1]).movedim(-1, 1).contiguous() * weights
         if len(weights) == 1:
             break
         gap = gaps(velocity)
         size, rounding = float(gap.abs().max()), torch.finfo(gap.dtype).eps * float(velocity.abs().max())
-        # quadratically, until only rounding errors are left
+        # Newton's method, until the gap is rounding error
         if size <= rounding or 2 * size > last:
             break
         nodes = (..., slice(None, None, weights.shape[1] // traces.nodes))
@@ -202,7 +201,7 @@ def gaps(velocity: Complex[Tensor, "b 3 m k"]) -> Float[Tensor, "b g"]:
 
 
 def gap_rows(spinors: Complex[Tensor, "b 2 m k"], moves: Complex[Tensor, "f m k"]) -> Float[Tensor, "b f4 g"]:
-    """How `gaps` change with factors of functions f in p and q, from the values of f dz/dτ."""
+    """Derivative of `gaps` by the factors of functions f in p and q, from the values of f dz/dτ."""
     by_p, by_q = ((spinors[:, i, None, 1:] * moves[..., 1:, :]).mean(-1).repeat(1, 1, 3) for i in (0, 1))
     axes = torch.eye(3, dtype=moves.real.dtype, device=moves.device)
     return moves_by(axes.repeat_interleave(moves.shape[1] - 1, dim=1)[None], by_p, by_q)
@@ -211,17 +210,17 @@ def gap_rows(spinors: Complex[Tensor, "b 2 m k"], moves: Complex[Tensor, "f m k"
 def moves_by(
     e: Float[Tensor, "b 3 pts"], by_p: Complex[Tensor, "b f pts"], by_q: Complex[Tensor, "b f pts"]
 ) -> Float[Tensor, "b f4 pts"]:
-    """How e·r changes with real and imaginary parts of functions' factors in p and q, from ∫ fp dz and ∫ fq dz."""
+    """Derivative of e·r by the real and imaginary parts of functions' factors, from ∫ fp dz and ∫ fq dz."""
     along, upright = torch.complex(e[:, :1], -e[:, 1:2]), e[:, 2:]
     row = torch.cat([along * by_p + upright * by_q, upright * by_p - along.conj() * by_q], dim=1)
     return 2 * torch.cat([row.real, -row.imag], dim=1)
 
 
 def changes(x: Float[Tensor, "b f4"], powers: Complex[Tensor, "f m t"]) -> Complex[Tensor, "b 2 m t"]:
-    """Changes of p and q from those of the powers' factors, in the order of `moves_by`."""
+    """Changes of p and q from changes of the powers' factors, in the order of `moves_by`."""
     half = x.shape[1] // 2
     factors = torch.complex(x[:, :half], x[:, half:]).reshape(len(x), 2, -1)
-    # one after the other: BLAS rounds a loop's product otherwise when others are beside it
+    # one after the other: BLAS rounds a product differently in a batch
     change = torch.stack([one @ powers.flatten(1) for one in factors])
     return change.reshape(len(x), 2, *powers.shape[1:])
 
@@ -229,10 +228,10 @@ def changes(x: Float[Tensor, "b f4"], powers: Complex[Tensor, "f m t"]) -> Compl
 def with_between_nodes(
     values: Complex[Tensor, "b 2 n"], kernel: Complex[Tensor, "c c"], each: int
 ) -> Complex[Tensor, "b 2 m"]:
-    """What `CauchyInterpolant`s take at their nodes and each − 1 equal steps between them, from the kernel's parts.
+    """Values of `CauchyInterpolant`s at their nodes and at each − 1 equal steps between neighbouring nodes.
 
-    At a share δ of the way from one node to the next the sum with the cotangent is ½ sign(k) + ½i cot(πδ) on Fourier
-    series; the smooth part acts on low frequencies only.
+    At a share δ between two nodes the cotangent part of the kernel multiplies Fourier coefficients by
+    ½ sign(k) + ½i cot(πδ); the smooth part acts on low frequencies only.
     """
     n, count = values.shape[-1], len(kernel)
     half = count // 2
@@ -254,13 +253,13 @@ def with_between_nodes(
 
 
 def _by_coordinate(powers: Complex[Tensor, "m j *rest"]) -> Complex[Tensor, "f *rest"]:
-    """One row after the other of each circle's powers from the zeroth on, which only the outer circle has."""
+    """Rows of each circle's powers, of the outer circle from the zeroth, of holes from the first."""
     return torch.cat([powers[0], powers[1:, 1:].flatten(0, 1)])
 
 
 @lru_cache(maxsize=64)
 def _integrating(n: int, device: torch.device) -> Complex[Tensor, " n"]:
-    """Multipliers of Fourier series by which a primitive of mean 0 has them; of the highest of n steps none."""
+    """Fourier multipliers of the primitive of mean 0; 0 for the highest frequency."""
     k = torch.fft.fftfreq(n, 1 / n, dtype=torch.float64, device=device)
     k[0] = k[n // 2] = math.inf
     multipliers: Tensor = -1j / k
@@ -268,7 +267,7 @@ def _integrating(n: int, device: torch.device) -> Complex[Tensor, " n"]:
 
 
 def _without_round_off(coefficients: Complex[Tensor, "k *rest"]) -> Complex[Tensor, "j *rest"]:
-    """Without what is rounding error at the end; one at least is left."""
+    """Coefficients without rounding errors at the end; at least one is kept."""
     sizes = coefficients.abs().flatten(1).amax(1)
     large = (sizes > ROUND_OFF * sizes.max()).nonzero()
     return coefficients[: int(large[-1]) + 1] if len(large) else coefficients[:1]

@@ -1,4 +1,4 @@
-"""Smooth plane domains made for a loop: a disk, an unfolding, or the flattening of a harmonic disk."""
+"""Smooth plane domains for a loop: the analytic curve next to a flattened disk's boundary, and its Λ."""
 
 from dataclasses import dataclass
 
@@ -6,37 +6,35 @@ import numpy as np
 import torch
 from jaxtyping import Complex, Float
 from scipy.interpolate import CubicSpline
-from torch import Tensor
 
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.domain.polygons import is_simple
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.dirichlet import DirichletForm
-from spinor_geom.plateau.douglas import HarmonicDisk
+from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
 
-_OVERSAMPLING = 4  # samples of a curve for each point or coefficient of it: with 2 rough curves take a third longer
-_RESOLVED = 1e-4  # largest error of Λ on a resolved Ω: curves have up to 8e-5, and take 1.6 times as long at 1e-6
-_FACING = 2.0  # parts of a curve face each other where the way along it is so many times their distance: at 1 all do
-# Most steps of ∂Ω: Λ takes 16 bytes for each pair of them, and as much again several times while it is made.
-_MOST_STEPS = 4096
-# Steps of ∂Ω for each point that it is made from, and the width, in points, of the Gaussian that rounds it, because it
-# has to be analytic: the coarsest that is resolved. On the first narrow fingers close up; without it smooth loops take
-# twice as long.
+_OVERSAMPLING = 4  # samples for each point or coefficient of a curve; with 2 rough curves take a third longer
+_RESOLVED = 1e-4  # largest error of Λ; with 1e-6 solves take 1.6 times as long
+_FACING = 2.0  # two parts of a curve face each other if the arc between them is longer than this many distances
+_MOST_STEPS = 4096  # largest number of steps of ∂Ω: Λ takes 16 bytes for each pair of steps
+# Steps of ∂Ω for each point, and the width of the Gaussian that rounds ∂Ω, in points; the first pair that is resolved
+# is used. The first one closes narrow fingers; without it smooth loops take twice as long.
 _SHAPES = ((4, 0.35), (8, 0.2), (12, 0.2))
 
 
 class NodeDensity:
-    """The parameter t of ∂Ω that a loop asks for: equal steps of t lie denser at its vertices and bends.
+    """A parameter t of ∂Ω whose equal steps are denser at the vertices, bends and narrow places of a loop.
 
-    It is the mean of three shares of the loop up to a point: of its length, of its vertices, of its turning; and where
-    the loop is narrower than a point's share of its length more nodes come in. It is made smooth, so that ∂Ω and the
-    slide along it can be analytic. On a circle of equal edges t = s. `points` is the number that Ω is to be made from,
-    with those for narrow places.
+    t is the mean of three shares of the loop up to a point: of its length, of its vertices, and of its turning. Places
+    that are narrower than a point's share of the length get more. The result is smoothed, so that ∂Ω and the slide
+    along it can be analytic. On a circle with equal edges t = s.
+
+    Attributes:
+        points: the number of points that Ω is made from, with those for narrow places.
     """
 
     def __init__(self, curve: BoundaryCurve, points: int) -> None:
-        """Takes Γ and the usual number of points that Ω is made from, which sets the width of the smoothing."""
+        """Takes Γ and the number of points without those for narrow places; it sets the width of the smoothing."""
         self.curve = curve
         more, self.narrowest = _more_in_narrow_places(curve, points)
         total = 1 + float(more[-1])
@@ -52,16 +50,16 @@ class NodeDensity:
         share = (share + np.interp(s, np.arange(len(more)) / (len(more) - 1), more)) / total
         self._t = np.arange(n + 1) / n
         offset = np.fft.rfft(np.interp(self._t[:-1], share, s) - self._t[:-1])
-        # smoothed over √2 points: it must not follow single edges
+        # smoothed over √2 points, so that it does not follow single edges
         offset *= np.exp(-((2 * np.pi * np.arange(len(offset)) / points) ** 2))
         smooth = np.fft.irfft(offset, n=n)
-        # the mean of increasing functions increases
+        # increasing, because a mean of increasing functions is
         self._s = self._t + np.append(smooth, smooth[0]) - smooth[0]
         self._s_at_0 = smooth[0]
 
     @property
     def is_narrow(self) -> bool:
-        """Whether fingers of the loop, which want twice the usual nodes, want a fine ∂Ω, too."""
+        """Whether a place of the loop needs more than twice the usual density of nodes, and a fine ∂Ω."""
         return self.narrowest > 2
 
     def parameter(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
@@ -77,23 +75,22 @@ class NodeDensity:
 
 
 def has_narrow_place(curve: BoundaryCurve, points: int) -> bool:
-    """`NodeDensity.is_narrow`, which most loops' own vertices rule out in a tenth of the time."""
+    """`NodeDensity.is_narrow`; the vertices of most loops exclude it in a tenth of the time."""
     vertices = curve.coefficients[-1]
     lengths = np.linalg.norm(np.roll(vertices, -1, axis=0) - vertices, axis=1)
     along, whole, gap = np.cumsum(lengths) - lengths, float(lengths.sum()), 1.2 * float(lengths.max())
     way = np.abs(along[:, None] - along)
     way = np.minimum(way, whole - way)
-    # between them Γ comes nearer to itself than its vertices do by their spacing at most, and is hardly longer
+    # Γ comes nearer to itself than its vertices by at most their spacing, and is hardly longer than the polygon
     distance = np.maximum(np.linalg.norm(vertices[:, None] - vertices, axis=-1) - gap, 0.0)
     may_face = (distance < 0.6 * whole / points) & (1.2 * way + gap > _FACING * distance) & (way > 2 * gap)
     return bool(may_face.any()) and NodeDensity(curve, points).is_narrow
 
 
 def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.ndarray, " n"], float]:
-    """Nodes up to each of some equal steps of Γ, in multiples of the usual number, that its narrow places want more.
+    """Additional nodes for narrow places up to equal steps of Γ, over the usual number; and the largest density.
 
-    The width at a point is its distance from the part of Γ that faces it, in shares of the usual points. The second
-    answer is the largest density of nodes, the usual one included.
+    The width at a point is its distance from the part of Γ that faces it. The density is 1 in wide places.
     """
     n = _OVERSAMPLING * points
     s = np.arange(n + 1) / n
@@ -103,7 +100,7 @@ def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.
     way = np.minimum(way, 1 - way) * curve.length()
     distance = np.linalg.norm(p[:, None] - p, axis=-1)
     width = np.where((way > edge) & (_FACING * distance < way), distance, np.inf).min(axis=1)
-    density = np.clip(edge / width, 1, _MOST_STEPS / n)  # no place gets more than would do for all of ∂Ω
+    density = np.clip(edge / width, 1, _MOST_STEPS / n)
     return np.append(0, np.cumsum((density - 1) * np.diff(along))), float(density.max())
 
 
@@ -111,10 +108,10 @@ def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.
 class Shape:
     """How ∂Ω is parametrised, resolved and rounded."""
 
-    density: NodeDensity  # of its nodes
-    count: int  # number of its vertices
-    steps: int  # that resolve it
-    width: float  # standard deviation of the Gaussian that rounds it, as a share of ∂Ω
+    density: NodeDensity
+    count: int  # number of vertices
+    steps: int  # number of steps that resolve it
+    width: float  # standard deviation of the rounding Gaussian, as a share of ∂Ω
 
 
 def resolved(
@@ -127,9 +124,12 @@ def resolved(
     most: int,
     device: torch.device,
 ) -> tuple[Shape, DirichletForm]:
-    """The smooth Ω next to a polygon with parameters t, as coarse as it may be, and its Λ.
+    """The coarsest resolved smooth Ω next to a polygon with parameters t, and its Λ.
 
-    It follows the polygon closely where that `is_fine`, as at the vertices of rough loops, and in fingers.
+    With `is_fine`, and for narrow loops, it starts with finer steps.
+
+    Raises:
+        DomainError: no Ω is simple and resolved.
     """
     n = density.points
     for steps, rounding in _SHAPES[is_fine or density.is_narrow :]:
@@ -143,7 +143,7 @@ def resolved(
 
 
 def rounded_boundary(polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], shape: Shape) -> FourierBoundary:
-    """An analytic curve near to a polygon: a spline through its vertices at parameters t, rounded off."""
+    """An analytic curve near a polygon: a spline through its vertices at parameters t, rounded by a Gaussian."""
     spline = CubicSpline(np.append(t, t[0] + 1), np.append(polygon, polygon[0]), bc_type="periodic")
     highest = shape.steps // 4
     n = 2 * _OVERSAMPLING * highest
@@ -153,14 +153,18 @@ def rounded_boundary(polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " 
 
 
 def resolved_form(boundary: FourierBoundary, n: int, device: torch.device, *, most: int = _MOST_STEPS) -> DirichletForm:
-    """Λ on ∂Ω, by a DomainError refused where that crosses itself, or so many steps are not enough or too many."""
+    """Λ on n steps of ∂Ω.
+
+    Raises:
+        DomainError: ∂Ω crosses itself, or n is too small to resolve it or larger than `most`.
+    """
     if n > most:
         raise DomainError(
             f"the domain is so narrow somewhere that it asks for {n} steps around it, at most {most} are tried",
             vertices=len(boundary.vertices),
         )
     polygon = boundary.grid(n)[0]
-    # the quick tests first: Λ costs n³, and is never resolved where parts that face each other are two steps apart
+    # quick tests first: Λ costs O(n³), and is not resolved where facing parts are two steps apart
     is_wide = _steps_across(polygon) > 2 and is_simple(polygon)
     form = DirichletForm.of(boundary, n, device) if is_wide else None
     if form is None or not form.error <= _RESOLVED:
@@ -172,7 +176,7 @@ def resolved_form(boundary: FourierBoundary, n: int, device: torch.device, *, mo
 
 
 def _steps_across(polygon: Complex[np.ndarray, " n"]) -> float:
-    """Least distance of two vertices of a closed polygon that face each other, in edges beside them."""
+    """Least distance of two vertices of a closed polygon that face each other, in lengths of their edges."""
     edge = np.abs(np.roll(polygon, -1) - polygon)
     along = np.cumsum(edge) - edge
     step = np.maximum(edge, np.roll(edge, 1))
@@ -181,44 +185,3 @@ def _steps_across(polygon: Complex[np.ndarray, " n"]) -> float:
     distance = np.abs(polygon[:, None] - polygon)
     across = distance / np.maximum(step[:, None], step)
     return float(across.min(where=way > _FACING * distance, initial=np.inf))
-
-
-def reflattened(disk: HarmonicDisk, form: DirichletForm, shape: Shape) -> tuple[DirichletForm, Float[Tensor, " n"]]:
-    """A harmonic disk's surface flattened: the Ω over which its scale is the same all along ∂Ω, and its slide there.
-
-    With u = log |ds/dz| on ∂Ω, s the length along Γ, low frequencies only, and v the conjugate of u, ∫ e^{u + iv} dz
-    maps Ω conformally onto the flattening. Nothing crowds there, whatever Ω was. Where the slide is too uneven to
-    smooth, or the flattening is not simple, Ω stays as it is.
-    """
-    n = len(disk.slide)
-    even = np.arange(n) / n
-    s = disk.slide.cpu().numpy()
-    k = np.fft.fftfreq(n, 1 / n)
-    damping = np.exp(-0.5 * (2 * np.pi * k * shape.width) ** 2)
-    smooth = even + np.fft.ifft(np.fft.fft(s - even) * damping).real
-    offset = np.fft.fft(shape.density.curve.length_share(s) - even) * damping
-    stretch = 1 + np.fft.ifft(2j * np.pi * k * offset).real
-    if stretch.min() <= 0:
-        return form, disk.slide
-    _, dz, _ = form.boundary.grid(n)
-    u = np.fft.ifft(np.fft.fft(np.log(stretch / np.abs(dz))) * damping).real
-    slope = np.fft.fft(form(torch.tensor(u, device=disk.slide.device)[:, None])[:, 0].cpu().numpy())
-    v = integral_of(2 * np.pi * slope).real
-    image = integral_of(np.fft.fft(dz * np.exp(u + 1j * v)))
-    t = shape.density.parameter(smooth)
-    slide = np.interp(even, np.concatenate([t - 1, t, t + 1]), np.concatenate([s - 1, s, s + 1]))
-    device = disk.slide.device
-    try:
-        new = resolved_form(rounded_boundary(image, t, shape), shape.steps, device)
-    except DomainError:
-        return form, disk.slide
-    return new, torch.tensor(slide, device=device)
-
-
-def integral_of(spectrum: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
-    """∫ f dt at t = j/n from the discrete Fourier transform of samples of f, of mean 0."""
-    n = len(spectrum)
-    k = np.fft.fftfreq(n, 1 / n)
-    inverse = np.zeros(n, dtype=np.complex128)
-    np.divide(1, 2j * np.pi * k, out=inverse, where=(k != 0) & (2 * np.abs(k) != n))
-    return np.asarray(np.fft.ifft(spectrum * inverse))

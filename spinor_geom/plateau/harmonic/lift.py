@@ -1,10 +1,10 @@
-"""From a harmonic surface to p and q: the lift of its null curve along ∂Ω, and where its boundary really lies.
+"""The lift: p and q from a harmonic surface X, and the distance of the resulting surface's boundary from Γ.
 
-φ = 2∂X/∂z on ∂Ω comes from X and its conjugate; p and q are its spinors there, continued into Ω: one power series for
-each circle, or Cauchy's formula on other domains. Where X is not quite conformal φ is not quite null, and the surface
-of p and q is off X. While that leaves it too far from Γ, powers are added to p and q by Gauss-Newton, which takes away
-the slow part of the distance, and what is left of it is taken from X before the next lift. Around holes Re ∮ φ dz = 0
-is kept by the least change of the same powers. A disk is the case of one rim: nothing closes, and no sign is open.
+φ = 2∂X/∂z on ∂Ω follows from X and its conjugate. Its spinors p and q there are continued into Ω, as one power series
+for each circle or by Cauchy's formula. Where X is not quite conformal, φ is not quite null and the surface of p and q
+differs from X. While its boundary is too far from Γ, Gauss-Newton adds powers to p and q, which removes the low
+frequencies of the distance; the rest is subtracted from X before the next lift. The least change of the same powers
+keeps Re ∮ φ dz = 0 around holes.
 """
 
 from __future__ import annotations
@@ -26,26 +26,23 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.plateau.dirichlet import CirclesForm, DirichletForm
-from spinor_geom.plateau.douglas import HarmonicDisk, resampled
-from spinor_geom.plateau.gauss_newton import normals_of
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.dirichlet import CirclesForm, DirichletForm
+from spinor_geom.plateau.harmonic.douglas import HarmonicDisk, resampled
+from spinor_geom.plateau.harmonic.traces import OnCircles, OnCurve, changes, closed, gap_rows, gaps, moves_by, slopes
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.problem import CurveTensors
-from spinor_geom.plateau.rims_energy import HarmonicSurface
+from spinor_geom.plateau.network.gauss_newton import normals_of
+from spinor_geom.plateau.rims.energy import HarmonicSurface
 from spinor_geom.plateau.stability import Curvature, curvature_within
-from spinor_geom.plateau.traces import OnCircles, OnCurve, changes, closed, gap_rows, gaps, moves_by, slopes
 from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface, Vector
 
-# steps to the constant and the nearest points: one tells 2 % too much of the distance from folded curves, three no less
+# Steps to the constant and the nearest points: with one the distance from folded curves is 2 % too large.
 _PLACING_STEPS = 2
-WORTHWHILE = 0.5  # share of the best distance that a new lift, a step of Gauss-Newton, or more nodes must come below
-# points for each node: with p and q, of up to half as many frequencies as nodes, the square of the distance has twice
-# as many as nodes, which their mean tells exactly
-_EACH = 3
-# largest turn of ∂Ω from one of its vertices to the next
-_TURN_OF_AN_EDGE = np.radians(25.0)
+WORTHWHILE = 0.5  # a new lift, a Gauss-Newton step or more nodes must reduce the distance to this share
+_EACH = 3  # points for each node, where the mean of the squared distance is exact
+_TURN_OF_AN_EDGE = np.radians(25.0)  # largest turn of ∂Ω between neighbouring vertices
 
 
 _Points = TypeVar("_Points", bound="_OnCurves")
@@ -53,17 +50,16 @@ _Points = TypeVar("_Points", bound="_OnCurves")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lift:
-    """A minimal surface over Ω and its boundary at three times as many points as it was made from."""
+    """A minimal surface over Ω, and its boundary at three points for each node."""
 
-    traces: OnCircles | OnCurve  # Ω's
-    functions: Complex[Tensor, "2 m t"]  # p and q, as those know them
-    # ∫ φ dz along each rim at equal steps of its parameter, without what is imaginary of logarithms; its real part is
-    # the boundary, where it should be on Γ
+    traces: OnCircles | OnCurve  # discretisation on ∂Ω
+    functions: Complex[Tensor, "2 m t"]  # p and q in that discretisation
+    # ∫ φ dz along each rim at equal steps, without the imaginary part of logarithms; the real part is the boundary
     null_curve: Complex[Tensor, "m k 3"]
-    slides: Float[Tensor, "m k"]  # the parameter of the point of its curve near each
-    misfit: Misfit  # between the boundary and Γ
+    slides: Float[Tensor, "m k"]  # parameter of the nearby point of Γ
+    misfit: Misfit  # distance of the boundary from Γ
     area: float  # ½∮ r·Im(φ dz)
-    curvature: Curvature  # total
+    curvature: Curvature  # total curvature
     period: float  # the largest |Re ∮ φ dz| around a hole
 
     @cached_property
@@ -79,16 +75,22 @@ class Lift:
 
     @cached_property
     def shift(self) -> Float[Tensor, "3"]:
-        """The constant beside Re ∫ φ dz in closed form, over several rims."""
+        """The constant to add to Re ∫ φ dz in closed form, over several rims."""
         with torch.no_grad():
             start = self.series.primitive(self.null_curve.new_ones(1))
         return self.null_curve[0, 0].real - null_vector(*start.unbind(-1))[0].real
 
 
 def lifted_between(surface: HarmonicSurface, curves: CurveTensors, *, allowed: float) -> Lift:
-    """The minimal surface next to a harmonic one between several rims; a branch point of odd order is a SurfaceError.
+    """The minimal surface next to a harmonic one between several rims.
 
-    A distance from Γ of so much as is allowed, RMS, is near enough.
+    Args:
+        surface: the harmonic surface.
+        curves: Γ, a curve for each rim.
+        allowed: RMS distance from Γ at which the lift stops.
+
+    Raises:
+        SurfaceError: p and q change sign around an odd number of rims: there is a branch point of odd order.
     """
     points, slides = surface.points, surface.slides
     form = CirclesForm.of(surface.domain, points.shape[1])
@@ -105,9 +107,9 @@ def lifted_between(surface: HarmonicSurface, curves: CurveTensors, *, allowed: f
 def lifted_together(
     disks: Sequence[HarmonicDisk], form: DirichletForm, curves: CurveTensors, *, allowed: Sequence[float]
 ) -> tuple[Lift | None, ...]:
-    """The minimal surfaces next to harmonic disks on one Ω; None where p and q change sign, around a branch point.
+    """The minimal surfaces next to harmonic disks on one Ω; None where p and q change sign around a branch point.
 
-    The disks have the same number of nodes and do not know of each other; what is allowed is as for `lifted_between`.
+    The disks have the same number of nodes and are independent; `allowed` is as for `lifted_between`, for each.
     """
     slides, points = torch.stack([disk.slide for disk in disks]), torch.stack([disk.points for disk in disks])
     slides, points, n = slides[:, None], points[:, None], slides.shape[1]
@@ -164,7 +166,7 @@ class _OnCurves:
         return type(self)(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
 
     def moved(self, by: Float[Tensor, "b m k"]) -> _OnCurves:
-        """Along the curves, which are taken for parabolas."""
+        """The points after a move along the curves, to second order."""
         along = by[:, None]
         return _OnCurves(
             slides=self.slides + by,
@@ -174,7 +176,7 @@ class _OnCurves:
         )
 
     def replaced(self: _Points, which: Int[Tensor, " j"], other: _Points) -> _Points:
-        """With some of them from another."""
+        """The points with those of some surfaces replaced."""
         copied = {
             field.name: getattr(self, field.name).index_copy(0, which, getattr(other, field.name))
             for field in fields(self)
@@ -184,7 +186,7 @@ class _OnCurves:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Placed(_OnCurves):
-    """Surfaces with given p and q, as near to Γ as their constants bring them; the points are those near to theirs."""
+    """Surfaces with given p and q and the best constants; the points are the nearby ones on Γ."""
 
     functions: Tensor  # (b, 2, m, terms), p and q
     spinors: Tensor  # (b, 2, m, k), their values
@@ -196,14 +198,14 @@ class _Placed(_OnCurves):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _SampledBoundary:
-    """∂Ω at k points of each rim, the n nodes and some between each two, for b surfaces."""
+    """∂Ω at k points of each rim, the n nodes and points between them, for b surfaces."""
 
     traces: OnCircles | OnCurve
     form: CirclesForm | DirichletForm
     curves: CurveTensors  # b m of them
     dz: Tensor  # (m, k), the weights of φ
-    start: _OnCurves  # where the harmonic surfaces have their points on Γ
-    weights: Tensor  # (b, m, k), arc length of Γ around each of them, of sum 1
+    start: _OnCurves  # the points of the harmonic surfaces
+    weights: Tensor  # (b, m, k), share of the arc length of Γ around each
 
     @classmethod
     def of(
@@ -223,10 +225,9 @@ class _SampledBoundary:
         )
 
     def at(self, which: Int[Tensor, " j"]) -> _SampledBoundary:
-        """With some of the surfaces."""
+        """The boundaries of the selected surfaces; several surfaces have one rim each."""
         if len(which) == len(self.weights):
             return self
-        # several of them have one rim each
         return replace(self, curves=self.curves.at(which), start=self.start.at(which), weights=self.weights[which])
 
     def spinors(self, points: Float[Tensor, "b m n 3"]) -> tuple[Complex[Tensor, "b 2 m t"], Bool[Tensor, " b"]]:
@@ -235,10 +236,9 @@ class _SampledBoundary:
         return self.traces.functions(torch.stack([p, q], dim=1)), signs_close_up(p, q).all(-1)
 
     def placed(self, functions: Complex[Tensor, "b 2 m t"], near: _OnCurves) -> _Placed:
-        """The surfaces with given p and q but for what opens them, whose points on Γ lie near to given ones.
+        """The surfaces with given p and q, made periodic, and their nearby points on Γ.
 
-        The constant is that of least mean distance from the points so far, and Newton's method goes from these to the
-        nearest ones.
+        The constant minimises the mean squared distance; Newton's method moves the points along Γ.
         """
         functions, spinors, velocity = closed(self.traces, functions, self.dz)
         null_curve, most = self.traces.integral(velocity), 1 / self.dz.shape[1]
@@ -263,11 +263,11 @@ class _SampledBoundary:
         )
 
     def _mean(self, values: Float[Tensor, "b c m k"]) -> Float[Tensor, "b c"]:
-        """By arc length."""
+        """Mean by arc length."""
         return (self.weights[:, None] * values).sum((-2, -1))
 
     def brought_nearer(self, placed: _Placed) -> _Placed:
-        """The surfaces with powers added to p and q that bring them nearer to Γ."""
+        """The surfaces after Gauss-Newton steps in the powers of p and q that reduce the distance."""
         number, sampled = torch.arange(len(placed.rms), device=placed.rms.device), self
         while True:
             before = placed.at(number)
@@ -280,7 +280,7 @@ class _SampledBoundary:
             number, sampled = number[left], sampled.at(left)
 
     def _gauss_newton_step(self, placed: _Placed) -> Complex[Tensor, "b 2 m t"]:
-        """Changes of p and q by powers that lessen the distance normal to Γ at the nodes, to first order."""
+        """The Gauss-Newton change of p and q, in powers, for the distance normal to Γ at the nodes."""
         nodes, dz = (..., slice(None, None, _EACH)), self.dz[..., ::_EACH]
         spinors, moves = placed.spinors[nodes], self.traces.powers_at_nodes * dz
         by_p, by_q = (self.traces.integral(spinors[:, i, None] * moves).flatten(2) for i in (0, 1))
@@ -293,7 +293,7 @@ class _SampledBoundary:
         matrix = torch.cat(rows, dim=2)
         gram = torch.stack([one @ one.T for one in matrix])
         diagonal = gram.diagonal(dim1=1, dim2=2)
-        # singular where maps of Ω onto itself move the boundary along Γ
+        # singular for conformal maps of Ω onto itself, which move the boundary along Γ
         diagonal.add_(len(diagonal[0]) * torch.finfo(gram.dtype).eps * diagonal.mean(-1, keepdim=True))
         wanted = (matrix * torch.cat(right, dim=1)[:, None]).sum(-1)
         if len(self.dz) == 1:
@@ -307,7 +307,7 @@ class _SampledBoundary:
         return changes(x[:, :-3], self.traces.powers)
 
     def lifts(self, placed: _Placed, is_lifted: Bool[Tensor, " b"]) -> tuple[Lift | None, ...]:
-        """What is kept of surfaces, apart from each other."""
+        """The lift of each surface, or None."""
         r, slides, m = placed.null_curve.real, placed.slides.flatten(0, 1), len(self.dz)
         misfits = Misfit.each(
             r.movedim(1, -1).flatten(0, 1),
@@ -340,14 +340,11 @@ class _SampledBoundary:
 
 
 def _each_solved(matrices: Float[Tensor, "b n n"], right: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
-    """The solutions of systems; on a CPU each is the same to the last bit whatever others there are.
-
-    A singular one, whose solution is arbitrary, does not keep the others from theirs.
-    """
+    """Solutions of linear systems; on a CPU each is the same to the last bit as alone. Singular ones are arbitrary."""
     solve: Callable[..., tuple[Tensor, Tensor]] = torch.linalg.solve_ex
     if matrices.is_cuda:
         return solve(matrices, right)[0]
-    # a copy of each begins where memory is aligned: LAPACK rounds otherwise elsewhere
+    # a copy begins at an aligned address, on which LAPACK's rounding depends
     return torch.stack([solve(one.clone(), b)[0] for one, b in zip(matrices, right, strict=True)])
 
 
@@ -358,7 +355,11 @@ def _on(curves: CurveTensors, slides: Float[Tensor, "b m k"]) -> _OnCurves:
 
 
 def domain_of(lift: Lift, *boundaries: FourierBoundary) -> PlaneDomain:
-    """Ω of a lift, ∂Ω's outer curve first; where the polygon of its vertices is not simple, a DomainError."""
+    """Ω of a lift, the outer boundary first.
+
+    Raises:
+        DomainError: the polygon of the vertices is not simple.
+    """
     if len(boundaries) == 1 and isinstance(lift.traces, OnCircles):
         return PlaneDomain.disk(n=len(boundaries[0].vertices))
     boundary, *holes = (_with_vertices(one, lift.slides.shape[1]) for one in boundaries)
@@ -366,14 +367,14 @@ def domain_of(lift: Lift, *boundaries: FourierBoundary) -> PlaneDomain:
 
 
 def surface_of(lift: Lift, domain: PlaneDomain) -> Callable[[float, Vector], SpinorSurface]:
-    """What makes the surface of a lift over Ω, enlarged and moved; it holds p and q, and no more of the lift."""
+    """A function that makes the surface of a lift, scaled and then moved; it keeps p and q and nothing else."""
     if domain.holes:
         root = lift.null_curve.new_tensor([domain.triangulation.points[domain.root]])
         with torch.no_grad():
             constant = null_vector(*lift.series.primitive(root).unbind(-1)).real[0] + lift.shift
     else:
         constant = (_at_root(domain, lift.slides.shape[1], lift.slides.device) @ lift.null_curve[0]).real
-    # the model is made with the surface: many are never looked at
+    # the model is made with the surface, because many surfaces are never read
     return partial(_surface_at, lift.traces.model_of(lift.functions), domain, constant)
 
 
@@ -387,10 +388,9 @@ def _surface_at(
     return SpinorSurface(model(), domain, constant).placed(scale, translation)
 
 
-# most loops share the disk
 @lru_cache(maxsize=16)
 def _at_root(domain: PlaneDomain, n: int, device: torch.device) -> Complex[Tensor, " n"]:
-    """Weights at n equal steps of ∂Ω that continue a function there to Ω's root, by Cauchy's formula."""
+    """Weights at n equal steps of ∂Ω of the value at Ω's root, by Cauchy's formula."""
     assert isinstance(domain.boundary, FourierBoundary)
     z, dz = torch.tensor(domain.boundary.grid(n)[:2], device=device)
     unit = dz / (z - complex(domain.triangulation.points[domain.root]))
@@ -399,7 +399,7 @@ def _at_root(domain: PlaneDomain, n: int, device: torch.device) -> Complex[Tenso
 
 
 def circles_of(domain: CircularDomain, counts: Sequence[int]) -> list[FourierBoundary]:
-    """The boundaries of a circular domain, with at least so many vertices, and edges no longer than gaps are wide."""
+    """The boundaries of a circular domain, with at least `counts` vertices and edges no longer than the gaps."""
     radii = [1.0, *domain.radii.tolist()]
     counts = [
         max(count, math.ceil(2 * math.pi * radius / gap))
@@ -413,7 +413,7 @@ def circles_of(domain: CircularDomain, counts: Sequence[int]) -> list[FourierBou
 
 
 def _with_vertices(boundary: FourierBoundary, most: int) -> FourierBoundary:
-    """∂Ω with so many vertices that their polygon follows all of its bends: outside Ω the model means nothing."""
+    """∂Ω with enough vertices that their polygon follows its bends: the model is undefined outside Ω."""
     tangent = boundary.grid(most)[1]
     turn = np.append(0.0, np.cumsum(np.abs(np.angle(np.roll(tangent, -1) / tangent))))
     count = len(boundary.vertices)

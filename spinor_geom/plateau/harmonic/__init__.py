@@ -1,0 +1,1 @@
+"""Minimal disks by Douglas's method on smooth plane domains."""

@@ -1,0 +1,331 @@
+"""The harmonic route to a minimal disk: Douglas's slide on a smooth Ω, then the lift to p and q.
+
+It solves loops without corners. Smooth ones take milliseconds; the cost grows as n·log n with the number of nodes.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float
+from scipy.fft import next_fast_len
+from torch import Tensor
+
+from spinor_geom.deadline import is_out_of_time
+from spinor_geom.discrete.minimal_surface import first_disk
+from spinor_geom.domain.flattening import flatten
+from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
+from spinor_geom.plateau.harmonic.douglas import HarmonicDisk, minimise_dirichlet_energies, resampled, slide_downhill
+from spinor_geom.plateau.harmonic.lift import WORTHWHILE, Lift, domain_of, lifted_together, surface_of
+from spinor_geom.plateau.harmonic.smooth_domain import NodeDensity, resolved
+from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING
+from spinor_geom.plateau.problem import PlateauProblem, Route, start_indices
+from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
+from spinor_geom.plateau.route_result import RouteResult, typed_failures
+from spinor_geom.plateau.solution import RouteName
+from spinor_geom.plateau.steps import SPENT
+
+_FEWEST_POINTS, _POINTS = 32, 128  # points that Ω is made from; the cost of Λ is their number cubed
+BATCH_NODES = 16384  # nodes of all loops in one batch; half as many take an eighth longer
+_MOST_PER_EDGE = 16  # largest number of nodes for each edge; other routes solve loops that need more
+# Surfaces through more points are not tried, because their cost grows as n³. Longer loops have no other route and may
+# have this many nodes for each edge: 5,000 noisy points need more than 16.
+MOST_FREE_POINTS, _MOST_PER_EDGE_OF_LONG = 1500, 64
+_MORE_ON_ANALYTIC = 3  # factor of the nodes from one attempt to the next on analytic curves; 2 on others
+_FEWEST_PER_EDGE_OF_ROUGH = 4  # nodes for each edge of rough loops below which a distance is not significant
+FEWEST_NODES = 256  # nodes of short loops on the disk, so that many loops fit in one batch
+COARSE = (
+    1e-4  # relative gradient at which coarse solves stop; also the share of the tolerance of smooth loops' gradient
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HarmonicSolver:
+    """Solves a disk on the unit disk or on a smooth domain next to a flattened discrete disk."""
+
+    problem: PlateauProblem
+
+    def on_unit_disk(self, begun: Fit | None = None) -> RouteResult:
+        """The minimal disk on the unit disk, from a fit that was begun with those of other loops, or a new one."""
+        refusal = DomainError(
+            "the loop has corners, or is too long for its width, for power series on the disk; use model='auto'",
+            vertices=len(self.problem.unit),
+        )
+        if self.problem.unit.corners.any():
+            raise refusal
+        try:
+            return self._fitted(begun or self._begin(), "disk")
+        except DomainError as error:
+            raise refusal from error
+
+    def below_on_disk(self, matching: Float[np.ndarray, "n 2"]) -> RouteResult | None:
+        """The minimal disk of less area that an unstable one on the unit disk leads to; None where there is none."""
+        slide = torch.tensor(matching[:, 1], device=self.problem.options.device)
+        # its cost is the number of nodes cubed
+        few = resampled(slide, min(len(slide), 2 * FEWEST_NODES))
+        try:
+            with typed_failures():
+                start = slide_downhill(self.exact, self._unit_disk, few)
+            return None if start is None else self._fitted(self._fit(self._unit_disk, start), "disk")
+        except (DomainError, SingularMatrixError):
+            return None
+
+    def on_flattening(self) -> RouteResult:
+        """The minimal disk on the smooth plane domain next to a flattened discrete disk: the start, or a first one."""
+        disk, (t, points) = self.problem.start, self._points
+        if disk is None:
+            with self.problem.clock.stage("first fill"):
+                disk = first_disk(points)
+        else:
+            t = self._density.parameter(self.problem.curve.breaks[start_indices(self.problem.unit)])
+        with self.problem.clock.stage("flattening"):
+            polygon = flatten(disk.vertices, disk.faces, len(t)).boundary
+        return self._on_domain(polygon, t)
+
+    @property
+    def _points(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 3"]]:
+        """Parameters of ∂Ω and points of Γ that Ω is made from."""
+        even = np.arange(self._density.points) / self._density.points
+        return even, self.problem.curve.point(self._density.slide(even))
+
+    @cached_property
+    def _density(self) -> NodeDensity:
+        return NodeDensity(self.problem.curve, points_of_domain(self.problem.unit))
+
+    @property
+    def _unit_disk(self) -> DirichletForm:
+        return DirichletForm.of_disk(points_of_domain(self.problem.unit))
+
+    def _on_domain(self, polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"]) -> RouteResult:
+        """The minimal disk on the smooth Ω next to a polygon with parameters t."""
+        unit, device = self.problem.unit, self.problem.options.device
+        with self.problem.clock.stage("flattening"):
+            # Ω has a point for each vertex and follows it
+            is_fine = self.is_rough and len(unit) <= self._density.points
+            shape, form = resolved(
+                polygon, t, self._density, is_fine, count=points_of_domain(unit), most=self.most_nodes, device=device
+            )
+        start = torch.tensor(self._density.slide(np.arange(shape.steps) / shape.steps), device=device)
+        with self.problem.clock.stage("slide"):
+            curve = self.exact
+            if self.is_rough and not is_fine:
+                # averaged: the nodes of Ω are too few for its bends
+                curve = CurveTensors.of(self.problem.curve.smoothed(1 / self._density.points), device)
+            (disk,) = minimise_dirichlet_energies(
+                CurveTensors.batch([curve]),
+                form,
+                start[None],
+                tolerances=[COARSE],
+                max_steps=[min(MOST_STEPS, self.problem.steps.left)],
+                negligible=[self.negligible_energy],
+                on_step=[self.take],
+            )
+        if disk is None:
+            raise OutOfTimeError
+        if disk.crowded:
+            raise DomainError("the nodes crowd on the domain's boundary", vertices=len(unit))
+        return self._fitted(self._fit(form, disk.slide), "flattened")
+
+    def _begin(self) -> Fit:
+        """The fit on the unit disk from equal steps; node counts are rounded up by at most a quarter, for batches."""
+        points = max(FEWEST_NODES, len(self.problem.unit))
+        step = 1 << ((points - 1).bit_length() - 3)
+        n = step * math.ceil(points / step)
+        return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.problem.options.device) / n)
+
+    def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"]) -> Fit:
+        """A fit on Ω from a slide."""
+        return Fit(solver=self, form=form, slide=slide, nodes=even(max(len(slide), len(self.problem.unit))))
+
+    def _fitted(self, fit: Fit, route: RouteName) -> RouteResult:
+        """The minimal disk of a fit, with as many nodes as the tolerance needs."""
+        fit_together([fit])
+        if fit.best is None:
+            if not fit.limit:
+                raise OutOfTimeError
+            raise DomainError(f"no minimal disk was found on this domain: {fit.limit}", vertices=len(self.problem.unit))
+        lift, disk = fit.best
+        with self.problem.clock.stage("surface"):
+            domain = domain_of(lift, fit.form.boundary)
+        n = len(disk.slide)
+        return RouteResult(
+            curves=(self.problem.curve,),
+            domain=domain,
+            surface_at=surface_of(lift, domain),
+            matchings=(np.column_stack([np.arange(n) / n, disk.slide.cpu().numpy()]),),
+            misfit=lift.misfit,
+            area=lift.area,
+            route=route,
+            limit=fit.limit or SPENT,
+            curvature=lift.curvature,
+        )
+
+    @cached_property
+    def exact(self) -> CurveTensors:
+        """Γ as tensors."""
+        return CurveTensors.of(self.problem.curve, self.problem.options.device)
+
+    @cached_property
+    def is_rough(self) -> bool:
+        """Whether the loop is rough."""
+        return is_rough(self.problem.unit, self.problem.curve)
+
+    @property
+    def is_analytic(self) -> bool:
+        """Whether Γ is analytic: the distance falls geometrically with the nodes."""
+        return self.problem.curve.kind == "analytic"
+
+    @property
+    def fine_gradient(self) -> float:
+        """Relative gradient at which a slide along Γ stops."""
+        if self.problem.options.is_series:
+            return ROUNDING
+        share = ROUGH_GRADIENT if self.is_rough else COARSE
+        return min(max(share * self.problem.options.tolerance, ROUNDING), COARSE)
+
+    @property
+    def most_nodes(self) -> int:
+        """Upper limit on nodes."""
+        points = len(self.problem.unit)
+        per_edge = _MOST_PER_EDGE if points <= MOST_FREE_POINTS else _MOST_PER_EDGE_OF_LONG
+        return even(max(4 * FEWEST_NODES, per_edge * points))
+
+    def is_enough(self, misfit: Misfit) -> bool:
+        """Whether the distance is small enough; power series over analytic curves go on to rounding error."""
+        allowed = self.problem.allowed
+        if self.problem.options.is_series and self.is_analytic:
+            allowed = min(allowed, ROUNDING)
+        return misfit.excess(allowed=allowed, tolerance=allowed / self.problem.unit.mean_edge_length) <= 1
+
+    @property
+    def negligible_energy(self) -> float:
+        """Decrease of the energy below which a slide stops."""
+        return negligible_energy(len(self.problem.unit), self.problem.allowed) if self.is_rough else 0.0
+
+    def take(self, gradient: float) -> None:
+        """Records a step."""
+        self.problem.steps.take("Douglas-Newton", gradient)
+
+
+UNIT_DISK = Route("disk", lambda problem: HarmonicSolver(problem=problem).on_unit_disk())
+FLATTENING = Route("flattened", lambda problem: HarmonicSolver(problem=problem).on_flattening())
+
+
+def begun_on_unit_disk(problems: Sequence[PlateauProblem]) -> list[Route]:
+    """For each problem a route that finishes its fit on the unit disk; the fits are begun together."""
+    fits = [HarmonicSolver(problem=problem)._begin() for problem in problems]
+    fit_together(fits)
+    return [replace(UNIT_DISK, solve=partial(_finished, fit)) for fit in fits]
+
+
+def _finished(fit: Fit, problem: PlateauProblem) -> RouteResult:
+    return HarmonicSolver(problem=problem).on_unit_disk(fit)
+
+
+def points_of_domain(loop: BoundaryLoop) -> int:
+    """Number of points that Ω is made from, without those for narrow places."""
+    return min(max(len(loop), _FEWEST_POINTS), _POINTS)
+
+
+@dataclass(kw_only=True, eq=False)
+class Fit:
+    """The state of one loop's fit on an Ω."""
+
+    solver: HarmonicSolver
+    form: DirichletForm
+    slide: Float[Tensor, " n"]  # the start, then the last slide found
+    nodes: int  # number of nodes of the next attempt
+    best: tuple[Lift, HarmonicDisk] | None = None  # the nearest surface so far, and its harmonic disk
+    limit: str = ""  # why the fit is finished, as the end of a sentence; "" while it is not
+    attempt: int = 0  # number of attempts so far
+
+    def take(self, disk: HarmonicDisk, lift: Lift | None) -> None:
+        """Records the disk of an attempt and its lift, and decides about the next attempt."""
+        if disk.crowded:
+            self.limit = "the nodes crowd on the domain's boundary"
+            return
+        self.slide = disk.slide
+        before = math.inf if self.best is None else self.best[0].misfit.rms
+        share = WORTHWHILE
+        if self.solver.is_rough:
+            share = 1.0 if self.nodes >= _FEWEST_PER_EDGE_OF_ROUGH * len(self.solver.problem.unit) else math.inf
+        # more nodes may give a lift
+        may_lift = self.attempt == 0 or self.solver.is_rough
+        is_better = may_lift if lift is None else lift.misfit.rms < share * before
+        if lift is not None and lift.misfit.rms < before:
+            self.best = lift, disk
+        if not is_better or (self.best is not None and self.solver.is_enough(self.best[0].misfit)):
+            self.limit = "more nodes on the domain's boundary do not help"
+        elif self.nodes >= self.solver.most_nodes:
+            self.limit = f"{self.nodes} nodes are the most that are tried"
+        elif not self.solver.problem.steps.left:
+            self.limit = SPENT
+        else:
+            self.attempt += 1
+            more = _MORE_ON_ANALYTIC if self.solver.is_analytic else 2
+            self.nodes = even(min(self.solver.most_nodes, more * self.nodes))
+
+    @property
+    def near_enough(self) -> float:
+        """RMS distance above which the lift is refined; infinite on smooth curves, where more nodes are cheaper."""
+        is_smooth = self.solver.is_analytic or (self.attempt == 0 and not self.solver.is_rough)
+        return math.inf if is_smooth else self.solver.problem.allowed
+
+
+def fit_together(fits: Sequence[Fit]) -> None:
+    """Continues fits until all are finished or time is over; fits on one Ω with equal nodes form a batch."""
+    left = list(fits)
+    while (left := [fit for fit in left if not fit.limit]) and not is_out_of_time():
+        alike: dict[tuple[object, ...], list[Fit]] = defaultdict(list)
+        for fit in left:
+            alike["disk" if fit.form.is_disk else id(fit.form), fit.nodes, fit.attempt > 0].append(fit)
+        for group in alike.values():
+            together = max(1, BATCH_NODES // group[0].nodes)
+            for start in range(0, len(group), together):
+                _advance(group[start : start + together])
+
+
+def _advance(fits: Sequence[Fit]) -> None:
+    """One attempt of fits on one Ω with an equal number of nodes."""
+    begin = time.perf_counter()
+    form, nodes = fits[0].form, fits[0].nodes
+    curves = CurveTensors.batch([fit.solver.exact for fit in fits])
+    disks = minimise_dirichlet_energies(
+        curves,
+        form,
+        torch.stack([resampled(fit.slide, nodes) for fit in fits]),
+        tolerances=[fit.solver.fine_gradient for fit in fits],
+        max_steps=[min(MOST_STEPS, fit.solver.problem.steps.left) for fit in fits],
+        near=fits[0].attempt > 0,
+        negligible=[fit.solver.negligible_energy for fit in fits],
+        on_step=[fit.solver.take for fit in fits],
+    )
+    middle = time.perf_counter()
+    whole = {i: disk for i, disk in enumerate(disks) if disk is not None and not disk.crowded}
+    lifts: dict[int, Lift | None] = {}
+    if whole:
+        of_whole = curves if len(whole) == len(fits) else CurveTensors.batch([fits[i].solver.exact for i in whole])
+        found = lifted_together([*whole.values()], form, of_whole, allowed=[fits[i].near_enough for i in whole])
+        lifts = dict(zip(whole, found, strict=True))
+    end = time.perf_counter()
+    for i, (fit, disk) in enumerate(zip(fits, disks, strict=True)):
+        fit.solver.problem.clock.add("slide", (middle - begin) / len(fits))
+        fit.solver.problem.clock.add("lift", (end - middle) / len(fits))
+        if disk is not None:
+            fit.take(disk, lifts.get(i))
+
+
+def even(nodes: int) -> int:
+    """The next even number that is fast to transform."""
+    return 2 * next_fast_len((nodes + 1) // 2)

@@ -1,0 +1,1 @@
+"""Minimal disks and annuli as Cauchy networks, by Gauss-Newton."""

@@ -1,0 +1,179 @@
+"""The boundary problem of a Cauchy network on ∂Ω, as tensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float, Shaped
+from scipy.optimize import isotonic_regression
+from torch import Tensor
+
+from spinor_geom.domain.plane_domain import TOWARDS_CORNER, Boundary, PlaneDomain
+from spinor_geom.domain.quadrature import Panels, rule
+from spinor_geom.holomorphic.cauchy import CauchyNetwork
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.surface.formulas import phi
+from spinor_geom.surface.spinor_surface import PATH_ORDER
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NetworkProblem:
+    """Γ, and the features of the network at the nodes on ∂Ω, followed by those on a path to the hole, if any."""
+
+    curves: tuple[CurveTensors, ...]  # Γ, one curve for each boundary of Ω
+    features: Complex[Tensor, "points n"]  # at the nodes and on the path
+    dz: Complex[Tensor, " points"]  # dz/dt
+    weights: Float[Tensor, " points"]  # quadrature weights in t
+    widths: Float[Tensor, " panels"]  # lengths of the panels in t
+    rims: tuple[int, ...]  # number of panels of each boundary
+    cumulative: Float[Tensor, "order order"]  # integration matrix of a panel of length 1
+    slide_bounds: Float[Tensor, "nodes 2"]  # lowest and highest curve parameter of each node
+    fields: Complex[Tensor, "nodes k"]  # fields along which Ω may move to change its moduli
+
+    @classmethod
+    def on_panels(
+        cls,
+        domain: PlaneDomain,
+        panels: Panels,
+        network: CauchyNetwork,
+        curves: tuple[CurveTensors, ...],
+        corners: tuple[Float[np.ndarray, " _"], ...],
+    ) -> NetworkProblem:
+        """The problem on the nodes of panels, for a fixed domain; `corners` are as for `slide_bounds`."""
+        device = network.poles.device
+        path, steps = path_across(domain)
+        sides = zip(domain.boundaries, corners, panels.own_parameters, strict=True)
+        with torch.no_grad():
+            features = network.features(torch.tensor(np.append(panels.z, path), device=device))
+        return cls(
+            curves=curves,
+            features=features,
+            dz=torch.tensor(np.append(panels.dz, steps), device=device),
+            weights=torch.tensor(np.append(panels.weights, np.ones(len(path))), device=device),
+            widths=torch.tensor(panels.widths, device=device),
+            rims=panels.rims,
+            cumulative=torch.tensor(panels.cumulative, device=device),
+            slide_bounds=torch.tensor(np.concatenate([slide_bounds(*side) for side in sides]), device=device),
+            fields=torch.zeros(len(panels.z), 0, dtype=torch.complex128, device=device),
+        )
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes on ∂Ω."""
+        return len(self.widths) * len(self.cumulative)
+
+    @property
+    def arc_weights(self) -> Float[Tensor, " nodes"]:
+        """Weights of the mean by arc length of ∂Ω, with sum 1."""
+        weights = (self.weights * self.dz.abs())[: self.nodes]
+        return weights / weights.sum()
+
+    def by_rim(self, values: Shaped[Tensor, "nodes *rest"]) -> tuple[Shaped[Tensor, "_ *rest"], ...]:
+        """Values at the nodes of each boundary."""
+        return torch.split(values, [count * len(self.cumulative) for count in self.rims])
+
+    def point_and_derivative(
+        self, slide: Float[Tensor, " nodes"]
+    ) -> tuple[Float[Tensor, "nodes 3"], Float[Tensor, "nodes 3"]]:
+        """Γ and Γ' at each node's parameter of its own curve."""
+        parts = [curve.point_and_derivative(s) for curve, s in zip(self.curves, self.by_rim(slide), strict=True)]
+        points, tangents = zip(*parts, strict=True)
+        return torch.cat(points), torch.cat(tangents)
+
+    def increasing(self, slide: Float[Tensor, " nodes"], speed: Float[Tensor, " nodes"]) -> Float[Tensor, " nodes"]:
+        """The nearest increasing slides within the bounds; see `nearest_increasing`."""
+        arrays = [[part.cpu().numpy() for part in self.by_rim(one)] for one in (slide, speed, self.slide_bounds)]
+        parts = [nearest_increasing(*one) for one in zip(*arrays, strict=True)]
+        return torch.as_tensor(np.concatenate(parts), device=slide.device)
+
+    def integrate(self, f: Complex[Tensor, "points k"]) -> Complex[Tensor, "nodes k"]:
+        """∫ f dt from the start of the first panel to each node, along ∂Ω and the path to the hole."""
+        order = len(self.cumulative)
+        by_panel = f[: self.nodes].reshape(-1, order, f.shape[1])
+        local = (self.cumulative.to(f.dtype) @ by_panel) * self.widths[:, None, None]
+        total = (self.weights[: self.nodes].reshape(-1, 1, order).to(f.dtype) @ by_panel)[:, 0]
+        starts = [part.cumsum(0) - part for part in torch.split(total, list(self.rims))]
+        if len(f) > self.nodes:
+            starts[1] = starts[1] + self.weights[self.nodes :].to(f.dtype) @ f[self.nodes :]
+        return (local + torch.cat(starts)[:, None]).reshape(self.nodes, -1)
+
+    def positions(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3"]:
+        """Positions r at the nodes, up to a constant: the real part of ∫ φ dz along ∂Ω."""
+        return self.integrate(self.velocities(readout)).real
+
+    def around_hole(self, f: Complex[Tensor, "points k"]) -> Complex[Tensor, "holes k"]:
+        """∮ f dt around each hole."""
+        last = self.nodes - self.rims[-1] * len(self.cumulative)
+        total = self.weights[None, last : self.nodes].to(f.dtype) @ f[last : self.nodes]
+        return total[: len(self.rims) - 1]
+
+    def velocities(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "points 3"]:
+        """φ dz/dt at the nodes and on the path; its real part is dr/dt."""
+        return self.null_curve(readout) * self.dz[:, None]
+
+    def null_curve(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "points 3"]:
+        """φ at the nodes and on the path."""
+        p, q = (self.features @ readout).unbind(-1)
+        return phi(p, q)
+
+    def moved(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3 k"]:
+        """Derivative of r at the nodes by a move along each field: Re(φ v)."""
+        return (self.null_curve(readout)[: self.nodes, :, None] * self.fields[:, None, :]).real
+
+
+def nearest_increasing(
+    s: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"], bounds: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, " n"]:
+    """The nearest non-decreasing slide with s_n ≤ s_0 + 1 within the bounds, by isotonic regression.
+
+    The circle is cut where the speed |Γ'| is largest. Shortening the whole step instead stalls at corners and on noisy
+    curves.
+    """
+    if (np.diff(np.append(s, s[0] + 1)) <= 0).any():
+        cut = int(np.argmax(speed))
+        line = np.concatenate([s[cut:], s[:cut] + 1])
+        line = isotonic_regression(line).x
+        line = np.minimum(line, line[0] + 1)
+        s = np.concatenate([line[len(s) - cut :] - 1, line[: len(s) - cut]])
+    return np.asarray(np.clip(s, *bounds.T))
+
+
+def slide_bounds(
+    boundary: Boundary, corners: Float[np.ndarray, " c"], t: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n 2"]:
+    """Lowest and highest curve parameter of nodes at parameters t of ∂Ω, which stay between their corners.
+
+    `corners` are the curve parameters at the corners of Ω, ascending.
+    """
+    if not len(corners):
+        return np.broadcast_to([-np.inf, np.inf], (len(t), 2))
+    ends = np.concatenate([corners[-1:] - 1, corners, corners[:1] + 1])
+    side = np.searchsorted(boundary.parameters[:-1][boundary.corners], t, side="right")
+    # inside the side: Γ′ at a corner is that of the next side
+    return np.stack([ends[side] + 1e-13, ends[side + 1] - 1e-13], axis=1)
+
+
+def path_to(
+    domain: PlaneDomain, vertex: int, order: int = PATH_ORDER
+) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
+    """Quadrature nodes on a path through Ω from its root to a vertex of its triangulation, and their weights dz."""
+    path = [vertex]
+    while path[-1] != domain.root:
+        path.append(int(domain.parents[path[-1]]))
+    corners = domain.triangulation.points[path[::-1]]
+    if domain.corners[vertex]:
+        before, end = corners[-2:]
+        corners = np.concatenate([corners[:-1], end + (before - end) * TOWARDS_CORNER, [end]])
+    nodes, weights = rule("gauss", order)
+    step = np.diff(corners)[:, None]
+    return (corners[:-1, None] + step * nodes).ravel(), (step * weights).ravel()
+
+
+def path_across(domain: PlaneDomain) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
+    """`path_to` from the first vertex of the outer boundary to the hole's; empty without a hole."""
+    if not domain.holes:
+        return np.zeros(0, dtype=np.complex128), np.zeros(0, dtype=np.complex128)
+    (there, back), (here, ahead) = path_to(domain, 0), path_to(domain, len(domain.boundary.vertices))
+    return np.append(there, here), np.append(-back, ahead)

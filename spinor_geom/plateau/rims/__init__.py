@@ -1,0 +1,1 @@
+"""Minimal surfaces between several loops, on disks with round holes."""

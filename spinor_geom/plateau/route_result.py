@@ -1,0 +1,67 @@
+"""The result of a route to a minimal surface, and the errors of routes that do not lead to one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.errors import DomainError, FirstFillError, SingularMatrixError, SurfaceError, UnsolvableError
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.solution import RouteName
+from spinor_geom.plateau.stability import Curvature
+from spinor_geom.surface.spinor_surface import SpinorSurface, Vector
+
+# The errors of a route that does not lead to a surface.
+FAILURES = (DomainError, FirstFillError, SingularMatrixError, SurfaceError)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RimsResult:
+    """Figures of a surface between several loops."""
+
+    order: tuple[int, ...]  # numbers of the loops in the order of the boundaries of Ω, the outer boundary first
+    back: tuple[bool, ...]  # in that order: whether the loop runs against the boundary of the surface
+    antiperiodic: tuple[bool, ...]  # for each hole: whether p and q change sign around it
+    period: float  # the largest |Re ∮ φ dz| around a hole
+    modulus: float | None = None  # see `capacity_path.mean_modulus`; None where Ω is no circular domain
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RouteResult:
+    """A minimal surface over loops whose common diagonal is 1 and whose common centre is 0."""
+
+    domain: PlaneDomain  # Ω
+    surface_at: Callable[[float, Vector], SpinorSurface]  # the surface, scaled and then moved
+    curves: tuple[BoundaryCurve, ...]  # Γ on each boundary of Ω, in its direction
+    matchings: tuple[Float[np.ndarray, "_ 2"], ...]  # see `RimMatch.matching`
+    misfit: Misfit  # distance of the surface's boundary from Γ
+    area: float  # ½∮ r·Im(φ dz)
+    route: RouteName
+    limit: str  # why the boundary is no nearer to Γ, as the end of a sentence
+    curvature: Curvature | None = None  # total curvature of the surface, if the route computes it
+    between: RimsResult | None = None  # None for a disk
+
+    @property
+    def surface(self) -> SpinorSurface:
+        """The surface at unit size."""
+        return self.surface_at(1.0, np.zeros(3))
+
+
+class NoConnectedSurfaceError(Exception):
+    """No connected minimal surface spans several loops; the text says how that is known."""
+
+
+@contextmanager
+def typed_failures() -> Iterator[None]:
+    """Raises an UnsolvableError in place of the LinAlgError of numpy, scipy or torch."""
+    try:
+        yield
+    except (np.linalg.LinAlgError, torch.linalg.LinAlgError) as error:  # type: ignore[attr-defined]
+        raise UnsolvableError(reason=str(error).splitlines()[0].rstrip(".")) from error

@@ -1,0 +1,1 @@
+"""Minimal surfaces through the points of rough loops."""
