@@ -15,7 +15,7 @@ from jaxtyping import Complex, Float, Int
 from numpy.typing import ArrayLike
 
 from spinor_geom.errors import PeriodError, require_type
-from spinor_geom.fill.result import FillResult, LoopOutcome
+from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import vertex_normals

@@ -14,7 +14,7 @@ from spinor_geom.adapters import MeshFile
 from spinor_geom.comparison import Comparison
 from spinor_geom.errors import require_type
 from spinor_geom.files import write_text
-from spinor_geom.fill.result import FillResult, LoopOutcome
+from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.render.layers import Faces, Scale
 from spinor_geom.render.loop_views import COLOURS, SWITCHES, LoopViews, loop_views, patch_faces, surroundings
 from spinor_geom.render.page import Scene, Views, cell, document, panel, picture, table

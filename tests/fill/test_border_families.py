@@ -9,7 +9,7 @@ import pytest
 from spinor_geom.bench.reported import bowl, reported_bowls, reported_tubes
 from spinor_geom.errors import SheetBorderError
 from spinor_geom.fill.borders import refuse_border
-from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -40,9 +40,9 @@ SHEETS: dict[str, Heights] = {
 }
 
 
-def is_border(surroundings: Surroundings, loop: BoundaryLoop) -> bool:
+def is_border(patched: PatchedMesh, loop: BoundaryLoop) -> bool:
     try:
-        refuse_border(surroundings, loop)
+        refuse_border(patched, loop)
     except SheetBorderError:
         return True
     return False
@@ -52,8 +52,8 @@ def are_borders(arrays: Mesh) -> list[bool]:
     """The answer for every loop, longest first."""
     mesh = TriangleMesh(*arrays)
     loops = find_boundary_loops(mesh)
-    surroundings = Surroundings(mesh, loops)
-    return [is_border(surroundings, loop) for loop in loops]
+    patched = PatchedMesh(mesh, loops)
+    return [is_border(patched, loop) for loop in loops]
 
 
 def test_bowls_and_tubes_have_holes_whether_smooth_or_ragged() -> None:

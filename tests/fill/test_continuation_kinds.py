@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 import trimesh
 
+from spinor_geom.fill import fairing
 from spinor_geom.fill.collar import collar_of
-from spinor_geom.fill.continuation import Moved, _Problem, continue_patch
+from spinor_geom.fill.continuation import continue_patch
+from spinor_geom.fill.fairing import Faired
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loops import boundary_loops
-from spinor_geom.fill.result import LoopOutcome
-from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.fill.fill_result import LoopOutcome
+from spinor_geom.fill.loop_choice import boundary_loops
+from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.operators import internal_angles
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
@@ -142,7 +144,7 @@ def test_what_does_not_come_to_rest_is_a_thin_plate_with_the_reason(monkeypatch:
     ball = trimesh.creation.icosphere(3)
     vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
     mesh = cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > 0.7)
-    monkeypatch.setattr(_Problem, "rest", lambda _, x: (x, 3, 0.2))
+    monkeypatch.setattr(fairing._Equations, "solved", lambda _, x: (x, 3, 0.2))
     smooth, _ = patched(mesh)
     told = smooth.continuation
     assert told is not None
@@ -162,7 +164,7 @@ def test_angles_below_ten_degrees_are_reported_unless_the_rim_gives_them(angle: 
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 0.01, 0], tip])
     points = vertices @ [1, 1j, 0]
     patch = Patch(vertices=vertices, faces=np.array([[0, 1, 3], [0, 1, 2]]), boundary_size=3, points=points)
-    moved = Moved(patch=patch, steps=0, next_step=0.0, stretch=1.0)
+    moved = Faired(patch=patch, steps=0, next_step=0.0, stretch=1.0)
     free, least = moved.smallest_angles
     assert free == pytest.approx(angle)
     assert least < 2
@@ -192,18 +194,18 @@ def test_a_start_over_other_angles_that_rests_is_taken_for_one_that_does_not(mon
     loop = boundary_loops(mesh)[0]
     film = fill_hole(mesh, return_report=True)[1].loops[0].patch
     assert film is not None
-    collar = collar_of(Surroundings(TriangleMesh(*mesh)), loop.vertex_ids, film)
+    collar = collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, film)
     dome = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True).patch.vertices.copy()
     inner = np.arange(len(loop), len(dome))
     # over its neighbours, which leaves folds far from the rim
     dome[inner[np.argmax(dome[inner, 2])]] += [0.5, 0, 0]
-    unrested = Moved(patch=film, steps=1, next_step=5.0, stretch=1.0)
-    folded = Moved(patch=replace(film, vertices=dome), steps=1, next_step=0.0, stretch=1.0)
+    unrested = Faired(patch=film, steps=1, next_step=5.0, stretch=1.0)
+    folded = Faired(patch=replace(film, vertices=dome), steps=1, next_step=0.0, stretch=1.0)
     assert folded.folds
-    monkeypatch.setattr("spinor_geom.fill.continuation._at_rest", lambda *_: unrested)
-    monkeypatch.setattr("spinor_geom.fill.continuation._at_rest_over_angles", lambda *_: folded)
-    monkeypatch.setattr("spinor_geom.fill.continuation._thin_plate", lambda *_: unrested)
-    monkeypatch.setattr("spinor_geom.fill.continuation._next_mesh", lambda *_, **__: None)
+    monkeypatch.setattr("spinor_geom.fill.continuation.brought_to_rest", lambda *_: unrested)
+    monkeypatch.setattr("spinor_geom.fill.continuation._from_domain_of_angles", lambda *_: folded)
+    monkeypatch.setattr("spinor_geom.fill.continuation.thin_plate", lambda *_: unrested)
+    monkeypatch.setattr("spinor_geom.fill.continuation._remeshed_once", lambda *_, **__: None)
     moved = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True)
     np.testing.assert_array_equal(moved.patch.vertices, dome)
     assert moved.remeshed

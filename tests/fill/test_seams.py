@@ -11,7 +11,7 @@ from spinor_geom.adapters import read_mesh
 from spinor_geom.cli.main import main
 from spinor_geom.errors import OptionError
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.topology import is_watertight, near_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
