@@ -6,7 +6,7 @@ intersect those of the wall. Triangles of the patch without a vertex that can mo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,10 +14,10 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.spatial import cKDTree
 
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
-from spinor_geom.fill.patched_mesh import Crossings, PatchedMesh, patch_chords, split_chords
+from spinor_geom.fill.new_patch import NewPatch
+from spinor_geom.fill.patched_mesh import PatchedMesh, patch_chords, split_chords
 from spinor_geom.mesh.operators import face_normals, vertex_normals
 from spinor_geom.meshing.embed import Patch
-from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # figures: of 26 rims of noisy bowls and tubes 5 still intersect something after the moves, in 32 pairs of faces
 _CLEARANCE = 0.05  # height over the mesh's faces, in edges of the patch; half: 6 rims, twice: thinner triangles
@@ -26,52 +26,33 @@ _RINGS = 2  # over which normals of the mesh and positions of the patch are aver
 _ROUNDS = 4  # 2: 9 rims, 50 pairs; 8: 5 rims, 26 pairs
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Cleared:
-    """A patch with fewer intersections than before, or the unchanged one."""
-
-    patch: Patch
-    crossings: Crossings
-    edges_split: int = 0
-    displacement: float = 0.0  # largest of a vertex, in mesh units; of a new vertex from the middle of its edge
-
-
-def cleared(
-    patched: PatchedMesh,
-    rim: Int[np.ndarray, " m"],
-    patch: Patch,
-    crossings: Crossings,
-    surface: SpinorSurface | None = None,
-) -> Cleared:
-    """The patch with the fewest intersections of some rounds of splits and moves; its boundary is not moved.
-
-    `rim` are the mesh's vertices on its boundary. New vertices are on `surface`, if that is given.
-    """
-    best = Cleared(patch=patch, crossings=crossings)
+def cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
+    """The patch with the fewest intersections of some rounds of splits and moves; its boundary is not moved."""
+    patch, crossings, best = new.patch, new.crossings, new
     if not len(crossings.mesh):
-        return best
+        return new
     edges = patch.vertices[rim_successors(patch.rims)] - patch.vertices[: patch.boundary_size]
     farthest = _FARTHEST * float(np.linalg.norm(edges, axis=1).mean())
-    wall, split, start = _Wall(patched, rim, patch, crossings.mesh[:, 1]), 0, patch.vertices
+    wall, split, start = _Wall(patched, new.rim, patch, crossings.mesh[:, 1]), new.edges_split, patch.vertices
     for _ in range(_ROUNDS):
         faces, count = np.asarray(patch.faces), len(patch.vertices)
-        new, old = crossings.mesh[:, 0] - patched.face_count, crossings.mesh[:, 1]
+        own, old = crossings.mesh[:, 0] - patched.face_count, crossings.mesh[:, 1]
         chords = patch_chords(patch)
-        sides = np.sort(faces[new][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        sides = np.sort(faces[own][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
         chords = chords[np.isin(chords @ [count, 1], sides @ [count, 1])]
         if len(chords):
-            patch = split_chords(patch, chords, surface)
+            patch = split_chords(patch, chords, new.surface)
             split += len(chords)
             start = np.concatenate([start, patch.vertices[count:]])
         else:
-            own = np.unique(faces[crossings.own.ravel() - patched.face_count])
-            patch = _moved(patch, wall.steps(patch, new, old), own[own >= patch.boundary_size])
+            folded = np.unique(faces[crossings.own.ravel() - patched.face_count])
+            patch = _moved(patch, wall.steps(patch, own, old), folded[folded >= patch.boundary_size])
         displacement = float(np.linalg.norm(patch.vertices - start, axis=1).max())
         if displacement > farthest:
             break
         crossings = patched.crossings(patch)
         if len(crossings) < len(best.crossings):
-            best = Cleared(patch=patch, crossings=crossings, edges_split=split, displacement=displacement)
+            best = replace(new, patch=patch, crossings=crossings, edges_split=split, displacement=displacement)
         if not len(crossings.mesh) and not len(crossings.own):
             break
     return best
@@ -101,8 +82,8 @@ class _Wall:
         self._side = np.where(_averaged(side, along) > 0, 1.0, -1.0)
         self._rim = cKDTree(patch.vertices[: len(after)])
 
-    def steps(self, patch: Patch, new: Int[np.ndarray, " k"], old: Int[np.ndarray, " k"]) -> Float[np.ndarray, "n 3"]:
-        """Displacements that move the vertices of patch faces `new` over the mesh faces `old`, which they intersect."""
+    def steps(self, patch: Patch, own: Int[np.ndarray, " k"], old: Int[np.ndarray, " k"]) -> Float[np.ndarray, "n 3"]:
+        """Displacements that move the vertices of patch faces `own` over the mesh faces `old`, which they intersect."""
         corners = self._mesh.faces[old]
         near = np.minimum(np.searchsorted(self._ids, corners), len(self._ids) - 1)
         known = self._ids[near] == corners
@@ -112,7 +93,7 @@ class _Wall:
         towards /= np.maximum(np.linalg.norm(towards, axis=1), np.finfo(np.float64).tiny)[:, None]
         side = self._side[self._rim.query(self._mesh.vertices[corners].mean(axis=1))[1]][:, None]
         towards, normals = side * towards, side * normals
-        vertices = np.asarray(patch.faces)[new]
+        vertices = np.asarray(patch.faces)[own]
         clearance = _CLEARANCE * _edge_lengths(patch)[vertices]
         height = np.einsum("kcd,kd->kc", patch.vertices[vertices] - self._mesh.vertices[corners[:, :1]], normals)
         # vertices that are high enough, and whose face intersects nevertheless, move by the clearance

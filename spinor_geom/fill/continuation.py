@@ -65,11 +65,11 @@ class Continuation:
 
     @classmethod
     def of(
-        cls, faired: Faired, collar: Collar, *, started_from: Start, before: Bend, after: Bend, area_ratio: float
+        cls, faired: Faired, collar: Collar, *, start: Start, before: Bend, after: Bend, area_ratio: float
     ) -> Continuation:
         """The figures of a faired patch and its collar."""
         return cls(
-            started_from=started_from,
+            started_from=start,
             before=before,
             after=after,
             order=faired.order,

@@ -4,19 +4,32 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from time import perf_counter
 from types import MappingProxyType
 
 from spinor_geom.deadline import time_limit
 from spinor_geom.discrete.strip import ruled_annulus
-from spinor_geom.errors import NoAreaError, SheetBorderError, SpinorGeomError, SurfaceError, TooManyPointsError
+from spinor_geom.errors import (
+    NoAreaError,
+    SheetBorderError,
+    SingularMatrixError,
+    SpinorGeomError,
+    SurfaceError,
+    TooManyPointsError,
+)
 from spinor_geom.fill.attributes import patch_attributes
+from spinor_geom.fill.clearance import cleared
+from spinor_geom.fill.collar import bend_across, collar_of
+from spinor_geom.fill.continuation import MOST_AREA, Continuation, continue_patch
 from spinor_geom.fill.discrete_patch import discrete_patch
 from spinor_geom.fill.exact_patches import SolvedLoop
+from spinor_geom.fill.fairing import folded_sides
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.fill_result import LoopOutcome
-from spinor_geom.fill.new_patch import NewPatch, cleared_continuation
+from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
+from spinor_geom.fill.retriangulation import retriangulated
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.meshing.embed import Patch, edge_length_over
@@ -112,13 +125,13 @@ def _new_patch(
     new = new.fitted(patched)
     clock.lap("crossings")
     if options.continuity == "C0":
-        new = new.cleared(patched)
+        new = _cleared(patched, new)
     else:
         options.on_stage(place, "continuation")
         with time_limit(options.time_limit):
-            smooth = new.continued(patched, edge_length_over(new.rims, options.target_edge_length))
+            smooth = _continued(patched, new, edge_length_over(new.rims, options.target_edge_length))
         clock.lap("continuation")
-        new = cleared_continuation(smooth, new, patched)
+        new = _cleared_continuation(patched, smooth, new)
     clock.lap("clearance")
     return new
 
@@ -141,6 +154,69 @@ def _first_patch(place: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, 
     options.on_stage(place, "discrete surface")
     discrete, what = discrete_patch(loops[0], target, seconds=options.time_limit)
     return NewPatch(patch=discrete, rims=loops, reason=f"{what}, because: {reason}")
+
+
+def _cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
+    """Moves a patch off the mesh that it intersects, and retriangulates what still intersects something."""
+    return retriangulated(patched, cleared(patched, new))
+
+
+def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch:
+    """The smooth continuation of the mesh over the same rim, or the patch itself with the reason against it.
+
+    A patch without inner vertices stays as it is. `target` is the edge length for new meshes.
+    """
+    if len(start.patch.vertices) == len(start.rim):
+        return _not_continued(start)
+    collar = collar_of(patched, start.rim, start.patch)
+    try:
+        faired = continue_patch(start.patch, collar, target, is_conformal=start.kind != "discrete")
+    except (SingularMatrixError, TooManyPointsError) as error:
+        return _not_continued(start, f": {error}")
+    before, after = bend_across(collar, start.patch), bend_across(collar, faired.patch)
+    ratio = faired.patch.area / start.patch.area
+    reason_against = (
+        f": {faired.steps} steps left a bend of {after.rms:.3g}° (RMS) across the rim, where it has "
+        f"{before.rms:.3g}°, and {ratio:.2g} times its area"
+    )
+    is_second_best = bool(faired.lowered) or not faired.converged
+    if is_second_best and (after.rms >= before.rms or ratio > MOST_AREA):
+        return _not_continued(start, reason_against)
+    continuation = Continuation.of(faired, collar, start=start.kind, before=before, after=after, area_ratio=ratio)
+    smooth = replace(start, patch=faired.patch, continuation=continuation, reason=continuation.reason)
+    smooth = replace(smooth, remarks=continuation.remarks).fitted(patched)
+    if is_second_best and (after.rms >= 90 or faired.folds):
+        # it is folded or turns back over the mesh, which is justified by fewer intersections only
+        if len(smooth.crossings) == len(start.crossings) or not (before.rms >= 90 or folded_sides(start.patch)):
+            return _not_continued(start, reason_against)
+        remark = (
+            "the patch is folded or turns back over the mesh, and so is the surface it started from, which crosses "
+            f"{len(start.crossings)} pairs of faces, and the patch {len(smooth.crossings)}"
+        )
+        smooth = replace(smooth, remarks=(*smooth.remarks, remark))
+    return smooth
+
+
+def _cleared_continuation(patched: PatchedMesh, smooth: NewPatch, start: NewPatch) -> NewPatch:
+    """A continued patch or, if that has fewer intersections, the patch it started from; both cleared.
+
+    Of two with as many, one with replaced faces is worse.
+    """
+    notes = smooth.crossings.notes
+    smooth = _cleared(patched, smooth)
+    if smooth.continuation is None or not (len(smooth.crossings) or smooth.faces_replaced):
+        return smooth
+    start = _cleared(patched, start)
+    ranks = [(len(new.crossings), bool(new.faces_replaced)) for new in (smooth, start)]
+    return smooth if ranks[0] <= ranks[1] else _not_continued(start, f", as then {', '.join(notes)}")
+
+
+def _not_continued(start: NewPatch, reason: str = "") -> NewPatch:
+    """The patch with a remark on why it stays; a SurfaceError for a strip, which is no surface to be kept."""
+    remarks = (f"the patch was not continued smoothly{reason}",) if reason else ()
+    if start.kind == "strip":
+        raise SurfaceError("; ".join([start.reason, *remarks]))
+    return replace(start, remarks=remarks)
 
 
 def _without_area(patch: Patch) -> tuple[str, ...]:

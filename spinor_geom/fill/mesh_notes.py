@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import igl
 import numpy as np
 from jaxtyping import Int
 from scipy.spatial import cKDTree
@@ -11,7 +12,7 @@ from scipy.spatial import cKDTree
 from spinor_geom.errors import SpinorGeomError, advised_distance, merge_advice
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import Sheets, find_boundary_loops
-from spinor_geom.mesh.topology import SHARE_OF_EDGE, HalfEdges, face_components, linked
+from spinor_geom.mesh.topology import SHARE_OF_EDGE, HalfEdges, face_components
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 
@@ -34,17 +35,15 @@ def _notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets) ->
 
 def is_orientable(half_edges: HalfEdges) -> bool:
     """Whether faces can be reversed so that the two half-edges of each inner edge are opposite."""
-    a, b = half_edges.pairs.T
-    is_same_way = half_edges.origin[a] == half_edges.origin[b]
-    if not is_same_way.any():
+    if _is_oriented(half_edges):
         return True
-    # on an orientable piece, the two sides of a face are not connected across edges
-    faces = len(half_edges.origin) // 3
-    first, second = a // 3, b // 3
-    turned = second + faces * is_same_way
-    sides = np.concatenate([np.stack([first, turned], 1), np.stack([first + faces, (turned + faces) % (2 * faces)], 1)])
-    labels = linked(sides, 2 * faces)
-    return not (labels[:faces] == labels[faces:]).any()
+    oriented, _ = igl.bfs_orient(half_edges.origin.reshape(-1, 3).astype(np.int64))
+    return _is_oriented(HalfEdges.of(np.asarray(oriented, dtype=np.int64)))
+
+
+def _is_oriented(half_edges: HalfEdges) -> bool:
+    first, second = half_edges.origin[half_edges.pairs].T
+    return bool((first != second).all())
 
 
 def _pieces_and_genus(faces: Int[np.ndarray, "f 3"]) -> tuple[int, int]:

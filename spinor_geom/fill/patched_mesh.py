@@ -96,9 +96,6 @@ class PatchedMesh:
         sides = np.flatnonzero(on_loop & on_loop[:, [1, 2, 0]])
         ends = np.stack([mesh.faces[sides // 3, sides % 3], mesh.faces[sides // 3, (sides + 1) % 3]], axis=1)
         self._edges = set(self._keys(ends))
-        within = np.flatnonzero(on_loop.all(axis=1))
-        corners = np.sort(mesh.faces[within], axis=1)
-        self._faces = dict(zip(map(tuple, corners[::-1].tolist()), within[::-1].tolist(), strict=True))
         self._patches: list[_Piece] = []
         # bounding boxes of the patches (low and high corner in a row), with spare rows
         self._boxes = np.empty((1, 6))
@@ -114,7 +111,9 @@ class PatchedMesh:
 
     def face_on(self, loop: BoundaryLoop) -> int | None:
         """The mesh face with the three vertices of a loop, which then is that face's outline; else None."""
-        return self._faces.get(tuple(sorted(loop.vertex_ids.tolist())))
+        faces = self.faces_at(loop.vertex_ids) if len(loop) == 3 else np.zeros(0, dtype=np.int64)
+        on_loop = faces[np.isin(self.mesh.faces[faces], loop.vertex_ids).all(axis=1)]
+        return int(on_loop[0]) if len(on_loop) else None
 
     def fitted(
         self, patch: Patch, rim: Int[np.ndarray, " m"], surface: SpinorSurface | None = None

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Int
 
 from spinor_geom.discrete.first_fill import LONGEST
 from spinor_geom.discrete.flattest_triangulation import flattest_triangulation
-from spinor_geom.fill.patched_mesh import Crossings, PatchedMesh
+from spinor_geom.fill.new_patch import NewPatch
+from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.operators import face_areas, face_normals
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components, is_disk
 from spinor_geom.meshing.embed import Patch
@@ -21,62 +22,53 @@ _ROUNDS = 8
 _MORE_ROUNDS, _FEW_POINTS = 30, 25
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Retriangulated:
-    """A patch with fewer intersections than before, or the unchanged one."""
-
-    patch: Patch
-    crossings: Crossings
-    faces: int = 0  # number of new faces
-
-
-def retriangulated(
-    patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch, crossings: Crossings
-) -> Retriangulated:
+def retriangulated(patched: PatchedMesh, new: NewPatch) -> NewPatch:
     """Triangulates regions around the intersecting faces of a patch anew, without inner vertices.
 
     The regions grow until nothing intersects, or the whole patch was tried. Those with outlines of more than 160 points
-    are left as they are. `rim` are the mesh's vertices on the patch's boundary.
+    are left as they are.
     """
-    best, rings = Retriangulated(patch=patch, crossings=crossings), 0
-    while len(best.crossings):
-        pairs = np.concatenate([best.crossings.own.ravel(), best.crossings.mesh[:, 0], best.crossings.patches[:, 0]])
-        region = np.isin(np.arange(len(best.patch.faces)), pairs - patched.face_count)
+    rings = 0
+    while len(new.crossings):
+        faces, crossings = np.asarray(new.patch.faces), new.crossings
+        own = np.concatenate([crossings.own.ravel(), crossings.mesh[:, 0], crossings.patches[:, 0]])
+        region = np.isin(np.arange(len(faces)), own - patched.face_count)
         for _ in range(rings):
-            region = np.isin(best.patch.faces, np.asarray(best.patch.faces)[region]).any(axis=1)
-        best = _with_new_triangles(patched, rim, best.patch, region, len(best.crossings)) or best
+            region = np.isin(faces, faces[region]).any(axis=1)
+        new = _with_new_triangles(patched, new, region)
         if region.all():
             break
         rings = 2 * rings or 1
-    return best
+    return new
 
 
-def _with_new_triangles(
-    patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch, region: Bool[np.ndarray, " f"], allowed: int
-) -> Retriangulated | None:
-    """The patch with new faces in a region and the fewest intersections, or None if these are not below `allowed`.
+def _with_new_triangles(patched: PatchedMesh, new: NewPatch, region: Bool[np.ndarray, " f"]) -> NewPatch:
+    """The patch with new faces in a region, if it has fewer intersections, else the patch itself.
 
     After each round, new triangles that intersect something are forbidden.
     """
-    faces, best = np.asarray(patch.faces), None
-    piece = face_components(faces[region])
-    pieces = [np.flatnonzero(region)[piece == k] for k in range(piece.max() + 1)]
-    pieces = [one for one in pieces if len(one) > 1 and is_disk(faces[one])]
-    outlines = [_Outline(patched, rim, patch, one) for one in pieces if len(boundary_edges(faces[one])) <= LONGEST]
+    faces, best = np.asarray(new.patch.faces), new
+    component = face_components(faces[region])
+    pieces = [np.flatnonzero(region)[component == k] for k in range(component.max() + 1)]
+    outlines = [
+        _Outline(patched, new, piece)
+        for piece in pieces
+        if len(piece) > 1 and is_disk(faces[piece]) and len(boundary_edges(faces[piece])) <= LONGEST
+    ]
     if not outlines:
-        return None
+        return new
     rest = np.delete(faces, np.concatenate([one.faces for one in outlines]), axis=0)
     longest = max(len(one.ids) for one in outlines)
     for _ in range(_MORE_ROUNDS if longest <= _FEW_POINTS else _ROUNDS):
-        new = [triangles for one in outlines if (triangles := one.triangles()) is not None]
-        if len(new) < len(outlines):
+        found = [triangles for one in outlines if (triangles := one.triangles()) is not None]
+        if len(found) < len(outlines):
             break
-        numbered = [one.ids[triangles] for one, triangles in zip(outlines, new, strict=True)]
-        replaced = _without_unused(replace(patch, faces=np.concatenate([rest, *numbered])))
+        numbered = [one.ids[triangles] for one, triangles in zip(outlines, found, strict=True)]
+        replaced = _without_unused(replace(new.patch, faces=np.concatenate([rest, *numbered])))
         crossings = patched.crossings(replaced)
-        if len(crossings) < allowed:
-            allowed = len(crossings)
-            best = Retriangulated(patch=replaced, crossings=crossings, faces=len(replaced.faces) - len(rest))
+        if len(crossings) < len(best.crossings):
+            count = len(replaced.faces) - len(rest)
+            best = replace(new, patch=replaced, crossings=crossings, faces_replaced=count)
         if not len(crossings):
             break
         # of two new triangles that intersect each other, the larger one is forbidden
@@ -86,8 +78,8 @@ def _with_new_triangles(
         larger = np.take_along_axis(own, areas[own].argmax(axis=1)[:, None], axis=1).ravel()
         others = np.concatenate([crossings.mesh[:, 0], crossings.patches[:, 0]]) - patched.face_count
         wrong = np.isin(np.arange(len(rest), len(replaced.faces)), np.concatenate([larger, others]))
-        parts = np.split(wrong, np.cumsum([len(triangles) for triangles in new])[:-1])
-        for one, triangles, is_wrong in zip(outlines, new, parts, strict=True):
+        parts = np.split(wrong, np.cumsum([len(triangles) for triangles in found])[:-1])
+        for one, triangles, is_wrong in zip(outlines, found, parts, strict=True):
             one.forbid(triangles[is_wrong])
     return best
 
@@ -95,11 +87,10 @@ def _with_new_triangles(
 class _Outline:
     """The closed polygon around some faces of a patch, with its forbidden edges and triangles."""
 
-    def __init__(
-        self, patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch, piece: Int[np.ndarray, " k"]
-    ) -> None:
-        """Takes the faces that are to be replaced; they are a disk."""
-        self.faces, faces, mesh = piece, np.asarray(patch.faces), patched.mesh
+    def __init__(self, patched: PatchedMesh, new: NewPatch, piece: Int[np.ndarray, " k"]) -> None:
+        """Takes the faces of a patch that are to be replaced; they are a disk."""
+        patch, rim, mesh = new.patch, new.rim, patched.mesh
+        self.faces, faces = piece, np.asarray(patch.faces)
         # mesh faces at the rim, with the patch's numbers for rim vertices and later numbers for the others
         beside = mesh.faces[patched.faces_at(rim)]
         others = np.setdiff1d(beside, rim)

@@ -292,7 +292,7 @@ def test_a_continuation_that_is_not_found_leaves_the_film(monkeypatch: pytest.Mo
         raise SingularMatrixError(size=5)
 
     for instead, told in ((stuck, "7 steps left a bend of"), (broken, "singular")):
-        monkeypatch.setattr("spinor_geom.fill.new_patch.continue_patch", instead)
+        monkeypatch.setattr("spinor_geom.fill.fill_loop.continue_patch", instead)
         _, outcome = continued(mesh)
         assert (outcome.kind, outcome.continuation, outcome.converged) == ("minimal", None, True)
         assert "the patch was not continued smoothly" in outcome.remarks[0]
@@ -317,7 +317,7 @@ def test_of_two_patches_that_turn_back_the_one_that_crosses_less_is_kept(
         x[m:, 2] += 0.5 * (np.hypot(*x[:m, :2].T).mean() - np.hypot(*x[m:, :2].T))
         return Faired(patch=replace(patch, vertices=x), steps=7, next_step=0.5, stretch=1.0)
 
-    monkeypatch.setattr("spinor_geom.fill.new_patch.continue_patch", low_dome)
+    monkeypatch.setattr("spinor_geom.fill.fill_loop.continue_patch", low_dome)
     _, outcome = continued(mesh, loop=0)
     assert not outcome.intersections
     if is_crossed:
