@@ -10,7 +10,8 @@ order:
    Around bowls with an opening of 45° the angle is 28° and more, along terrains and range scans at most 24°.
 4. It is a border if the average turns by more than 0.89 of a turn within the mesh, whatever the rise. That is 0.9 to 1
    around half-pipes, roofs and twisted ribbons, at most 0.87 around bowls with an opening of 45°.
-5. Borders that cross themselves are not recognised, as the disk has no sides.
+5. For a loop that touches or crosses itself, rule 3 is left out, as the disk has no sides, and the loop itself must
+   turn by 0.89 to 1.11 of a turn: by 1 around a strip that is wound up, without stretching, until its turns touch.
 
 The rise is the sine of the angle between the mesh and the disk: sin θ at the rim of a spherical cap of polar angle θ, 1
 at the end of a tube, 0 along a plane sheet. Slopes up and down cancel, so hilly sheets have a small one. The average
@@ -51,18 +52,23 @@ def refuse_border(patched: PatchedMesh, loop: BoundaryLoop) -> None:
     beside = _Beside.of(patched, loop)
     if beside.turning < 0:
         return
-    try:
-        inward, rise = beside.mean_direction
-    except SpinorGeomError:
-        return  # there is no coarse disk
-    if rise < _LEAST_RISE and rise < inward:
-        angle, least = (np.degrees(np.arcsin(x)) for x in (rise, _LEAST_RISE))
-        evidence = f"the mesh lies at {angle:.0f}° to a disk over it on average (under {least:.1f}°)"
-    elif beside.turning > _LEAST_TURNING:
-        evidence = f"it turns by {360 * beside.turning:.0f}° within the mesh, as around a flat sheet (360°)"
+    turning = beside.turning
+    if len(loop_crossings(loop.points)):
+        turning = patched.turning(loop) / (2 * np.pi)
+        if turning > 2 - _LEAST_TURNING:
+            return
     else:
-        return
-    if not len(loop_crossings(loop.points)):
+        try:
+            inward, rise = beside.mean_direction
+        except SpinorGeomError:
+            return  # there is no coarse disk
+        if rise < _LEAST_RISE and rise < inward:
+            angle, least = (np.degrees(np.arcsin(x)) for x in (rise, _LEAST_RISE))
+            raise SheetBorderError(
+                evidence=f"the mesh lies at {angle:.0f}° to a disk over it on average (under {least:.1f}°)"
+            )
+    if turning > _LEAST_TURNING:
+        evidence = f"it turns by {360 * turning:.0f}° within the mesh, as around a flat sheet (360°)"
         raise SheetBorderError(evidence=evidence)
 
 
