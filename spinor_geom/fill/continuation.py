@@ -10,7 +10,7 @@ import numpy as np
 
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
-from spinor_geom.fill.collar import Bend, Collar, bend_across
+from spinor_geom.fill.collar import Bend, Collar
 from spinor_geom.fill.fairing import SMALLEST_ANGLE, Faired, Order, brought_to_rest, thin_plate
 from spinor_geom.mesh.operators import vertex_angles
 from spinor_geom.meshing.embed import Patch, over_domain_of_angles, over_own_domain, remesh
@@ -131,8 +131,7 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
     is_poor = faired.defect or (faired.stretch > _MOST_STRETCHED and not is_conformal)
     if is_poor and not patch.hole_sizes and not is_out_of_time():
         again = _from_domain_of_angles(patch, collar, target)
-        is_alike = again is not None and (again.folds, again.converged) == (faired.folds, faired.converged)
-        if again is not None and (is_alike or _poorness(again, collar) <= _poorness(faired, collar)):
+        if again is not None and _rank(again)[:2] <= _rank(faired)[:2]:
             faired, is_conformal = replace(again, steps=faired.steps + again.steps, remeshed=True), True
     faired = _remeshed(faired, collar, target, is_conformal=is_conformal)
     if faired.defect and not is_out_of_time():
@@ -152,12 +151,6 @@ def _from_domain_of_angles(patch: Patch, collar: Collar, target: float) -> Faire
     except (DomainError, OutOfTimeError, SingularMatrixError):
         return None
     return brought_to_rest(start, collar) if len(start.vertices) > start.boundary_size else None
-
-
-def _poorness(faired: Faired, collar: Collar) -> tuple[int, float]:
-    """Number of two defects, folds and no rest, then the RMS bend across the rim of a patch with any; least is best."""
-    defects = bool(faired.folds) + (not faired.converged)
-    return defects, bend_across(collar, faired.patch).rms if defects else 0.0
 
 
 def _remeshed(faired: Faired, collar: Collar, target: float, *, is_conformal: bool) -> Faired:

@@ -10,15 +10,11 @@ import pytest
 import trimesh
 
 from spinor_geom.fill import fairing
-from spinor_geom.fill.collar import collar_of
-from spinor_geom.fill.continuation import continue_patch
 from spinor_geom.fill.fairing import Faired
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.loop_choice import boundary_loops
-from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.operators import internal_angles
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from tests.fill.shapes import cylinder, rounds_and_rows
 
@@ -184,28 +180,3 @@ def test_a_repeated_position_on_the_rim_is_no_raw_error(subdivisions: int) -> No
     mesh[0][rim[0]] = mesh[0][rim[1]]
     (outcome,) = fill_hole(mesh, continuity="C1", return_report=True)[1].loops
     assert outcome.filled
-
-
-def test_a_start_over_other_angles_that_rests_is_taken_for_one_that_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With one defect each, a fold or no rest, that is kept which goes on with the mesh more nearly."""
-    ball = trimesh.creation.icosphere(3)
-    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
-    mesh = cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > 0.5)
-    loop = boundary_loops(mesh)[0]
-    film = fill_hole(mesh, return_report=True)[1].loops[0].patch
-    assert film is not None
-    collar = collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, film)
-    dome = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True).patch.vertices.copy()
-    inner = np.arange(len(loop), len(dome))
-    # over its neighbours, which leaves folds far from the rim
-    dome[inner[np.argmax(dome[inner, 2])]] += [0.5, 0, 0]
-    unrested = Faired(patch=film, steps=1, next_step=5.0, stretch=1.0)
-    folded = Faired(patch=replace(film, vertices=dome), steps=1, next_step=0.0, stretch=1.0)
-    assert folded.folds
-    monkeypatch.setattr("spinor_geom.fill.continuation.brought_to_rest", lambda *_: unrested)
-    monkeypatch.setattr("spinor_geom.fill.continuation._from_domain_of_angles", lambda *_: folded)
-    monkeypatch.setattr("spinor_geom.fill.continuation.thin_plate", lambda *_: unrested)
-    monkeypatch.setattr("spinor_geom.fill.continuation._remeshed_once", lambda *_, **__: None)
-    moved = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True)
-    np.testing.assert_array_equal(moved.patch.vertices, dome)
-    assert moved.remeshed
