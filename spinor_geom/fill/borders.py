@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import igl
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.ndimage import uniform_filter1d
@@ -32,6 +33,7 @@ from spinor_geom.discrete.first_fill import disk_without_inner_points
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.errors import SheetBorderError, SpinorGeomError
 from spinor_geom.fill.patched_mesh import PatchedMesh
+from spinor_geom.mesh.arrays import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.mesh.operators import face_areas, vertex_normals
@@ -170,17 +172,13 @@ def _disk_normals(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
 def _nearest_on(
     loop: BoundaryLoop, points: Float[np.ndarray, "k 3"]
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
-    """The nearest point on the two edges at the nearest vertex of a loop, and the length of the loop up to it."""
-    vertex = cKDTree(loop.points).query(points)[1]
-    edge = np.stack([vertex - 1, vertex])  # the last edge, −1, ends at vertex 0
-    start, lengths = loop.points[edge], loop.edge_lengths[edge]
-    side = np.roll(loop.points, -1, axis=0)[edge] - start
-    squares = np.maximum(lengths**2, np.finfo(np.float64).tiny)
-    share = np.clip(np.einsum("ekx,ekx->ek", points - start, side) / squares, 0.0, 1.0)
-    foot = start + share[:, :, None] * side
-    nearer = np.linalg.norm(points - foot, axis=2).argmin(axis=0), np.arange(len(points))
-    along = (np.cumsum(loop.edge_lengths) - loop.edge_lengths)[edge] + share * lengths
-    return foot[nearer], along[nearer]
+    """The nearest point on a loop, and the length of the loop up to it."""
+    first = np.arange(len(loop))
+    corners, edges = igl_arrays(loop.points, np.stack([first, np.roll(first, -1)], axis=1))
+    _, edge, foot = igl.point_mesh_squared_distance(np.ascontiguousarray(points), corners, edges)
+    edge, foot = np.asarray(edge).reshape(-1), np.asarray(foot)
+    along = np.cumsum(loop.edge_lengths)[edge] - loop.edge_lengths[edge]
+    return foot, along + np.linalg.norm(foot - loop.points[edge], axis=1)
 
 
 def _faces_within(patched: PatchedMesh, loop: BoundaryLoop, distance: float) -> Int[np.ndarray, " f"]:

@@ -94,7 +94,7 @@ def _numbered_after(patch: Patch, count: int) -> Int[np.ndarray, "f 3"]:
     """The patch's faces, with its inner vertices numbered from `count` on."""
     numbers = np.arange(len(patch.vertices))
     numbers[patch.boundary_size :] += count - patch.boundary_size
-    return numbers[patch.faces]
+    return np.asarray(numbers[patch.faces])
 
 
 def _correlation(

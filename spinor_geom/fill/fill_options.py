@@ -79,5 +79,6 @@ class FillOptions:
 
 def require_merge(merge: Any) -> None:
     """Raises an OptionError for what is neither a bool nor a distance."""
-    if not isinstance(merge, bool) and not (isinstance(merge, Real) and 0 <= merge < math.inf):
+    is_number = isinstance(merge, Real)
+    if not isinstance(merge, bool) and not (is_number and 0 <= merge < math.inf):
         raise OptionError(f"merge must be True, False or a distance from 0 on, not {merge!r}")

@@ -34,7 +34,7 @@ def retriangulated(patched: PatchedMesh, new: NewPatch) -> NewPatch:
         own = np.concatenate([crossings.own.ravel(), crossings.mesh[:, 0], crossings.patches[:, 0]])
         region = np.isin(np.arange(len(faces)), own - patched.face_count)
         for _ in range(rings):
-            region = np.isin(faces, faces[region]).any(axis=1)
+            region = np.asarray(np.isin(faces, faces[region]).any(axis=1))
         new = _with_new_triangles(patched, new, region)
         if region.all():
             break

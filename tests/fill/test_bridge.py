@@ -12,6 +12,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from tests.fill.shapes import together
 
 SIDES = 24
 
@@ -26,12 +27,6 @@ def ring(inner: float, outer: float, *, height: float = 0.0, down: bool = False)
     b = (a + 1) % SIDES
     faces = np.concatenate([np.column_stack([a, a + SIDES, b]), np.column_stack([b, a + SIDES, b + SIDES])])
     return vertices, faces[:, ::-1] if down else faces
-
-
-def together(*pieces: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    start = np.cumsum([0, *(len(vertices) for vertices, _ in pieces)])
-    faces = [piece + first for (_, piece), first in zip(pieces, start, strict=False)]
-    return np.concatenate([vertices for vertices, _ in pieces]), np.concatenate(faces)
 
 
 def island() -> tuple[np.ndarray, np.ndarray]:

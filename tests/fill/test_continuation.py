@@ -23,16 +23,9 @@ from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
-from tests.fill.shapes import cone, cylinder, fan, rounds_and_rows, tube
+from tests.fill.shapes import cone, cylinder, fan, rounds_and_rows, tube, without
 
 Mesh = tuple[np.ndarray, np.ndarray]
-
-
-def without(mesh: Mesh, removed: np.ndarray) -> Mesh:
-    """A mesh without some faces, and without the vertices that only they used."""
-    vertices, faces = mesh
-    used, faces = np.unique(faces[~removed], return_inverse=True)
-    return vertices[used], faces.reshape(-1, 3)
 
 
 def centres(mesh: Mesh) -> np.ndarray:

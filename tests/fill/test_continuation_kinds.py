@@ -16,14 +16,9 @@ from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.operators import internal_angles
 from spinor_geom.meshing.embed import Patch
-from tests.fill.shapes import cylinder, rounds_and_rows
+from tests.fill.shapes import cylinder, rounds_and_rows, without
 
 Mesh = tuple[np.ndarray, np.ndarray]
-
-
-def cut(vertices: np.ndarray, faces: np.ndarray, removed: np.ndarray) -> Mesh:
-    used, rest = np.unique(faces[~removed], return_inverse=True)
-    return vertices[used], rest.reshape(-1, 3)
 
 
 def jittered(mesh: Mesh, amount: float, rng: np.random.Generator) -> Mesh:
@@ -37,7 +32,7 @@ def bowl(noise: float, rng: np.random.Generator) -> Mesh:
     ball = trimesh.creation.icosphere(3)
     turn = trimesh.transformations.random_rotation_matrix(rng.uniform(size=3))[:3, :3]
     vertices, faces = jittered((np.asarray(ball.vertices) @ turn.T, np.asarray(ball.faces)), noise, rng)
-    return cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > -np.cos(np.radians(rng.uniform(45, 85))))
+    return without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > -np.cos(np.radians(rng.uniform(45, 85))))
 
 
 def sheet(rng: np.random.Generator, *, waves: bool) -> Mesh:
@@ -48,7 +43,7 @@ def sheet(rng: np.random.Generator, *, waves: bool) -> Mesh:
     a, b, c, d = (k.ravel() for k in (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]))
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     vertices, _ = jittered((np.stack([x, y, z], 1), faces), rng.uniform(0, 0.05), rng)
-    return cut(vertices, faces, np.hypot(*vertices[faces].mean(axis=1).T[:2]) < rng.uniform(0.2, 0.5))
+    return without((vertices, faces), np.hypot(*vertices[faces].mean(axis=1).T[:2]) < rng.uniform(0.2, 0.5))
 
 
 def finger(rng: np.random.Generator) -> Mesh:
@@ -71,7 +66,9 @@ def creased_box(rng: np.random.Generator) -> Mesh:
         box = box.subdivide()
     middle = rng.choice([[0.5, 0.5, 0.0], [0.5, 0.5, 0.5], [0.5, 0.0, 0.0]])
     vertices, faces = np.asarray(box.vertices), np.asarray(box.faces)
-    return cut(vertices, faces, np.linalg.norm(vertices[faces].mean(axis=1) - middle, axis=1) < rng.uniform(0.15, 0.4))
+    return without(
+        (vertices, faces), np.linalg.norm(vertices[faces].mean(axis=1) - middle, axis=1) < rng.uniform(0.15, 0.4)
+    )
 
 
 def capless_tube(rng: np.random.Generator) -> Mesh:
@@ -124,7 +121,7 @@ def test_steep_bowls_are_closed_as_spheres_and_their_area_is_reported(opening: f
     ball = trimesh.creation.icosphere(3)
     vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
     height = -np.cos(np.radians(opening))
-    mesh = cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > height)
+    mesh = without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > height)
     smooth, _ = patched(mesh)
     assert smooth.converged
     assert smooth.patch is not None
@@ -139,7 +136,7 @@ def test_steep_bowls_are_closed_as_spheres_and_their_area_is_reported(opening: f
 def test_what_does_not_come_to_rest_is_a_thin_plate_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     ball = trimesh.creation.icosphere(3)
     vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
-    mesh = cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > 0.7)
+    mesh = without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > 0.7)
     monkeypatch.setattr(fairing._Equations, "solved", lambda _, x: (x, 3, 0.2))
     smooth, _ = patched(mesh)
     told = smooth.continuation
@@ -174,7 +171,7 @@ def test_angles_below_ten_degrees_are_reported_unless_the_rim_gives_them(angle: 
 def test_a_repeated_position_on_the_rim_is_no_raw_error(subdivisions: int) -> None:
     ball = trimesh.creation.icosphere(subdivisions)
     vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
-    mesh = cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > 0.2)
+    mesh = without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > 0.2)
     rim = boundary_loops(mesh)[0].vertex_ids
     # a triangle without area lies at the rim: its angles are no numbers
     mesh[0][rim[0]] = mesh[0][rim[1]]
