@@ -117,7 +117,7 @@ def _new_patch(
     options: FillOptions,
     clock: Stopwatch,
 ) -> NewPatch:
-    """A patch over the loops that can be joined to the mesh; raises as there is none."""
+    """A patch over the loops that can be joined to the mesh: meshed, fitted, cleared or continued, in this order."""
     options.on_stage(place, "mesh")
     new = _first_patch(place, loops, solved, options)
     clock.lap("mesh")
