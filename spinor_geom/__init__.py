@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from spinor_geom.errors import SpinorGeomError as SpinorGeomError
     from spinor_geom.fill.continuation import Continuation as Continuation
     from spinor_geom.fill.fill_hole import fill_hole as fill_hole
-    from spinor_geom.fill.loops import boundary_loops as boundary_loops
-    from spinor_geom.fill.result import FillResult as FillResult
-    from spinor_geom.fill.result import LoopOutcome as LoopOutcome
+    from spinor_geom.fill.fill_result import FillResult as FillResult
+    from spinor_geom.fill.fill_result import LoopOutcome as LoopOutcome
+    from spinor_geom.fill.loop_choice import boundary_loops as boundary_loops
     from spinor_geom.holomorphic.cauchy import CauchyNetwork as CauchyNetwork
     from spinor_geom.holomorphic.laurent import LaurentSeries as LaurentSeries
     from spinor_geom.holomorphic.mlp import ComplexMLP as ComplexMLP
@@ -49,8 +49,8 @@ _NAMES = {
     "errors": "SpinorGeomError",
     "fill.continuation": "Continuation",
     "fill.fill_hole": "fill_hole",
-    "fill.loops": "boundary_loops",
-    "fill.result": "FillResult LoopOutcome",
+    "fill.loop_choice": "boundary_loops",
+    "fill.fill_result": "FillResult LoopOutcome",
     "holomorphic.cauchy": "CauchyNetwork",
     "holomorphic.laurent": "LaurentSeries",
     "holomorphic.mlp": "ComplexMLP",

@@ -13,7 +13,7 @@ from spinor_geom.adapters import is_mesh, to_mesh, to_rims
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, discrete_minimal_surface
 from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.errors import ForeignRimError, SurfaceError
-from spinor_geom.fill.loops import free_rim
+from spinor_geom.fill.loop_choice import free_rim
 from spinor_geom.measures import HausdorffDistance, discrete_mean_curvature, distances_to_mesh, hausdorff_distance
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops

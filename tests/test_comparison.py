@@ -17,7 +17,7 @@ from spinor_geom.errors import (
     SurfaceError,
     UnknownMeshTypeError,
 )
-from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import mesh_patch

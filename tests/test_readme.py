@@ -13,7 +13,7 @@ from sybil.parsers.markdown import PythonCodeBlockParser
 
 from spinor_geom.adapters import read_mesh
 from spinor_geom.cli.main import main
-from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.loop_choice import boundary_loops
 from tests.docs.test_pages import not_measured
 from tests.likeness import SAME, difference
 

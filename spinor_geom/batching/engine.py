@@ -20,7 +20,7 @@ from spinor_geom.batching.options import BatchOptions, Limits, What
 from spinor_geom.batching.store import Store, log_line, opened_store
 from spinor_geom.batching.worker import end_solvers, run_block
 from spinor_geom.errors import BatchError, OptionError, require, require_positive
-from spinor_geom.fill.options import TIME_LIMIT, Continuity, Islands
+from spinor_geom.fill.fill_options import TIME_LIMIT, Continuity, Islands
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -16,7 +16,7 @@ from spinor_geom.errors import (
     OpenCurveError,
     SpinorGeomError,
 )
-from spinor_geom.fill.discrete_patch import refuse_empty
+from spinor_geom.fill.no_holes import refuse_empty
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.intersections import require_simple
 from spinor_geom.mesh.knots import knot_determinant

@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from spinor_geom.errors import OptionError, require_positive
 from spinor_geom.files import MESH_SUFFIXES
-from spinor_geom.fill.options import CONTINUITY, TIME_LIMIT, Choice, Continuity, Islands, require_merge
+from spinor_geom.fill.fill_options import CONTINUITY, TIME_LIMIT, Choice, Continuity, Islands, require_merge
 
 What: TypeAlias = Literal["fill", "surface", "loops"]
 

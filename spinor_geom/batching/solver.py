@@ -18,8 +18,8 @@ from spinor_geom.batching.options import BatchOptions
 from spinor_geom.batching.store import Store, failure
 from spinor_geom.batching.task import OpenedFile, Writer, open_file, results_of
 from spinor_geom.errors import ArchiveError, BatchError, OptionError, SpinorGeomError
-from spinor_geom.fill.many_loops import minimal_patches
-from spinor_geom.fill.one_loop import Answer, FillOptions
+from spinor_geom.fill.exact_patches import SolvedLoop, minimal_patches
+from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.isolate import Tell, serve
 from spinor_geom.plateau.options import usable_device
 
@@ -93,10 +93,10 @@ def _work(
 
 def _answers(
     files: Sequence[OpenedFile], options: FillOptions, device: str, tell: Tell
-) -> tuple[Iterator[Answer], Iterator[Answer]]:
+) -> tuple[Iterator[SolvedLoop], Iterator[SolvedLoop]]:
     """The patches of all rims and of all curves, in order, or why there is none; each is a sign of life."""
 
-    def told(answers: Iterator[Answer]) -> Iterator[Answer]:
+    def told(answers: Iterator[SolvedLoop]) -> Iterator[SolvedLoop]:
         for answer in answers:
             tell({"solving": ""})
             yield answer
@@ -110,7 +110,7 @@ def _answers(
 
 
 def _results(
-    file: OpenedFile, rims: Iterator[Answer], curves: Iterator[Answer]
+    file: OpenedFile, rims: Iterator[SolvedLoop], curves: Iterator[SolvedLoop]
 ) -> tuple[dict[str, Any], dict[str, Writer]]:
     """The record of a file and what writes its files; takes its share of the answers, also where it cannot use them."""
     own = islice(rims, len(file.rims)), islice(curves, len(file.curve_loops))

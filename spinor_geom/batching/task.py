@@ -30,12 +30,13 @@ from spinor_geom.batching.store import STATUSES, failure
 from spinor_geom.comparison import compare
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import safe_name
+from spinor_geom.fill.exact_patches import SolvedLoop
+from spinor_geom.fill.fill_loop import Stopwatch, fill_loop, unfilled
+from spinor_geom.fill.fill_options import FillOptions
+from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.fill.filling import Filling
-from spinor_geom.fill.many_loops import fill_loops
 from spinor_geom.fill.merging import merged
-from spinor_geom.fill.one_loop import Answer, Clock, FillOptions, unfilled
-from spinor_geom.fill.result import FillResult, LoopOutcome
-from spinor_geom.fill.surroundings import LoopPatch, Surroundings
+from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_faces
 from spinor_geom.plateau.solution import PlateauSolution
@@ -61,7 +62,7 @@ class OpenedFile:
     names: tuple[str, ...]  # of its holes
     curves: tuple[NamedLoop, ...]
     problem: str  # why its holes could not be looked for, if so
-    clock: Clock
+    clock: Stopwatch
     options: BatchOptions
     fill_options: FillOptions
 
@@ -99,7 +100,7 @@ class _Checked:
 
 def open_file(stream: BinaryIO, source: Source, options: BatchOptions, fill_options: FillOptions) -> OpenedFile:
     """Reads a file and finds its loops; the SpinorGeomError of `fill_hole` where there is nothing to fill."""
-    clock = Clock()
+    clock = Stopwatch()
     suffix = known_suffix(Path(source.member or source.path))
     if options.format not in (None, "npz"):
         known_suffix(Path(f"filled.{options.format}"))
@@ -155,13 +156,13 @@ def _names(filling: Filling, mesh: MeshFile, text: ObjText | None) -> Iterator[s
         if text is None or not has_names:
             yield ""
             continue
-        faces = filling.surroundings.faces_at(loop.vertex_ids)
+        faces = filling.patched.faces_at(loop.vertex_ids)
         beside = faces[np.isin(mesh.mesh.faces[faces], loop.vertex_ids).sum(axis=1) > 1]
         yield text.names[int(np.bincount(text.face_names[mesh.face_polygons[beside]]).argmax())]
 
 
 def results_of(
-    opened: OpenedFile, rims: Iterator[Answer], curves: Iterator[Answer]
+    opened: OpenedFile, rims: Iterator[SolvedLoop], curves: Iterator[SolvedLoop]
 ) -> tuple[dict[str, Any], dict[str, Writer]]:
     """The record of a file, JSON-ready, and what writes each of its files, by name.
 
@@ -173,7 +174,7 @@ def results_of(
     if opened.filling is not None and opened.options.what == "loops":
         entries = [_listed(opened, place, loop, files) for place, loop in enumerate(opened.filling.loops)]
     elif opened.filling is not None:
-        outcomes, patches = opened.filling.finished(rims)
+        outcomes, patches = opened.filling.filled(rims)
         opened.clock.lap("fill")
         result = opened.filling.result(opened.mesh, outcomes, patches, opened.clock)
         of_place = {patch.place: patch for patch in patches}
@@ -207,7 +208,7 @@ def _listed(opened: OpenedFile, place: int, loop: BoundaryLoop, files: dict[str,
 
 
 def _curve_entry(
-    opened: OpenedFile, place: int, curve: NamedLoop, answers: Iterator[Answer], files: dict[str, Writer]
+    opened: OpenedFile, place: int, curve: NamedLoop, answers: Iterator[SolvedLoop], files: dict[str, Writer]
 ) -> dict[str, Any]:
     """A curve that was listed, solved, or refused; curves have nothing to do with the faces, nor with each other."""
     if curve.loop is None or curve.error is not None:
@@ -228,9 +229,9 @@ def _curve_entry(
     points = opened.mesh.mesh
     mesh = TriangleMesh(points.vertices, np.zeros((0, 3), dtype=np.int64), vertex_attributes=points.vertex_attributes)
     alone = replace(opened.fill_options, continuity="C0")
-    (outcome,), own = fill_loops(Surroundings(mesh), [loop], answers, alone)
-    outcome = replace(outcome, index=place, first_face=None)  # its faces are in no filled mesh
-    return _entry(opened, outcome, curve.name, "curve", own[0] if own else None, files)
+    outcome, piece = fill_loop(PatchedMesh(mesh), place, loop, next(answers), alone)
+    outcome = replace(outcome, first_face=None)  # its faces are in no filled mesh
+    return _entry(opened, outcome, curve.name, "curve", piece, files)
 
 
 def _described(

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from spinor_geom.bench.cases import Hole
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, discrete_minimal_surface
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.options import Continuity
+from spinor_geom.fill.fill_options import Continuity
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.meshing.embed import Patch, mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution

@@ -10,7 +10,7 @@ from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.comparison import Comparison, compare
 from spinor_geom.errors import OptionError, SpinorGeomError
-from spinor_geom.fill.loops import boundary_loops, chosen_places
+from spinor_geom.fill.loop_choice import boundary_loops, chosen_places
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:

@@ -14,7 +14,7 @@ from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.errors import SpinorGeomError, require
 from spinor_geom.files import write_json
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.result import FillResult, LoopOutcome
+from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 
 if TYPE_CHECKING:
     from spinor_geom.comparison import Comparison

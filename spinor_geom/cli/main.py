@@ -16,7 +16,7 @@ from spinor_geom.batching.options import FORMAT, WHAT
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.experiments import NAMES as EXPERIMENTS
 from spinor_geom.files import MESH_SUFFIXES
-from spinor_geom.fill.options import CONTINUITY, ISLANDS, TIME_LIMIT
+from spinor_geom.fill.fill_options import CONTINUITY, ISLANDS, TIME_LIMIT
 
 _TOGETHER = {  # commands of one module
     **dict.fromkeys(("view", "render", "morph"), "pictures"),

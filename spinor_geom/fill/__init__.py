@@ -1,1 +1,1 @@
-"""Fills holes: chooses loops, solves each, meshes the surfaces, joins them to the mesh, reports."""
+"""Fills the holes of meshes: chooses loops, solves each, meshes the surfaces, joins the patches to the mesh."""

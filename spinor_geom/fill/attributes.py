@@ -1,4 +1,4 @@
-"""Values at the vertices of a patch from those on its rim: harmonic interpolation, nearest labels, normals."""
+"""Attributes at the inner vertices of a patch: harmonic interpolation, labels of the nearest vertex, normals."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -17,42 +17,39 @@ NORMAL = "normal"
 def patch_attributes(
     mesh: TriangleMesh, rim: Int[np.ndarray, " m"], patch: Patch, surface: SpinorSurface | None, *, is_planned: bool
 ) -> dict[str, Float[np.ndarray, "n _"]]:
-    """Every attribute of a mesh at the inner vertices of a patch.
+    """Every attribute of a mesh at the inner vertices of a patch with the boundary vertices `rim`.
 
-    Attributes are interpolated harmonically, all columns in one solve. Labels, which must not be averaged, are those of
-    the nearest rim vertex. "normal" is the unit normal of the surface, on the side the patch's faces look to. A value
-    on the rim, whose mesh vertices are `rim`, that is not finite counts as that of the nearest with a finite one. A
-    patch that `is_planned` was triangulated in Ω, where its triangles have area; of another only the edges count.
+    Attributes are interpolated harmonically. Labels, which must not be averaged, are those of the nearest rim vertex.
+    "normal" is the unit normal of the surface, on the side of the patch's faces. A value on the rim that is not finite
+    is replaced by the nearest finite one. The cotangent Laplacian is used for a patch that was triangulated in Ω
+    (`is_planned`), for others the graph Laplacian, as their triangles in Ω may have no area.
 
     Source: Pinkall & Polthier (1993), the discrete Dirichlet energy.
     """
     size, attributes = patch.boundary_size, mesh.vertex_attributes
-    names = [name for name in attributes if name != NORMAL]
-    columns = {name: _finite(attributes[name][rim], patch.vertices[:size]) for name in names}
-    smooth = [name for name in names if name not in mesh.labels]
+    columns = {name: _finite(attributes[name][rim], patch.vertices[:size]) for name in attributes if name != NORMAL}
     values: dict[str, Float[np.ndarray, "n _"]] = {}
-    if smooth:
-        joined = np.hstack([columns[name] for name in smooth])
+    if smooth := [name for name in columns if name not in mesh.labels]:
         faces = np.asarray(patch.faces)
         # the Dirichlet energy is conformally invariant: harmonic functions in Ω are those of the surface
-        flat = plane_coordinates(patch.points)
-        laplacian = cotangent_laplacian(flat, faces) if is_planned else graph_laplacian(faces)
-        inner = harmonic_extension(laplacian, joined)[size:]
+        laplacian = (
+            cotangent_laplacian(plane_coordinates(patch.points), faces) if is_planned else graph_laplacian(faces)
+        )
+        inner = harmonic_extension(laplacian, np.hstack([columns[name] for name in smooth]))[size:]
         ends = np.cumsum([columns[name].shape[1] for name in smooth])[:-1]
         values = dict(zip(smooth, np.split(inner, ends, axis=1), strict=True))
-    if len(smooth) < len(names):
+    if labels := [name for name in columns if name in mesh.labels]:
         nearest = cKDTree(patch.vertices[:size]).query(patch.vertices[size:])[1]
-        values |= {name: columns[name][nearest] for name in names if name in mesh.labels}
-    if NORMAL in attributes:
-        if surface is None:
-            values[NORMAL] = vertex_normals(patch.vertices, np.asarray(patch.faces))[size:]
-        else:
-            values[NORMAL] = np.asarray(surface.normal(patch.points[size:]))
+        values |= {name: columns[name][nearest] for name in labels}
+    if NORMAL in attributes and surface is None:
+        values[NORMAL] = vertex_normals(patch.vertices, np.asarray(patch.faces))[size:]
+    elif NORMAL in attributes and surface is not None:
+        values[NORMAL] = np.asarray(surface.normal(patch.points[size:]))
     return values
 
 
 def _finite(values: Float[np.ndarray, "m k"], points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m k"]:
-    """Values at points, each row that is not finite replaced by that of the nearest point whose row is."""
+    """Values at points, each row that is not finite replaced by the finite one of the nearest point."""
     known = np.isfinite(values).all(axis=1)
     if known.all() or not known.any():
         return values

@@ -1,12 +1,12 @@
-"""Moves the vertices of a patch that crosses the mesh around it to the patch's own side of the mesh.
+"""Moves the vertices of a patch that intersects the mesh around it to the patch's own side of the mesh.
 
 Beside a ragged rim of a steep wall the patch runs along the wall, and its triangles, which are chords of the surface,
-cross those of the wall. Patch triangles without a vertex that can move are split first.
+intersect those of the wall. Triangles of the patch without a vertex that can move are split first.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,64 +14,45 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.spatial import cKDTree
 
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
-from spinor_geom.fill.surroundings import Crossings, Surroundings, patch_chords, split_chords
+from spinor_geom.fill.new_patch import NewPatch
+from spinor_geom.fill.patched_mesh import PatchedMesh, patch_chords, split_chords
 from spinor_geom.mesh.operators import face_normals, vertex_normals
 from spinor_geom.meshing.embed import Patch
-from spinor_geom.surface.spinor_surface import SpinorSurface
 
-# figures: of 26 rims of noisy bowls and tubes 5 still cross something after the moves, in 32 pairs of faces
+# figures: of 26 rims of noisy bowls and tubes 5 still intersect something after the moves, in 32 pairs of faces
 _CLEARANCE = 0.05  # height over the mesh's faces, in edges of the patch; half: 6 rims, twice: thinner triangles
-_FARTHEST = 1.0  # displacement of a vertex, in mean edges of the rim, beyond which a round is not taken; half: 6 rims
+_FARTHEST = 1.0  # displacement of a vertex, in mean edges of the rim, at which the rounds end; half: 6 rims
 _RINGS = 2  # over which normals of the mesh and positions of the patch are averaged; 1: 56 pairs, 4 and 6: 32
 _ROUNDS = 4  # 2: 9 rims, 50 pairs; 8: 5 rims, 26 pairs
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Cleared:
-    """A patch that crosses less than before, or the one it was."""
-
-    patch: Patch
-    crossings: Crossings
-    edges_split: int = 0
-    displacement: float = 0.0  # largest of a vertex, in mesh units; new vertices count from the middle of their edge
-
-
-def cleared(
-    surroundings: Surroundings,
-    rim: Int[np.ndarray, " m"],
-    patch: Patch,
-    crossings: Crossings,
-    surface: SpinorSurface | None = None,
-) -> Cleared:
-    """The patch that crosses least among those of some rounds of splits and moves; its rim is not moved.
-
-    `rim` are the mesh's vertices around it, `surface` the one that the patch is a mesh of, for new vertices.
-    """
-    best = Cleared(patch=patch, crossings=crossings)
+def cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
+    """The patch with the fewest intersections of some rounds of splits and moves; its boundary is not moved."""
+    patch, crossings, best = new.patch, new.crossings, new
     if not len(crossings.mesh):
-        return best
+        return new
     edges = patch.vertices[rim_successors(patch.rims)] - patch.vertices[: patch.boundary_size]
     farthest = _FARTHEST * float(np.linalg.norm(edges, axis=1).mean())
-    wall, split, start = _Wall(surroundings, rim, patch, crossings.mesh[:, 1]), 0, patch.vertices
+    wall, split, start = _Wall(patched, new.rim, patch, crossings.mesh[:, 1]), new.edges_split, patch.vertices
     for _ in range(_ROUNDS):
         faces, count = np.asarray(patch.faces), len(patch.vertices)
-        new, old = crossings.mesh[:, 0] - surroundings.count, crossings.mesh[:, 1]
+        own, old = crossings.mesh[:, 0] - patched.face_count, crossings.mesh[:, 1]
         chords = patch_chords(patch)
-        sides = np.sort(faces[new][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        sides = np.sort(faces[own][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
         chords = chords[np.isin(chords @ [count, 1], sides @ [count, 1])]
         if len(chords):
-            patch = split_chords(patch, chords, surface)
+            patch = split_chords(patch, chords, new.surface)
             split += len(chords)
             start = np.concatenate([start, patch.vertices[count:]])
         else:
-            own = np.unique(faces[crossings.own.ravel() - surroundings.count])
-            patch = _moved(patch, wall.steps(patch, new, old), own[own >= patch.boundary_size])
+            folded = np.unique(faces[crossings.own.ravel() - patched.face_count])
+            patch = _moved(patch, wall.steps(patch, own, old), folded[folded >= patch.boundary_size])
         displacement = float(np.linalg.norm(patch.vertices - start, axis=1).max())
         if displacement > farthest:
             break
-        crossings = surroundings.crossings(patch)
+        crossings = patched.crossings(patch)
         if len(crossings) < len(best.crossings):
-            best = Cleared(patch=patch, crossings=crossings, edges_split=split, displacement=displacement)
+            best = replace(new, patch=patch, crossings=crossings, edges_split=split, displacement=displacement)
         if not len(crossings.mesh) and not len(crossings.own):
             break
     return best
@@ -81,35 +62,28 @@ class _Wall:
     """The mesh beside a patch, and on which side of it the patch lies."""
 
     def __init__(
-        self, surroundings: Surroundings, rim: Int[np.ndarray, " m"], patch: Patch, crossed: Int[np.ndarray, " k"]
+        self, patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch, intersected: Int[np.ndarray, " k"]
     ) -> None:
-        """Averages the mesh's normals around the rim and the crossed faces."""
-        self._mesh = mesh = surroundings.mesh
-        ids = np.concatenate([rim, mesh.faces[crossed].ravel()])
+        """Averages normals of the mesh around the rim and some intersected faces."""
+        self._mesh = mesh = patched.mesh
+        ids = np.concatenate([rim, mesh.faces[intersected].ravel()])
         for _ in range(_RINGS):
-            near = surroundings.faces_at(ids)
+            near = patched.faces_at(ids)
             ids = np.unique(mesh.faces[near])
         faces = np.searchsorted(ids, mesh.faces[near])
-        normals = vertex_normals(mesh.vertices[ids], faces)
         around = _averaging(unique_edges(faces, len(ids)), len(ids))
-        for _ in range(_RINGS):
-            normals = around @ normals
-        self._ids, self._normals = ids, normals
-        # the patch's middle as seen from the middle of the rim, around each point of the rim
+        self._ids, self._normals = ids, _averaged(vertex_normals(mesh.vertices[ids], faces), around)
+        # the side is the sign of the patch's averaged position from that of its rim, along the normals
         after = rim_successors(patch.rims)
         along = _averaging(np.stack([np.arange(len(after)), after], axis=1), len(after))
         inside = _averaging(unique_edges(np.asarray(patch.faces), len(patch.vertices)), len(patch.vertices))
-        bulk, edge = patch.vertices, patch.vertices[: len(after)]
-        for _ in range(_RINGS):
-            bulk, edge = inside @ bulk, along @ edge
-        side = np.einsum("md,md->m", normals[np.searchsorted(ids, rim)], bulk[: len(after)] - edge)
-        for _ in range(_RINGS):
-            side = along @ side
-        self._side = np.where(side > 0, 1.0, -1.0)
+        bulk, edge = _averaged(patch.vertices, inside)[: len(after)], _averaged(patch.vertices[: len(after)], along)
+        side = np.einsum("md,md->m", self._normals[np.searchsorted(ids, rim)], bulk - edge)
+        self._side = np.where(_averaged(side, along) > 0, 1.0, -1.0)
         self._rim = cKDTree(patch.vertices[: len(after)])
 
-    def steps(self, patch: Patch, new: Int[np.ndarray, " k"], old: Int[np.ndarray, " k"]) -> Float[np.ndarray, "n 3"]:
-        """What moves the vertices of patch faces `new` over the mesh's faces `old` that these cross."""
+    def steps(self, patch: Patch, own: Int[np.ndarray, " k"], old: Int[np.ndarray, " k"]) -> Float[np.ndarray, "n 3"]:
+        """Displacements that move the vertices of patch faces `own` over the mesh faces `old`, which they intersect."""
         corners = self._mesh.faces[old]
         near = np.minimum(np.searchsorted(self._ids, corners), len(self._ids) - 1)
         known = self._ids[near] == corners
@@ -119,12 +93,12 @@ class _Wall:
         towards /= np.maximum(np.linalg.norm(towards, axis=1), np.finfo(np.float64).tiny)[:, None]
         side = self._side[self._rim.query(self._mesh.vertices[corners].mean(axis=1))[1]][:, None]
         towards, normals = side * towards, side * normals
-        vertices, length = np.asarray(patch.faces)[new], _edge_lengths(patch)
-        clearance = _CLEARANCE * length[vertices]
+        vertices = np.asarray(patch.faces)[own]
+        clearance = _CLEARANCE * _edge_lengths(patch)[vertices]
         height = np.einsum("kcd,kd->kc", patch.vertices[vertices] - self._mesh.vertices[corners[:, :1]], normals)
-        # what is high enough, and whose face crosses nevertheless, moves by the clearance
+        # vertices that are high enough, and whose face intersects nevertheless, move by the clearance
         missing = np.where(height < clearance, clearance - height, clearance).ravel()
-        # of several steps of a vertex the longest, which is written last
+        # of several steps of a vertex the longest is written last
         order = np.argsort(missing, kind="stable")
         steps = np.zeros_like(patch.vertices)
         steps[vertices.ravel()[order]] = (missing[:, None] * np.repeat(towards, 3, axis=0))[order]
@@ -133,7 +107,7 @@ class _Wall:
 
 
 def _moved(patch: Patch, steps: Float[np.ndarray, "n 3"], folded: Int[np.ndarray, " k"]) -> Patch:
-    """A patch after some steps, which neighbours follow; `folded` vertices go to the middle of their neighbours."""
+    """Moves vertices, and their neighbours by the mean step; `folded` vertices move to the mean of their neighbours."""
     around = _averaging(unique_edges(np.asarray(patch.faces), len(steps)), len(steps))
     following = (np.arange(len(steps)) >= patch.boundary_size) & ~steps.any(axis=1)
     vertices = patch.vertices + np.where(following[:, None], around @ steps, steps)
@@ -142,15 +116,20 @@ def _moved(patch: Patch, steps: Float[np.ndarray, "n 3"], folded: Int[np.ndarray
 
 
 def _averaging(edges: Int[np.ndarray, "e 2"], count: int) -> csr_array:
-    """The matrix that replaces values of vertices by the means of their own and their neighbours'."""
+    """The matrix that takes the mean over each vertex and its neighbours."""
     ends = np.concatenate([edges, edges[:, ::-1], np.repeat(np.arange(count)[:, None], 2, axis=1)])
     graph = coo_array((np.ones(len(ends)), ends.T), shape=(count, count)).tocsr()
     return csr_array(diags_array(1 / graph.sum(axis=1)) @ graph)
 
 
+def _averaged(values: Float[np.ndarray, "n *k"], matrix: csr_array) -> Float[np.ndarray, "n *k"]:
+    for _ in range(_RINGS):
+        values = matrix @ values
+    return values
+
+
 def _edge_lengths(patch: Patch) -> Float[np.ndarray, " n"]:
     """Mean length of the edges at each vertex, in mesh units."""
-    ends = unique_edges(np.asarray(patch.faces), len(patch.vertices))
+    ends, count = unique_edges(np.asarray(patch.faces), len(patch.vertices)), len(patch.vertices)
     length = np.repeat(np.linalg.norm(patch.vertices[ends[:, 0]] - patch.vertices[ends[:, 1]], axis=1), 2)
-    count = len(patch.vertices)
     return np.bincount(ends.ravel(), length, count) / np.bincount(ends.ravel(), minlength=count)

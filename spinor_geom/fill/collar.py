@@ -1,4 +1,4 @@
-"""The rings of faces around a patch: how the mesh bends there, and how a patch bends away from it."""
+"""The rings of faces around a patch: the mean curvature there, and the bend between mesh and patch."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.operators import Bending, crossing_angles
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 
-CREASE = np.radians(40)  # nothing goes on across an edge with a larger angle between its faces' normals
+CREASE = np.radians(40)  # curvature is not continued across an edge with a larger angle between its faces' normals
 _RINGS = 3  # rings of faces whose curvature is compared
 
 
@@ -30,48 +30,44 @@ class Bend:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Collar:
-    """The first ring of faces around a patch, and how the mesh bends there.
+    """The first ring of faces around a patch.
 
     The vertices are the patch's boundary, in its order, then those of the ring beyond it.
     """
 
     vertices: Float[np.ndarray, "v 3"]  # (m + r, 3) positions
-    faces: Int[np.ndarray, "f 3"]  # those of the mesh that touch the boundary
+    faces: Int[np.ndarray, "f 3"]  # mesh faces at the boundary
     boundary_size: int  # m
-    bends: Bool[np.ndarray, " v"]  # which have a mean curvature: not on another border, at a crease, at loose faces
+    bends: Bool[np.ndarray, " v"]  # which have a mean curvature: not those on another boundary, at creases, loose faces
     curvature: Float[np.ndarray, " r"]  # H at the vertices beyond the boundary; 0 where they have none
-    length: float  # ℓ, after which the correlation of H has fallen by e; 0 for noise, and where H does not change
+    length: float  # correlation length ℓ of H; 0 for noise, and where H is constant
     roughness: float  # share of the variance of H between neighbours: 0 on a smooth mesh, 1 and more in noise
     creased: int  # number of boundary vertices at creases
 
 
-def collar_of(surroundings: Surroundings, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
-    """The collar of a patch that has no edge which the mesh has too, other than the rim's; `rim` are mesh vertices."""
-    mesh, m = surroundings.mesh, len(rim)
-    rings = [surroundings.faces_at(rim)]
+def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
+    """The collar of a patch without chords on edges of the mesh; `rim` are the mesh's vertices on its boundary."""
+    mesh, m = patched.mesh, len(rim)
+    rings = [patched.faces_at(rim)]
     for _ in range(1, _RINGS):
-        rings.append(np.setdiff1d(surroundings.faces_at(np.unique(mesh.faces[rings[-1]])), np.concatenate(rings)))
+        rings.append(np.setdiff1d(patched.faces_at(np.unique(mesh.faces[rings[-1]])), np.concatenate(rings)))
     first = np.setdiff1d(mesh.faces[rings[0]], rim)
     beyond = np.setdiff1d(mesh.faces[np.concatenate(rings)], np.concatenate([rim, first]))
-    ids = np.concatenate([rim, first, beyond])
+    ids, size = np.concatenate([rim, first, beyond]), m + len(first)
     order = np.argsort(ids, kind="stable")
-    faces = [order[np.searchsorted(ids[order], mesh.faces[ring])] for ring in rings]
+    faces = order[np.searchsorted(ids[order], mesh.faces[np.concatenate(rings)])]
     vertices = mesh.vertices[ids]
-    together = np.concatenate(faces)
-    # the patch's inner vertices come last; it closes the rim
-    numbers = np.concatenate([np.arange(m), np.arange(len(ids), len(ids) + len(patch.vertices) - m)])
-    closed = HalfEdges.of(np.concatenate([together, numbers[patch.faces]]))
+    closed = HalfEdges.of(np.concatenate([faces, _numbered_after(patch, len(ids))]))
     bends = ~closed.unclosed(len(ids) + len(patch.vertices) - m)[: len(ids)]
-    half_edges = HalfEdges.of(together)
+    half_edges = HalfEdges.of(faces)
     creased = np.zeros(len(ids), dtype=bool)
     creased[half_edges.origin[crossing_angles(half_edges, vertices) > CREASE]] = True
     bends &= ~creased
-    bending = Bending.of(vertices, together)
+    bending = Bending.of(vertices, faces)
     length, roughness = _correlation(bending, half_edges, bends & (np.arange(len(ids)) >= m), vertices)
-    size = m + len(first)
     return Collar(
         vertices=vertices[:size],
-        faces=faces[0],
+        faces=faces[: len(rings[0])],
         boundary_size=m,
         bends=bends[:size],
         curvature=np.where(bends, bending.curvature, 0.0)[m:size],
@@ -82,26 +78,29 @@ def collar_of(surroundings: Surroundings, rim: Int[np.ndarray, " m"], patch: Pat
 
 
 def bend_across(collar: Collar, patch: Patch) -> Bend:
-    """How a patch bends away from the mesh along its rim."""
-    m, ring = collar.boundary_size, len(collar.vertices)
-    vertices = np.concatenate([collar.vertices, patch.vertices[m:]])
-    numbers = np.concatenate([np.arange(m), np.arange(ring, ring + len(patch.vertices) - m)])
-    faces = np.concatenate([numbers[patch.faces], collar.faces])
-    half_edges = HalfEdges.of(faces)
-    angles = crossing_angles(half_edges, vertices)
+    """The bend between a patch and the mesh."""
+    vertices = np.concatenate([collar.vertices, patch.vertices[collar.boundary_size :]])
+    half_edges = HalfEdges.of(np.concatenate([_numbered_after(patch, len(collar.vertices)), collar.faces]))
     here = np.arange(3 * len(patch.faces))
     across = here[half_edges.twin[here] >= len(here)]
     if not len(across):
         return Bend(largest=0.0, rms=0.0)
     length = np.linalg.norm(vertices[half_edges.origin[across]] - vertices[half_edges.target[across]], axis=1)
-    angle = np.degrees(angles[across])
+    angle = np.degrees(crossing_angles(half_edges, vertices)[across])
     return Bend(largest=float(angle.max()), rms=float(np.sqrt(length @ angle**2 / length.sum())))
+
+
+def _numbered_after(patch: Patch, count: int) -> Int[np.ndarray, "f 3"]:
+    """The patch's faces, with its inner vertices numbered from `count` on."""
+    numbers = np.arange(len(patch.vertices))
+    numbers[patch.boundary_size :] += count - patch.boundary_size
+    return np.asarray(numbers[patch.faces])
 
 
 def _correlation(
     bending: Bending, half_edges: HalfEdges, bends: Bool[np.ndarray, " n"], vertices: Float[np.ndarray, "n 3"]
 ) -> tuple[float, float]:
-    """The length over which H changes, and the share of its variance between neighbours."""
+    """The correlation length of H, and the share of its variance between neighbours."""
     edges = np.stack([half_edges.origin, half_edges.target], axis=1)
     edges = edges[bends[edges].all(axis=1) & (edges[:, 0] < edges[:, 1])]
     if not len(edges):
@@ -111,7 +110,7 @@ def _correlation(
     weight = np.where(bends, bending.areas, 0.0)
     mean = weight @ curvature / weight.sum()
     variance = float(weight @ (curvature - mean) ** 2 / weight.sum())
-    # by which H differs where vertices are rounded to single precision: less is no change
+    # the change of H by rounding of vertices to single precision
     rounding = float(np.finfo(np.float32).eps) * float(np.ptp(vertices, axis=0).max()) / edge**2
     if variance <= rounding**2:
         return 0.0, 0.0
@@ -119,5 +118,5 @@ def _correlation(
     correlation = 1 - between / variance
     if correlation <= 0:
         return 0.0, between / variance
-    # from so many edges a correlation cannot be told from one that is nearer to 1
+    # with so many edges, correlations nearer to 1 than that cannot be distinguished
     return edge / max(-float(np.log(correlation)), 1 / len(edges)), between / variance

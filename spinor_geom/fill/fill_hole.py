@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, o
 
 from spinor_geom.adapters import MeshFile, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning
+from spinor_geom.fill.exact_patches import minimal_patches
+from spinor_geom.fill.fill_loop import Stopwatch
+from spinor_geom.fill.fill_options import TIME_LIMIT, Choice, Continuity, FillOptions, Islands
+from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.fill.filling import Filling
-from spinor_geom.fill.loops import LoopChoice
-from spinor_geom.fill.many_loops import minimal_patches
+from spinor_geom.fill.loop_choice import LoopChoice
 from spinor_geom.fill.merging import merged
-from spinor_geom.fill.one_loop import Clock, FillOptions
-from spinor_geom.fill.options import TIME_LIMIT, Choice, Continuity, Islands
-from spinor_geom.fill.result import FillResult, LoopOutcome
 from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.threads import one_thread
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 MeshT = TypeVar("MeshT")
 _Path: TypeAlias = str | os.PathLike[str]
-_MOST_TOLD = 5  # shortcomings in one warning
+_MOST_WARNED = 5  # shortcomings in one warning
 
 
 class _Rest(TypedDict, total=False):
-    """The options of `fill_hole` on which its type does not depend."""
+    """The options of `fill_hole` that its return type does not depend on."""
 
     bridge: Sequence[int] | None
     islands: Islands
@@ -81,44 +81,43 @@ def fill_hole(
 ) -> Any:
     """Fills holes of a mesh, each with a minimal surface that its boundary loop bounds.
 
-    The input is not changed. In the result its vertices, faces and attributes come first, as they were; the patches
+    The input is not changed. Its vertices, faces and attributes come first in the result, as they were. The patches
     follow loop by loop, share the loop's vertices and are oriented like their neighbours. Vertex attributes are
     interpolated harmonically, integers are those of the nearest rim vertex, normals are those of the surface.
 
-    A loop over which no exact surface is found that follows it, or none in time, is closed by a discrete minimal
-    surface. Left open are loops that bound nothing: of zero width, the outline of a lone face, edges that have several
-    faces already. Left open unless `loop` names them are loops with edges that lie on those of another loop, which are
-    a seam, and those whose patch would lie on the mesh: they are the border of a sheet, not a hole. Where a patch
-    crosses itself (over a knotted loop every disk does), the mesh or another patch, it is kept. All of this is in the
-    report; without one, a warning says it.
+    A loop without an exact surface that follows it, or without one in time, is closed by a discrete minimal surface.
+    Loops that bound nothing are left open: those of zero width, the outline of a lone face, edges that have several
+    faces already. Two more are left open unless `loop` names them: seams, which are loops with edges that lie on those
+    of another loop, and borders of sheets, over which a patch would lie on the mesh. A patch that intersects itself (as
+    every disk over a knotted loop), the mesh or another patch is kept. All of this is in the report; without one, a
+    warning says it.
 
-    Which point of one rim of a bridge lies opposite to which of another comes from the surface. Rims too far from each
-    other have no surface between them and stay open, as do those of pieces that are inside out to each other.
+    The surface of a bridge determines which points of its rims are opposite. Rims too far from each other have no
+    surface between them and stay open, as do those of pieces that are inside out to each other.
 
     Args:
         mesh: a path, a (vertices, faces) pair of arrays or tensors, or any mesh type that has an adapter.
         loop: which holes: "all", a place in `boundary_loops(mesh)`, several places, or one of those loops.
         bridge: two places or more; joins these loops by one minimal surface, and fills no other.
-        islands: "join" fills a hole in which a loose piece lies by an annulus between both, "ignore" fills hole and
-            piece each by themselves; the report says which pieces lie in which holes.
-        continuity: "C0" for the minimal surface over each rim; "C1" for a patch that goes on with the tangents and the
-            curvature of the mesh around it, as the top of a sphere does, and a tube between two rims.
-        merge: merges vertices first. A number is the largest distance of vertices that are merged, in mesh units; True
-            merges those of equal position up to rounding to single precision. Of vertices that are merged the first
-            stays, with its attributes; the result then follows the merged mesh. Works for all types but trimesh's
-            scenes.
+        islands: "join" fills a hole with a loose piece in it by an annulus between both, "ignore" fills hole and piece
+            each by themselves; the report says which pieces lie in which holes.
+        continuity: "C0" for the minimal surface over each rim; "C1" for a patch that continues the tangents and the
+            curvature of the mesh around it, as the top of a sphere or, between two rims, as a tube.
+        merge: merges vertices first: True those of equal position up to rounding to single precision, a number those up
+            to that distance, in mesh units. The first of merged vertices stays, with its attributes; the result then
+            follows the merged mesh. Works for all types but trimesh's scenes.
         keep_largest: leaves the loop of longest perimeter open, such as the outer border of a scan.
         max_perimeter: leaves loops longer than this open, in mesh units.
         target_edge_length: of the patches, in mesh units; "auto" takes each loop's mean edge length.
         model: the holomorphic model, as `solve_plateau` takes it.
-        tolerance: root mean square distance between a patch's boundary and the curve through its loop, per mean edge
-            of the loop; a fill that misses it is kept and reported as not converged, and so is one that misses a part
-            of the loop by more than a hundred times as many of the edges there.
-        time_limit: seconds in which each loop's exact surface has to be found, then its mesh made, its discrete surface
-            where there is no exact one, and its continuation.
+        tolerance: root mean square distance between a patch's boundary and the curve through its loop, in mean edges of
+            the loop. A patch that exceeds it is kept and reported as not converged, and so is one that exceeds a
+            hundred times as much, in the edges there, in a part of the loop.
+        time_limit: seconds for each of these stages of a loop: its exact surface, its mesh, its discrete surface where
+            there is no exact one, and its continuation.
         return_report: also returns a `FillResult`.
         on_loop: is called after each requested loop with its outcome and the number of requested loops.
-        on_stage: is called before each stage of a loop with its place and what comes: "exact surface" (of small loops
+        on_stage: is called before each stage of a loop with its place and the stage: "exact surface" (of small loops
             several at once), "mesh", "discrete surface" where there is no exact one, "crossings", "continuation".
 
     Returns:
@@ -135,7 +134,7 @@ def fill_hole(
 
     Warns:
         ImperfectFillWarning: without a report: a loop was left open, is closed by a discrete surface or not within the
-            tolerance, or its patch crosses something.
+            tolerance, or its patch intersects something.
     """
     choice = Choice(loop=loop, bridge=bridge, islands=islands, keep_largest=keep_largest, max_perimeter=max_perimeter)
     options = FillOptions(
@@ -146,7 +145,7 @@ def fill_hole(
         continuity=continuity,
         on_stage=on_stage or (lambda place, stage: None),
     )
-    clock = Clock()
+    clock = Stopwatch()
     source = merged(read_mesh(mesh) if isinstance(mesh, (str, os.PathLike)) else mesh, merge)
     triangles = to_mesh(source)
     require_faces(triangles)
@@ -154,13 +153,13 @@ def fill_hole(
     with one_thread():
         filling = Filling(triangles, choice, options)
         clock.lap("loops")
-        outcomes, patches = filling.finished(minimal_patches(filling.rims, options), on_loop)
+        outcomes, patches = filling.filled(minimal_patches(filling.rims, options), on_loop)
     clock.lap("fill")
     result = filling.result(source, outcomes, patches, clock)
     if return_report:
         return result.mesh, result
     if said := result.shortcomings:
-        more = f"; and {len(said) - _MOST_TOLD} more" if len(said) > _MOST_TOLD else ""
-        sentence = f"fill_hole: {'; '.join(said[:_MOST_TOLD])}{more} (return_report=True has all of it)"
+        more = f"; and {len(said) - _MOST_WARNED} more" if len(said) > _MOST_WARNED else ""
+        sentence = f"fill_hole: {'; '.join(said[:_MOST_WARNED])}{more} (return_report=True has all of it)"
         warnings.warn(sentence, ImperfectFillWarning, stacklevel=2)
     return result.mesh

@@ -1,4 +1,4 @@
-"""The holes of one mesh, from the choice of loops to the result: what `fill_hole` and batches have in common."""
+"""Fills the chosen loops of one mesh: `fill_hole` without reading and solving, which batches do in another order."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ import numpy as np
 from spinor_geom.adapters import MeshFile, extend
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.borders import refuse_border
-from spinor_geom.fill.discrete_patch import refuse_seams, refuse_what_is_no_hole
-from spinor_geom.fill.loops import chosen_places, reasons_to_leave_open
-from spinor_geom.fill.many_loops import fill_loops, planned_joins
+from spinor_geom.fill.bridges import fill_between, planned_joins
+from spinor_geom.fill.exact_patches import SolvedLoop
+from spinor_geom.fill.fill_loop import Stopwatch, fill_loop, unfilled
+from spinor_geom.fill.fill_options import Choice, FillOptions
+from spinor_geom.fill.fill_result import FillResult, LoopOutcome
+from spinor_geom.fill.loop_choice import chosen_places, reasons_to_leave_open
 from spinor_geom.fill.mesh_notes import mesh_notes
-from spinor_geom.fill.one_loop import Answer, Clock, FillOptions, unfilled
-from spinor_geom.fill.options import Choice
-from spinor_geom.fill.result import FillResult, LoopOutcome
-from spinor_geom.fill.surroundings import LoopPatch, Surroundings, stitch
+from spinor_geom.fill.no_holes import refuse_seams, refuse_what_is_no_hole
+from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
@@ -26,15 +27,15 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 
 class Filling:
-    """The loops of a mesh: which are to be filled, and why the others are left open.
+    """The boundary loops of a mesh, and which of them are to be filled.
 
     Attributes:
         mesh: the mesh, which is not changed.
         loops: all of its boundary loops, longest perimeter first.
-        mesh_notes: what is to be said of the whole mesh, a sentence each.
-        surroundings: the mesh that patches are joined to, and those that were.
-        left_open: the outcomes of the loops that nothing is tried for, by their places.
-        rims: those that are to be solved, each by itself, in order.
+        mesh_notes: sentences on the whole mesh.
+        patched: the mesh with the patches joined so far.
+        left_open: the outcomes of the loops that are not to be filled, by index.
+        rims: the loops that are to be filled one by one, in order.
     """
 
     def __init__(self, mesh: TriangleMesh, choice: Choice, options: FillOptions) -> None:
@@ -54,7 +55,7 @@ class Filling:
         wanted = [place for place in range(len(self.loops)) if place not in reasons]
         self._joins, self._notes = planned_joins(mesh, self.loops, wanted, choice.islands, choice.bridge)
         joined = {place for first, others in self._joins.items() for place in (first, *others)}
-        self.surroundings = Surroundings(mesh, self.loops)
+        self.patched = PatchedMesh(mesh, self.loops)
         self.left_open = {place: unfilled(place, self.loops[place], reason) for place, reason in reasons.items()}
         alone = [place for place in wanted if place not in joined]
         for place in alone:
@@ -63,45 +64,64 @@ class Filling:
         self.rims = [self.loops[place] for place in alone if place not in self.left_open]
 
     def _refusal(self, loop: BoundaryLoop) -> SpinorGeomError | None:
-        """Why nothing is tried for a loop, or None."""
+        """Why a loop is not to be filled, or None."""
         try:
-            refuse_what_is_no_hole(loop, self.surroundings)
+            refuse_what_is_no_hole(loop, self.patched)
             if not self._names_loops:
                 refuse_seams(loop)
-                refuse_border(self.surroundings, loop)
+                refuse_border(self.patched, loop)
         except SpinorGeomError as error:
             return error
         return None
 
-    def finished(
-        self, answers: Iterator[Answer], on_loop: Callable[[LoopOutcome, int], None] | None = None
+    def filled(
+        self, solved: Iterator[SolvedLoop], on_loop: Callable[[LoopOutcome, int], None] | None = None
     ) -> tuple[list[LoopOutcome], list[LoopPatch]]:
-        """One outcome for every loop, and the patches; the answers are those of `rims`, in order."""
-        return fill_loops(
-            self.surroundings,
-            self.loops,
-            answers,
-            self._options,
-            on_loop,
-            left_open=self.left_open,
-            joins=self._joins,
-            notes=self._notes,
-        )
+        """Fills the loops: one outcome for every loop, and the patches; `solved` is of `rims`, in order."""
+        requested = len(self.loops) - sum(not _is_reported(outcome) for outcome in self.left_open.values())
+        outcomes: dict[int, LoopOutcome] = {}
+        patches: list[LoopPatch] = []
+        for place, loop in enumerate(self.loops):
+            if place in outcomes:
+                continue
+            patch: LoopPatch | None = None
+            if place in self.left_open:
+                done = [self.left_open[place]]
+            elif place in self._joins:
+                together = (place, *self._joins[place])
+                done, patch = fill_between(self.patched, together, self.loops, self._options)
+            else:
+                self._options.on_stage(place, "exact surface")
+                outcome, patch = fill_loop(self.patched, place, loop, next(solved), self._options)
+                done = [outcome]
+            if place in self._notes and done[0].filled:
+                done[0] = replace(done[0], remarks=(*done[0].remarks, self._notes[place]))
+            if patch is not None:
+                patches.append(patch)
+            for outcome in done:
+                outcomes[outcome.index] = outcome
+                if on_loop is not None and _is_reported(outcome):
+                    on_loop(outcome, requested)
+        return [outcomes[place] for place in range(len(self.loops))], patches
 
     def result(
-        self, source: Any, outcomes: Sequence[LoopOutcome], patches: Sequence[LoopPatch], clock: Clock
+        self, source: Any, outcomes: Sequence[LoopOutcome], patches: Sequence[LoopPatch], clock: Stopwatch
     ) -> FillResult:
-        """The mesh in the type of the source that it was taken from, with its patches and what is to be said of it."""
+        """The filled mesh, in the type of the `source` that the mesh is from, and its report."""
         extension = stitch(self.mesh, patches)
-        filled = extend(source, extension)
+        mesh = extend(source, extension)
         watertight = is_watertight(np.concatenate([self.mesh.faces, extension.faces]))
         clock.lap("stitch")
         return FillResult(
-            mesh=filled,
+            mesh=mesh,
             original=self.mesh,
             extension=extension,
             loops=tuple(outcomes),
             notes=(*(source.notes if isinstance(source, MeshFile) else ()), *self.mesh_notes),
             watertight=watertight,
-            timings=clock.laps(),
+            timings=clock.seconds(),
         )
+
+
+def _is_reported(outcome: LoopOutcome) -> bool:
+    return outcome.requested or outcome.is_border

@@ -1,9 +1,10 @@
-"""What is to be said of a whole mesh: that it is closed, not orientable, or that merging vertices would close loops."""
+"""Remarks on a whole mesh: that it is closed or not orientable, or that merging vertices would close loops."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import igl
 import numpy as np
 from jaxtyping import Int
 from scipy.spatial import cKDTree
@@ -11,12 +12,12 @@ from scipy.spatial import cKDTree
 from spinor_geom.errors import SpinorGeomError, advised_distance, merge_advice
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
-from spinor_geom.mesh.topology import SHARE_OF_EDGE, HalfEdges, face_components, linked
+from spinor_geom.mesh.topology import SHARE_OF_EDGE, HalfEdges, face_components
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 
 def mesh_notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets) -> tuple[str, ...]:
-    """Notes on a mesh with its boundary loops and the sheets of its faces, a sentence each."""
+    """Sentences on a mesh with its boundary loops and the sheets of its faces."""
     return tuple(_notes(mesh, loops, sheets)) if len(mesh.faces) else ()
 
 
@@ -25,40 +26,40 @@ def _notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets) ->
     if not is_orientable(half_edges):
         yield "the mesh is not orientable: it has one side only, so patches have no outside of their own"
     elif len(sheets.face_ids) == len(mesh.faces) and (half_edges.counts == 2).all():
-        genus = [1 - euler // 2 for euler in _euler_characteristics(mesh.faces, half_edges)]
-        pieces = f"genus {genus[0]}" if len(genus) == 1 else f"{len(genus)} pieces of total genus {sum(genus)}"
-        yield f"the mesh is closed, {pieces}: {'a tunnel has no rim' if any(genus) else 'it has no hole'}"
+        pieces, genus = _pieces_and_genus(mesh.faces)
+        name = f"genus {genus}" if pieces == 1 else f"{pieces} pieces of total genus {genus}"
+        yield f"the mesh is closed, {name}: {'a tunnel has no rim' if genus else 'it has no hole'}"
     if loops:
         yield from _merge_note(mesh, loops)
 
 
 def is_orientable(half_edges: HalfEdges) -> bool:
-    """Whether faces can be turned over one by one so that all edges of two faces are run through both ways."""
-    a, b = half_edges.pairs.T
-    is_same_way = half_edges.origin[a] == half_edges.origin[b]
-    if not is_same_way.any():
+    """Whether faces can be reversed so that the two half-edges of each inner edge are opposite."""
+    if _is_oriented(half_edges):
         return True
-    # both sides of each face, joined across its edges: on an orientable piece they stay apart
-    faces = len(half_edges.origin) // 3
-    first, second = a // 3, b // 3
-    turned = second + faces * is_same_way
-    sides = np.concatenate([np.stack([first, turned], 1), np.stack([first + faces, (turned + faces) % (2 * faces)], 1)])
-    labels = linked(sides, 2 * faces)
-    return not (labels[:faces] == labels[faces:]).any()
+    oriented, _ = igl.bfs_orient(half_edges.origin.reshape(-1, 3).astype(np.int64))
+    return _is_oriented(HalfEdges.of(np.asarray(oriented, dtype=np.int64)))
 
 
-def _euler_characteristics(faces: Int[np.ndarray, "f 3"], half_edges: HalfEdges) -> list[int]:
-    """V − E + F of each connected piece of a closed mesh; a vertex in which pieces touch counts for each."""
+def _is_oriented(half_edges: HalfEdges) -> bool:
+    first, second = half_edges.origin[half_edges.pairs].T
+    return bool((first != second).all())
+
+
+def _pieces_and_genus(faces: Int[np.ndarray, "f 3"]) -> tuple[int, int]:
+    """Number of connected pieces of a closed mesh, and their total genus from V − E + F = 2 (pieces − genus).
+
+    A vertex in which pieces touch counts for each of them.
+    """
     piece = face_components(faces)
-    count = int(piece.max()) + 1
-    edges = np.bincount(piece[half_edges.order[half_edges.starts[:-1]] // 3], minlength=count)
-    own = np.unique(np.repeat(piece, 3) * (int(faces.max()) + 1) + faces.ravel())
-    vertices = np.bincount(own // (int(faces.max()) + 1), minlength=count)
-    return [int(n) for n in vertices - edges + np.bincount(piece, minlength=count)]
+    pieces = int(piece.max()) + 1
+    vertices = len(np.unique(np.repeat(piece, 3) * (int(faces.max()) + 1) + faces.ravel()))
+    euler = vertices - len(faces) // 2  # each edge has two faces, so E = 3/2 F
+    return pieces, pieces - euler // 2
 
 
 def _merge_note(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> Iterator[str]:
-    """How many loops would go if near vertices of the boundary were merged, where some would."""
+    """A sentence on merging near vertices of the boundary, if that would close loops."""
     points = np.concatenate([loop.points for loop in loops])
     edge = np.concatenate([np.maximum(loop.edge_lengths, np.roll(loop.edge_lengths, 1)) for loop in loops])
     ids = np.concatenate([loop.vertex_ids for loop in loops])

@@ -7,14 +7,14 @@ from typing import Any
 import pyvista
 
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 
 
 @pyvista.register_dataset_accessor("spinor", pyvista.UnstructuredGrid)
 @pyvista.register_dataset_accessor("spinor", pyvista.PolyData)
 class SpinorAccessor:
-    """What the package does with a mesh of PyVista's, as methods of the mesh."""
+    """Methods of PyVista's meshes."""
 
     def __init__(self, mesh: Any) -> None:
         self._mesh = mesh

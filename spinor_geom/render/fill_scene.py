@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.domain.delaunay import rim_successors
-from spinor_geom.fill.result import FillResult, LoopOutcome
+from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import vertex_normals
 from spinor_geom.mesh.topology import referenced_vertices

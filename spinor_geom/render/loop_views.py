@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
 from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates, rim_successors
 from spinor_geom.errors import SpinorGeomError, UnplacedZerosError, ZeroOnContourError
-from spinor_geom.fill.result import LoopOutcome
+from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.measures import discrete_mean_curvature, distances_to_mesh

@@ -15,7 +15,7 @@ from spinor_geom.adapters import MeshFile
 from spinor_geom.comparison import Comparison
 from spinor_geom.errors import require_type
 from spinor_geom.files import write_text
-from spinor_geom.fill.result import FillResult, LoopOutcome
+from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.domain_colours import domain_colours
 from spinor_geom.render.fill_scene import hole_camera, mesh_layers, shown_loop, used_vertices

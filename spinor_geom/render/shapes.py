@@ -14,7 +14,7 @@ from spinor_geom.adapters import MeshFile, Polygons, to_mesh
 from spinor_geom.adapters.contents import FileContents
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface
 from spinor_geom.errors import MeshFileError
-from spinor_geom.fill.result import FillResult
+from spinor_geom.fill.fill_result import FillResult
 from spinor_geom.measures import discrete_mean_curvature
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_surface

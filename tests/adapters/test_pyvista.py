@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from spinor_geom.adapters import extend, to_mesh
 from spinor_geom.errors import MeshShapeError, VertexIndexError
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.loop_choice import boundary_loops
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, lid_for, meshes, nothing
 from tests.fill.shapes import tube
 

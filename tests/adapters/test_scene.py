@@ -7,7 +7,7 @@ import trimesh
 from spinor_geom.adapters import extend, to_mesh
 from spinor_geom.errors import MeshShapeError, VertexIndexError
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 from tests.adapters.shapes import lid, lid_for, nothing
 from tests.fill.shapes import tube

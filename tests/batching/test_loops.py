@@ -19,7 +19,7 @@ from spinor_geom.errors import (
     OpenCurveError,
     SelfCrossingLoopError,
 )
-from spinor_geom.fill.one_loop import FillOptions
+from spinor_geom.fill.fill_options import FillOptions
 from tests.batching.files import circle, curve_text, holed_text, vertex_lines
 from tests.mesh.test_knots import torus_knot
 

@@ -15,7 +15,7 @@ from spinor_geom.adapters import MeshFile
 from spinor_geom.cli.main import main
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import MESH_SUFFIXES, json_text, printable
-from spinor_geom.fill.result import FillResult
+from spinor_geom.fill.fill_result import FillResult
 from tests.adapters.malformed import CASES, content_of
 from tests.batching.files import record, vertex_lines, without_seconds
 from tests.batching.test_task import solved

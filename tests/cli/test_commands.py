@@ -20,7 +20,7 @@ from spinor_geom.adapters import read_mesh
 from spinor_geom.cli import console, runs
 from spinor_geom.cli.main import build_parser, main
 from spinor_geom.errors import FirstFillError
-from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.render.scene import Scene
 from tests.fill.shapes import collar, cylinder, figure_eight, spiked_tetrahedron, tube
 from tests.fill.test_bridge import island, places, ring
@@ -119,7 +119,7 @@ def test_a_discrete_patch_is_said_and_gives_status_1_if_strict(
     def fails(loops: Iterable[object], **_: object) -> Iterator[FirstFillError]:
         return (FirstFillError("no disk over this loop") for _ in loops)
 
-    monkeypatch.setattr("spinor_geom.fill.many_loops.solve_plateau_batch", fails)
+    monkeypatch.setattr("spinor_geom.fill.exact_patches.solve_plateau_batch", fails)
     for strict in (False, True):
         output = tmp_path / "filled.obj"
         assert main(["fill", str(mesh_path), "-o", str(output), *(["--strict"] * strict)]) == int(strict)

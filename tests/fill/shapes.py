@@ -11,6 +11,20 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 
 
+def without(mesh: tuple[np.ndarray, np.ndarray], removed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A mesh without some faces, and without the vertices that only they used."""
+    vertices, faces = mesh
+    used, faces = np.unique(faces[~removed], return_inverse=True)
+    return vertices[used], faces.reshape(-1, 3)
+
+
+def together(*pieces: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Several meshes as one, without merging vertices."""
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in pieces)])
+    faces = [own + start for (_, own), start in zip(pieces, starts, strict=False)]
+    return np.concatenate([vertices for vertices, _ in pieces]), np.concatenate(faces)
+
+
 def tube(sides: int = 16, rings: int = 3, *, squeeze: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """An open tube about the z axis, normals outwards: two holes, the lower one larger."""
     angle = 2 * np.pi * np.arange(sides) / sides

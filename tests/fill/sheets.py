@@ -112,6 +112,13 @@ def ribbons() -> Iterator[tuple[str, Mesh]]:
             yield f"twisted {turns} {length}", strip(straight, columns(0 * s, np.cos(angle), np.sin(angle)))
 
 
+def helix(turns: int, pitch: float, width: float) -> Mesh:
+    """A strip around a cylinder of radius 1, its width in pitches: with 1 its turns touch."""
+    s = np.linspace(0, 1, 121)
+    angle = 2 * np.pi * turns * s
+    return strip(columns(np.cos(angle), np.sin(angle), pitch * turns * s), pitch * width * columns(0 * s, 0.0, 1.0))
+
+
 def tubes_of(axes: list[tuple[list[float], list[float], float]], kept: Kept, points: int = 28) -> Mesh:
     """The outside of thick segments (start, end, radius), and of its faces those kept."""
     ticks = np.linspace(-2.2, 2.2, points)

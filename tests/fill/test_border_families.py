@@ -9,11 +9,11 @@ import pytest
 from spinor_geom.bench.reported import bowl, reported_bowls, reported_tubes
 from spinor_geom.errors import SheetBorderError
 from spinor_geom.fill.borders import refuse_border
-from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from tests.fill.sheets import Heights, Mesh, garments, moebius, pipe, ribbons, round_sheet, square, terrain, torn
+from tests.fill.sheets import Heights, Mesh, garments, helix, moebius, pipe, ribbons, round_sheet, square, terrain, torn
 
 VESSELS: dict[str, Heights] = {
     "cone, 50°": lambda x, y: np.hypot(x, y) / np.tan(np.radians(40)),
@@ -40,9 +40,9 @@ SHEETS: dict[str, Heights] = {
 }
 
 
-def is_border(surroundings: Surroundings, loop: BoundaryLoop) -> bool:
+def is_border(patched: PatchedMesh, loop: BoundaryLoop) -> bool:
     try:
-        refuse_border(surroundings, loop)
+        refuse_border(patched, loop)
     except SheetBorderError:
         return True
     return False
@@ -52,8 +52,8 @@ def are_borders(arrays: Mesh) -> list[bool]:
     """The answer for every loop, longest first."""
     mesh = TriangleMesh(*arrays)
     loops = find_boundary_loops(mesh)
-    surroundings = Surroundings(mesh, loops)
-    return [is_border(surroundings, loop) for loop in loops]
+    patched = PatchedMesh(mesh, loops)
+    return [is_border(patched, loop) for loop in loops]
 
 
 def test_bowls_and_tubes_have_holes_whether_smooth_or_ragged() -> None:
@@ -93,6 +93,13 @@ def test_torn_sheets_have_borders(name: str, seed: int) -> None:
 def test_ribbons_and_bands_have_borders() -> None:
     assert [name for name, mesh in ribbons() if not are_borders(mesh)[0]] == []
     assert all(are_borders(moebius(width)) == [True] for width in (0.2, 0.5, 0.8))
+
+
+@pytest.mark.parametrize("width", [0.6, 0.99, 1.0])
+@pytest.mark.parametrize("pitch", [0.5, 2])
+@pytest.mark.parametrize("turns", [1, 3, 5])
+def test_helical_strips_have_borders_even_where_their_turns_touch(turns: int, pitch: float, width: float) -> None:
+    assert are_borders(helix(turns, pitch, width)) == [True]
 
 
 @pytest.mark.parametrize("arc", [60, 120, 180])

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from spinor_geom.errors import LoopIndexError, OptionError
+from spinor_geom.fill.bridges import find_islands, lies_in
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.many_loops import _lies_in, find_islands
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from tests.fill.shapes import together
 
 SIDES = 24
 
@@ -26,12 +27,6 @@ def ring(inner: float, outer: float, *, height: float = 0.0, down: bool = False)
     b = (a + 1) % SIDES
     faces = np.concatenate([np.column_stack([a, a + SIDES, b]), np.column_stack([b, a + SIDES, b + SIDES])])
     return vertices, faces[:, ::-1] if down else faces
-
-
-def together(*pieces: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    start = np.cumsum([0, *(len(vertices) for vertices, _ in pieces)])
-    faces = [piece + first for (_, piece), first in zip(pieces, start, strict=False)]
-    return np.concatenate([vertices for vertices, _ in pieces]), np.concatenate(faces)
 
 
 def island() -> tuple[np.ndarray, np.ndarray]:
@@ -152,15 +147,15 @@ def test_a_piece_is_in_a_round_hole_up_to_a_fifth_of_the_diagonal(height: float,
     # of the hole's box, which is 2.8
     circle = ring(1.0, 2.0)[0][:SIDES]
     hole, piece = (BoundaryLoop.from_points(points) for points in (circle, 0.4 * circle + [0, 0, height]))
-    assert _lies_in(piece, hole) == is_in
+    assert lies_in(piece, hole) == is_in
 
 
 def test_a_piece_that_touches_the_hole_is_no_island() -> None:
     # seen from its shared corner the L lies in three quarters of all directions
     hole = BoundaryLoop.from_points([(0, 0, 0), (2, 0, 0), (2, 1, 0), (1, 1, 0), (1, 2, 0), (0, 2, 0)], corners=())
     piece = np.array([(1, 1, 0), (0.4, 0.9, 0), (0.9, 0.4, 0)])
-    assert not _lies_in(BoundaryLoop.from_points(piece, corners=()), hole)
-    assert _lies_in(BoundaryLoop.from_points(piece - [0.1, 0.1, 0.0], corners=()), hole)
+    assert not lies_in(BoundaryLoop.from_points(piece, corners=()), hole)
+    assert lies_in(BoundaryLoop.from_points(piece - [0.1, 0.1, 0.0], corners=()), hole)
 
 
 def test_several_islands_in_one_hole_are_joined() -> None:

@@ -14,24 +14,18 @@ from scipy.spatial import ConvexHull
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, SingularMatrixError
 from spinor_geom.fill.collar import bend_across, collar_of
-from spinor_geom.fill.continuation import Moved, continue_patch
+from spinor_geom.fill.continuation import continue_patch
+from spinor_geom.fill.fairing import Faired
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loops import boundary_loops
-from spinor_geom.fill.result import LoopOutcome
-from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.fill.fill_result import LoopOutcome
+from spinor_geom.fill.loop_choice import boundary_loops
+from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
-from tests.fill.shapes import cone, cylinder, fan, rounds_and_rows, tube
+from tests.fill.shapes import cone, cylinder, fan, rounds_and_rows, tube, without
 
 Mesh = tuple[np.ndarray, np.ndarray]
-
-
-def without(mesh: Mesh, removed: np.ndarray) -> Mesh:
-    """A mesh without some faces, and without the vertices that only they used."""
-    vertices, faces = mesh
-    used, faces = np.unique(faces[~removed], return_inverse=True)
-    return vertices[used], faces.reshape(-1, 3)
 
 
 def centres(mesh: Mesh) -> np.ndarray:
@@ -221,7 +215,7 @@ def test_a_tube_of_twelve_sides_is_round_and_one_of_eight_has_edges(sides: int, 
     # 30° and 45° between its sides
     mesh = cylinder(sides, 9)
     loop = boundary_loops(mesh)[0]
-    assert collar_of(Surroundings(TriangleMesh(*mesh)), loop.vertex_ids, cone(loop)).creased == sides * creased
+    assert collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, cone(loop)).creased == sides * creased
 
 
 def test_a_patch_depends_on_three_rings_of_faces_and_no_more() -> None:
@@ -234,7 +228,7 @@ def test_a_patch_depends_on_three_rings_of_faces_and_no_more() -> None:
         vertices = mesh[0].copy()
         row = np.isclose(from_rim, changed)
         vertices[row, :2] *= 1 + 0.05 * np.sin(5 * np.arange(row.sum()))[:, None]
-        return collar_of(Surroundings(TriangleMesh(vertices, mesh[1])), loop.vertex_ids, cone(loop)).roughness
+        return collar_of(PatchedMesh(TriangleMesh(vertices, mesh[1])), loop.vertex_ids, cone(loop)).roughness
 
     # row k ends the k-th ring; of a round tube H is the same everywhere
     assert [roughness(rows[k]) > 0 for k in range(1, 8)] == [True, True, True, False, False, False, False]
@@ -284,14 +278,14 @@ def test_a_discrete_patch_is_continued_too() -> None:
 def test_a_continuation_that_is_not_found_leaves_the_film(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = without(icosphere(2), centres(icosphere(2))[:, 2] > 0.7)
 
-    def stuck(patch: Patch, *_: object, **__: object) -> Moved:
-        return Moved(patch=patch, steps=7, next_step=0.5, stretch=1.0)
+    def stuck(patch: Patch, *_: object, **__: object) -> Faired:
+        return Faired(patch=patch, steps=7, next_step=0.5, stretch=1.0)
 
-    def broken(*_: object, **__: object) -> Moved:
+    def broken(*_: object, **__: object) -> Faired:
         raise SingularMatrixError(size=5)
 
     for instead, told in ((stuck, "7 steps left a bend of"), (broken, "singular")):
-        monkeypatch.setattr("spinor_geom.fill.one_loop.continue_patch", instead)
+        monkeypatch.setattr("spinor_geom.fill.fill_loop.continue_patch", instead)
         _, outcome = continued(mesh)
         assert (outcome.kind, outcome.continuation, outcome.converged) == ("minimal", None, True)
         assert "the patch was not continued smoothly" in outcome.remarks[0]
@@ -310,13 +304,13 @@ def test_of_two_patches_that_turn_back_the_one_that_crosses_less_is_kept(
     if is_crossed:
         mesh = np.concatenate([mesh[0], needle]), np.concatenate([mesh[1], [len(mesh[0]) + np.arange(3)]])
 
-    def low_dome(patch: Patch, *_: object, **__: object) -> Moved:
+    def low_dome(patch: Patch, *_: object, **__: object) -> Faired:
         x = patch.vertices.copy()
         m = patch.boundary_size
         x[m:, 2] += 0.5 * (np.hypot(*x[:m, :2].T).mean() - np.hypot(*x[m:, :2].T))
-        return Moved(patch=replace(patch, vertices=x), steps=7, next_step=0.5, stretch=1.0)
+        return Faired(patch=replace(patch, vertices=x), steps=7, next_step=0.5, stretch=1.0)
 
-    monkeypatch.setattr("spinor_geom.fill.one_loop.continue_patch", low_dome)
+    monkeypatch.setattr("spinor_geom.fill.fill_loop.continue_patch", low_dome)
     _, outcome = continued(mesh, loop=0)
     assert not outcome.intersections
     if is_crossed:
@@ -331,7 +325,7 @@ def test_a_finer_mesh_without_inner_vertices_has_nothing_to_move(monkeypatch: py
     mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > -0.4)
     loop = boundary_loops(mesh)[0]
     film = fill_hole(mesh, return_report=True)[1].loops[0].patch
-    collar = collar_of(Surroundings(TriangleMesh(*mesh)), loop.vertex_ids, film)
+    collar = collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, film)
     monkeypatch.setattr("spinor_geom.fill.continuation.remesh", lambda *_: fan(loop))
     moved = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True)
     assert moved.stretch > 2
@@ -342,7 +336,7 @@ def test_a_continuation_out_of_time_is_kept_where_it_is_nearer_and_told() -> Non
     mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > 0.3)
     loop = boundary_loops(mesh)[0]
     film = fill_hole(mesh, return_report=True)[1].loops[0].patch
-    collar = collar_of(Surroundings(TriangleMesh(*mesh)), loop.vertex_ids, film)
+    collar = collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, film)
     with time_limit(0.0):
         moved = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True)
     assert (moved.converged, moved.steps) == (False, 0)
@@ -389,7 +383,7 @@ def test_the_bend_is_the_angle_between_the_faces_at_the_rim() -> None:
     mesh = cylinder(16, 3)
     loop = boundary_loops(mesh)[0]
     lid = cone(loop)
-    collar = collar_of(Surroundings(TriangleMesh(*mesh)), loop.vertex_ids, lid)
+    collar = collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, lid)
     for tip, angle in ((0.0, 90.0), (np.cos(np.pi / 16), 45.0)):
         vertices = lid.vertices.copy()
         vertices[-1, 2] += tip * np.sign(loop.centroid[2])

@@ -9,23 +9,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from spinor_geom.fill.collar import collar_of
-from spinor_geom.fill.continuation import Moved, _Problem, continue_patch
+from spinor_geom.fill import fairing
+from spinor_geom.fill.fairing import Faired
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loops import boundary_loops
-from spinor_geom.fill.result import LoopOutcome
-from spinor_geom.fill.surroundings import Surroundings
+from spinor_geom.fill.fill_result import LoopOutcome
+from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.operators import internal_angles
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
-from tests.fill.shapes import cylinder, rounds_and_rows
+from tests.fill.shapes import cylinder, rounds_and_rows, without
 
 Mesh = tuple[np.ndarray, np.ndarray]
-
-
-def cut(vertices: np.ndarray, faces: np.ndarray, removed: np.ndarray) -> Mesh:
-    used, rest = np.unique(faces[~removed], return_inverse=True)
-    return vertices[used], rest.reshape(-1, 3)
 
 
 def jittered(mesh: Mesh, amount: float, rng: np.random.Generator) -> Mesh:
@@ -39,7 +32,7 @@ def bowl(noise: float, rng: np.random.Generator) -> Mesh:
     ball = trimesh.creation.icosphere(3)
     turn = trimesh.transformations.random_rotation_matrix(rng.uniform(size=3))[:3, :3]
     vertices, faces = jittered((np.asarray(ball.vertices) @ turn.T, np.asarray(ball.faces)), noise, rng)
-    return cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > -np.cos(np.radians(rng.uniform(45, 85))))
+    return without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > -np.cos(np.radians(rng.uniform(45, 85))))
 
 
 def sheet(rng: np.random.Generator, *, waves: bool) -> Mesh:
@@ -50,7 +43,7 @@ def sheet(rng: np.random.Generator, *, waves: bool) -> Mesh:
     a, b, c, d = (k.ravel() for k in (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]))
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     vertices, _ = jittered((np.stack([x, y, z], 1), faces), rng.uniform(0, 0.05), rng)
-    return cut(vertices, faces, np.hypot(*vertices[faces].mean(axis=1).T[:2]) < rng.uniform(0.2, 0.5))
+    return without((vertices, faces), np.hypot(*vertices[faces].mean(axis=1).T[:2]) < rng.uniform(0.2, 0.5))
 
 
 def finger(rng: np.random.Generator) -> Mesh:
@@ -73,7 +66,9 @@ def creased_box(rng: np.random.Generator) -> Mesh:
         box = box.subdivide()
     middle = rng.choice([[0.5, 0.5, 0.0], [0.5, 0.5, 0.5], [0.5, 0.0, 0.0]])
     vertices, faces = np.asarray(box.vertices), np.asarray(box.faces)
-    return cut(vertices, faces, np.linalg.norm(vertices[faces].mean(axis=1) - middle, axis=1) < rng.uniform(0.15, 0.4))
+    return without(
+        (vertices, faces), np.linalg.norm(vertices[faces].mean(axis=1) - middle, axis=1) < rng.uniform(0.15, 0.4)
+    )
 
 
 def capless_tube(rng: np.random.Generator) -> Mesh:
@@ -126,7 +121,7 @@ def test_steep_bowls_are_closed_as_spheres_and_their_area_is_reported(opening: f
     ball = trimesh.creation.icosphere(3)
     vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
     height = -np.cos(np.radians(opening))
-    mesh = cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > height)
+    mesh = without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > height)
     smooth, _ = patched(mesh)
     assert smooth.converged
     assert smooth.patch is not None
@@ -141,8 +136,8 @@ def test_steep_bowls_are_closed_as_spheres_and_their_area_is_reported(opening: f
 def test_what_does_not_come_to_rest_is_a_thin_plate_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     ball = trimesh.creation.icosphere(3)
     vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
-    mesh = cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > 0.7)
-    monkeypatch.setattr(_Problem, "rest", lambda _, x: (x, 3, 0.2))
+    mesh = without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > 0.7)
+    monkeypatch.setattr(fairing._Equations, "solved", lambda _, x: (x, 3, 0.2))
     smooth, _ = patched(mesh)
     told = smooth.continuation
     assert told is not None
@@ -162,7 +157,7 @@ def test_angles_below_ten_degrees_are_reported_unless_the_rim_gives_them(angle: 
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 0.01, 0], tip])
     points = vertices @ [1, 1j, 0]
     patch = Patch(vertices=vertices, faces=np.array([[0, 1, 3], [0, 1, 2]]), boundary_size=3, points=points)
-    moved = Moved(patch=patch, steps=0, next_step=0.0, stretch=1.0)
+    moved = Faired(patch=patch, steps=0, next_step=0.0, stretch=1.0)
     free, least = moved.smallest_angles
     assert free == pytest.approx(angle)
     assert least < 2
@@ -176,34 +171,9 @@ def test_angles_below_ten_degrees_are_reported_unless_the_rim_gives_them(angle: 
 def test_a_repeated_position_on_the_rim_is_no_raw_error(subdivisions: int) -> None:
     ball = trimesh.creation.icosphere(subdivisions)
     vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
-    mesh = cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > 0.2)
+    mesh = without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > 0.2)
     rim = boundary_loops(mesh)[0].vertex_ids
     # a triangle without area lies at the rim: its angles are no numbers
     mesh[0][rim[0]] = mesh[0][rim[1]]
     (outcome,) = fill_hole(mesh, continuity="C1", return_report=True)[1].loops
     assert outcome.filled
-
-
-def test_a_start_over_other_angles_that_rests_is_taken_for_one_that_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With one defect each, a fold or no rest, that is kept which goes on with the mesh more nearly."""
-    ball = trimesh.creation.icosphere(3)
-    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
-    mesh = cut(vertices, faces, vertices[faces][:, :, 2].mean(axis=1) > 0.5)
-    loop = boundary_loops(mesh)[0]
-    film = fill_hole(mesh, return_report=True)[1].loops[0].patch
-    assert film is not None
-    collar = collar_of(Surroundings(TriangleMesh(*mesh)), loop.vertex_ids, film)
-    dome = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True).patch.vertices.copy()
-    inner = np.arange(len(loop), len(dome))
-    # over its neighbours, which leaves folds far from the rim
-    dome[inner[np.argmax(dome[inner, 2])]] += [0.5, 0, 0]
-    unrested = Moved(patch=film, steps=1, next_step=5.0, stretch=1.0)
-    folded = Moved(patch=replace(film, vertices=dome), steps=1, next_step=0.0, stretch=1.0)
-    assert folded.folds
-    monkeypatch.setattr("spinor_geom.fill.continuation._at_rest", lambda *_: unrested)
-    monkeypatch.setattr("spinor_geom.fill.continuation._at_rest_over_angles", lambda *_: folded)
-    monkeypatch.setattr("spinor_geom.fill.continuation._thin_plate", lambda *_: unrested)
-    monkeypatch.setattr("spinor_geom.fill.continuation._next_mesh", lambda *_, **__: None)
-    moved = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True)
-    np.testing.assert_array_equal(moved.patch.vertices, dome)
-    assert moved.remeshed

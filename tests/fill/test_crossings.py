@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from spinor_geom.adapters import read_mesh
 from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loops import boundary_loops
-from spinor_geom.fill.result import FillResult, LoopOutcome
-from spinor_geom.fill.surroundings import Crossings, Surroundings
+from spinor_geom.fill.fill_result import FillResult, LoopOutcome
+from spinor_geom.fill.loop_choice import boundary_loops
+from spinor_geom.fill.patched_mesh import Crossings, PatchedMesh
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
@@ -242,12 +242,12 @@ def test_what_was_cut_out_of_a_sheet_fits_back_without_crossings(
 ) -> None:
     moved = TriangleMesh(scale * motion(disk.mesh.vertices), disk.mesh.faces)
     whole = HoledDisk(mesh=moved, removed=disk.removed, holes=disk.holes, rim=disk.rim)
-    surroundings = Surroundings(moved)
+    patched = PatchedMesh(moved)
     for loop in find_boundary_loops(moved):
         if frozenset(loop.vertex_ids.tolist()) in disk.holes:
             patch = star(whole, loop)
-            assert total(surroundings.crossings(patch)) == 0
-            surroundings.join(patch, loop.vertex_ids)
+            assert total(patched.crossings(patch)) == 0
+            patched.join(patch, loop.vertex_ids)
 
 
 @settings(max_examples=25)
@@ -258,7 +258,7 @@ def test_counts_do_not_change_under_motion_and_scale(seed: int, motion: RigidMot
     counts = []
     for points in (vertices, scale * motion(vertices)):
         mesh = TriangleMesh(points, faces)
-        surroundings = Surroundings(mesh)
+        patched = PatchedMesh(mesh)
         # apexes far on the other side: they pass through the tube and each other
         loops = find_boundary_loops(mesh)
         patches = [cone(loop) for loop in loops]
@@ -267,8 +267,8 @@ def test_counts_do_not_change_under_motion_and_scale(seed: int, motion: RigidMot
             patch.vertices[-1] = opposite + 0.3 * (patch.vertices[0] - opposite)
         found = []
         for loop, patch in zip(loops, patches, strict=True):
-            found.append(surroundings.crossings(patch))
-            surroundings.join(patch, loop.vertex_ids)
+            found.append(patched.crossings(patch))
+            patched.join(patch, loop.vertex_ids)
         counts.append([(len(f.own), len(f.mesh), len(f.patches)) for f in found])
     assert sum(map(sum, counts[0])) > 0
     assert counts[0] == counts[1]

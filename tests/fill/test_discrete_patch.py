@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 from spinor_geom.discrete.first_fill import disk_without_inner_points, minimum_area_triangulation
 from spinor_geom.errors import FirstFillError, NoAreaError, OutOfTimeError, SurfaceError, TooManyPointsError
 from spinor_geom.fill import discrete_patch as module
-from spinor_geom.fill.discrete_patch import discrete_patch, refuse_empty
+from spinor_geom.fill.discrete_patch import discrete_patch
+from spinor_geom.fill.exact_patches import exact_patches
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.one_loop import FillOptions, exact_patches
+from spinor_geom.fill.fill_options import FillOptions
+from spinor_geom.fill.no_holes import refuse_empty
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.topology import is_watertight
@@ -105,7 +107,7 @@ def test_a_surface_that_misses_its_loop_by_a_tenth_of_an_edge_is_none(missed: fl
     residual = replace(found.boundary_residual, rms=missed * found.boundary_residual.mean_edge)
     options = FillOptions(target_edge_length="auto", model="auto", tolerance=1e-3)
     (answer,) = exact_patches([(loop, replace(found, boundary_residual=residual), 0.0)], options)
-    assert isinstance(answer.made, SurfaceError) != is_usable
+    assert isinstance(answer.patch, SurfaceError) != is_usable
 
 
 @pytest.mark.parametrize(("width", "is_refused"), [(0.8e-6, True), (1.25e-6, False)])

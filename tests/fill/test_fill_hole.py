@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from spinor_geom import gallery
 from spinor_geom.adapters import read_mesh
 from spinor_geom.errors import FirstFillError, ForeignLoopError, ImperfectFillWarning, LoopIndexError, OptionError
-from spinor_geom.fill import one_loop
+from spinor_geom.fill import exact_patches
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loops import boundary_loops
-from spinor_geom.fill.result import LoopOutcome
+from spinor_geom.fill.fill_result import LoopOutcome
+from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -198,7 +198,7 @@ def test_a_loop_that_the_solver_fails_on_is_closed_discretely_and_says_why(monke
             else:
                 yield solve_plateau(loop)
 
-    monkeypatch.setattr("spinor_geom.fill.many_loops.solve_plateau_batch", fails_on_the_first)
+    monkeypatch.setattr("spinor_geom.fill.exact_patches.solve_plateau_batch", fails_on_the_first)
     filled, report = fill_hole(tube(), return_report=True)
     failed, done = report.loops
     assert (failed.kind, failed.solution, failed.converged) == ("discrete", None, False)
@@ -221,13 +221,13 @@ def test_an_error_that_is_not_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch
     def broken(*_: object) -> object:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(one_loop, "mesh_patches", broken)
+    monkeypatch.setattr(exact_patches, "mesh_patches", broken)
     with pytest.raises(ZeroDivisionError):
         fill_hole(tube())
 
 
 def test_a_surface_that_is_not_finite_gives_way_to_a_discrete_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = one_loop.mesh_patches
+    real = exact_patches.mesh_patches
 
     def with_a_hole(*arguments: Any) -> list[Any]:
         patches = real(*arguments)
@@ -235,7 +235,7 @@ def test_a_surface_that_is_not_finite_gives_way_to_a_discrete_one(monkeypatch: p
             patch.vertices[-1] = np.nan
         return patches
 
-    monkeypatch.setattr(one_loop, "mesh_patches", with_a_hole)
+    monkeypatch.setattr(exact_patches, "mesh_patches", with_a_hole)
     _, report = fill_hole(tube(), return_report=True)
     assert {outcome.kind for outcome in report.loops} == {"discrete"}
     assert "not finite" in report.loops[0].reason
@@ -409,7 +409,7 @@ def test_stages_are_told_loop_by_loop_before_they_begin(monkeypatch: pytest.Monk
     assert told == [(place, stage) for place in (0, 1) for stage in ("exact surface", "mesh", "crossings")]
     told.clear()
     monkeypatch.setattr(
-        "spinor_geom.fill.many_loops.solve_plateau_batch",
+        "spinor_geom.fill.exact_patches.solve_plateau_batch",
         lambda loops, **_: iter([FirstFillError("no disk over this loop") for _ in loops]),
     )
     with pytest.warns(ImperfectFillWarning):

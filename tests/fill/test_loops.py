@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError, UnknownMeshTypeError
-from spinor_geom.fill.loops import boundary_loops, chosen_places, free_rim, reasons_to_leave_open
+from spinor_geom.fill.loop_choice import boundary_loops, chosen_places, free_rim, reasons_to_leave_open
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.fill.shapes import tube
 

@@ -16,7 +16,7 @@ import trimesh
 from spinor_geom.adapters import merged, register, to_mesh
 from spinor_geom.errors import OptionError
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.bench.test_holes import require_peer

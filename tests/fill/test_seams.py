@@ -11,9 +11,10 @@ from spinor_geom.adapters import read_mesh
 from spinor_geom.cli.main import main
 from spinor_geom.errors import OptionError
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.topology import is_watertight, near_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from tests.fill.shapes import together
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
@@ -27,19 +28,13 @@ def grid_patch(corner: np.ndarray, right: np.ndarray, up: np.ndarray, columns: i
     return vertices, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
 
 
-def joined(*pieces: Mesh) -> Mesh:
-    starts = np.cumsum([0, *(len(vertices) for vertices, _ in pieces)])
-    faces = [own + start for (_, own), start in zip(pieces, starts, strict=False)]
-    return np.concatenate([vertices for vertices, _ in pieces]), np.concatenate(faces)
-
-
 def box(lid: int, sides: int, *, size: float = 1.0) -> Mesh:
     """A closed box, its top divided into lid × lid squares and each other side into sides × sides: two pieces."""
     x, y, z = size * np.eye(3)
     none = 0 * x
     walls = [(none, x, z), (x, y, z), (x + y, -x, z), (y, -y, z), (none, y, x)]
-    body = TriangleMesh(*joined(*(grid_patch(*wall, sides, sides) for wall in walls))).merged(1e-9 * size)[0]
-    return joined((body.vertices, body.faces), grid_patch(z, x, y, lid, lid))
+    body = TriangleMesh(*together(*(grid_patch(*wall, sides, sides) for wall in walls))).merged(1e-9 * size)[0]
+    return together((body.vertices, body.faces), grid_patch(z, x, y, lid, lid))
 
 
 def can(lid: int, wall: int) -> Mesh:
@@ -57,7 +52,7 @@ def can(lid: int, wall: int) -> Mesh:
     floor = np.stack([b, a, np.full(count, 2 * count)], axis=1)
     body = (np.concatenate([low, high, [[0, 0, 0]]]), np.concatenate([tube, floor]))
     c, d = np.arange(12 * lid), np.roll(np.arange(12 * lid), -1)
-    return joined(
+    return together(
         body, (np.concatenate([ring(lid, 1.0), [[0, 0, 1]]]), np.stack([c, d, np.full(12 * lid, 12 * lid)], 1))
     )
 
@@ -187,7 +182,7 @@ def test_sides_of_a_gap_between_fine_faces_are_at_one_place_up_to_a_hundredth_of
     vertices, faces = box(3, 3, size=3e-5)
     far = np.array([[0.0, 0, 5], [1, 0, 5], [0, 1, 5]])
     vertices[-16:, 2] += share * 1e-5
-    mesh = joined((vertices, faces), (far, np.array([[0, 1, 2]])))
+    mesh = together((vertices, faces), (far, np.array([[0, 1, 2]])))
     assert {loop.seam_distance > 0 for loop in boundary_loops(mesh) if len(loop) > 3} == {is_seam}
 
 
@@ -282,7 +277,7 @@ def test_edges_at_the_same_positions_are_called_that() -> None:
     # a plate of two halves, whose common side is in both
     left = grid_patch(np.zeros(3), np.array([6.0, 0, 0]), np.array([0, 6.0, 0]), 6, 6)
     right = grid_patch(np.array([6.0, 0, 0]), np.array([6.0, 0, 0]), np.array([0, 6.0, 0]), 6, 6)
-    _, report = fill_hole(joined(left, right), return_report=True)
+    _, report = fill_hole(together(left, right), return_report=True)
     for outcome in report.loops:
         assert "6 edges of the loop and of another loop are at the same positions" in outcome.reason
         assert "--loop" in outcome.reason
@@ -317,7 +312,7 @@ def test_vertices_on_edges_without_a_common_edge_are_no_seam() -> None:
     # a triangle that stands with its tip on the border of a plate
     plate = grid_patch(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), 1, 1)
     tip = (np.array([[0.5, 1, 0], [0.8, 2, 0], [0.2, 2, 0]]), np.array([[0, 1, 2]]))
-    assert [len(loop.junctions) for loop in boundary_loops(joined(plate, tip))] == [0, 0]
+    assert [len(loop.junctions) for loop in boundary_loops(together(plate, tip))] == [0, 0]
 
 
 def test_closed_and_one_sided_meshes_are_named() -> None:

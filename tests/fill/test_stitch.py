@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.fill.surroundings import LoopPatch, Surroundings, patch_chords, stitch
+from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh, patch_chords, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
@@ -36,12 +36,12 @@ def hexagon() -> BoundaryLoop:
 def filled_with_fans(mesh: TriangleMesh, apex: int) -> tuple[TriangleMesh, bool]:
     """Every loop filled by chords alone, and whether none had to be left out."""
     loops = find_boundary_loops(mesh)
-    surroundings = Surroundings(mesh, loops)
+    patched = PatchedMesh(mesh, loops)
     parts = []
     for place, loop in enumerate(loops):
-        if surroundings.face_on(loop) is None:
-            patch, _ = surroundings.fitted(fan(loop, apex % len(loop)), loop.vertex_ids)
-            surroundings.join(patch, loop.vertex_ids)
+        if patched.face_on(loop) is None:
+            patch, _ = patched.fitted(fan(loop, apex % len(loop)), loop.vertex_ids)
+            patched.join(patch, loop.vertex_ids)
             parts.append(LoopPatch(place=place, rim=loop.vertex_ids, patch=patch, attributes={}))
     return joined(mesh, stitch(mesh, parts)), len(parts) == len(loops)
 
@@ -62,7 +62,7 @@ def test_splitting_chords_keeps_area_orientation_and_rim(chosen: set[int]) -> No
     apexes = np.random.default_rng(0).normal(size=(len(chords), 3))
     faces = np.column_stack([chords, 6 + np.arange(len(chords))])
     beside = TriangleMesh(np.concatenate([patch.vertices, apexes]), faces)
-    split, count = Surroundings(beside, [hexagon()]).fitted(patch, np.arange(6))
+    split, count = PatchedMesh(beside, [hexagon()]).fitted(patch, np.arange(6))
     assert count == len(chords)
     corners = split.points[split.faces]
     areas = ((corners[:, 1] - corners[:, 0]).conj() * (corners[:, 2] - corners[:, 0])).imag / 2
@@ -78,9 +78,9 @@ def test_a_chord_on_a_taken_edge_is_split_and_a_free_one_stays() -> None:
     mesh = as_mesh(folded_quad())
     (loop,) = find_boundary_loops(mesh)
     free_apex = int(np.flatnonzero(loop.vertex_ids == 0)[0])
-    surroundings = Surroundings(mesh, [loop])
-    kept, none = surroundings.fitted(fan(loop, free_apex), loop.vertex_ids)
-    split, one = surroundings.fitted(fan(loop, free_apex + 1), loop.vertex_ids)
+    patched = PatchedMesh(mesh, [loop])
+    kept, none = patched.fitted(fan(loop, free_apex), loop.vertex_ids)
+    split, one = patched.fitted(fan(loop, free_apex + 1), loop.vertex_ids)
     assert (none, one) == (0, 1)
     assert len(kept.vertices) == 4
     assert len(split.vertices) == 5
@@ -106,27 +106,27 @@ def test_a_chord_that_an_earlier_patch_took_is_split_in_the_next() -> None:
     second = BoundaryLoop(
         points=ring.vertices[[0, 4, 2, 5]], vertex_ids=np.array([0, 4, 2, 5]), corners=np.zeros(4, bool)
     )
-    surroundings = Surroundings(ring, [first, second])
-    patch, split = surroundings.fitted(fan(first), first.vertex_ids)
+    patched = PatchedMesh(ring, [first, second])
+    patch, split = patched.fitted(fan(first), first.vertex_ids)
     assert split == 0
-    surroundings.join(patch, first.vertex_ids)
-    assert surroundings.fitted(fan(second), second.vertex_ids)[1] == 1
+    patched.join(patch, first.vertex_ids)
+    assert patched.fitted(fan(second), second.vertex_ids)[1] == 1
 
 
 def test_the_outline_of_a_lone_face_is_recognised() -> None:
     vertices = np.random.default_rng(0).normal(size=(7, 3))
     mesh = TriangleMesh(vertices, np.array([[0, 1, 2], [3, 4, 5], [3, 5, 6]]))
     loops = {len(loop): loop for loop in find_boundary_loops(mesh)}
-    surroundings = Surroundings(mesh, loops.values())
-    assert surroundings.face_on(loops[3]) == 0
-    assert surroundings.face_on(loops[4]) is None
+    patched = PatchedMesh(mesh, loops.values())
+    assert patched.face_on(loops[3]) == 0
+    assert patched.face_on(loops[4]) is None
 
 
 def test_a_hole_of_three_vertices_is_not_taken_for_a_lone_face() -> None:
     tetrahedron = np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])
     mesh = TriangleMesh(np.random.default_rng(0).normal(size=(4, 3)), tetrahedron)
     (loop,) = find_boundary_loops(mesh)
-    assert Surroundings(mesh, [loop]).face_on(loop) is None
+    assert PatchedMesh(mesh, [loop]).face_on(loop) is None
 
 
 def test_new_vertices_and_faces_come_loop_by_loop() -> None:
@@ -196,16 +196,16 @@ def test_four_thousand_patches_are_joined_in_linear_time() -> None:
     shift = np.column_stack([3.0 * (place % 50), 3.0 * (place // 50), 0 * place])
     mesh = TriangleMesh((vertices + shift[:, None]).reshape(-1, 3), (faces + 12 * place[:, None, None]).reshape(-1, 3))
     loops = find_boundary_loops(mesh)
-    surroundings = Surroundings(mesh, loops)
+    patched = PatchedMesh(mesh, loops)
     patches = [fan(loop) for loop in loops]
     chords = [loop.vertex_ids[patch_chords(patch)] for loop, patch in zip(loops, patches, strict=True)]
     start = perf_counter()
     for loop, patch, edges in zip(loops, patches, chords, strict=True):
-        assert not surroundings.are_taken(edges).any()
-        surroundings.join(patch, loop.vertex_ids)
-        assert surroundings.face_on(loop) is None
+        assert not patched.has_edges(edges).any()
+        patched.join(patch, loop.vertex_ids)
+        assert patched.face_on(loop) is None
     # half a second; arrays that are copied for every patch took twenty
     assert perf_counter() - start < 8
-    assert all(surroundings.are_taken(edges).all() for edges in chords)
+    assert all(patched.has_edges(edges).all() for edges in chords)
     # those of the other end of a piece and its neighbours are found among all of them
-    assert len(surroundings.crossings(patches[0]).patches) == 4
+    assert len(patched.crossings(patches[0]).patches) == 4

@@ -13,7 +13,7 @@ import trimesh
 from spinor_geom.adapters import MeshFile, read_mesh, to_mesh
 from spinor_geom.errors import UnknownMeshTypeError
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.fill.shapes import tube

@@ -7,8 +7,8 @@ from itertools import count
 import numpy as np
 import pytest
 
-from spinor_geom.fill import many_loops
-from spinor_geom.fill.one_loop import FillOptions
+from spinor_geom.fill import exact_patches
+from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 
 
@@ -26,10 +26,10 @@ def test_a_surface_waits_about_a_second_for_others(
         return list(waiting)
 
     ticks = count()
-    monkeypatch.setattr(many_loops, "solve_plateau_batch", lambda loops, **_: iter(list(loops)))
-    monkeypatch.setattr(many_loops, "exact_patches", meshed)
+    monkeypatch.setattr(exact_patches, "solve_plateau_batch", lambda loops, **_: iter(list(loops)))
+    monkeypatch.setattr(exact_patches, "exact_patches", meshed)
     # read once at the start, once a loop, and again where a group was meshed
-    monkeypatch.setattr(many_loops, "perf_counter", lambda: tick * next(ticks))
+    monkeypatch.setattr(exact_patches, "perf_counter", lambda: tick * next(ticks))
     options = FillOptions(target_edge_length="auto", model="auto", tolerance=1e-3)
-    assert len(list(many_loops.minimal_patches(loops, options))) == 9
+    assert len(list(exact_patches.minimal_patches(loops, options))) == 9
     assert [size for size in sizes if size] == groups

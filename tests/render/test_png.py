@@ -14,7 +14,7 @@ import pytest
 from spinor_geom.cli.main import main
 from spinor_geom.errors import RenderError
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loops import boundary_loops
+from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.isolate import Event, FaultError, Process
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render import png

@@ -15,7 +15,7 @@ import pytest
 import spinor_geom
 from spinor_geom.bench.cases import facing_rims
 from spinor_geom.cli.main import main
-from spinor_geom.fill.result import FillResult
+from spinor_geom.fill.fill_result import FillResult
 from spinor_geom.render.loop_views import DISTANCE, GAUSS, MEAN, loop_views
 from spinor_geom.render.page import Views, cell
 from tests.browser import Visit, browser, visit

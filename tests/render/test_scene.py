@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loops import boundary_loops
-from spinor_geom.fill.result import FillResult
+from spinor_geom.fill.fill_result import FillResult
+from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.camera import Camera
 from spinor_geom.render.fill_scene import fill_scene, loops_scene

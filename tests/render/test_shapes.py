@@ -14,7 +14,7 @@ import trimesh
 import spinor_geom
 from spinor_geom import gallery
 from spinor_geom.errors import MeshFileError
-from spinor_geom.fill.result import FillResult
+from spinor_geom.fill.fill_result import FillResult
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render import shapes

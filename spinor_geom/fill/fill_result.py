@@ -1,4 +1,4 @@
-"""What `fill_hole` did: one outcome for every boundary loop, and the whole."""
+"""The report of `fill_hole`: one outcome for every boundary loop, and the filled mesh."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,38 +21,37 @@ _STATES = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopOutcome:
-    """What became of one boundary loop.
+    """The result for one boundary loop.
 
     Attributes:
         index: its place in `boundary_loops(mesh)`, longest perimeter first.
         loop: the loop itself.
-        requested: False where the caller asked to leave it open.
+        requested: False where it was left open because of the caller's options, or as a border.
         filled: whether the result has a patch on it.
-        reason: why it was left open, or why its fill is not an exact minimal surface within the tolerance or, where it
-            was continued, not at rest; empty for a fill that is.
-        is_border: whether it was left open because its patch would lie on the mesh itself, which makes it the border of
-            a sheet rather than a hole. Such a loop counts as not requested.
+        reason: why it was left open, or why its patch is not an exact minimal surface within the tolerance or, if
+            continued, not at rest; empty for a patch that is.
+        is_border: whether it was left open as the border of a sheet: its patch would lie on the mesh.
         solution: the minimal surface that the patch is a mesh of, or that its continuation started from; for a loop
             that is left open the one that was found.
-        patch: its mesh as it was joined to the hole's rim, with the places of its vertices in Ω; None where it is not
-            filled. A discrete patch has the unit disk for Ω, one that was meshed anew a domain of its own.
-        continuation: how the patch became the smooth continuation of the mesh around it; None where it did not.
-        joined_to: the place of the loop that its surface goes on to, for the last of a bridge that of the first; none
-            for a loop that is filled by itself. The figures of a bridge stand with the first of its loops.
-        vertices_added: new vertices of its patch.
-        faces_added: new faces of its patch.
+        patch: its mesh, with the places of its vertices in Ω; None if it is not filled. Ω is the unit disk for a
+            discrete patch, and a domain of its own for one that was meshed anew.
+        continuation: how the patch was continued from the mesh around it; None if it was not.
+        joined_to: the place of the next loop that its surface is bounded by, for the last of a bridge that of the
+            first; None for a loop that is filled by itself. The figures of a bridge are in the first of its outcomes.
+        vertices_added: number of new vertices of its patch.
+        faces_added: number of new faces of its patch.
         first_face: the number of its patch's first face among the triangles of the filled mesh; None without a patch.
-        edges_split: patch edges that would have lain on an edge of the mesh and got a vertex in their middle instead,
-            or were chords of faces that crossed the mesh.
-        displacement: the largest distance, in mesh units, by which a vertex of the patch was moved to keep its faces
-            from crossing the mesh: so far the mesh leaves the surface at most. 0 where nothing was moved.
-        faces_replaced: faces of the patch that were triangulated anew, without inner vertices, because the surface's
-            own crossed something there and moving their vertices did not help.
-        self_intersections: pairs of faces of its patch that cross.
-        mesh_intersections: pairs of a face of its patch and one of the mesh that cross.
-        patch_intersections: pairs of a face of its patch and one of an earlier loop's patch that cross.
-        remarks: where those crossings are, which islands lie in the hole, and why a patch was not continued as asked,
-            a sentence each. Faces are numbered as the triangles of the filled mesh.
+        edges_split: number of patch edges with a new vertex in the middle, because they were edges of the mesh already
+            or chords of faces that intersected the mesh.
+        displacement: the largest distance, in mesh units, by which a vertex of the patch was moved off the mesh, and so
+            off the surface; 0 where nothing was moved.
+        faces_replaced: number of faces that were triangulated anew, without inner vertices, because the surface's own
+            intersected something and moving their vertices did not help.
+        self_intersections: pairs of faces of its patch that intersect.
+        mesh_intersections: pairs of a face of its patch and one of the mesh that intersect.
+        patch_intersections: pairs of a face of its patch and one of an earlier loop's patch that intersect.
+        remarks: sentences on these intersections, islands in the hole, and why a patch was not continued. Faces are
+            numbered as the triangles of the filled mesh.
         timings: seconds by stage ("solve", "mesh", "crossings", "continuation", "clearance", "attributes", or "failed"
             for the stage that was not finished).
     """
@@ -88,11 +87,7 @@ class LoopOutcome:
 
     @property
     def kind(self) -> Literal["minimal", "discrete", "smooth"] | None:
-        """What its patch is; None for a loop left open.
-
-        "minimal": a mesh of an exact minimal surface; "discrete": a discrete one; "smooth": the continuation of the
-        mesh around it.
-        """
+        """The kind of its patch: an exact minimal surface, a discrete one, or a continuation; None if it is open."""
         if not self.filled:
             return None
         if self.continuation is not None:
@@ -106,24 +101,21 @@ class LoopOutcome:
 
     @property
     def converged(self) -> bool:
-        """Whether the loop is filled by an exact minimal surface whose boundary residual is within the tolerance.
-
-        Or, where that was asked for, by a smooth continuation that is at rest.
-        """
+        """Whether the patch is an exact minimal surface within the tolerance, or a continuation at rest."""
         if self.continuation is not None:
             return self.continuation.converged
         return self.kind == "minimal" and self.solution is not None and bool(self.solution.converged)
 
     @property
     def area(self) -> float | None:
-        """Of the exact surface, or of another patch, in squared mesh units."""
+        """The area of the exact surface, else of the patch, in squared mesh units."""
         if self.kind in ("discrete", "smooth"):
             return None if self.patch is None else self.patch.area
         return None if self.solution is None else float(self.solution.area)
 
     @property
     def shortcomings(self) -> tuple[str, ...]:
-        """What the caller should hear of unasked, a sentence each."""
+        """Sentences for the warning that `fill_hole` gives without a report."""
         name = f"loop {self.index} ({len(self.loop)} vertices)"
         state = "was left open" if self.kind is None else _STATES[self.kind]
         is_short = self.is_border or (self.requested and not self.converged)
@@ -131,28 +123,26 @@ class LoopOutcome:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What else the caller should know, a sentence each: the remarks, and of a bridge whether disks have less area.
-
-        These are solved when this is first read.
-        """
-        annulus = None if self.solution is None or self.patch is None else self.solution.annulus
-        if annulus is None or self.solution is None or annulus.disk_area is None or self.kind == "smooth":
+        """The remarks, and for a bridge whether disks have less area, which are solved on first use."""
+        solution = self.solution
+        if solution is None or solution.annulus is None or self.patch is None or self.kind == "smooth":
             return self.remarks
-        if self.solution.area < annulus.disk_area:
+        disk_area = solution.annulus.disk_area
+        if disk_area is None or solution.area < disk_area:
             return self.remarks
-        return (
-            *self.remarks,
-            f"the bridge is a local minimum of the area only: it has {self.solution.area:.6g}, "
-            f"{'two ' if len(self.solution.rims) == 2 else ''}disks over its rims {annulus.disk_area:.6g}",
+        note = (
+            f"the bridge is a local minimum of the area only: it has {solution.area:.6g}, "
+            f"{'two ' if len(solution.rims) == 2 else ''}disks over its rims {disk_area:.6g}"
         )
+        return (*self.remarks, note)
 
     @property
     def intersections(self) -> int:
-        """All pairs of faces of which one is the patch's and that cross; 0 where no patch is."""
+        """Number of all pairs of intersecting faces of which one is the patch's."""
         return self.self_intersections + self.mesh_intersections + self.patch_intersections
 
     def to_dict(self) -> dict[str, Any]:
-        """The outcome in JSON's types; figures of a surface that was not found are None."""
+        """The outcome in JSON's types; figures of a surface are None without one."""
         solution = self.solution
         residual = None if solution is None else solution.boundary_residual
         stability = solution and solution.stability
@@ -186,17 +176,17 @@ class LoopOutcome:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FillResult(Shown):
-    """A filled mesh with its evidence.
+    """A filled mesh with its report.
 
     Attributes:
         mesh: the filled mesh, of the same type as the input (a `MeshFile` for a path).
         original: the input as triangles.
         extension: the new vertices and faces.
         loops: one outcome for every boundary loop of the input, longest perimeter first.
-        notes: what was changed when a file was read, and what the whole mesh is (closed, not orientable, with loops
-            that merging vertices would close), a sentence each.
-        watertight: whether every edge of the filled mesh has exactly two faces that run through it in opposite
-            directions; computed from the faces, not concluded from the outcomes.
+        notes: sentences on what was changed when a file was read, and on the whole mesh (closed, not orientable, with
+            loops that merging vertices would close).
+        watertight: whether every edge of the filled mesh has exactly two faces, with opposite half-edges; computed from
+            the faces.
         timings: seconds by stage ("read", "loops", "fill", "stitch", "total").
     """
 
@@ -210,32 +200,29 @@ class FillResult(Shown):
 
     def __repr__(self) -> str:
         filled, count = sum(outcome.filled for outcome in self.loops), len(self.loops)
-        said = [
-            f"{filled} of {count} loops filled",
-            f"{len(self.extension.faces)} faces added",
-            "watertight" if self.watertight else "not watertight",
-            "no intersections" if self.intersection_free else "with intersections",
-        ]
-        return f"FillResult({', '.join(said)})"
+        watertight = "watertight" if self.watertight else "not watertight"
+        intersections = "no intersections" if self.intersection_free else "with intersections"
+        added = f"{len(self.extension.faces)} faces added"
+        return f"FillResult({filled} of {count} loops filled, {added}, {watertight}, {intersections})"
 
     @property
     def closed(self) -> bool:
-        """Whether every loop that was asked for is filled (true where none was)."""
+        """Whether every requested loop is filled (true where none was requested)."""
         return all(outcome.filled for outcome in self.loops if outcome.requested)
 
     @property
     def complete(self) -> bool:
-        """Whether every loop that was asked for is filled by an exact surface within the tolerance."""
+        """Whether every requested loop is filled by an exact surface within the tolerance."""
         return all(outcome.converged for outcome in self.loops if outcome.requested)
 
     @property
     def shortcomings(self) -> tuple[str, ...]:
-        """What the caller should hear of unasked, loop after loop."""
+        """The shortcomings of all loops."""
         return tuple(said for outcome in self.loops for said in outcome.shortcomings)
 
     @property
     def intersection_free(self) -> bool:
-        """Whether no patch crosses itself, the mesh or another patch; the mesh's own crossings do not count."""
+        """Whether no patch intersects itself, the mesh or another patch; the mesh's own intersections do not count."""
         return not any(outcome.intersections for outcome in self.loops)
 
     def to_dict(self) -> dict[str, Any]:

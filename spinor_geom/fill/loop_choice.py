@@ -21,8 +21,8 @@ LoopChoice: TypeAlias = Literal["all"] | int | BoundaryLoop | Sequence[int]
 def boundary_loops(mesh: Any) -> list[BoundaryLoop]:
     """The boundary loops of a mesh of any known type, longest perimeter first.
 
-    Each loop visits a vertex once (a boundary that passes a vertex twice is split there) and runs the way the boundary
-    of a patch on it runs: against the half-edges of the faces beside the hole.
+    A loop passes each vertex once: a boundary that passes a vertex twice is split there. It runs as the boundary of a
+    patch on it, against the half-edges of the faces beside the hole.
 
     Args:
         mesh: a path, a (vertices, faces) pair of arrays or tensors, or any mesh type that has an adapter.
@@ -43,10 +43,10 @@ def boundary_loops(mesh: Any) -> list[BoundaryLoop]:
 
 
 def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
-    """The rim of a mesh without the corners of triangles that were seen in it: Γ is free beside them.
+    """A loop without the corners that were detected between triangles: Γ is free beside them.
 
-    Corners that somebody gave the loop stay, those between smooth sides, and those of one that is plane within the
-    tolerance, in mean edges: its sides bound the plane region.
+    Given corners stay, and so do those between smooth sides, and those of a loop that is plane within the tolerance, in
+    mean edges, as its sides bound the plane region.
     """
     if loop.corners_given or not loop.corners.any() or shows_sides(loop):
         return loop
@@ -56,13 +56,13 @@ def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
 
 
 def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int]:
-    """The places of the loops of a mesh that a choice names, ascending.
+    """The indices of the chosen loops of a mesh, ascending.
 
-    A loop names that with the same vertices in the same cyclic order, at the same positions.
+    A `BoundaryLoop` chooses the loop with the same vertices, in the same cyclic order, at the same positions.
 
     Raises:
         LoopIndexError: a place does not exist.
-        ForeignLoopError: the loop given is not one of the mesh's, or runs the other way.
+        ForeignLoopError: the loop given is not one of the mesh's, or is reversed.
         OptionError: the choice is none of these.
     """
     if isinstance(choice, BoundaryLoop):
@@ -76,19 +76,19 @@ def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int
         return list(range(len(loops)))
     try:
         several = choice if isinstance(choice, Iterable) and not isinstance(choice, str) else [choice]
-        places = {operator.index(place) for place in several}
+        places = sorted({operator.index(place) for place in several})
     except TypeError:
         raise OptionError(f"loop must be 'all', a place, several places or a BoundaryLoop, not {choice!r}") from None
-    for place in sorted(places):
+    for place in places:
         if not 0 <= place < len(loops):
             raise LoopIndexError(index=place, loops=len(loops))
-    return sorted(places)
+    return places
 
 
 def reasons_to_leave_open(
     loops: Sequence[BoundaryLoop], places: Sequence[int], *, keep_largest: bool, max_perimeter: float | None
 ) -> dict[int, str]:
-    """For the place of every loop that the caller wants left open why; of all loops some places were chosen."""
+    """Why the caller's options leave loops open, by index; `places` are the chosen loops."""
     reasons: dict[int, str] = {}
     chosen = set(places)
     for place, loop in enumerate(loops):

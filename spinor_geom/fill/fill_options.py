@@ -1,9 +1,9 @@
-"""Options of fills and their checks, which batches have too; cheap to import."""
+"""Options of fills, which batches and the command line share; cheap to import."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 from spinor_geom.errors import OptionError, require_positive
 
 if TYPE_CHECKING:
-    from spinor_geom.fill.loops import LoopChoice
+    from spinor_geom.fill.loop_choice import LoopChoice
+    from spinor_geom.plateau.options import Model
 
-Continuity: TypeAlias = Literal["C0", "C1"]  # the tangents turn at the rim, or continue
+Continuity: TypeAlias = Literal["C0", "C1"]
 Islands: TypeAlias = Literal["join", "ignore"]
 
 CONTINUITY: tuple[Continuity, ...] = get_args(Continuity)
@@ -23,7 +24,7 @@ TIME_LIMIT = 20.0  # seconds for the exact surface of a loop
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """Which loops of a mesh are filled: options of `fill_hole`, with an OptionError for what is none."""
+    """Options of `fill_hole` that choose loops; raises OptionError."""
 
     loop: LoopChoice = "all"
     bridge: Sequence[int] | None = None
@@ -49,8 +50,31 @@ class Choice:
 
     @property
     def names_loops(self) -> bool:
-        """Whether loops were named; then the borders of sheets among them are filled too."""
+        """Whether loops are named; then seams and the borders of sheets among them are filled, too."""
         return not self._is_all or self.bridge is not None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FillOptions:
+    """Options of `fill_hole` for every loop of one call; raises OptionError."""
+
+    target_edge_length: float | Literal["auto"]
+    model: Model
+    tolerance: float
+    time_limit: float = math.inf
+    continuity: Continuity = "C0"
+    on_stage: Callable[[int, str], None] = lambda place, stage: None
+
+    def __post_init__(self) -> None:
+        from spinor_geom.plateau.options import require_model  # imports torch
+
+        require_model(self.model)
+        require_positive("tolerance", self.tolerance)
+        require_positive("time_limit", self.time_limit, finite=False)
+        if self.continuity not in CONTINUITY:
+            raise OptionError(f"continuity must be 'C0' or 'C1', not {self.continuity!r}")
+        if not (isinstance(self.target_edge_length, str) and self.target_edge_length == "auto"):
+            require_positive("target_edge_length", self.target_edge_length, instead="'auto' or ")
 
 
 def require_merge(merge: Any) -> None:

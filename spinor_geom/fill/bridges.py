@@ -1,0 +1,163 @@
+"""Which loops of a mesh are joined by one surface, as bridges or as islands in holes, and the patch between them.
+
+An island is a loose piece of the mesh that lies in a hole.
+"""
+
+from collections.abc import Collection, Sequence
+from time import perf_counter
+
+import numpy as np
+
+from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TwistedRimsError
+from spinor_geom.fill.exact_patches import Solved, exact_patches
+from spinor_geom.fill.fill_loop import fill_loop
+from spinor_geom.fill.fill_options import FillOptions, Islands
+from spinor_geom.fill.fill_result import LoopOutcome
+from spinor_geom.fill.no_holes import refuse_what_is_no_hole
+from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.operators import winding_numbers
+from spinor_geom.mesh.topology import face_components
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
+from spinor_geom.plateau.solve import solve_plateau
+
+# An island is at most so far above or below its hole, in diagonals of the hole's box (of a long hole divided by its
+# elongation). For a round hole of radius 1 that is a height of 0.57; it has an annulus to pieces of radius 0.2, 0.4 and
+# 0.6 up to heights of 0.4, 0.7 and 0.85.
+_HEIGHT_PER_WIDTH = 0.2
+
+
+def planned_joins(
+    mesh: TriangleMesh,
+    loops: Sequence[BoundaryLoop],
+    wanted: Collection[int],
+    islands: Islands,
+    bridge: Sequence[int] | None,
+) -> tuple[dict[int, tuple[int, ...]], dict[int, str]]:
+    """The loops that are joined, by the first one's index, and sentences on islands, by the hole's index.
+
+    Those are the loops of the bridge, or the islands in holes among the `wanted` loops.
+
+    Raises:
+        OptionError: a bridge has one loop only, or the same one twice.
+    """
+    if bridge is not None:
+        if len(bridge) < 2:
+            raise OptionError(f"a bridge joins two loops or more, got {len(bridge)}; name another, or fill it alone")
+        first, *others = sorted(bridge)
+        if twice := [place for place in bridge if list(bridge).count(place) > 1]:
+            raise OptionError(f"a bridge joins different loops, got loop {twice[0]} twice; name another")
+        return {first: tuple(others)}, {}
+    joins, notes = dict[int, tuple[int, ...]](), dict[int, str]()
+    for hole, pieces in find_islands(mesh, loops).items():
+        if hole not in wanted:
+            continue
+        open_pieces = [piece for piece in pieces if piece in wanted]
+        if islands == "ignore" or not open_pieces:
+            names = ", ".join(map(str, pieces))
+            notes[hole] = f"a loose piece lies in the hole (loop {names}); it was ignored: islands='join' joins it"
+        else:
+            joins[hole] = tuple(open_pieces)
+            names, (s, were) = ", ".join(map(str, open_pieces)), ("", "was") if len(open_pieces) == 1 else ("s", "were")
+            notes[hole] = f"the loose piece{s} in the hole (loop{s} {names}) {were} joined to it"
+    return joins, notes
+
+
+def find_islands(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> dict[int, tuple[int, ...]]:
+    """For the index of a hole those of the longest rims of the pieces that lie in it.
+
+    Such a rim, projected to the hole's plane, lies inside the hole. It is shorter than that, and not far above or below
+    it. Of several holes around a piece the shortest counts.
+    """
+    if len(loops) < 2:
+        return {}
+    component = np.zeros(len(mesh.vertices), dtype=np.int64)
+    component[mesh.faces] = face_components(mesh.faces)[:, None]
+    own = np.array([component[loop.vertex_ids[0]] for loop in loops])
+    if (own == own[0]).all():
+        return {}
+    lows, highs = (np.array([limit(loop.points, axis=0) for loop in loops]) for limit in (np.min, np.max))
+    reach = np.linalg.norm(highs - lows, axis=1)[:, None]
+    found: dict[int, list[int]] = {}
+    # loops come longest first
+    for piece in np.unique(own, return_index=True)[1].tolist():
+        # loops whose enlarged boxes contain the centre of the piece's box
+        centre = (lows[piece] + highs[piece]) / 2
+        boxes_around = ((lows - reach <= centre) & (centre <= highs + reach)).all(axis=1)
+        around = np.flatnonzero(boxes_around & (own != own[piece]))
+        for hole in around[around < piece][::-1].tolist():
+            if lies_in(loops[piece], loops[hole]):
+                found.setdefault(hole, []).append(piece)
+                break
+    return {hole: tuple(pieces) for hole, pieces in found.items()}
+
+
+def lies_in(piece: BoundaryLoop, hole: BoundaryLoop) -> bool:
+    """Whether a loop lies inside another one, projected to its plane, and near to that plane."""
+    plane = hole.plane
+    inside, around = piece.points - plane.centroid, hole.points - plane.centroid
+    limit = np.abs(around @ plane.normal).max() + _HEIGHT_PER_WIDTH * hole.diagonal / hole.elongation
+    if np.abs(inside @ plane.normal).max() > limit:
+        return False
+    axes = np.linalg.svd(plane.normal[None])[2][1:]
+    # at a point of the hole itself, where the piece touches it and no gap is left, the winding number is a fraction
+    return bool((np.abs(winding_numbers(around @ axes.T, inside @ axes.T)) > 0.9).all())
+
+
+def fill_between(
+    patched: PatchedMesh, places: Sequence[int], loops: Sequence[BoundaryLoop], options: FillOptions
+) -> tuple[list[LoopOutcome], LoopPatch | None]:
+    """Joins a patch between several loops to the mesh: the outcomes of all, and the patch or None."""
+    first, *others = places
+    options.on_stage(first, "exact surface")
+    begin = perf_counter()
+    surface: Solved
+    try:
+        for place in places:
+            refuse_what_is_no_hole(loops[place], patched)
+        surface = _surface_between(patched, places, loops, options)
+    except SpinorGeomError as error:
+        surface = error
+    (solved,) = exact_patches([(loops[first], surface, perf_counter() - begin)], options)
+    beyond = {place: loops[place] for place in others}
+    outcome, patch = fill_loop(patched, first, loops[first], solved, options, others=beyond)
+    further = [
+        LoopOutcome(
+            index=place,
+            loop=loops[place],
+            requested=True,
+            filled=outcome.filled,
+            reason=outcome.reason,
+            solution=outcome.solution,
+            continuation=outcome.continuation,
+            joined_to=following,
+            remarks=loops[place].remarks,
+            timings={},
+        )
+        for place, following in zip(others, [*others[1:], first], strict=True)
+    ]
+    return [outcome, *further], patch
+
+
+def _surface_between(
+    patched: PatchedMesh, places: Sequence[int], loops: Sequence[BoundaryLoop], options: FillOptions
+) -> PlateauSolution:
+    """The exact surface that joins some loops; an error with advice where there is none."""
+    rims = [loops[place] for place in places]
+    solution = solve_plateau(
+        rims, model=options.model, tolerance=options.tolerance, between="free", time_limit=options.time_limit
+    )
+    if isinstance(solution, NoConnectedSurface):
+        advice = f"fill the {'two ' if len(places) == 2 else ''}loops one by one instead"
+        if all(patched.turning(rim) > 0 for rim in rims):
+            advice = (
+                "the loops are the outer borders of open sheets, and only parts of them face each other: join the "
+                "sheets by two triangles at each end of the gap, and fill the hole that this leaves, without "
+                "bridge= (--bridge)"
+            )
+        raise SurfaceError(f"{solution.reason}; {advice}")
+    if solution.annulus is not None and solution.annulus.reversed:
+        # the patch would join the outside of one rim to the inside of the other
+        raise TwistedRimsError(loops=tuple(places))
+    return solution

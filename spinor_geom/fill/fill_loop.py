@@ -1,0 +1,250 @@
+"""Fills one loop, or the gap between several, once their exact surface is known."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from time import perf_counter
+from types import MappingProxyType
+
+from spinor_geom.deadline import time_limit
+from spinor_geom.discrete.strip import ruled_annulus
+from spinor_geom.errors import (
+    NoAreaError,
+    SheetBorderError,
+    SingularMatrixError,
+    SpinorGeomError,
+    SurfaceError,
+    TooManyPointsError,
+)
+from spinor_geom.fill.attributes import patch_attributes
+from spinor_geom.fill.clearance import cleared
+from spinor_geom.fill.collar import bend_across, collar_of
+from spinor_geom.fill.continuation import MOST_AREA, Continuation, continue_patch
+from spinor_geom.fill.discrete_patch import discrete_patch
+from spinor_geom.fill.exact_patches import SolvedLoop
+from spinor_geom.fill.fairing import folded_sides
+from spinor_geom.fill.fill_options import FillOptions
+from spinor_geom.fill.fill_result import LoopOutcome
+from spinor_geom.fill.new_patch import NewPatch
+from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
+from spinor_geom.fill.retriangulation import retriangulated
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.operators import face_areas
+from spinor_geom.meshing.embed import Patch, edge_length_over
+from spinor_geom.plateau.solution import PlateauSolution
+
+
+class Stopwatch:
+    """Wall time by stage, added to the seconds of stages that were timed before."""
+
+    def __init__(self, before: Mapping[str, float] | None = None) -> None:
+        self._last = perf_counter()
+        self._seconds = defaultdict(float, before or {})
+
+    def lap(self, stage: str) -> None:
+        """Adds the time since the last call to a stage."""
+        now = perf_counter()
+        self._seconds[stage] += now - self._last
+        self._last = now
+
+    def seconds(self) -> Mapping[str, float]:
+        """Seconds by stage, and their "total"."""
+        return {**self._seconds, "total": sum(self._seconds.values())}
+
+
+def fill_loop(
+    patched: PatchedMesh,
+    place: int,
+    loop: BoundaryLoop,
+    solved: SolvedLoop,
+    options: FillOptions,
+    *,
+    others: Mapping[int, BoundaryLoop] = MappingProxyType({}),
+) -> tuple[LoopOutcome, LoopPatch | None]:
+    """Joins a patch over one loop, or from it to the others of a bridge, to the mesh.
+
+    Returns:
+        The outcome, and the patch or None.
+
+    Raises:
+        TooManyPointsError: the edge length asked for needs too many vertices.
+    """
+    joined_to = next(iter(others), None)
+    clock = Stopwatch(solved.seconds)
+    try:
+        new = _new_patch(patched, place, (loop, *others.values()), solved, options, clock)
+    except SpinorGeomError as error:
+        if isinstance(error, TooManyPointsError) and options.target_edge_length != "auto":
+            raise
+        clock.lap("failed")
+        timings = clock.seconds()
+        return unfilled(place, loop, error, solution=solved.solution, joined_to=joined_to, timings=timings), None
+    patch, is_planned = new.patch, new.solution is not None and not new.faces_replaced
+    attributes = patch_attributes(patched.mesh, new.rim, patch, new.surface, is_planned=is_planned)
+    clock.lap("attributes")
+    outcome = LoopOutcome(
+        index=place,
+        loop=loop,
+        requested=True,
+        filled=True,
+        reason=new.reason,
+        solution=new.solution,
+        patch=patch,
+        continuation=new.continuation,
+        joined_to=joined_to,
+        vertices_added=len(patch.vertices) - patch.boundary_size,
+        faces_added=len(patch.faces),
+        first_face=patched.join(patch, new.rim),
+        edges_split=new.edges_split,
+        displacement=new.displacement,
+        faces_replaced=new.faces_replaced,
+        self_intersections=len(new.crossings.own),
+        mesh_intersections=len(new.crossings.mesh),
+        patch_intersections=len(new.crossings.patches),
+        remarks=(*loop.remarks, *new.remarks, *new.notes, *_without_area(patch)),
+        timings=clock.seconds(),
+    )
+    return outcome, LoopPatch(place=place, rim=new.rim, patch=patch, attributes=attributes)
+
+
+def _new_patch(
+    patched: PatchedMesh,
+    place: int,
+    loops: Sequence[BoundaryLoop],
+    solved: SolvedLoop,
+    options: FillOptions,
+    clock: Stopwatch,
+) -> NewPatch:
+    """A patch over the loops that can be joined to the mesh: meshed, fitted, cleared or continued, in this order."""
+    options.on_stage(place, "mesh")
+    new = _first_patch(place, loops, solved, options)
+    clock.lap("mesh")
+    options.on_stage(place, "crossings")
+    new = new.fitted(patched)
+    clock.lap("crossings")
+    if options.continuity == "C0":
+        new = _cleared(patched, new)
+    else:
+        options.on_stage(place, "continuation")
+        with time_limit(options.time_limit):
+            smooth = _continued(patched, new, edge_length_over(new.rims, options.target_edge_length))
+        clock.lap("continuation")
+        new = _cleared_continuation(patched, smooth, new)
+    clock.lap("clearance")
+    return new
+
+
+def _first_patch(place: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, options: FillOptions) -> NewPatch:
+    """The mesh of the exact surface, else a discrete patch or, between two loops, a strip that is to be continued."""
+    solution, patch = solved.solution, solved.patch
+    if solution is not None and isinstance(patch, Patch):
+        rims = [match.loop for match in solution.rims]
+        return NewPatch(patch=patch, rims=rims, solution=solution, reason="" if solution.converged else solution.reason)
+    assert isinstance(patch, SpinorGeomError)
+    can_be_strip = options.continuity == "C1" and len(loops) == 2 and isinstance(patch, SurfaceError)
+    if isinstance(patch, (NoAreaError, TooManyPointsError)) or (len(loops) > 1 and not can_be_strip):
+        raise patch
+    reason, target = str(patch), edge_length_over(loops, options.target_edge_length)
+    if can_be_strip:
+        return NewPatch(
+            patch=Patch.over(*ruled_annulus(loops[0].points, loops[1].points, target)), rims=loops, reason=reason
+        )
+    options.on_stage(place, "discrete surface")
+    discrete, what = discrete_patch(loops[0], target, seconds=options.time_limit)
+    return NewPatch(patch=discrete, rims=loops, reason=f"{what}, because: {reason}")
+
+
+def _cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
+    """Moves a patch off the mesh that it intersects, and retriangulates what still intersects something."""
+    return retriangulated(patched, cleared(patched, new))
+
+
+def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch:
+    """The smooth continuation of the mesh over the same rim, or the patch itself with the reason against it.
+
+    A patch without inner vertices stays as it is. `target` is the edge length for new meshes.
+    """
+    if len(start.patch.vertices) == len(start.rim):
+        return _not_continued(start)
+    collar = collar_of(patched, start.rim, start.patch)
+    try:
+        faired = continue_patch(start.patch, collar, target, is_conformal=start.kind != "discrete")
+    except (SingularMatrixError, TooManyPointsError) as error:
+        return _not_continued(start, f": {error}")
+    before, after = bend_across(collar, start.patch), bend_across(collar, faired.patch)
+    ratio = faired.patch.area / start.patch.area
+    reason_against = (
+        f": {faired.steps} steps left a bend of {after.rms:.3g}° (RMS) across the rim, where it has "
+        f"{before.rms:.3g}°, and {ratio:.2g} times its area"
+    )
+    is_second_best = bool(faired.lowered) or not faired.converged
+    if is_second_best and (after.rms >= before.rms or ratio > MOST_AREA):
+        return _not_continued(start, reason_against)
+    continuation = Continuation.of(faired, collar, start=start.kind, before=before, after=after, area_ratio=ratio)
+    smooth = replace(start, patch=faired.patch, continuation=continuation, reason=continuation.reason)
+    smooth = replace(smooth, remarks=continuation.remarks).fitted(patched)
+    if is_second_best and (after.rms >= 90 or faired.folds):
+        # it is folded or turns back over the mesh, which is justified by fewer intersections only
+        if len(smooth.crossings) == len(start.crossings) or not (before.rms >= 90 or folded_sides(start.patch)):
+            return _not_continued(start, reason_against)
+        remark = (
+            "the patch is folded or turns back over the mesh, and so is the surface it started from, which crosses "
+            f"{len(start.crossings)} pairs of faces, and the patch {len(smooth.crossings)}"
+        )
+        smooth = replace(smooth, remarks=(*smooth.remarks, remark))
+    return smooth
+
+
+def _cleared_continuation(patched: PatchedMesh, smooth: NewPatch, start: NewPatch) -> NewPatch:
+    """A continued patch or, if that has fewer intersections, the patch it started from; both cleared.
+
+    Of two with as many, one with replaced faces is worse.
+    """
+    notes = smooth.crossings.notes
+    smooth = _cleared(patched, smooth)
+    if smooth.continuation is None or not (len(smooth.crossings) or smooth.faces_replaced):
+        return smooth
+    start = _cleared(patched, start)
+    ranks = [(len(new.crossings), bool(new.faces_replaced)) for new in (smooth, start)]
+    return smooth if ranks[0] <= ranks[1] else _not_continued(start, f", as then {', '.join(notes)}")
+
+
+def _not_continued(start: NewPatch, reason: str = "") -> NewPatch:
+    """The patch with a remark on why it stays; a SurfaceError for a strip, which is no surface to be kept."""
+    remarks = (f"the patch was not continued smoothly{reason}",) if reason else ()
+    if start.kind == "strip":
+        raise SurfaceError("; ".join([start.reason, *remarks]))
+    return replace(start, remarks=remarks)
+
+
+def _without_area(patch: Patch) -> tuple[str, ...]:
+    """A sentence on faces without area, if there are some."""
+    count = int((face_areas(patch.vertices, patch.faces) <= 0).sum())
+    return (f"faces of the patch without area: {count} of {len(patch.faces)}",) if count else ()
+
+
+def unfilled(
+    place: int,
+    loop: BoundaryLoop,
+    reason: str | SpinorGeomError,
+    *,
+    solution: PlateauSolution | None = None,
+    joined_to: int | None = None,
+    timings: Mapping[str, float] | None = None,
+) -> LoopOutcome:
+    """The outcome of a loop that is left open: because of an error, or for a reason given by the caller's options."""
+    is_error, is_border = isinstance(reason, SpinorGeomError), isinstance(reason, SheetBorderError)
+    return LoopOutcome(
+        index=place,
+        loop=loop,
+        requested=is_error and not is_border,
+        filled=False,
+        reason=str(reason),
+        is_border=is_border,
+        solution=solution,
+        joined_to=joined_to,
+        remarks=loop.remarks if is_error else (),
+        timings=timings or {},
+    )

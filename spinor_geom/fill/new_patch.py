@@ -1,0 +1,67 @@
+"""A patch on its way into the mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Int
+
+from spinor_geom.fill.continuation import Continuation, Start
+from spinor_geom.fill.patched_mesh import NO_CROSSINGS, Crossings, PatchedMesh
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.meshing.embed import Patch
+from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.surface.spinor_surface import SpinorSurface
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NewPatch:
+    """A patch, its loops, and what `LoopOutcome` reports of it."""
+
+    patch: Patch
+    rims: Sequence[BoundaryLoop]
+    reason: str
+    solution: PlateauSolution | None = None
+    edges_split: int = 0
+    displacement: float = 0.0
+    faces_replaced: int = 0
+    crossings: Crossings = NO_CROSSINGS
+    continuation: Continuation | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def kind(self) -> Start:
+        """What the patch is, or was before its continuation."""
+        if self.solution is not None:
+            return "minimal"
+        return "strip" if self.patch.hole_sizes else "discrete"
+
+    @property
+    def surface(self) -> SpinorSurface | None:
+        """The exact surface that the patch is a mesh of."""
+        return None if self.solution is None or self.continuation is not None else self.solution.surface
+
+    @cached_property
+    def rim(self) -> Int[np.ndarray, " m"]:
+        """Mesh vertices of the patch's boundary vertices."""
+        return np.concatenate([loop.vertex_ids for loop in self.rims])
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on replaced faces and intersections."""
+        if not self.faces_replaced:
+            return self.crossings.notes
+        note = (
+            f"{self.faces_replaced} faces of the patch are a triangulation of their outline without inner vertices, "
+            "because the surface's own crossed something there"
+        )
+        return (note, *self.crossings.notes)
+
+    def fitted(self, patched: PatchedMesh) -> NewPatch:
+        """Splits edges that the mesh or another patch has, then looks for intersections."""
+        patch, split = patched.fitted(self.patch, self.rim, self.surface)
+        crossings = patched.crossings(patch)
+        return replace(self, patch=patch, edges_split=self.edges_split + split, crossings=crossings)
