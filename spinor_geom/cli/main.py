@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from spinor_geom.batching.options import FORMAT, WHAT
+from spinor_geom.batching.settings import FORMAT, WHAT
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.experiments import NAMES as EXPERIMENTS
 from spinor_geom.files import MESH_SUFFIXES

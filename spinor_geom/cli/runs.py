@@ -28,7 +28,7 @@ def _batch(arguments: argparse.Namespace) -> ExitStatus:
         options["loop"] = "all" if arguments.loop is None else arguments.loop
         result = batch(arguments.inputs, arguments.output, **options, on_progress=on_progress)
     done = result.progress
-    show_lines(f"{_said(done)}, {done.seconds:.1f} s; table: {result.table_csv}, page: {result.page}", piped=False)
+    show_lines(f"{_said(done)}, {done.seconds:.1f} s; table: {result.table}, page: {result.page}", piped=False)
     if not result.complete:
         complain(f"{done.files_failed} of {done.files} files are not wholly done; see {result.log}")
     return ExitStatus.DONE if result.complete else ExitStatus.IMPERFECT

@@ -18,11 +18,6 @@ def hook(event, arguments):
         ctypes.string_at(0)
     elif name == "hang.obj":
         time.sleep(1000)
-    elif name == "hog.obj":
-        taken = []
-        while True:
-            taken.append(bytearray(b"x") * (1 << 26))
-            time.sleep(0.02)
     elif name == "killed.obj":
         # once only
         flag = arguments[0] + ".tried"

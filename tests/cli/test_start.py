@@ -13,7 +13,7 @@ import spinor_geom
 
 ROOT = Path(__file__).parents[2]
 HEAVY = ("torch", "trimesh", "scipy", "igl", "numpy", "pymeshlab", "pyvista", "rich", "jaxtyping", "matplotlib")
-HEAVY += ("dask", "distributed", "pyarrow", "filelock")
+HEAVY += ("dask", "distributed", "filelock")
 
 
 @pytest.mark.parametrize(
