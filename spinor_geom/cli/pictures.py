@@ -1,4 +1,4 @@
-"""`spinor-geom view`, `render` and `morph`: meshes and saved surfaces in a window, a PNG, an animation or a page."""
+"""`spinor-geom view`, `render` and `morph`: windows, pictures and animations of meshes and saved surfaces."""
 
 from __future__ import annotations
 
@@ -19,18 +19,16 @@ from spinor_geom.render.png import draw_apart, require_png
 if TYPE_CHECKING:
     from spinor_geom.render.shapes import Shape
 
-
 _SIZE = (1024, 768)  # of a window
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Runs one of the three; what cannot be drawn or written is refused before anything is computed."""
+    """Runs one of the commands. Files that cannot be written are reported before anything is computed."""
     {"view": _view, "render": _render, "morph": _morph}[arguments.command](arguments)
     return ExitStatus.DONE
 
 
 def _view(arguments: argparse.Namespace) -> None:
-    """Shows the file until the window is closed; says what to do where there is no display."""
     require("pyvista", extra="render")
     if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")):
         raise RenderError(
@@ -42,7 +40,7 @@ def _view(arguments: argparse.Namespace) -> None:
     fields = {title: shape.clipped} if arguments.curvature else {}
     mesh = Faces(vertices=shape.vertices, faces=shape.faces, fields=fields, **MESH)
     view = View(layers=[mesh, Lines(vertices=shape.vertices, edges=shape.rims, width=1.0)])
-    draw_apart([view], _SIZE, [0.0], None, title, time_limit=math.inf)  # as long as it is looked at
+    draw_apart([view], _SIZE, [0.0], None, title, time_limit=math.inf)
 
 
 def _render(arguments: argparse.Namespace) -> None:
@@ -53,7 +51,7 @@ def _render(arguments: argparse.Namespace) -> None:
 
     shape = _shape(arguments.input, arguments.merge)
     portrait = plain_portrait(shape.vertices, shape.faces, shape.clipped if arguments.curvature else None)
-    # scans and models stand on y in most formats, formulas on z
+    # the vertical axis is y in most mesh files, z in formulas
     if (arguments.up or ("z" if arguments.input.suffix.lower() == SURFACE_SUFFIX else "y")) == "y":
         portrait = portrait.moved([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
@@ -65,7 +63,6 @@ def _morph(arguments: argparse.Namespace) -> None:
     from spinor_geom.render.morph import checked_suffix, morph
     from spinor_geom.surface import SpinorSurface
 
-    # before a surface is solved
     checked_suffix(arguments.output)
     require_writable(arguments.output)
     path = Path(arguments.surface)
@@ -80,7 +77,7 @@ def _shape(path: Path, merge: bool | float) -> Shape:
     if path.suffix.lower() != SURFACE_SUFFIX:
         return shape_of(read_surface(path, merge=merge))
     if merge is not False:
-        raise OptionError(f"{path}: is a saved surface, whose vertices are not merged; leave --merge out")
+        raise OptionError(f"{path}: is a saved surface and has no vertices to merge; leave --merge out")
     from spinor_geom.surface.spinor_surface import SpinorSurface
 
     return shape_of(SpinorSurface.load(path))

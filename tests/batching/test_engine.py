@@ -211,7 +211,7 @@ def test_a_killed_driver_is_resumed_to_the_same_bytes(
     (output / STAGING / "half").mkdir(parents=True)
 
     assert main(["batch", str(corpus), "-o", str(output), "--workers", "1", "--resume"]) == 1  # two files are broken
-    assert "2 of 25 files are not wholly done" in capsys.readouterr().err
+    assert "2 of 25 files are not done" in capsys.readouterr().err
     assert {path: path.stat().st_ino for path in before} == before
     assert results(output) == results(reference.output)
     assert (output / "failures.log").read_text() == reference.log.read_text()
