@@ -135,9 +135,8 @@ def batch(
         max_perimeter: as for `fill_hole`.
         edge_length: `target_edge_length` of `fill_hole`.
         tolerance: as for `fill_hole`.
-        time_limit: as for `fill_hole`, in seconds. A process that solves is ended, and its file fails, if it reports
-            nothing for a minute plus ten times this limit, or if one file takes 100 times as long as that. The first
-            limit also holds for listing an archive.
+        time_limit: as for `fill_hole`, in seconds. A process that solves or lists an archive is ended, and its file
+            fails, if it reports nothing for a minute plus ten times this limit.
         strict: counts a file as not done if a loop has no exact surface within the tolerance.
         closing: the ends of open curves are joined if they are at most so many mean edges apart.
         compare: also compares each surface with a discrete minimal surface.

@@ -17,7 +17,6 @@ What: TypeAlias = Literal["fill", "surface", "loops"]
 WHAT: tuple[What, ...] = get_args(What)
 FORMAT = (*(suffix[1:] for suffix in MESH_SUFFIXES), "npz")
 CURVE_FORMATS = ("obj", "npz")
-HARDEST_LOOPS = 100  # a file may take as long as so many loops that reach the time limit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,8 +82,3 @@ class Limits:
     seconds: float  # between two reports of the process that solves
     memory: int  # of that process, in bytes
     retries: int  # how often a file is tried again after its process died
-
-    @property
-    def whole_seconds(self) -> float:
-        """For a whole file, however many loops it has."""
-        return HARDEST_LOOPS * self.seconds

@@ -99,12 +99,11 @@ def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
         if "finished" in event:
             done.append(event["finished"])
 
-    times = {"seconds": limits.seconds, "whole_seconds": limits.whole_seconds}
     try:
         while blocks:
             block, fault = blocks.popleft(), None
             try:
-                process.run({**job, "sources": block}, on_event, memory=limits.memory, **times)
+                process.run({**job, "sources": block}, on_event, seconds=limits.seconds, memory=limits.memory)
             except FaultError as error:
                 if error.kind == "closed":
                     raise BatchError("the batch has ended") from error
