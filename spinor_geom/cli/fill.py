@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from itertools import count
 from typing import TYPE_CHECKING, Any, Literal
 
 from rich.text import Text
@@ -43,12 +44,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
             require_writable(path, arguments.input, *outputs)
             outputs.append(path)
     with progress("filling") as bar:
-        done: list[LoopOutcome] = []
-
-        def on_loop(outcome: LoopOutcome, requested: int) -> None:
-            done.append(outcome)
-            bar(len(done), requested)
-
+        done = count(1)
         filled, result = fill_hole(
             mesh,
             "all" if arguments.loop is None else arguments.loop,
@@ -61,7 +57,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
             tolerance=arguments.tolerance,
             time_limit=arguments.time_limit,
             return_report=True,
-            on_loop=on_loop,
+            on_loop=lambda _, requested: bar(next(done), requested),
             on_stage=lambda place, stage: bar.stage(f"loop {place}: {stage}"),
         )
     for path in outputs:

@@ -1,6 +1,7 @@
 """`spinor-geom batch`, `bench` and `reproduce`: long runs over many files or cases, which can be resumed."""
 
 import argparse
+from itertools import count
 from pathlib import Path
 
 from spinor_geom.batching.engine import BatchProgress, batch
@@ -17,10 +18,10 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
 
 
 def _batch(arguments: argparse.Namespace) -> ExitStatus:
-    with progress("listing the inputs") as show:
+    with progress("listing the inputs") as bar:
 
         def on_progress(now: BatchProgress) -> None:
-            show(now.files, now.files_total, _counts(now) + _remaining_time(now))
+            bar(now.files, now.files_total, _counts(now) + _remaining_time(now))
 
         options = {k: v for k, v in vars(arguments).items() if k not in ("command", "inputs", "output")}
         options["edge_length"] = arguments.edge_length or "auto"
@@ -58,8 +59,8 @@ def _bench(arguments: argparse.Namespace) -> ExitStatus:
     if DATA.is_dir():
         chosen.setdefault("data", DATA)
     settings = Settings.short(**chosen) if arguments.quick else Settings(**chosen)
-    with progress("measuring") as advance:
-        result = measure(settings, arguments.output, on_record=lambda _, done, total: advance(done, total))
+    with progress("measuring") as bar:
+        result = measure(settings, arguments.output, on_record=lambda _, done, total: bar(done, total))
     write(result)
     found = claims(result.records)
     for table in (claim_table(found), trouble_table(result.records)):
@@ -76,18 +77,15 @@ def _bench(arguments: argparse.Namespace) -> ExitStatus:
 def _reproduce(arguments: argparse.Namespace) -> ExitStatus:
     for package in ("matplotlib", "markdown_it"):
         require(package, extra="experiments")
-    from spinor_geom.experiments.experiment import PAGE, Done, reproduce
+    from spinor_geom.experiments.experiment import PAGE, reproduce
 
     names = arguments.names or tuple(NAMES)
-    with progress("reproducing") as advance:
-        seen: list[Done] = []
-
-        def on_done(one: Done) -> None:
-            seen.append(one)
-            advance(len(seen), len(names))
-
-        advance(0, len(names))
-        done = reproduce(names, arguments.output, quick=arguments.quick, on_done=on_done)
+    with progress("reproducing") as bar:
+        finished = count(1)
+        bar(0, len(names))
+        done = reproduce(
+            names, arguments.output, quick=arguments.quick, on_done=lambda _: bar(next(finished), len(names))
+        )
     rows = [[one.name, "yes" if one.holds else "no", f"{one.seconds:.1f}"] for one in done]
     show_table(("experiment", "seen", "seconds"), rows, piped=False)
     show_lines(f"report: {arguments.output / PAGE}", piped=False)
