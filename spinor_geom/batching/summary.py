@@ -119,9 +119,8 @@ class _PageContent:
                 self.worst = sorted([*self.worst, loop], key=lambda one: -one["residual_rms_per_edge"])[:WORST]
 
     def _add_failed(self, entry: dict[str, Any]) -> None:
-        kind = re.sub(r"\d\d?", "#", explanation(entry))[
-            :200
-        ]  # reasons that differ only in numbers are counted together
+        # reasons that differ only in numbers are counted together
+        kind = re.sub(r"\d\d?", "#", explanation(entry))[:200]
         if len(self.reasons) < REASONS or kind in self.reasons:
             self.reasons[kind] += 1
         if len(self.failed) < FAILED:
