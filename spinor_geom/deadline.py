@@ -1,4 +1,4 @@
-"""A budget of seconds that long computations look at between their steps."""
+"""A time limit that long computations check between their steps."""
 
 import math
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ _DEADLINE: ContextVar[float] = ContextVar("deadline", default=math.inf)
 
 @contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
-    """Computations inside stop after so many seconds, or a step later; of nested limits the earlier end counts."""
+    """Sets a time limit for the computations in the context; of nested limits the earliest holds."""
     token = _DEADLINE.set(min(_DEADLINE.get(), perf_counter() + seconds))
     try:
         yield
@@ -22,11 +22,11 @@ def time_limit(seconds: float) -> Iterator[None]:
 
 
 def is_out_of_time() -> bool:
-    """Whether the time that the innermost `time_limit` allows is over; never outside of one."""
+    """Whether the time limit is over; False if there is none."""
     return perf_counter() > _DEADLINE.get()
 
 
 def require_time() -> None:
-    """Stops what has nothing to show yet by an OutOfTimeError, once the time is over."""
+    """Raises an OutOfTimeError if the time limit is over, for computations without a partial result."""
     if is_out_of_time():
         raise OutOfTimeError

@@ -1,4 +1,4 @@
-"""Files that are either completely written or not touched at all, and names without characters that do harm."""
+"""Files that are written completely or not at all, and file names that are safe on all systems."""
 
 import errno
 import hashlib
@@ -14,13 +14,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-# In bytes. A path on Windows has at most 260 characters: this leaves 120 for the folder of the results and their names.
+# In bytes. A path on Windows has at most 260 characters; 120 are left for the output folder and the names in it.
 _LONGEST_PART, _LONGEST_NAME = 100, 140
-# what unpacks to more bytes than the first may not do so by the second factor: text packs 3 to 20 times
+# A compressed file may unpack to the first size, or to the second times its own size; text is compressed 3 to 20 times.
 _FREE_SIZE, MOST_RATIO = 1 << 24, 200
 SURFACE_SUFFIX = ".safetensors"  # of saved surfaces
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".vtp", ".vtk", ".3mf")  # of mesh files that can be read
-NUMBERED = "%~"  # what no name has by itself: a % stands before two digits, or at an end
+NUMBERED = "%~"  # in no other safe name: there a % stands before two digits or at the end
 _UNSAFE = re.compile(r"[\x00-\x1f\x7f\\/:*?\"<>|%\ud800-\udfff]|^[. ]|[. ]$")
 # devices of Windows, whatever suffix follows
 _DEVICE = re.compile(r"(con|conin\$|conout\$|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\.|$)", re.IGNORECASE)
@@ -28,14 +28,15 @@ _DEVICE = re.compile(r"(con|conin\$|conout\$|prn|aux|nul|(com|lpt)[0-9¹²³]) *
 
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary path to write to, which becomes `path` only when the block ends without an error.
+    """A temporary path to write to, which is renamed to `path` if the context ends without an error.
 
-    The temporary file lies in the same folder and has the same suffix. At the end of the block it is flushed to the
-    disk (fsync) and renamed over `path` in one step; a file that was there keeps its access rights. After any error, an
-    interrupt included, the old file is as it was and the temporary file is gone. A symbolic link stays a link: the file
-    it names is replaced. Devices and pipes (`/dev/stdout`) hold nothing to protect and are written to directly.
-    It is an OSError where the folder does not exist or may not be written to, the disk is full, `path` is a folder, or
-    (on Windows) is read-only or open in another program. Its `filename` is `path`, never the temporary one.
+    The temporary file is in the same folder, has the same suffix and is flushed to the disk (fsync). A replaced file's
+    access rights are kept. After an error or interrupt the old file is unchanged and the temporary file is removed. If
+    `path` is a symbolic link, its target is replaced. Devices and pipes (`/dev/stdout`) are written to directly.
+
+    Raises:
+        OSError: the folder does not exist or is not writable, the disk is full, `path` is a folder, or (on Windows) it
+            is read-only or open in another program. Its `filename` is `path`, never the temporary one.
     """
     target = Path(os.path.realpath(path))
     if target.is_dir():
@@ -50,7 +51,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         try:
             yield temporary
             _flush(temporary)
-            if target.exists() and os.name != "nt":  # there all that a mode tells is read-only, which forbids to rename
+            if target.exists() and os.name != "nt":  # there a mode only says read-only, which prevents renaming
                 temporary.chmod(stat.S_IMODE(target.stat().st_mode))
             os.replace(temporary, target)
             _flush_names(target.parent)
@@ -60,7 +61,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def _naming(path: str | os.PathLike[str], written: Path) -> Iterator[None]:
-    """An error about the path that is written to, or that names none (a full disk), names the caller's path."""
+    """Errors about the temporary path or without a path (a full disk) get the path of the caller."""
     try:
         yield
     except OSError as error:
@@ -71,11 +72,11 @@ def _naming(path: str | os.PathLike[str], written: Path) -> Iterator[None]:
 
 @contextmanager
 def atomic_folder(path: str | os.PathLike[str], *, staging: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary folder to write to, which becomes `path` only when the block ends without an error.
+    """A temporary folder in `staging`, which is renamed to `path` if the context ends without an error.
 
-    At the end of the block its files are flushed to the disk (fsync), and it is renamed; a folder that was there is
-    removed just before. Temporary folders lie in `staging`, on the same disk. It is made where it does not exist, and
-    so are the folders above `path`. An OSError tells that one cannot be made, or that the disk is full.
+    Its files are flushed to the disk (fsync) before; an old folder at `path` is removed. `staging`, on the same disk,
+    and the parents of `path` are created if necessary. Raises an OSError if the disk is full or a folder cannot be
+    created.
     """
     target, temporary = Path(path), Path(staging) / secrets.token_hex(8)
     temporary.mkdir(parents=True)
@@ -94,23 +95,23 @@ def atomic_folder(path: str | os.PathLike[str], *, staging: str | os.PathLike[st
 
 
 def write_json(path: str | os.PathLike[str], value: Any) -> None:
-    """Writes a nested value as JSON, the file whole or not at all; numbers that JSON cannot hold become null."""
+    """Writes a nested value as JSON, completely or not at all; NaN and infinity become null."""
     write_text(path, json_text(value))
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Writes a text file in UTF-8, whole or not at all; ? for bytes of a file's name that are no text."""
+    """Writes a text file in UTF-8, completely or not at all; ? for undecodable bytes of file names."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="replace", newline="\n")
 
 
 def json_text(value: Any) -> str:
-    """A nested value as JSON; numbers that it cannot hold become null."""
+    """A nested value as JSON; NaN and infinity become null."""
     return json.dumps(finite(value), indent=2, allow_nan=False) + "\n"
 
 
 def finite(value: Any) -> Any:
-    """The same nested value with None for every number that JSON cannot hold."""
+    """The same nested value with None for NaN and infinity."""
     if isinstance(value, dict):
         return {key: finite(part) for key, part in value.items()}
     if isinstance(value, (list, tuple)):
@@ -119,23 +120,23 @@ def finite(value: Any) -> Any:
 
 
 def printable(text: str) -> str:
-    """Text with ? for what a terminal may obey or cannot show: control characters, and bytes that are no text."""
+    """Text with ? for control characters, which a terminal may obey, and undecodable bytes."""
     return "".join(character if character.isprintable() else "?" for character in text)
 
 
 def is_bomb(size: int, packed: int) -> bool:
-    """Whether a packed file of so many bytes unpacks to a size that no honest one does."""
+    """Whether a compressed file of `packed` bytes is a decompression bomb; `size` is the unpacked size."""
     return size > _FREE_SIZE and size > MOST_RATIO * packed
 
 
 def safe_name(parts: Iterable[str]) -> str:
-    """A relative path of harmless parts.
+    """A relative path that is valid and harmless on all systems.
 
-    What a file system may take amiss is written as % and two hexadecimal digits a byte, so different names stay
-    different; names that are too long end in %~ and a checksum instead of their rest.
+    Unsafe characters become % and two hexadecimal digits per byte, so different names stay different. The end of a name
+    that is too long becomes %~ and a checksum.
     """
     *folders, last = map(_safe_part, parts)
-    # folders of results are named after files: one inside the other would be removed with it
+    # the results of a mesh file are in a folder of its name, which must not hold those of another file
     name = "/".join([*(f"{part}%" if part.lower().endswith(MESH_SUFFIXES) else part for part in folders), last])
     return name if len(os.fsencode(name)) <= _LONGEST_NAME else _shortened(name, _LONGEST_PART)
 
@@ -158,9 +159,9 @@ def _shortened(name: str, length: int) -> str:
 
 
 def _flush_names(folder: Path) -> None:
-    """Waits until a folder's list of names is on the disk, where the system can open and flush folders.
+    """Flushes a folder's list of names to the disk, where that is possible.
 
-    Windows and folders without the right to read refuse to be opened; some network file systems cannot flush them.
+    Windows cannot open folders, nor can others without the right to read; some network file systems cannot flush them.
     """
     try:
         _flush(folder, os.O_RDONLY)
@@ -170,7 +171,7 @@ def _flush_names(folder: Path) -> None:
 
 
 def _flush(path: Path, access: int = os.O_RDWR) -> None:
-    """Waits until a file is on the disk."""
+    """Flushes a file to the disk."""
     descriptor = os.open(path, access)
     try:
         os.fsync(descriptor)

@@ -1,7 +1,7 @@
-"""Processes that do jobs for this one and are watched: what a crash, a hang or a hunger for memory costs is one job.
+"""Worker processes with limits of time and memory: a crash, a hang or a memory leak costs one job only.
 
-Both sides write lines of JSON: a process is told its jobs on its standard input, and says on its standard output how
-far it is. It ends when its input does, so it does not outlive the process that started it, however that ended.
+The processes exchange lines of JSON: jobs on the worker's standard input, events on its standard output. A worker exits
+when its input ends, so it does not outlive the process that started it.
 """
 
 import contextlib
@@ -23,10 +23,10 @@ Event: TypeAlias = dict[str, Any]
 Tell: TypeAlias = Callable[[Event], None]
 Kind: TypeAlias = Literal["start", "death", "time", "memory", "closed"]
 
-START_LIMIT = 600.0  # seconds for the imports of a process, which are not the first job's fault
-LOOK = 0.05  # seconds between looks at its memory and the clock
-SAID = 4000  # bytes that are kept of what libraries wrote
-# Windows has the code of the exception that ended a process as its exit status
+START_LIMIT = 600.0  # seconds for the imports of a process
+LOOK = 0.05  # seconds between checks of its memory and the clock
+KEPT_OUTPUT = 4000  # bytes
+# the exit status of a process on Windows is the code of the exception that ended it
 EXCEPTIONS = {0xC0000005: "an access violation", 0xC00000FD: "a stack overflow", 0xC0000409: "an abort"}
 START = (
     "import json, runpy, sys; sys.path[:] = json.loads(sys.argv[1]); runpy.run_module(sys.argv[2], run_name='__main__')"
@@ -34,11 +34,14 @@ START = (
 
 
 class FaultError(Exception):
-    """A process ended before its job was done; what it told last, and the end of what it wrote during the job.
+    """A process ended before its job was done.
 
-    Its kind is "start" where it ended by itself before it could take a job, "death" where it died, "closed" where
-    `Process.close` was called meanwhile, else the limit. `crash` names the signal or, on Windows, the exception that
-    ended it; it is empty where it ended by itself or at a limit.
+    Attributes:
+        kind: "start": it exited before it could take a job; "death": it died; "time" or "memory": it reached a limit;
+            "closed": `Process.close` was called.
+        last: its last event.
+        said: the end of what it wrote to standard output and error during the job.
+        crash: the signal or, on Windows, the exception that ended it, if any.
     """
 
     def __init__(self, reason: str, *, kind: Kind, last: Event, said: str, crash: str = "") -> None:
@@ -46,15 +49,14 @@ class FaultError(Exception):
         self.kind, self.last, self.said, self.crash = kind, last, said, crash
 
     def __reduce__(self) -> tuple[Any, ...]:
-        made = partial(FaultError, str(self), kind=self.kind, last=self.last, said=self.said, crash=self.crash)
-        return made, ()
+        return partial(FaultError, str(self), kind=self.kind, last=self.last, said=self.said, crash=self.crash), ()
 
 
 class Process:
-    """A process that runs a module whose main program calls `serve`; started when needed, and again after it ended."""
+    """A process that runs a module whose main program calls `serve`. Starts when needed, and again after a fault."""
 
     def __init__(self, module: str, environment: Mapping[str, str] | None = None) -> None:
-        """Starts nothing yet; the variables are beside those of this process, which tells where packages are, too."""
+        """The variables are added to those of this process."""
         self._module, self._environment = module, {**(environment or {})}
         self._process: subprocess.Popen[str] | None = None
         self._in_use, self._closed = threading.Lock(), False
@@ -65,40 +67,40 @@ class Process:
         on_event: Tell,
         *,
         seconds: float,
-        whole_seconds: float = math.inf,
         memory: float = math.inf,
     ) -> str:
-        """Has a JSON-ready job done; gives the end of what was written to standard output and error meanwhile.
+        """Runs a job; returns the end of what it wrote to standard output and error.
 
-        `on_event` is called with all that the process tells, between which so many seconds may pass; the whole job may
-        take so many. The memory is resident bytes, looked at by psutil where there is a limit. A FaultError tells that
-        the process died, or was ended at a limit.
+        Args:
+            job: JSON-ready.
+            on_event: is called with each event of the process.
+            seconds: limit between two events.
+            memory: limit of resident memory, in bytes. Needs psutil: Python cannot read it on Windows and macOS.
+
+        Raises:
+            FaultError: the process died or reached a limit.
         """
         with self._in_use:
-            return self._run(job, on_event, seconds, whole_seconds, memory)
-
-    def _run(self, job: Mapping[str, Any], on_event: Tell, seconds: float, whole_seconds: float, memory: float) -> str:
-        self._last: Event = {}
-        try:
-            process = self._started()
-            self._begin = self._log.seek(0, os.SEEK_END)
-            end = monotonic() + whole_seconds
-            assert process.stdin is not None
+            self._last: Event = {}
             try:
-                process.stdin.write(json.dumps(job) + "\n")
-                process.stdin.flush()
-            except OSError:
-                raise self._death() from None
-            while "idle" not in (event := self._next(seconds, end, whole_seconds, memory)):
-                self._last = event
-                on_event(event)
-            return self._said()
-        except BaseException:
-            self.end()  # only an idle process can be given another job
-            raise
+                process = self._started()
+                self._begin = self._log.seek(0, os.SEEK_END)
+                assert process.stdin is not None
+                try:
+                    process.stdin.write(json.dumps(job) + "\n")
+                    process.stdin.flush()
+                except OSError:
+                    raise self._death() from None
+                while "idle" not in (event := self._next(seconds, memory)):
+                    self._last = event
+                    on_event(event)
+                return self._output()
+            except BaseException:
+                self.end()  # it may be busy, and the next job needs an idle one
+                raise
 
     def end(self) -> None:
-        """Ends the process, if there is one."""
+        """Kills the process, if there is one."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
@@ -109,7 +111,7 @@ class Process:
         self._process = None
 
     def close(self) -> None:
-        """Ends the process for good, from any thread; a job in progress ends at once, by a FaultError."""
+        """Kills the process for good, from any thread; a running job raises a FaultError."""
         self._closed = True
         with self._in_use:
             self.end()
@@ -118,7 +120,7 @@ class Process:
         if self._process is not None and self._process.poll() is None:
             return self._process
         self.end()
-        # a file, not a pipe: nobody has to empty it; it lives as long as the process
+        # a file, since a pipe would block the process when it is full
         self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
         self._begin, self._look = 0, 0.0
         self._process = subprocess.Popen(
@@ -132,29 +134,28 @@ class Process:
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         threading.Thread(target=_listen, args=(self._process, self._events), daemon=True).start()
         try:
-            # not that of `Popen`: in a virtual environment on Windows, that is a process which starts this one
-            self._pid = self._next(START_LIMIT, math.inf, math.inf, math.inf)["ready"]
+            # in a virtual environment on Windows, the process of `Popen` only starts the one that works
+            self._pid = self._next(START_LIMIT, math.inf)["ready"]
         except FaultError as fault:
             if fault.kind == "death" and not fault.crash:
                 fault.kind = "start"
             raise
         return self._process
 
-    def _next(self, seconds: float, end: float, whole_seconds: float, memory: float) -> Event:
-        """The next thing that the process tells, within the limits."""
+    def _next(self, seconds: float, memory: float) -> Event:
+        """The next event of the process, within the limits."""
         deadline = monotonic() + seconds
         while True:
             if self._closed:
                 raise self._fault("is not needed any more", "closed")
             now = monotonic()
-            if now >= self._look:  # however much it tells
+            if now >= self._look:  # not after every event
                 self._look = now + LOOK
                 if memory < math.inf and self._memory() > memory:
                     what = f"took more than {memory / 2**20:.0f} MiB of memory; raise the limit, or split the file"
                     raise self._fault(what, "memory")
-                if now > min(deadline, end):
-                    limit = f"{seconds:g} s" if now > deadline else f"{whole_seconds:g} s as a whole"
-                    raise self._fault(f"took longer than {limit}; raise the limit", "time")
+                if now > deadline:
+                    raise self._fault(f"took longer than {seconds:g} s; raise the limit", "time")
             with contextlib.suppress(queue.Empty):
                 event = self._events.get(timeout=LOOK)
                 if event is None:
@@ -166,7 +167,7 @@ class Process:
 
         try:
             return int(psutil.Process(self._pid).memory_info().rss)
-        except psutil.Error:  # it has just died
+        except psutil.Error:  # it has exited
             return 0
 
     def _death(self) -> FaultError:
@@ -174,22 +175,22 @@ class Process:
         status = self._process.wait()
         crash = crash_of(status)
         how = f"by {crash}" if crash else f"with status {status}"
-        line = next((line.strip() for line in reversed(self._said().split("\n")) if line.strip()), "")
+        line = next((line.strip() for line in reversed(self._output().split("\n")) if line.strip()), "")
         return self._fault(f"died {how}{f': {line[:300]}' if line else ''}", "death", crash)
 
     def _fault(self, what: str, kind: Kind, crash: str = "") -> FaultError:
-        return FaultError(f"its process {what}", kind=kind, last=self._last, said=self._said(), crash=crash)
+        return FaultError(f"its process {what}", kind=kind, last=self._last, said=self._output(), crash=crash)
 
-    def _said(self) -> str:
-        self._log.seek(max(self._begin, self._log.seek(0, os.SEEK_END) - SAID))
+    def _output(self) -> str:
+        self._log.seek(max(self._begin, self._log.seek(0, os.SEEK_END) - KEPT_OUTPUT))
         return self._log.read().decode("utf-8", "replace").strip()
 
 
 def crash_of(status: int) -> str:
-    """The signal, or exception of Windows, that ended a process, by its exit status; empty where it ended by itself.
+    """The signal or, on Windows, the exception of an exit status; "" if the process exited by itself.
 
-    On POSIX systems the status is minus the signal's number; on Windows it is the exception's code, from 0xC0000000 up.
-    Processes that were terminated by others have an ordinary status there.
+    On POSIX systems the status is minus the signal's number; on Windows it is the exception's code, from 0xC0000000 up,
+    and processes that others terminated have an ordinary status.
     """
     if status >= 0xC0000000:
         return EXCEPTIONS.get(status, f"exception 0x{status:08X}")
@@ -200,7 +201,7 @@ def crash_of(status: int) -> str:
 
 
 def _listen(process: subprocess.Popen[str], events: queue.SimpleQueue[Event | None]) -> None:
-    """Passes on what a process tells; None when it tells no more."""
+    """Puts the events of a process into the queue, and None after the last."""
     assert process.stdout is not None
     with contextlib.suppress(ValueError, OSError):
         for line in process.stdout:
@@ -209,10 +210,10 @@ def _listen(process: subprocess.Popen[str], events: queue.SimpleQueue[Event | No
 
 
 def serve(work: Callable[[Any, Tell], None]) -> None:
-    """The main program of a process: does jobs as they come; what its work tells reaches `Process.run`."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started it decides what an interrupt means
-    channel = os.fdopen(os.dup(1), "w", encoding="ascii")  # what libraries print goes to standard error
-    os.dup2(2, 1)
+    """The main program of a process: calls `work` with each job and a function that sends events to `Process.run`."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started it handles interrupts
+    channel = os.fdopen(os.dup(1), "w", encoding="ascii")
+    os.dup2(2, 1)  # what libraries print goes to standard error
     jobs: queue.SimpleQueue[str] = queue.SimpleQueue()
 
     def listen() -> None:

@@ -1,20 +1,19 @@
-"""The version, and for what is not released the commit it was made from. The build takes it from here too."""
+"""The version of the package, with the commit if it is not released. The build reads it here, too."""
 
 import subprocess
 from functools import cache
 from importlib.metadata import distributions
 from pathlib import Path
 
-RELEASE = "0.1.0"  # the next one, or the one whose tag v0.1.0 stands on this commit
+RELEASE = "0.1.0"  # the next release, or the one tagged at this commit
 
 
 @cache
 def program_version() -> str:
-    """The version of the code that is running.
+    """The version of the running code.
 
-    In a clone it tells the commit, as "0.1.0.dev0+g1f2e3d4c5", with ".dirty" after it where files differ from that.
-    An installed package, and one that is built from an sdist, tell what the metadata beside it tell: those of another
-    installation are of other code. Files that come with neither tell the release.
+    In a clone it names the commit, such as "0.1.0.dev0+g1f2e3d4c5", with ".dirty" if files differ from it. Otherwise it
+    is the version in the metadata beside the package, or the release if there are none.
     """
     root = Path(__file__).parents[1]
     if not (root / ".git").exists():
@@ -24,6 +23,6 @@ def program_version() -> str:
     command = ["git", "-C", str(root), "describe", "--always", "--dirty=.dirty", "--abbrev=9", "--tags", "--match", tag]
     try:
         said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return f"{RELEASE}.dev0+unknown"  # no git, or a clone that belongs to somebody else, which git does not open
+    except (OSError, subprocess.CalledProcessError):  # no git, or a clone of another user, which git refuses to read
+        return f"{RELEASE}.dev0+unknown"
     return RELEASE if said == tag else f"{RELEASE}.dev0+g{said.rpartition('-g')[2]}"

@@ -1,6 +1,6 @@
-"""Many mesh files at once: read, solved, written, on one machine or a cluster, with faults that cost only their file.
+"""Fills many mesh files, on one machine or a cluster. A file that crashes its process does not stop the others.
 
-The driver lists the inputs and hands them out (`engine`). It solves nothing; a process of its own lists archives for it
-(`archives`). Each worker, a thread of the driver or of a Dask cluster, keeps a process that solves, and ends it where a
-file takes too long or too much memory (`worker`). That process reads, solves and writes (`solver`).
+`engine` lists the sources (`inputs`, `archives`) and hands blocks of them to the `workers`. Each worker watches a
+process (`solver`) that reads the files, solves their loops (`task`) and writes the results (`store`). At the end
+`summary` writes a table and a page.
 """

@@ -1,4 +1,4 @@
-"""Hands the inputs of a batch to its workers: threads of this process, or those of a Dask cluster."""
+"""Batches: lists the inputs, hands blocks of them to the workers, and counts what they report."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import json
 import os
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack, contextmanager, suppress
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import asdict, dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -15,10 +14,10 @@ from tempfile import TemporaryFile
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
-from spinor_geom.batching.inputs import SMALL, Inputs, Source, listed
-from spinor_geom.batching.options import BatchOptions, Limits, What
+from spinor_geom.batching.inputs import Inputs, Source, listed
+from spinor_geom.batching.settings import BatchOptions, Limits, What
 from spinor_geom.batching.store import Store, log_line, opened_store
-from spinor_geom.batching.worker import end_solvers, run_block
+from spinor_geom.batching.workers import Workers, open_workers, run_block
 from spinor_geom.errors import BatchError, OptionError, require, require_positive
 from spinor_geom.fill.fill_options import TIME_LIMIT, Continuity, Islands
 
@@ -26,23 +25,24 @@ if TYPE_CHECKING:
     from distributed import Client
     from distributed.deploy import Cluster
 
-TOGETHER = 64  # most files whose loops are solved side by side
-WAITING = 2  # blocks that wait at each worker
-# Seconds without a sign of life until a process is ended: for what no time limit holds for (reading a file, and each
-# step between two looks at the clock), and so many time limits, of which a stage of a loop takes one.
+# Files in a block, and bytes of a block of several files: their loops are solved together.
+MOST_FILES, MOST_BYTES = 64, 1 << 20
+WAITING = 2  # blocks submitted for each worker
+# A process is ended if it reports nothing for SILENCE seconds (reading a file, steps without a look at the clock) plus
+# STAGES time limits (each stage of a loop may take one).
 SILENCE, STAGES = 60.0, 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class BatchProgress:
-    """How far a batch is.
+    """The progress of a batch.
 
     Attributes:
-        files: sources that are finished, those that were complete before included.
+        files: finished sources, including those that were complete before a resumed run.
         files_failed: those of them for which `spinor-geom fill` would not exit with 0.
-        files_total: how many there are.
-        files_before: those that were complete before a resumed run.
-        loops: of the files that are finished.
+        files_total: all sources.
+        files_before: sources that were complete before a resumed run.
+        loops: loops of the finished sources.
         loops_failed: those of them that should have a patch and have none.
         seconds: since the start.
     """
@@ -58,29 +58,27 @@ class BatchProgress:
 
 @dataclass(frozen=True, kw_only=True)
 class BatchResult:
-    """What a batch has left.
+    """The output of a batch.
 
     Attributes:
-        output: the folder: "files" holds a folder for each source with its record and meshes.
-        progress: how many files and loops, done and failed.
-        table: one row a loop, as Parquet.
-        table_csv: the same as CSV.
-        page: the summary with pictures, as HTML.
-        log: a line for each file that is not wholly done.
+        output: the folder. Its subfolder "files" holds a folder for each source, with its record and meshes.
+        progress: numbers of files and loops, done and failed.
+        table: CSV file with a row for each loop.
+        page: HTML summary with pictures.
+        log: text file with a line for each file that is not done.
     """
 
     output: Path
     progress: BatchProgress
     table: Path
-    table_csv: Path
     page: Path
     log: Path
 
     @property
     def complete(self) -> bool:
-        """Whether every requested loop of every file is closed and no patch crosses anything.
+        """Whether every requested loop of every file is closed and no patch intersects anything.
 
-        With `strict` also whether all patches are exact surfaces within the tolerance.
+        With `strict`, also whether all patches are exact surfaces within the tolerance.
         """
         return not self.progress.files_failed
 
@@ -112,58 +110,56 @@ def batch(
     retries: int = 2,
     on_progress: Callable[[BatchProgress], None] | None = None,
 ) -> BatchResult:
-    """Fills the holes of many mesh files as `fill_hole` does, each file by itself, and writes the results to a folder.
+    """Fills the holes of many mesh files as `fill_hole` does, and writes the results to a folder.
 
-    Closed curves of OBJ files (`l` elements) are spanned too. Whatever a file does, it costs only itself: the reason
-    stands in its record, the table and the log. Results appear whole or not at all, and a run that was cut off goes on
-    with `resume=True`; the files that it leaves are the same byte for byte, however it was cut off and by however many
-    workers they were made (on one kind of processor; of the records all but the timings; loops that reach the time
-    limit excepted).
+    Closed curves of OBJ files (`l` elements) are spanned, too. A file that cannot be filled, or that crashes its
+    process, does not stop the batch: its record, the table and the log give the reason. An interrupted run continues
+    with `resume=True`. The results do not depend on interruptions or on the number of workers: the files are equal byte
+    for byte, the records except for timings (on one kind of processor, and unless a loop reaches the time limit).
 
     Args:
-        inputs: mesh files of every format that `read_mesh` reads, folders (searched with all below them), patterns,
-            manifests (.csv with a column "path", .jsonl), and archives (.zip, .tar, packed or not), which are read
-            without being unpacked. They are listed before the first is solved; the list is kept in a temporary file.
-        output: the folder to write to: empty or new, but for a resumed run.
-        what: "fill" for the triangulation of each loop, and of files with faces the filled mesh; "surface" for the
-            triangulation and the spinor surface, to be read by `SpinorSurface.load`; "loops" for the loops alone.
-        format: of the meshes: "obj", "ply", "stl", "off", "glb", "vtp", "vtk", "3mf" or "npz"; None for that of each
-            input ("obj" for loops alone).
-        loop: as for `fill_hole`, of every file. A file without such a loop fails.
-        bridge: as for `fill_hole`, of every file.
+        inputs: mesh files of every format that `read_mesh` reads, folders (with all subfolders), patterns, manifests
+            (.csv with a column "path", .jsonl), and archives (.zip, .tar, compressed or not), which are read without
+            being unpacked. All are listed before the first is solved, in a temporary file.
+        output: the folder to write to, new or empty unless a run is resumed.
+        what: "fill" writes the triangulation of each loop and, for files with faces, the filled mesh; "surface" writes
+            the triangulation and the spinor surface, for `SpinorSurface.load`; "loops" writes the loops alone.
+        format: of the meshes: "obj", "ply", "stl", "off", "glb", "vtp", "vtk", "3mf" or "npz"; None for the format of
+            each input ("obj" for loops alone).
+        loop: as for `fill_hole`, for every file. A file without such a loop fails.
+        bridge: as for `fill_hole`, for every file.
         islands: as for `fill_hole`.
-        continuity: as for `fill_hole`. Closed curves have minimal surfaces.
+        continuity: as for `fill_hole`. Curves always get minimal surfaces.
         merge: as for `fill_hole`. Curves keep their points.
-        keep_largest: as for `fill_hole`, of every file.
+        keep_largest: as for `fill_hole`, for every file.
         max_perimeter: as for `fill_hole`.
         edge_length: `target_edge_length` of `fill_hole`.
         tolerance: as for `fill_hole`.
-        time_limit: as for `fill_hole`, in seconds. A process that solves and gives no sign of life for a minute and
-            ten times as long is ended, which costs the file; so is one that needs 100 times as long as that for one
-            file, and one that lists an archive and finds no member for so long.
-        strict: counts files with a loop that has no exact surface within the tolerance as not done.
-        closing: open curves whose ends are at most so many mean edges apart count as closed.
+        time_limit: as for `fill_hole`, in seconds. A process that solves or lists an archive is ended, and its file
+            fails, if it reports nothing for a minute plus ten times this limit.
+        strict: counts a file as not done if a loop has no exact surface within the tolerance.
+        closing: the ends of open curves are joined if they are at most so many mean edges apart.
         compare: also compares each surface with a discrete minimal surface.
-        workers: processes that solve on this machine; by default as many as there are cores for this process.
-        scheduler: a Dask cluster to use instead: its scheduler's address, the cluster object, or a client, whose TLS
-            settings are used. All its machines must see inputs and output under the same names.
-        device: of the batched linear algebra, such as "cuda"; equal bytes are promised on the CPU only.
-        resume: goes on with the run in the output folder: only what is not complete is done.
-        memory_limit: of the process that solves, and of the one that lists archives, in bytes.
-        retries: how often a file is tried again after its process died. A cluster has a number of its own for workers
-            that died: `distributed.scheduler.allowed-failures`.
-        on_progress: is called now and then.
+        workers: processes that solve on this machine; by default one for each core that this process may use.
+        scheduler: a Dask cluster to use instead: the address of its scheduler, the cluster, or a client, whose TLS
+            settings are used. All machines must see inputs and output under the same names.
+        device: of the batched linear algebra, such as "cuda"; results are reproducible byte for byte on the CPU only.
+        resume: continues the run in the output folder: does what is not complete.
+        memory_limit: of each process that solves, and of the one that lists archives, in bytes.
+        retries: how often a file is tried again after its process died. For workers of a cluster that died, the
+            setting `distributed.scheduler.allowed-failures` holds instead.
+        on_progress: is called after each file.
 
     Returns:
-        Where things are, and how many.
+        Paths of the results, and numbers of files and loops.
 
     Raises:
         OptionError: an option has a value that is not allowed.
-        BatchError: an input does not exist, or holds no mesh files; the output folder is another run's or cannot be
-            written to; the scheduler cannot be reached.
+        BatchError: an input does not exist or holds no mesh files, the output folder belongs to another run or cannot
+            be written to, or the scheduler cannot be reached.
         MissingPackageError: the packages of the extra `batch` are not installed, or for a cluster those of `cluster`.
     """
-    for package in ("pyarrow", "filelock", "psutil"):
+    for package in ("filelock", "psutil"):
         require(package, extra="batch")
     if scheduler is not None:
         require("distributed", extra="cluster")
@@ -188,36 +184,27 @@ def batch(
     require_positive("memory_limit", memory_limit)
     if retries < 0:
         raise OptionError(f"retries must be a number from 0 on, not {retries}")
-    limits = Limits(seconds=SILENCE + STAGES * float(time_limit), memory=int(memory_limit), retries=retries)
     if scheduler is not None and workers is not None:
         raise OptionError("workers are those of the scheduler's cluster; give one of workers and scheduler")
     if workers is not None and workers < 1:
         raise OptionError(f"workers must be at least 1, not {workers}")
-    named = Inputs([inputs] if isinstance(inputs, (str, os.PathLike)) else inputs, output=output, limits=limits)
+    limits = Limits(seconds=SILENCE + STAGES * float(time_limit), memory=int(memory_limit), retries=retries)
+    sources = Inputs([inputs] if isinstance(inputs, (str, os.PathLike)) else inputs, output=output, limits=limits)
     with opened_store(output, options, resume=resume) as store, TemporaryFile("w+", encoding="ascii") as file:
         run = _Run(store, options, limits, on_progress)
-        for source in named:
+        for source in sources:
             file.write(json.dumps(asdict(source)) + "\n")
             run.counts["files_total"] += 1
-        left = run.incomplete(listed(file))
-        first = next(left, None)
+        remaining = run.incomplete(listed(file))
+        first = next(remaining, None)
         if first is not None:
-            with _workers(workers, scheduler, store.token) as pool:
-                run.solve(pool, chain([first], left))
-        from spinor_geom.batching.summary import write_summary  # pyarrow and numpy are not needed before
+            with open_workers(workers, scheduler, store.token) as pool:
+                run.solve(pool, chain([first], remaining))
+        from spinor_geom.batching.summary import write_summary  # imports numpy, which nothing before needs
 
         progress = run.progress()
-        paths = write_summary(store, listed(file), options, asdict(progress))
-    return BatchResult(output=Path(store.output), progress=progress, log=store.log, **paths)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Workers:
-    """What does the blocks of a batch: this machine's threads, or a cluster."""
-
-    executor: Executor
-    count: Callable[[], int]  # how many blocks it works at at a time; clusters grow and shrink
-    killed: tuple[type[Exception], ...] = ()  # what the future of a block raises whose workers died
+        table, page = write_summary(store, listed(file), options, progress.seconds)
+    return BatchResult(output=Path(store.output), progress=progress, table=table, page=page, log=store.log)
 
 
 @dataclass(frozen=True)
@@ -230,26 +217,26 @@ class _Run:
     start: float = field(default_factory=perf_counter)
 
     def incomplete(self, sources: Iterable[Source]) -> Iterator[Source]:
-        """The sources that are still to be done; those that are complete are counted."""
+        """The sources that are not complete; counts the others."""
         for source in sources:
-            one = self.store.completed(source)
-            if one is None:
+            summary = self.store.completed(source)
+            if summary is None:
                 yield source
             else:
                 self.counts["files_before"] += 1
-                self._finish(one)
+                self._count(summary)
 
     def solve(self, pool: Workers, sources: Iterator[Source]) -> None:
-        """Has sources solved, a few blocks at a time; BatchError if nothing can be written, or the cluster is gone."""
+        """Solves the sources, block by block; BatchError if nothing can be written or the cluster is gone."""
         again: deque[list[Source]] = deque()
         blocks = _blocks(sources, self.counts, pool)
         running: dict[Future[dict[str, Any]], list[Source]] = {}
+        settings = {"options": asdict(self.options), "store": asdict(self.store)}
         while True:
             while len(running) < WAITING * pool.count():
                 block = again.popleft() if again else next(blocks, None)
                 if block is None:
                     break
-                settings = {"options": asdict(self.options), "store": asdict(self.store)}
                 job = {"sources": [asdict(source) for source in block], **settings}
                 running[pool.executor.submit(run_block, job, self.limits)] = block
             if not running:
@@ -259,7 +246,7 @@ class _Run:
                 try:
                     done = future.result()
                 except pool.killed:
-                    again.extend(self._left_of(block))
+                    again.extend(self._retries(block))
                     continue
                 except CancelledError:
                     problem = "the cluster was lost; what is finished is kept: resume the batch"
@@ -267,89 +254,51 @@ class _Run:
                 except Exception as error:
                     problem = f"a worker cannot do its work ({error}); is the same version installed there?"
                     raise BatchError(problem) from error
-                for one in done["finished"]:
-                    self._finish(one)
+                for summary in done["finished"]:
+                    self._count(summary)
                 if done["stop"]:
                     raise BatchError(done["stop"])
 
-    def _left_of(self, block: list[Source]) -> list[list[Source]]:
-        """What of the block of a worker that was killed has to be tried again, file by file."""
+    def _retries(self, block: list[Source]) -> list[list[Source]]:
+        """The unfinished sources of a block whose worker was killed, to be tried one by one."""
         tries = []
         for source in block:
-            one = self.store.completed(source)  # what the workers had finished before they died need not be done again
-            if one is not None:
-                self._finish(one)
+            summary = self.store.completed(source)
+            if summary is not None:
+                self._count(summary)
             elif len(block) == 1:
-                self._finish(self.store.fail(source, "every worker that tried it was killed; look at their logs"))
+                self._count(self.store.fail(source, "every worker that tried it was killed; look at their logs"))
             else:
                 tries.append([source])
         return tries
 
-    def _finish(self, one: dict[str, Any]) -> None:
-        failed = one["status"] != "done"
-        self.counts.update(files=1, files_failed=failed, loops=one["loops"], loops_failed=one["loops_failed"])
+    def _count(self, summary: dict[str, Any]) -> None:
+        """Counts and logs a finished source."""
+        failed = summary["status"] != "done"
+        self.counts.update(files=1, files_failed=failed, loops=summary["loops"], loops_failed=summary["loops_failed"])
         if failed:
             with self.store.log.open("a", encoding="utf-8") as file:
-                file.write(log_line(one))
+                file.write(log_line(summary))
         if self.on_progress is not None:
             self.on_progress(self.progress())
 
     def progress(self) -> BatchProgress:
-        """How far it is."""
+        """The counts so far."""
         return BatchProgress(**self.counts, seconds=perf_counter() - self.start)
 
 
 def _blocks(sources: Iterator[Source], counts: Counter[str], pool: Workers) -> Iterator[list[Source]]:
-    """Sources in blocks to be solved together: small files, and fewer as the end comes near."""
+    """Blocks of sources to be solved together; shorter near the end, so that all workers finish at about one time."""
     block: list[Source] = []
     handed = most = 0
     for source in sources:
-        if block and (len(block) >= most or sum(one.size for one in block) + source.size > SMALL):
+        if block and (len(block) >= most or sum(one.size for one in block) + source.size > MOST_BYTES):
             yield block
             handed += len(block)
             block = []
         if not block:
-            most = min(TOGETHER, (counts["files_total"] - counts["files_before"] - handed) // (2 * pool.count()))
+            remaining = counts["files_total"] - counts["files_before"] - handed
+            most = min(MOST_FILES, remaining // (2 * pool.count()))
         block.append(source)
     if block:
         yield block
-
-
-@contextmanager
-def _workers(workers: int | None, scheduler: str | Cluster | Client | None, token: str) -> Iterator[Workers]:
-    """Threads, or the workers of a cluster; the processes that solve for them end with the block."""
-    if scheduler is not None:
-        with _cluster(scheduler, token) as pool:
-            yield pool
-        return
-    count = workers or (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
-    with ThreadPoolExecutor(count) as executor:
-        try:
-            yield Workers(executor=executor, count=lambda: count)
-        finally:
-            executor.shutdown(wait=False, cancel_futures=True)
-            end_solvers(token)
-
-
-@contextmanager
-def _cluster(scheduler: str | Cluster | Client, token: str) -> Iterator[Workers]:
-    from distributed import Client, KilledWorker
-
-    with ExitStack() as stack:
-        try:
-            client: Any = scheduler
-            if not isinstance(scheduler, Client):
-                client = stack.enter_context(Client(scheduler, timeout="20s", set_as_default=False))
-            threads = client.nthreads
-            threads()
-        except (OSError, ValueError, RuntimeError, TypeError, AttributeError) as error:
-            raise BatchError(f"{scheduler}: no Dask scheduler answers there ({error}); check the address") from error
-        executor = client.get_executor(pure=False)
-        try:
-            yield Workers(
-                executor=executor, count=lambda: max(1, sum(map(int, threads().values()))), killed=(KilledWorker,)
-            )
-        finally:
-            with suppress(OSError, RuntimeError):  # it is gone, and they with it
-                executor.shutdown(wait=False)
-                client.run(end_solvers, token, on_error="ignore")

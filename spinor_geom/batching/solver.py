@@ -1,48 +1,45 @@
-"""The process that reads, solves and writes; see `isolate` for how it is told what to do."""
+"""The process that reads, solves and writes files of a batch; `workers` starts it and watches it."""
 
-import io
 import traceback
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, closing
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from spinor_geom.batching.archives import ArchiveReader, Member
-from spinor_geom.batching.inputs import SMALL, Source
-from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.store import Store, failure
-from spinor_geom.batching.task import OpenedFile, Writer, open_file, results_of
+from spinor_geom.batching.inputs import Source
+from spinor_geom.batching.settings import BatchOptions
+from spinor_geom.batching.store import Store, Writer, failure
+from spinor_geom.batching.task import FileTask
 from spinor_geom.errors import ArchiveError, BatchError, OptionError, SpinorGeomError
 from spinor_geom.fill.exact_patches import SolvedLoop, minimal_patches
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.isolate import Tell, serve
 from spinor_geom.plateau.options import usable_device
 
-WAITING = 4  # files whose results are on their way to the disk: each waits for it several times
+WAITING = 4  # files whose results are being written while the next is meshed; each waits several times for the disk
 
 
 def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
-    """Does a job: some sources, whose loops are solved side by side.
+    """Solves the loops of some sources together and writes the results.
 
     Args:
         job: "sources", "options" and "store", as `asdict` gives them.
-        tell: is called with "reading" before each source is read, with "solving" before and after what is done of all
-            of them together, and with "finished" after a source's results are written; with "stop" where none can be.
+        tell: is called with "reading" before each source is read, with "solving" as a sign of life, with "finished"
+            and a summary after a source's results are written, and with "stop" if the batch cannot go on.
         archives: keeps the last archive open.
     """
     options, store = BatchOptions(**job["options"]), Store(**job["store"])
     sources = [Source(**entry) for entry in job["sources"]]
     try:
-        with ExitStack() as stack:
-            _work(sources, options, store, partial(_stream, archives=archives, stack=stack), tell)
+        _work(sources, options, store, archives, tell)
     except BatchError as error:
         tell({"stop": str(error)})
-    except Exception as error:  # a mistake of ours, which must not cost the other files
+    except Exception as error:  # a bug, which must not cost the other files
         if len(sources) > 1:
             return  # they are tried one by one
         where = traceback.extract_tb(error.__traceback__)[-1]
@@ -50,10 +47,8 @@ def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
         tell({"finished": store.fail(sources[0], reason)})
 
 
-def _work(
-    sources: Sequence[Source], options: BatchOptions, store: Store, stream_of: Callable[[Source], BinaryIO], tell: Tell
-) -> None:
-    try:  # once, what otherwise every file would fail for
+def _work(sources: Sequence[Source], options: BatchOptions, store: Store, archives: ArchiveReader, tell: Tell) -> None:
+    try:
         usable_device(options.device)
     except OptionError as error:
         raise BatchError(f"a worker: {error}") from error
@@ -65,77 +60,60 @@ def _work(
         continuity=options.continuity,
         on_stage=lambda place, stage: tell({"solving": ""}),
     )
-    opened: list[OpenedFile] = []
+    tasks: list[FileTask] = []
     for source in sources:
         tell({"reading": source.key})
         try:
             if source.problem:
                 raise ArchiveError(source.problem)
-            opened.append(open_file(stream_of(source), source, options, fill_options))
+            tasks.append(FileTask(_bytes_of(source, archives), source, options, fill_options))
         except SpinorGeomError as error:
             tell({"finished": store.fail(source, str(error), status="failed")})
-        except OSError as error:
+        except OSError as error:  # of the disk or the access rights: a resumed batch tries the file again
             reason = f"{source.path}: cannot be read ({error.strerror or error}); check the access rights"
-            # of the disk or the rights, which may be others when the batch is resumed
             tell({"finished": store.fail(source, reason)})
-    tell({"solving": ""})  # all of them from here on: what happens now is not the fault of the last one read
-    answers = _answers(opened, fill_options, options.device, tell)
+    tell({"solving": ""})  # from here on, no single file is to blame for a fault
+    rims = _patches([rim for task in tasks for rim in task.rims], fill_options, options, tell)
+    curves = _patches([loop for task in tasks for loop in task.curve_loops], fill_options, options, tell, is_rim=False)
     waiting: deque[Future[dict[str, Any]]] = deque()
-    # the next file is meshed while this one's results are on their way to the disk
     with ThreadPoolExecutor(WAITING) as writer:
-        for file in opened:
-            waiting.append(writer.submit(store.commit, file.source, *_results(file, *answers)))
+        for task in tasks:
+            waiting.append(writer.submit(store.commit, task.source, *_results(task, rims, curves)))
             while waiting and (waiting[0].done() or len(waiting) > WAITING):
                 tell({"finished": waiting.popleft().result()})
         for one in waiting:
             tell({"finished": one.result()})
 
 
-def _answers(
-    files: Sequence[OpenedFile], options: FillOptions, device: str, tell: Tell
-) -> tuple[Iterator[SolvedLoop], Iterator[SolvedLoop]]:
-    """The patches of all rims and of all curves, in order, or why there is none; each is a sign of life."""
+def _bytes_of(source: Source, archives: ArchiveReader) -> bytes:
+    if not source.member:
+        return Path(source.path).read_bytes()
+    return archives.read(Path(source.path), Member(name=source.member, size=source.size, place=source.place))
 
-    def told(answers: Iterator[SolvedLoop]) -> Iterator[SolvedLoop]:
-        for answer in answers:
-            tell({"solving": ""})
-            yield answer
 
-    rims = [rim for file in files for rim in file.rims]
-    curves = [curve for file in files for curve in file.curve_loops]
-    return (
-        told(minimal_patches(rims, options, device=device)),
-        told(minimal_patches(curves, options, is_rim=False, device=device)),
-    )
+def _patches(
+    loops: list[Any], fill_options: FillOptions, options: BatchOptions, tell: Tell, *, is_rim: bool = True
+) -> Iterator[SolvedLoop]:
+    """The patch of each loop in order, or why there is none."""
+    for answer in minimal_patches(loops, fill_options, is_rim=is_rim, device=options.device):
+        tell({"solving": ""})
+        yield answer
 
 
 def _results(
-    file: OpenedFile, rims: Iterator[SolvedLoop], curves: Iterator[SolvedLoop]
+    task: FileTask, rims: Iterator[SolvedLoop], curves: Iterator[SolvedLoop]
 ) -> tuple[dict[str, Any], dict[str, Writer]]:
-    """The record of a file and what writes its files; takes its share of the answers, also where it cannot use them."""
-    own = islice(rims, len(file.rims)), islice(curves, len(file.curve_loops))
+    """The record and the files of a task; always takes all patches of its loops from the iterators."""
+    own = islice(rims, len(task.rims)), islice(curves, len(task.curve_loops))
     try:
-        return results_of(file, *own)
+        return task.results(*own)
     except SpinorGeomError as error:
-        return failure(file.source.key, str(error)), {}
+        return failure(task.source.key, str(error)), {}
     finally:
         for rest in own:
             deque(rest, maxlen=0)
 
 
-def _stream(source: Source, *, archives: ArchiveReader, stack: ExitStack) -> BinaryIO:
-    """The text of a source, which can be gone back in; that of a small one is in memory."""
-    if source.member:
-        opened = archives.open(source.path, Member(name=source.member, size=source.size, place=source.place))
-    else:
-        opened = open(source.path, "rb")  # noqa: SIM115 - closed below, or by the stack
-    if source.size > SMALL:
-        return stack.enter_context(closing(opened))  # the stack closes it, after the file's results are written
-    with closing(opened):
-        return io.BytesIO(opened.read())
-
-
 if __name__ == "__main__":
-    # nobody reads this process's standard error; what matters of a loop stands in its record
-    warnings.simplefilter("ignore")
+    warnings.simplefilter("ignore")  # nobody reads this process's standard error; the records hold what matters
     serve(partial(work, archives=ArchiveReader()))

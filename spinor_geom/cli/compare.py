@@ -1,11 +1,9 @@
-"""`spinor-geom compare`: measures exact minimal surfaces over a mesh's holes beside discrete ones or another mesh."""
+"""`spinor-geom compare`: compares exact minimal surfaces over a mesh's loops with discrete ones or a given mesh."""
 
 import argparse
 import json
-from collections.abc import Iterator
 from typing import Any
 
-from spinor_geom.adapters import MeshFile
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.comparison import Comparison, compare
@@ -14,7 +12,7 @@ from spinor_geom.fill.loop_choice import boundary_loops, chosen_places
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Compares loop by loop; a loop that cannot be compared is named, and makes the exit status 1."""
+    """Compares each chosen loop; one that cannot be compared is reported."""
     if arguments.output is not None:
         kept = [path for path in (arguments.input, arguments.baseline) if path is not None]
         require_writable(arguments.output, *kept)
@@ -26,14 +24,17 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         raise OptionError(f"{arguments.input}: has no boundary loops: the mesh is closed")
     if baseline is not None and len(places) > 1:
         raise OptionError("a mesh to compare with is over one loop: name that by --loop")
+    options: dict[str, Any] = {"target_edge_length": arguments.edge_length or "auto"}
     found: dict[str, Comparison] = {}
-    for place, answer in _compared(mesh, places, baseline, arguments):
-        if isinstance(answer, Comparison):
-            found[f"loop {place}"] = answer
-        elif len(places) == 1:
-            raise answer
-        else:
-            complain(f"loop {place}: {answer}")
+    with progress("comparing") as bar:
+        for done, place in enumerate(places, 1):
+            try:
+                found[f"loop {place}"] = compare(mesh, baseline, loop=place, **options)
+            except SpinorGeomError as error:
+                if len(places) == 1:
+                    raise
+                complain(f"loop {place}: {error}")
+            bar(done, len(places))
     if arguments.output is not None and found:
         from spinor_geom.render.comparison_page import comparison_page
 
@@ -44,16 +45,3 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     else:
         show_lines("\n\n".join(f"{name}\n{one}" for name, one in found.items()), piped=True)
     return ExitStatus.DONE if len(found) == len(places) else ExitStatus.IMPERFECT
-
-
-def _compared(
-    mesh: MeshFile, places: list[int], baseline: MeshFile | None, arguments: argparse.Namespace
-) -> Iterator[tuple[int, Comparison | SpinorGeomError]]:
-    options: dict[str, Any] = {"target_edge_length": arguments.edge_length or "auto"}
-    with progress("comparing") as bar:
-        for done, place in enumerate(places, 1):
-            try:
-                yield place, compare(mesh, baseline, loop=place, **options)
-            except SpinorGeomError as error:
-                yield place, error
-            bar(done, len(places))

@@ -1,4 +1,4 @@
-"""What the command line says: tables and progress on a terminal, complaints in one sentence, exit statuses."""
+"""Output of the command line: tables, progress bars, messages on standard error, and exit statuses."""
 
 import enum
 import errno
@@ -17,7 +17,7 @@ from spinor_geom.files import printable
 
 
 class ExitStatus(enum.IntEnum):
-    """What the shell is told; 1 for a mesh that was written but deserves a look."""
+    """Exit statuses; 1 if the results are written, but some need a check."""
 
     DONE = 0
     IMPERFECT = 1
@@ -25,18 +25,21 @@ class ExitStatus(enum.IntEnum):
     INTERRUPTED = 130
 
 
-def ended_by(error: BaseException) -> ExitStatus:
-    """What a command that ended by an error says, and its status; without a word where nobody reads any more."""
+def report_error(error: BaseException) -> ExitStatus:
+    """Writes the message of an error that ended a command, and returns the exit status."""
     if isinstance(error, KeyboardInterrupt):
         complain("interrupted")
         return ExitStatus.INTERRUPTED
-    try:  # what standard output does not take any more the interpreter would complain of once more as it closes it
+    try:  # else the interpreter would report the same error again when it closes standard output
         sys.stdout.flush()
     except OSError:
         _discard_output()
     if isinstance(error, BrokenPipeError):
         return ExitStatus.DONE
-    complain(sentence(error))
+    if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
+        complain(f"{error.filename}: {error.strerror}")
+    else:
+        complain(" ".join(str(error).split()) or "there is not enough memory")
     return ExitStatus.BAD_INPUT
 
 
@@ -44,25 +47,18 @@ def _discard_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def sentence(error: BaseException) -> str:
-    """An error as one line."""
-    if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
-        return f"{error.filename}: {error.strerror}"
-    return " ".join(str(error).split()) or "there is not enough memory"
-
-
 def complain(text: str) -> None:
-    """Says one sentence on standard error."""
-    with suppress(OSError):  # nobody can be told
+    """Writes a message to standard error."""
+    with suppress(OSError):  # closed
         sys.stderr.write(f"spinor-geom: {printable(text)}\n")
 
 
 def show_table(
     columns: Sequence[str], rows: Iterable[Sequence[str | Text]], *, piped: bool, optional: Sequence[str] = ()
 ) -> None:
-    """Shows a table on standard output: ruled on a terminal, else tab-separated lines with a header if wanted piped.
+    """Writes a table to standard output: ruled on a terminal, else tab-separated lines if `piped`.
 
-    On a terminal that is too narrow for all columns the optional ones are left out, the first first.
+    If the terminal is too narrow, the optional columns are left out, in their order.
     """
     console = Console()
     if console.is_terminal:
@@ -74,7 +70,7 @@ def show_table(
         table = Table(*widths, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
         for row in rows:
             cells = [cell for name, cell in zip(columns, row, strict=True) if name in widths]
-            # a bare string could hold what rich takes for markup
+            # rich would read markup in a string
             table.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in cells))
         console.print(table)
     elif piped:
@@ -82,41 +78,41 @@ def show_table(
 
 
 def show_lines(text: str, *, piped: bool) -> None:
-    """Writes text to standard output: always on a terminal, on a pipe if wanted there."""
+    """Writes text to standard output: always on a terminal, else if `piped`."""
     if piped or sys.stdout.isatty():
         _write(text.rstrip("\n") + "\n")
 
 
 def _write(text: str) -> None:
-    """Writes to standard output at once, until nobody reads it any more; another OSError names it."""
+    """Writes to standard output; a closed pipe is no error, and any other OSError names standard output."""
     try:
         sys.stdout.write(text)
         sys.stdout.flush()
     except OSError as error:
-        if error.errno not in (errno.EPIPE, errno.EINVAL):  # the second on Windows
+        if error.errno not in (errno.EPIPE, errno.EINVAL):  # EINVAL for a closed pipe on Windows
             error.filename = "standard output"
             raise
         _discard_output()
 
 
 class ProgressBar:
-    """A progress bar: called with the number of things done and of all, and a line of figures if there is one."""
+    """A progress bar."""
 
     def __init__(self, bar: Progress, label: str) -> None:
         self._bar, self._label, self._task = bar, label, bar.add_task(label, total=None)
 
     def __call__(self, done: int, total: int, figures: str | None = None) -> None:
-        """Shows how much is done."""
+        """Shows how many of the total are done, and optionally another label."""
         self._bar.update(self._task, completed=done, total=total, description=figures)
 
     def stage(self, text: str) -> None:
-        """Shows what is being done."""
+        """Adds the current stage to the label."""
         self._bar.update(self._task, description=f"{self._label} {text}")
 
 
 @contextmanager
 def progress(label: str) -> Iterator[ProgressBar]:
-    """A progress bar on standard error while the block runs, on a terminal only."""
+    """A progress bar on standard error, only on a terminal, until the context ends."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:

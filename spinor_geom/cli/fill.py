@@ -1,9 +1,10 @@
-"""`spinor-geom fill`: fills the holes of a mesh file, writes the result, a report, a picture."""
+"""`spinor-geom fill`: fills the holes of a mesh file, and writes the result, a report, a page and a picture."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from itertools import count
 from typing import TYPE_CHECKING, Any, Literal
 
 from rich.text import Text
@@ -19,33 +20,31 @@ from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 if TYPE_CHECKING:
     from spinor_geom.comparison import Comparison
 
-# left out of the table on a narrow terminal, the first first
+# columns to leave out on a narrow terminal, in this order
 _OPTIONAL = ("stability", "perimeter", "seconds", "residual", "points")
 _OPEN = {True: ("open", "red"), False: ("left open", "dim")}
-# columns more, where there are some: RMS angle between patch and mesh along the rim, of the film and continued
+# columns that are left out if they are empty: the angle between patch and mesh at the rim before and after the
+# continuation (RMS), and the number of intersections
 BEND, CROSSINGS = "bend", "crossings"
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Fills, writes, reports; what cannot work is refused before anything is solved."""
+    """Fills and writes. Outputs that cannot be written are reported before anything is solved."""
     if arguments.picture is not None:
         require("pyvista", extra="render")
     if arguments.html is not None:
         require("matplotlib", extra="render")
     mesh = read_surface(arguments.input, merge=arguments.merge)
-    edge_length: float | Literal["auto"] = "auto" if arguments.edge_length is None else arguments.edge_length
-    named = (arguments.output, arguments.report, arguments.picture, arguments.html)
-    outputs = [path for path in named if path is not None]
+    edge_length: float | Literal["auto"] = arguments.edge_length or "auto"
     known_suffix(arguments.output)
-    for number, path in enumerate(outputs):
-        require_writable(path, *outputs[:number], *[arguments.input][: path != arguments.output])
+    require_writable(arguments.output)  # it may replace the input, no other output may
+    outputs = [arguments.output]
+    for path in (arguments.report, arguments.picture, arguments.html):
+        if path is not None:
+            require_writable(path, arguments.input, *outputs)
+            outputs.append(path)
     with progress("filling") as bar:
-        done: list[LoopOutcome] = []
-
-        def on_loop(outcome: LoopOutcome, requested: int) -> None:
-            done.append(outcome)
-            bar(len(done), requested)
-
+        done = count(1)
         filled, result = fill_hole(
             mesh,
             "all" if arguments.loop is None else arguments.loop,
@@ -58,14 +57,14 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
             tolerance=arguments.tolerance,
             time_limit=arguments.time_limit,
             return_report=True,
-            on_loop=on_loop,
+            on_loop=lambda _, requested: bar(next(done), requested),
             on_stage=lambda place, stage: bar.stage(f"loop {place}: {stage}"),
         )
     for path in outputs:
         path.parent.mkdir(parents=True, exist_ok=True)
     left_out = filled.write(arguments.output)
     report = {"input": str(arguments.input), "output": str(arguments.output), **result.to_dict()}
-    comparisons = add_comparisons(report, result, edge_length) if arguments.compare else {}
+    comparisons = _add_comparisons(report, result, edge_length) if arguments.compare else {}
     if arguments.report is not None:
         write_json(arguments.report, report)
     if arguments.picture is not None:
@@ -77,20 +76,20 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         from spinor_geom.render.report import report as write_page
 
         write_page(result, arguments.html, comparisons=comparisons)
-    # only when all files are there: standard output may be closed, or a full disk
+    # after all files are written: standard output may be closed or full
     for index, comparison in comparisons.items():
         show_lines(f"loop {index}\n{comparison}", piped=True)
-    show_result(result, quiet=arguments.quiet)
+    _show_result(result, quiet=arguments.quiet)
     for note in left_out:
         complain(note)
     good = result.closed and result.intersection_free and (result.complete or not arguments.strict)
     return ExitStatus.DONE if good else ExitStatus.IMPERFECT
 
 
-def add_comparisons(
+def _add_comparisons(
     report: dict[str, Any], result: FillResult, edge_length: float | Literal["auto"]
 ) -> dict[int, Comparison]:
-    """Compares each fill with its discrete minimal surface, by loop; the figures are put under it in the report."""
+    """Compares each exact patch with a discrete minimal surface, by loop, and adds the figures to the report."""
     from spinor_geom.comparison import compare
 
     comparisons = {}
@@ -108,16 +107,15 @@ def add_comparisons(
     return comparisons
 
 
-def show_result(result: FillResult, *, quiet: bool) -> None:
-    """The table of loops on a terminal; on standard error what is not filled as asked and what patches cross.
+def _show_result(result: FillResult, *, quiet: bool) -> None:
+    """Prints a table of loops on a terminal, and warnings on standard error.
 
-    Without a terminal a line for every other loop stands there too, unless it is to be quiet.
+    Without a terminal, every other loop gets a line on standard error too, unless `quiet`.
     """
     if result.loops:
-        rows = [row(outcome) for outcome in result.loops]
-        columns = [name for name in rows[0] if name not in (BEND, CROSSINGS) or any(str(cells[name]) for cells in rows)]
-        lines = [[cells[name] for name in columns] for cells in rows]
-        show_table(columns, lines, piped=False, optional=_OPTIONAL)
+        rows = [_row(outcome) for outcome in result.loops]
+        columns = [name for name in rows[0] if name not in (BEND, CROSSINGS) or any(str(row[name]) for row in rows)]
+        show_table(columns, [[row[name] for name in columns] for row in rows], piped=False, optional=_OPTIONAL)
     else:
         show_lines("no boundary loops: nothing to fill", piped=True)
     for note in result.notes:
@@ -132,22 +130,22 @@ def show_result(result: FillResult, *, quiet: bool) -> None:
         piped=False,
     )
     for outcome in result.loops:
-        said = outcome.shortcomings
-        if not said and outcome.filled and not quiet and not sys.stdout.isatty():
-            said = (f"loop {outcome.index} ({len(outcome.loop)} vertices): {_in_a_line(outcome)}",)
-        for line in said:
+        lines = outcome.shortcomings
+        if not lines and outcome.filled and not quiet and not sys.stdout.isatty():
+            lines = (f"loop {outcome.index} ({len(outcome.loop)} vertices): {_description(outcome)}",)
+        for line in lines:
             complain(line)
 
 
-def _in_a_line(outcome: LoopOutcome) -> str:
+def _description(outcome: LoopOutcome) -> str:
     if not outcome.faces_added:
         return f"joined to loop {outcome.joined_to}"
     residual = "" if outcome.solution is None else f", residual {outcome.solution.boundary_residual.rms_per_edge:.1e}"
     return f"{outcome.kind}, {outcome.faces_added} faces, area {outcome.area:.6g}{residual}"
 
 
-def row(outcome: LoopOutcome) -> dict[str, str | Text]:
-    """An outcome as a line of the table, by columns."""
+def _row(outcome: LoopOutcome) -> dict[str, str | Text]:
+    """A row of the table, by columns."""
     entry = outcome.to_dict()
     residual, area, stability = entry["residual_rms_per_edge"], entry["area"], entry["stability"]
     bend = outcome.continuation
@@ -167,7 +165,7 @@ def row(outcome: LoopOutcome) -> dict[str, str | Text]:
 
 
 def _kind(outcome: LoopOutcome) -> Text:
-    """What became of a loop: green as asked for, yellow with a remark, red left open though asked for."""
+    """The kind of a patch: green if converged, yellow if not or for a border, red for a requested loop left open."""
     if not outcome.filled:
         return Text("border", style="yellow") if outcome.is_border else Text(*_OPEN[outcome.requested])
     kind = str(outcome.kind) if outcome.joined_to is None else f"joined to {outcome.joined_to}"

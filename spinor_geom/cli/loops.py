@@ -18,7 +18,7 @@ COLUMNS = ("loop", "points", "perimeter", "mean edge", "elongation", "corners", 
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Lists the loops: a table, or JSON."""
+    """Prints a table or JSON, and draws the picture."""
     if arguments.picture is not None:
         require("pyvista", extra="render")
         require_writable(arguments.picture, arguments.input)
@@ -34,9 +34,9 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         arguments.picture.parent.mkdir(parents=True, exist_ok=True)
         write_png(loops_scene(mesh.mesh, loops), arguments.picture)
     if arguments.json:
-        show_lines(json.dumps([describe(index, loop) for index, loop in enumerate(loops)], indent=2), piped=True)
+        show_lines(json.dumps([_json(index, loop) for index, loop in enumerate(loops)], indent=2), piped=True)
     elif loops:
-        show_table(COLUMNS, [row(index, loop) for index, loop in enumerate(loops)], piped=True)
+        show_table(COLUMNS, [_row(index, loop) for index, loop in enumerate(loops)], piped=True)
     else:
         show_lines("\n".join(["no boundary loops", *notes]), piped=True)
     for note in notes if loops or arguments.json else ():
@@ -44,14 +44,13 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     return ExitStatus.DONE
 
 
-def describe(index: int, loop: BoundaryLoop) -> dict[str, Any]:
-    """A loop in JSON's types; the elongation of points on a line is None."""
+def _json(index: int, loop: BoundaryLoop) -> dict[str, Any]:
     return {
         "index": index,
         "vertices": len(loop),
         "perimeter": loop.perimeter,
         "mean_edge_length": loop.mean_edge_length,
-        "elongation": loop.elongation if math.isfinite(loop.elongation) else None,
+        "elongation": loop.elongation if math.isfinite(loop.elongation) else None,  # infinite for points on a line
         "centroid": loop.centroid.tolist(),
         "normal": loop.plane.normal.tolist(),
         "slit_fraction": loop.slit_fraction,
@@ -66,16 +65,14 @@ def describe(index: int, loop: BoundaryLoop) -> dict[str, Any]:
     }
 
 
-def row(index: int, loop: BoundaryLoop) -> list[str]:
-    """A loop as a line of the table."""
+def _row(index: int, loop: BoundaryLoop) -> list[str]:
     crossings = 0 if loop.slit_fraction else len(loop_crossings(loop.points))
+    pairs = "pair" if crossings == 1 else "pairs"
     remarks = [
         f"zero-width slit ({loop.slit_fraction:.0%})" if loop.slit_fraction else "",
         f"{len(loop.seam_edges)} edges on another loop" if len(loop.seam_edges) else "",
         f"{len(loop.junctions)} T-junctions" if len(loop.junctions) else "",
-        f"crosses or touches itself at {crossings} {'pair' if crossings == 1 else 'pairs'} of edges"
-        if crossings
-        else "",
+        f"crosses or touches itself at {crossings} {pairs} of edges" if crossings else "",
         "" if loop.obstacle is None else f"no patch: {loop.obstacle}",
         *loop.remarks,
     ]

@@ -1,4 +1,4 @@
-"""`spinor-geom view`, `render` and `morph`: meshes and saved surfaces in a window, a PNG, an animation or a page."""
+"""`spinor-geom view`, `render` and `morph`: windows, pictures and animations of meshes and saved surfaces."""
 
 from __future__ import annotations
 
@@ -19,18 +19,16 @@ from spinor_geom.render.scene import Scene
 if TYPE_CHECKING:
     from spinor_geom.render.shapes import Shape
 
-
 _SIZE = (1024, 768)  # of a window
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Runs one of the three; what cannot be drawn or written is refused before anything is computed."""
+    """Runs one of the commands. Files that cannot be written are reported before anything is computed."""
     {"view": _view, "render": _render, "morph": _morph}[arguments.command](arguments)
     return ExitStatus.DONE
 
 
 def _view(arguments: argparse.Namespace) -> None:
-    """Shows the file until the window is closed; says what to do where there is no display."""
     require("pyvista", extra="render")
     if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")):
         raise RenderError(
@@ -48,7 +46,7 @@ def _render(arguments: argparse.Namespace) -> None:
     require_writable(arguments.output)
     shape = _shape(arguments.input, arguments.merge)
     portrait = shape.portrait(curvature=arguments.curvature)
-    # scans and models stand on y in most formats, formulas on z
+    # the vertical axis is y in most mesh files, z in formulas
     if (arguments.up or ("z" if arguments.input.suffix.lower() == SURFACE_SUFFIX else "y")) == "y":
         portrait = portrait.moved([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
@@ -60,7 +58,6 @@ def _morph(arguments: argparse.Namespace) -> None:
     from spinor_geom.render.morph import checked_suffix, morph
     from spinor_geom.surface import SpinorSurface
 
-    # before a surface is solved
     checked_suffix(arguments.output)
     require_writable(arguments.output)
     path = Path(arguments.surface)
@@ -75,7 +72,7 @@ def _shape(path: Path, merge: bool | float) -> Shape:
     if path.suffix.lower() != SURFACE_SUFFIX:
         return shape_of(read_surface(path, merge=merge))
     if merge is not False:
-        raise OptionError(f"{path}: is a saved surface, whose vertices are not merged; leave --merge out")
+        raise OptionError(f"{path}: is a saved surface and has no vertices to merge; leave --merge out")
     from spinor_geom.surface.spinor_surface import SpinorSurface
 
     return shape_of(SpinorSurface.load(path))

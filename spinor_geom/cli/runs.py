@@ -1,6 +1,7 @@
-"""`spinor-geom batch`, `bench` and `reproduce`: runs over many files or cases, which go on where they were stopped."""
+"""`spinor-geom batch`, `bench` and `reproduce`: long runs over many files or cases, which can be resumed."""
 
 import argparse
+from itertools import count
 from pathlib import Path
 
 from spinor_geom.batching.engine import BatchProgress, batch
@@ -8,48 +9,44 @@ from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines, 
 from spinor_geom.errors import require
 from spinor_geom.experiments import NAMES
 
-DATA = Path("data")  # of a clone, in whose root the command is usually given
+DATA = Path("data")  # in the root of a clone
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Runs one of the three."""
+    """Runs one of the commands."""
     return {"batch": _batch, "bench": _bench, "reproduce": _reproduce}[arguments.command](arguments)
 
 
 def _batch(arguments: argparse.Namespace) -> ExitStatus:
-    with progress("listing the inputs") as show:
+    with progress("listing the inputs") as bar:
 
         def on_progress(now: BatchProgress) -> None:
-            show(now.files, now.files_total, _said(now) + _ready(now))
+            bar(now.files, now.files_total, _counts(now) + _remaining_time(now))
 
-        own = ("command", "inputs", "output")
-        options = {name: value for name, value in vars(arguments).items() if name not in own}
-        options["edge_length"] = "auto" if arguments.edge_length is None else arguments.edge_length
+        options = {k: v for k, v in vars(arguments).items() if k not in ("command", "inputs", "output")}
+        options["edge_length"] = arguments.edge_length or "auto"
         options["loop"] = "all" if arguments.loop is None else arguments.loop
         result = batch(arguments.inputs, arguments.output, **options, on_progress=on_progress)
     done = result.progress
-    show_lines(f"{_said(done)}, {done.seconds:.1f} s; table: {result.table_csv}, page: {result.page}", piped=False)
+    show_lines(f"{_counts(done)}, {done.seconds:.1f} s; table: {result.table}, page: {result.page}", piped=False)
     if not result.complete:
-        complain(f"{done.files_failed} of {done.files} files are not wholly done; see {result.log}")
+        complain(f"{done.files_failed} of {done.files} files are not done; see {result.log}")
     return ExitStatus.DONE if result.complete else ExitStatus.IMPERFECT
 
 
-def _ready(now: BatchProgress) -> str:
+def _remaining_time(now: BatchProgress) -> str:
     if not now.seconds or now.files == now.files_before:
         return ""
     left = (now.files_total - now.files) * now.seconds / (now.files - now.files_before)
-    return f", ready in {left / 60:.0f} min" if left > 90 else f", ready in {left:.0f} s"
+    return f", {left / 60:.0f} min left" if left > 90 else f", {left:.0f} s left"
 
 
-def _said(now: BatchProgress) -> str:
+def _counts(now: BatchProgress) -> str:
     rate = now.loops / now.seconds if now.seconds and not now.files_before else 0.0
-    parts = [
-        f"files: {now.files} done, {now.files_failed} with failures",
-        f"{now.files_total - now.files} left",
-        f"loops: {now.loops} done, {now.loops_failed} failed",
-        *([f"{rate:.1f} loops/s"] if rate else []),
-    ]
-    return ", ".join(parts)
+    return (
+        f"files: {now.files} done, {now.files_failed} with failures, {now.files_total - now.files} left, "
+        f"loops: {now.loops} done, {now.loops_failed} failed{f', {rate:.1f} loops/s' if rate else ''}"
+    )
 
 
 def _bench(arguments: argparse.Namespace) -> ExitStatus:
@@ -62,8 +59,8 @@ def _bench(arguments: argparse.Namespace) -> ExitStatus:
     if DATA.is_dir():
         chosen.setdefault("data", DATA)
     settings = Settings.short(**chosen) if arguments.quick else Settings(**chosen)
-    with progress("measuring") as advance:
-        result = measure(settings, arguments.output, on_record=lambda _, done, total: advance(done, total))
+    with progress("measuring") as bar:
+        result = measure(settings, arguments.output, on_record=lambda _, done, total: bar(done, total))
     write(result)
     found = claims(result.records)
     for table in (claim_table(found), trouble_table(result.records)):
@@ -80,18 +77,15 @@ def _bench(arguments: argparse.Namespace) -> ExitStatus:
 def _reproduce(arguments: argparse.Namespace) -> ExitStatus:
     for package in ("matplotlib", "markdown_it", "pyvista"):
         require(package, extra="experiments")
-    from spinor_geom.experiments.experiment import PAGE, Done, reproduce
+    from spinor_geom.experiments.experiment import PAGE, reproduce
 
     names = arguments.names or tuple(NAMES)
-    with progress("reproducing") as advance:
-        seen: list[Done] = []
-
-        def on_done(one: Done) -> None:
-            seen.append(one)
-            advance(len(seen), len(names))
-
-        advance(0, len(names))
-        done = reproduce(names, arguments.output, quick=arguments.quick, on_done=on_done)
+    with progress("reproducing") as bar:
+        finished = count(1)
+        bar(0, len(names))
+        done = reproduce(
+            names, arguments.output, quick=arguments.quick, on_done=lambda _: bar(next(finished), len(names))
+        )
     rows = [[one.name, "yes" if one.holds else "no", f"{one.seconds:.1f}"] for one in done]
     show_table(("experiment", "seen", "seconds"), rows, piped=False)
     show_lines(f"report: {arguments.output / PAGE}", piped=False)

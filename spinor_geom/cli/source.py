@@ -1,4 +1,4 @@
-"""Reads the mesh that a command works on, and checks what it is to write."""
+"""Reads the mesh of a command, and checks the paths of its outputs."""
 
 import os
 from pathlib import Path
@@ -9,11 +9,11 @@ from spinor_geom.fill.merging import merged
 
 
 def read_surface(path: Path, *, merge: bool | float) -> MeshFile:
-    """A mesh file, which must have faces, with its vertices merged as by `merged`."""
+    """Reads a mesh file, which must have faces, and merges its vertices."""
     mesh = read_mesh(path)
     if not len(mesh.mesh.faces):
         raise MeshFileError(
-            f"{path}: has no faces, so nothing to fill or to draw; 'spinor-geom batch' spans the curves of OBJ files",
+            f"{path}: has no faces to fill or to draw; 'spinor-geom batch' spans the curves of OBJ files",
             path=path,
         )
     found: MeshFile = merged(mesh, merge)
@@ -21,7 +21,7 @@ def read_surface(path: Path, *, merge: bool | float) -> MeshFile:
 
 
 def require_writable(path: Path, *kept: Path) -> None:
-    """A MeshFileError where no file could be put at a path, folders being made on the way, or one is kept there."""
+    """Raises a MeshFileError if a file cannot be written to the path, or is one of those to keep."""
     if path.resolve() in (other.resolve() for other in kept):
         raise MeshFileError(f"{path}: is named twice, and would be lost; name another file", path=path)
     if path.is_dir():

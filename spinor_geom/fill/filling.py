@@ -50,8 +50,13 @@ class Filling:
         )
         if isinstance(choice.loop, BoundaryLoop):
             own, given = self.loops[places[0]], choice.loop
-            own = replace(own, points=given.points, vertex_ids=given.vertex_ids, corners=given.corners)
-            self.loops[places[0]] = own
+            self.loops[places[0]] = replace(
+                own,
+                points=given.points,
+                vertex_ids=given.vertex_ids,
+                corners=given.corners,
+                corners_given=given.corners_given,
+            )
         wanted = [place for place in range(len(self.loops)) if place not in reasons]
         self._joins, self._notes = planned_joins(mesh, self.loops, wanted, choice.islands, choice.bridge)
         joined = {place for first, others in self._joins.items() for place in (first, *others)}

@@ -18,7 +18,6 @@ import zipfile
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
-from typing import BinaryIO
 
 import pytest
 from hypothesis import given, settings
@@ -28,7 +27,7 @@ from spinor_geom.adapters.mesh_files import FORMATS
 from spinor_geom.batching import archives
 from spinor_geom.batching.archives import ArchiveReader, Member, members
 from spinor_geom.batching.inputs import Inputs, Source
-from spinor_geom.batching.options import Limits
+from spinor_geom.batching.settings import Limits
 from spinor_geom.errors import ArchiveError, BatchError
 from spinor_geom.files import MESH_SUFFIXES, safe_name
 from tests.batching.files import packed_zip
@@ -42,8 +41,8 @@ def listed(given: Iterable[str]) -> Inputs:
     return Inputs(given, output="/nowhere", limits=LIMITS)
 
 
-def opened(reader: ArchiveReader, source: Source) -> BinaryIO:
-    return reader.open(source.path, Member(name=source.member, size=source.size, place=source.place))
+def content(reader: ArchiveReader, source: Source) -> bytes:
+    return reader.read(Path(source.path), Member(name=source.member, size=source.size, place=source.place))
 
 
 def keys(*given: object) -> list[str]:
@@ -130,7 +129,7 @@ def test_members_of_one_name_are_numbered(tmp_path: Path, suffix: str) -> None:
     ]
     reader = ArchiveReader()
     for source, (_, data) in zip(found, entries, strict=True):
-        assert opened(reader, source).read() == data
+        assert content(reader, source) == data
     reader.close()
 
 
@@ -273,11 +272,7 @@ def test_archives_are_read_member_by_member_in_any_order(tmp_path: Path, suffix:
     reader = ArchiveReader()
     for source in [*found, found[3], found[1]]:
         source = Source(**json.loads(json.dumps(asdict(source))))
-        stream = opened(reader, source)
-        assert stream.read(10) == data[source.member][:10]
-        stream.seek(0)
-        assert stream.read() == data[source.member]
-        assert stream.read(5) == b""
+        assert content(reader, source) == data[source.member]
     reader.close()
 
 
@@ -442,9 +437,8 @@ def test_a_zip_that_lies_about_sizes_gives_no_more_than_it_says(tmp_path: Path) 
         struct.pack_into("<I", data, data.index(magic) + at, 100)
     path.write_bytes(data)
     (member,) = members(path)
-    stream = ArchiveReader().open(str(path), member)
     with pytest.raises(ArchiveError, match=r"a\.obj: .*CRC"):
-        stream.read()
+        ArchiveReader().read(path, member)
 
 
 def test_a_zip_whose_members_begin_before_it_is_damaged(tmp_path: Path) -> None:
@@ -455,7 +449,7 @@ def test_a_zip_whose_members_begin_before_it_is_damaged(tmp_path: Path) -> None:
     path.write_bytes(data)
     # that lasts, so it is no trouble of the disk
     with pytest.raises(ArchiveError, match="cannot be read as an archive"):
-        ArchiveReader().open(str(path), Member(name=GOOD[0], size=len(GOOD[1]), place=0))
+        ArchiveReader().read(path, Member(name=GOOD[0], size=len(GOOD[1]), place=0))
 
 
 @pytest.mark.parametrize("suffix", [*PACKERS, ".zip"])
@@ -530,7 +524,7 @@ def test_a_damaged_member_is_an_error_of_its_own(tmp_path: Path) -> None:
     path.unlink()
     # that the file is gone is no damage: it may come back
     with pytest.raises(FileNotFoundError):
-        ArchiveReader().open(str(path), member)
+        ArchiveReader().read(path, member)
 
 
 @pytest.mark.parametrize("suffix", [".zip", ".tar.gz"])

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from spinor_geom.batching.inputs import Source
-from spinor_geom.batching.options import BatchOptions
+from spinor_geom.batching.settings import BatchOptions
 from spinor_geom.batching.store import Store, failure, opened_store
 from spinor_geom.errors import BatchError
 

@@ -13,45 +13,35 @@ import spinor_geom
 
 ROOT = Path(__file__).parents[2]
 HEAVY = ("torch", "trimesh", "scipy", "igl", "numpy", "pymeshlab", "pyvista", "rich", "jaxtyping", "matplotlib")
-HEAVY += ("dask", "distributed", "pyarrow", "filelock")
+HEAVY += ("dask", "distributed", "filelock")
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["--help"],
-        ["fill", "--help"],
-        ["loops", "--help"],
-        ["reproduce", "--help"],
-        ["bench", "--help"],
-        ["batch", "--help"],
-        ["view", "--help"],
-        ["render", "--help"],
-        ["fill"],
-    ],
-)
-def test_help_and_usage_errors_import_nothing_heavy(arguments: list[str]) -> None:
+def run_alone(program: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", program]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
+
+
+def test_help_and_usage_errors_import_nothing_heavy() -> None:
     program = (
         "import sys\n"
         "from spinor_geom.cli.main import main\n"
-        "try:\n"
-        f"    main({arguments!r})\n"
-        "except SystemExit:\n"
-        "    pass\n"
+        "for command in ('', 'fill', 'loops', 'compare', 'reproduce', 'bench', 'batch', 'morph', 'view', 'render'):\n"
+        "    for arguments in ([command, '--help'], [command]):\n"
+        "        try:\n"
+        "            main([word for word in arguments if word])\n"
+        "        except SystemExit:\n"
+        "            pass\n"
         f"print('LOADED', [name for name in {HEAVY!r} if name in sys.modules])\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
-    )
+    done = run_alone(program)
     assert done.stdout.rstrip().endswith("LOADED []")
-    assert "usage: spinor-geom" in done.stdout + done.stderr
+    assert done.stdout.count("usage: spinor-geom") == 10
+    assert done.stderr.count("usage: spinor-geom") == 10
 
 
 def test_importing_the_package_imports_nothing_heavy() -> None:
     program = f"import sys, spinor_geom; dir(spinor_geom); print([name for name in {HEAVY!r} if name in sys.modules])"
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
-    )
+    done = run_alone(program)
     assert done.stdout.strip() == "[]"
 
 
@@ -62,9 +52,7 @@ def test_modules_of_a_command_are_no_garbage_to_look_through() -> None:
         "assert main(['loops', 'data/trimesh_reference.obj']) == 0\n"
         "print(gc.isenabled(), gc.get_freeze_count() > 10_000)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
-    )
+    done = run_alone(program)
     assert done.stdout.splitlines()[-1] == "True True"
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from spinor_geom.adapters.obj import read_obj_stream
 from spinor_geom.batching.inputs import Source
-from spinor_geom.batching.loops import NamedLoop, curve_loops
-from spinor_geom.batching.options import BatchOptions
-from spinor_geom.batching.task import OpenedFile, open_file
+from spinor_geom.batching.obj_curves import NamedLoop, curve_loops
+from spinor_geom.batching.settings import BatchOptions
+from spinor_geom.batching.task import FileTask
 from spinor_geom.errors import (
     KnottedLoopError,
     LoopTooShortError,
@@ -28,9 +28,9 @@ def loops(text: str, *, closing: float = 1e-3) -> list[NamedLoop]:
     return curve_loops(read_obj_stream(io.BytesIO(text.encode())), closing=closing)
 
 
-def opened(text: str) -> OpenedFile:
+def opened(text: str) -> FileTask:
     options = FillOptions(target_edge_length="auto", model="auto", tolerance=1e-3)
-    return open_file(io.BytesIO(text.encode()), Source(key="a.obj", path="a.obj"), BatchOptions(), options)
+    return FileTask(text.encode(), Source(key="a.obj", path="a.obj"), BatchOptions(), options)
 
 
 def test_several_curves_of_one_file_keep_their_names() -> None:
@@ -104,7 +104,7 @@ def test_what_bounds_no_disk_is_refused_by_name_with_the_reason() -> None:
 
 def test_holes_have_the_name_of_most_faces_beside_them() -> None:
     file = opened(holed_text().replace("g north\r\nf -3 -2 -1\r\n", "f -3 -2 -1\r\ng north\r\n"))
-    assert (file.names, [len(loop) for loop in file.rims]) == (("roof/south",), [4])
+    assert (file.hole_names, [len(loop) for loop in file.rims]) == (["roof/south"], [4])
 
 
 def test_a_file_may_have_holes_and_curves() -> None:

@@ -1,4 +1,4 @@
-"""The closed curves of an OBJ file, each with its name or the reason why it is none."""
+"""Closed curves of OBJ files as boundary loops."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,20 +25,20 @@ from spinor_geom.mesh.triangle_mesh import require_extent
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NamedLoop:
-    """A closed curve of a file, or what should have been one."""
+    """A curve of a file as a loop, or the error for which no surface over it is computed."""
 
-    name: str  # of the object and group that it belongs to; "" where the file has none
-    points: Float[np.ndarray, "k 3"]  # of the loop, or of what was found in its place
-    loop: BoundaryLoop | None  # None where it could not be made
-    error: SpinorGeomError | None = None  # why no surface over it is looked for, if so
-    notes: tuple[str, ...] = ()  # what was repaired
+    name: str  # of its object and group; "" where the file has none
+    points: Float[np.ndarray, "k 3"]  # of the loop, or the finite points of the curve
+    loop: BoundaryLoop | None  # None where it cannot be made
+    error: SpinorGeomError | None = None
+    notes: tuple[str, ...] = ()  # repairs
 
 
 def curve_loops(text: ObjText, *, closing: float) -> list[NamedLoop]:
     """The curves of a file as loops, in its order.
 
-    Ends of open curves that are at most `closing` mean edges (of the shorter-edged of the two) apart are joined where
-    no third end is as near. Points that are equal to their predecessor are dropped.
+    The ends of open curves are joined if they are at most `closing` mean edges apart (of the curve with shorter edges)
+    and no third end is as near. A point that equals its predecessor is dropped.
     """
     vertices = text.contents.vertices
     return [
@@ -47,27 +47,20 @@ def curve_loops(text: ObjText, *, closing: float) -> list[NamedLoop]:
     ]
 
 
-def refuse_what_bounds_no_disk(loop: BoundaryLoop) -> None:
-    """A SelfCrossingLoopError where a loop crosses or touches itself, a KnottedLoopError where it is knotted."""
-    require_simple(loop)
-    if (determinant := knot_determinant(loop.points)) is not None:
-        raise KnottedLoopError(determinant=determinant)
-
-
 def _joined(
     vertices: Float[np.ndarray, "v 3"], curves: Sequence[Int[np.ndarray, " _"]], closing: float
 ) -> list[tuple[int, Int[np.ndarray, " _"], float]]:
-    """Curves with near ends joined, each with the number of its first piece and the largest gap closed in it."""
-    whole = [(number, curve, 0.0) for number, curve in enumerate(curves) if curve[0] == curve[-1]]
+    """Curves with near ends joined: the number of the first piece, vertex ids, and the largest gap that was closed."""
     is_open = [number for number, curve in enumerate(curves) if curve[0] != curve[-1]]
+    whole = [(number, curve, 0.0) for number, curve in enumerate(curves) if curve[0] == curve[-1]]
     if not is_open:
         return whole
     pieces = [curves[number].copy() for number in is_open]
     ends = np.array([piece[[0, -1]] for piece in pieces]).ravel()
     gaps: dict[int, float] = {}
-    for one, other in _partners(vertices, pieces, closing).tolist():
+    for one, other in _near_ends(vertices, pieces, closing).tolist():
         gaps[int(ends[one])] = float(np.linalg.norm(vertices[ends[one]] - vertices[ends[other]]))
-        pieces[other // 2][-(other % 2)] = ends[one]  # the later end takes the earlier's vertex
+        pieces[other // 2][-(other % 2)] = ends[one]  # both ends become the earlier one's vertex
     joined = [
         (is_open[first], curve, max((gaps[v] for v in gaps.keys() & set(curve.tolist())), default=0.0))
         for first, curve in chained(pieces)
@@ -75,19 +68,19 @@ def _joined(
     return sorted([*whole, *joined], key=lambda entry: entry[0])
 
 
-def _partners(
+def _near_ends(
     vertices: Float[np.ndarray, "v 3"], pieces: Sequence[Int[np.ndarray, " _"]], closing: float
 ) -> Int[np.ndarray, "p 2"]:
-    """Pairs of ends that are near to each other alone, the earlier first; piece k has the ends 2k and 2k + 1."""
+    """Pairs of ends to join, the earlier first; piece k has the ends 2k and 2k + 1."""
     points = np.array([vertices[piece[[0, -1]]] for piece in pieces]).reshape(-1, 3)
     edges = np.repeat([_mean_edge(vertices[piece]) for piece in pieces], 2)
     if not np.isfinite(points).all():
         return np.zeros((0, 2), dtype=np.int64)
     pairs = cKDTree(points).query_pairs(closing * float(edges.max()), output_type="ndarray")
-    apart = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
-    pairs = pairs[apart <= closing * edges[pairs].min(axis=1)]
-    lone = np.bincount(pairs.ravel(), minlength=len(points)) == 1
-    return np.asarray(pairs[lone[pairs].all(axis=1)])
+    distances = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    pairs = pairs[distances <= closing * edges[pairs].min(axis=1)]
+    has_one_partner = np.bincount(pairs.ravel(), minlength=len(points)) == 1
+    return np.asarray(pairs[has_one_partner[pairs].all(axis=1)])
 
 
 def _mean_edge(points: Float[np.ndarray, "k 3"]) -> float:
@@ -119,7 +112,9 @@ def _curve_loop(vertices: Float[np.ndarray, "v 3"], curve: Int[np.ndarray, " _"]
         require_extent(points)
         loop = BoundaryLoop(points=points, vertex_ids=ids, corners=detect_corners(points))
         refuse_empty(loop, loop.diagonal / loop.elongation)
-        refuse_what_bounds_no_disk(loop)
-    except SpinorGeomError as refusal:
-        error = refusal
+        require_simple(loop)
+        if (determinant := knot_determinant(loop.points)) is not None:
+            raise KnottedLoopError(determinant=determinant)
+    except SpinorGeomError as raised:
+        error = raised
     return NamedLoop(name=name, points=points, loop=loop, error=error, notes=tuple(notes))

@@ -1,4 +1,4 @@
-"""What every file of a batch is treated with, and what it may cost; cheap to import, JSON on its way to others."""
+"""Options of a batch and limits for each file; cheap to import, and JSON-ready for the processes that solve."""
 
 from __future__ import annotations
 
@@ -16,13 +16,12 @@ What: TypeAlias = Literal["fill", "surface", "loops"]
 
 WHAT: tuple[What, ...] = get_args(What)
 FORMAT = (*(suffix[1:] for suffix in MESH_SUFFIXES), "npz")
-OF_CURVES = ("obj", "npz")
-HARDEST_LOOPS = 100  # a file with so many loops that take as long as they may is done to its end
+CURVE_FORMATS = ("obj", "npz")
 
 
 @dataclass(frozen=True, kw_only=True)
 class BatchOptions:
-    """What the results depend on: options of `batch`, which says what they mean; raises OptionError."""
+    """The options of `batch` that its results depend on; raises OptionError."""
 
     what: What = "fill"
     format: str | None = None
@@ -46,13 +45,12 @@ class BatchOptions:
             if getattr(self, name) not in known:
                 choices = ", ".join(map(str, known))
                 raise OptionError(f"{name} must be one of {choices}, not {getattr(self, name)!r}")
-        # lists of numbers, as JSON has them
         for name in ("loop", "bridge"):
-            object.__setattr__(self, name, _places(name, getattr(self, name)))
+            object.__setattr__(self, name, _as_json(name, getattr(self, name)))
         require_merge(self.merge)
-        _ = self.choice
-        if self.what == "loops" and self.format not in (*OF_CURVES, None):
-            raise OptionError(f"{self.format} files hold no curves; use format {' or '.join(OF_CURVES)} for loops")
+        _ = self.choice  # checks its options
+        if self.what == "loops" and self.format not in (*CURVE_FORMATS, None):
+            raise OptionError(f"{self.format} files hold no curves; use format {' or '.join(CURVE_FORMATS)} for loops")
         if self.edge_length != "auto":
             require_positive("edge_length", self.edge_length)
         require_positive("tolerance", self.tolerance)
@@ -63,22 +61,16 @@ class BatchOptions:
     @property
     def choice(self) -> Choice:
         """Which loops of each mesh are filled."""
-        return Choice(
-            loop=self.loop,
-            bridge=self.bridge,
-            islands=self.islands,
-            keep_largest=self.keep_largest,
-            max_perimeter=self.max_perimeter,
-        )
+        names = ("loop", "bridge", "islands", "keep_largest", "max_perimeter")
+        return Choice(**{name: getattr(self, name) for name in names})
 
 
-def _places(name: str, value: Any) -> Any:
-    """Places of loops as a list of numbers; one place and names as they are."""
+def _as_json(name: str, value: Any) -> Any:
+    """One loop index as an int, several as a list of ints; "all" and None unchanged."""
     if value is None or (isinstance(value, str) and value == "all"):
         return value
     try:
-        several = isinstance(value, Iterable)
-        return [operator.index(place) for place in value] if several else operator.index(value)
+        return [operator.index(place) for place in value] if isinstance(value, Iterable) else operator.index(value)
     except TypeError:
         raise OptionError(f"{name} must name places of loops, not {value!r}") from None
 
@@ -87,11 +79,6 @@ def _places(name: str, value: Any) -> Any:
 class Limits:
     """What one file may cost."""
 
-    seconds: float  # without a sign of life of the process that solves; 100 times as long as a whole
-    memory: int  # of the process that solves, in bytes
+    seconds: float  # between two reports of the process that solves
+    memory: int  # of that process, in bytes
     retries: int  # how often a file is tried again after its process died
-
-    @property
-    def whole_seconds(self) -> float:
-        """For a file, however many loops it has."""
-        return HARDEST_LOOPS * self.seconds
