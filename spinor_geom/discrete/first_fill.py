@@ -6,7 +6,7 @@ import math
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.domain.flattening import flatten_boundary
+from spinor_geom.domain.flattening import DirichletToNeumann, flatten_boundary
 from spinor_geom.errors import DomainError, FirstFillError
 from spinor_geom.mesh.operators import intrinsic_angles, intrinsic_laplacian
 
@@ -32,14 +32,12 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     turning = np.pi - np.bincount(triangles.ravel(), angles.ravel(), minlength=len(corners))
     edge = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
 
-    def laplacian() -> Float[np.ndarray, "n n"]:
-        # of angles drawn a little to 60°, which still sum to π: slivers must not dominate the straightening
-        drawn = angles + _TO_EQUILATERAL * (np.pi / 3 - angles)
-        # the sines are the sides of a triangle with these angles, and its size does not matter
-        return np.asarray(intrinsic_laplacian(np.sin(drawn), triangles).toarray())
-
+    # of angles drawn a little to 60°, which still sum to π: slivers must not dominate the straightening
+    drawn = angles + _TO_EQUILATERAL * (np.pi / 3 - angles)
+    # the sines are the sides of a triangle with these angles, and its size does not matter
+    neumann = DirichletToNeumann(intrinsic_laplacian(np.sin(drawn), triangles), len(corners))
     try:
-        flat = flatten_boundary(edge, turning, laplacian, clearance=1.0, saws=saws)
+        flat = flatten_boundary(edge, turning, neumann, clearance=1.0, saws=saws)
     except DomainError as error:
         raise FirstFillError(
             f"no first fill was found for a loop of {len(points)} points: its least-area triangulation does not unfold "
