@@ -1,5 +1,6 @@
 """Flattening: conformal, isometric on the boundary, closed, and simple."""
 
+import tracemalloc
 from contextlib import suppress
 
 import numpy as np
@@ -136,6 +137,20 @@ def test_ramp_of_more_than_a_turn_is_straightened_until_it_is_clear():
     assert is_simple(flat.boundary)
     assert flat.clearance >= 3
     assert 0.01 < np.abs(flat.log_scale).max() < 0.3
+
+
+def test_straightening_a_long_boundary_takes_less_than_a_dense_matrix():
+    m, length = 1500, 14.0
+    vertices, faces, _ = meshed(planar([(0, 0), (length, 0), (length, 0.5), (0, 0.5)], m).points @ FLAT)
+    angle, radius = vertices[:, 0], 1.25 - vertices[:, 1]
+    ramp_vertices = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.1 * angle])
+    tracemalloc.start()
+    flat = flatten(ramp_vertices, faces, m)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert is_simple(flat.boundary)
+    assert np.abs(flat.log_scale).max() > 0.01
+    assert peak < 8 * m**2
 
 
 def test_flattening_is_straightened_where_the_curve_through_it_crosses_itself():
