@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TypeAlias
 
+import igl
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from numpy.polynomial.polynomial import polyval
 from scipy.interpolate import PPoly
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
 
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
@@ -265,28 +265,18 @@ class PlaneDomain:
         return (self.distance_outside(z.ravel()) < 0).reshape(z.shape)
 
     @cached_property
-    def _fine_polygons(self) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, " n"], cKDTree]:
-        """Points on all boundaries, the successor of each, and their KD-tree."""
+    def _fine_polygons(self) -> tuple[Float[np.ndarray, "n 2"], Int[np.ndarray, "n 2"]]:
+        """Points on all boundaries, and the edges between them."""
         parts = [sampled(boundary, 16) for boundary in self.boundaries]
-        points = np.concatenate(parts)
-        return points, rim_successors(tuple(map(len, parts))), cKDTree(plane_coordinates(points))
+        after = rim_successors(tuple(map(len, parts)))
+        return plane_coordinates(np.concatenate(parts)), np.stack([np.arange(len(after)), after], axis=1)
 
     def distance_outside(self, z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """Distance of points from ∂Ω, negative inside Ω, with each piece of ∂Ω replaced by 16 straight edges."""
-        points, after, tree = self._fine_polygons
-        before = np.argsort(after)
-        vertex = np.asarray(tree.query(plane_coordinates(z))[1])
-        edge = np.stack([before[vertex], vertex])
-        start, side = points[edge], points[after[edge]] - points[edge]
-        share = np.clip(((z - start) * np.conj(side)).real / np.abs(side) ** 2, 0, 1)
-        distance = np.abs(z - start - share * side)
-        nearer, column = distance.argmin(axis=0), np.arange(len(z))
-        along = side[nearer, column]
-        # where the nearest point is a vertex, the side follows from the mean direction of its edges
-        at_vertex = share[nearer, column] == np.where(nearer == 0, 1, 0)
-        along = np.where(at_vertex, (side / np.abs(side)).sum(axis=0), along)
-        left = (np.conj(along) * (z - points[vertex])).imag > 0
-        return np.asarray(np.where(left, -1, 1) * distance.min(axis=0))
+        if not len(z):
+            return np.zeros(0)
+        by_normals = igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
+        return np.asarray(igl.signed_distance(plane_coordinates(z), *self._fine_polygons, sign_type=by_normals)[0])
 
     @cached_property
     def root(self) -> int:

@@ -26,7 +26,6 @@ _BATCH_SPACING = 0.8  # least distance of new points of one batch, per smaller o
 _BATCHES = 60  # the number of points grows geometrically with the batches
 # no new point sees a boundary edge under more than 110°; 90° would leave no room beside short edges next to long ones
 _WIDEST_VIEW = np.cos(np.radians(180 - 110))
-_FEW = 4  # number of nearby edges in the first query, and factor of this number for the next
 # longest inner edge between two boundary vertices, in wanted edge lengths; shorter where it cuts off one vertex
 _LONGEST_BRIDGE, _LONGEST_EAR = 1.45, 1.05
 _ROUND_ENOUGH = 0.4  # roundness (1: equilateral) below which smoothing must not reduce that of a triangle
@@ -44,29 +43,17 @@ class BoundaryEdges:
     ) -> None:
         self.points, self.after, self.region = points, after, region
         self.edge, self.count = points[after] - points, int(region[-1]) + 1
-        middle, half = 0.5 * (points[after] + points), 0.5 * self.edge
-        # one tree for edges of similar lengths, so that a few nearest ones are enough
-        group = np.floor(np.log2(np.abs(half))).astype(int)
-        self._groups = [
-            (NearestPoints(middle[some], region[some]), middle[some], half[some])
-            for some in (np.flatnonzero(group == g) for g in np.unique(group))
-        ]
 
     def too_near(self, z: Places, region: Owners) -> Bool[np.ndarray, " k"]:
         """Whether each point sees an edge of its region under too large an angle."""
         near_edge = np.zeros(len(z), dtype=bool)
-        for tree, middle, half in self._groups:
-            reach, count, rest = np.abs(half).max(), _FEW, np.arange(len(z))
-            while len(rest):
-                distance, index = tree.query(z[rest], region[rest], count=count, within=reach)
-                place, near = np.nonzero(distance < reach)
-                edge, point = index[place, near], rest[place]
-                offset = z[point] - middle[edge]
-                seen = (offset + half[edge]) * np.conj(offset - half[edge])
-                near_edge[point[seen.real < -_WIDEST_VIEW * np.abs(seen)]] = True
-                # the next query is for points with more edges within reach than were returned
-                rest = rest[(distance[:, -1] < reach) & ~near_edge[rest] & (count < len(half))]
-                count *= _FEW
+        if len(z):
+            half = 0.5 * self.edge
+            # an edge is seen under a right angle from the circle around it, and under larger angles from inside
+            point, edge = NearestPoints(z, region).within(np.abs(half), of=self.points + half, region=self.region)
+            offset = z[point] - self.points[edge] - half[edge]
+            seen = (offset + half[edge]) * np.conj(offset - half[edge])
+            near_edge[point[seen.real < -_WIDEST_VIEW * np.abs(seen)]] = True
         return near_edge
 
     def has_room(self, z: Places, region: Owners) -> Bool[np.ndarray, " k"]:

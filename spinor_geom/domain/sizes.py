@@ -81,6 +81,14 @@ class NearestPoints:
         distance, index = self._tree.query(_places(z, region), k=nearest, distance_upper_bound=bound)
         return np.asarray(distance), self._numbers[np.asarray(index)]
 
+    def within(
+        self, radius: Lengths, *, of: Places, region: Owners
+    ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+        """Pairs of a point and a centre, by their numbers, no farther from each other than the radius of the centre."""
+        found = self._tree.query_ball_point(_places(of, region), radius)
+        centre = np.repeat(np.arange(len(of)), [len(some) for some in found])
+        return self._numbers[np.concatenate(found).astype(np.int64)], centre
+
 
 def _places(z: Places, region: Regions) -> Float[np.ndarray, "k 3"]:
     places = np.empty((len(z), 3))

@@ -27,7 +27,6 @@ MOST_POINTS = 200_000  # default limit for a triangulation
 _SIZE_SAMPLES = 100  # points at which the largest wanted size is searched
 _ROOM_AT_BOUNDARY = 2.0  # least distance of lattice points from boundary vertices, in lattice spacings
 _MOST_ROWS = 20_000  # of a lattice
-_STRAIGHT = 1e-9  # radians: smaller turns to the left may be rounding errors
 _FROM_TIPS, _FROM_VERTICES = 0.75, 1.2  # least distance of seeds from tips and boundary vertices, in edge lengths
 _LEAST_SPACING = 0.7  # of seeds, in wanted edge lengths
 
@@ -183,16 +182,12 @@ def _require_region(polygons: Sequence[Polygon]) -> tuple[complex, float]:
         raise DomainError("a hole is not inside the polygon", vertices=len(boundary))
     centre = boundary.mean()
     scale = np.abs(boundary - centre).max()
-    edge = (np.roll(boundary, -1) - boundary) / scale
-    turn = np.angle(np.roll(edge, -1) * np.conj(edge))
-    # a polygon that turns to the left at each vertex, and by 2π in total, is simple
-    if len(polygons) > 1 or not ((turn > _STRAIGHT).all() and turn.sum() < 3 * np.pi):
-        mesh = ConstrainedDelaunay((boundary - centre) / scale, [tuple(map(len, polygons))])
-        m, faces, sides = len(boundary), mesh.triangles, (mesh.neighbours[mesh.inside] < 0).sum()
-        count = m - 2 + 2 * (len(polygons) - 1)
-        if len(faces) != count or len(unique_edges(faces, m)) != (3 * count + m) // 2 or sides != m:
-            problem = "a vertex lies on another edge, or a hole is not inside the polygon"
-            raise DomainError(f"the boundary is not simple: {problem}", vertices=m)
+    mesh = ConstrainedDelaunay((boundary - centre) / scale, [tuple(map(len, polygons))])
+    m, faces, sides = len(boundary), mesh.triangles, (mesh.neighbours[mesh.inside] < 0).sum()
+    count = m - 2 + 2 * (len(polygons) - 1)
+    if len(faces) != count or len(unique_edges(faces, m)) != (3 * count + m) // 2 or sides != m:
+        problem = "a vertex lies on another edge, or a hole is not inside the polygon"
+        raise DomainError(f"the boundary is not simple: {problem}", vertices=m)
     return centre, scale
 
 
