@@ -94,7 +94,15 @@ class Route(Enum):
         """
         match self:
             case Route.IN_PLANE:
-                return plane_region(task.units, task.curves, task.options.device, task.clock)
+                try:
+                    return plane_region(task.units, task.curves, task.options.device, task.clock)
+                except DomainError:
+                    if task.options.between != "free":
+                        raise
+                # only the points are given: the polygon through them may be simple where the curve is not
+                polygons = [replace(loop, corners=np.ones(len(loop), dtype=bool)) for loop in task.units]
+                sides = BoundaryCurve.from_loops(polygons)
+                return plane_region(task.units, sides, task.options.device, task.clock)
             case Route.THROUGH_POINTS:
                 return disk_through_points(task, task.start) if task.is_disk else task.rims.through_points()
             case Route.ON_CIRCLES:
