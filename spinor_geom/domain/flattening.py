@@ -260,11 +260,16 @@ def _straightened(
         x = x @ vectors
         for strength in _STRENGTHS:
             weights = 1 / (strength + np.maximum(values, 0.0))
+            yield x @ (weights * (vectors.T @ target)), _updated(solve, x, weights, strength)
 
-            def solve_straightened(load: Columns, x=x, weights=weights, strength=strength) -> Columns:
-                return (solve(load) - x @ (weights[:, None] * (x.T @ load))) / strength
 
-            yield x @ (weights * (vectors.T @ target)), solve_straightened
+def _updated(solve: Solver, x: Float[np.ndarray, "m r"], weights: Float[np.ndarray, " r"], strength: float) -> Solver:
+    """The solver for αA + WWᵀ, α the strength, from the solver for A and x and weights of `_straightened`."""
+
+    def solve_updated(load: Columns) -> Columns:
+        return np.asarray((solve(load) - x @ (weights[:, None] * (x.T @ load))) / strength)
+
+    return solve_updated
 
 
 def _gap(
