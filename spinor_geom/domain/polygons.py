@@ -105,7 +105,8 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"]) -> float:
     i, j = np.repeat(np.arange(len(polygon)), [len(some) for some in near]), np.concatenate(near).astype(np.int64)
     gap, longer = np.abs(polygon[i] - polygon[j]), np.maximum(local[i], local[j])
     distance = np.abs(along[i] - along[j])
-    far = np.flatnonzero(np.minimum(distance, edge.sum() - distance) > 4 * gap + 6 * longer)
+    once = (i < j) | (gap > _WIDEST_GAP * local[j])  # most pairs are found from both ends
+    far = np.flatnonzero(once & (np.minimum(distance, edge.sum() - distance) > 4 * gap + 6 * longer))
     relative = gap[far] / longer[far]
     order = np.argsort(relative)
     relative, i, j = relative[order], i[far][order], j[far][order]
