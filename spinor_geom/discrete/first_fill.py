@@ -6,7 +6,7 @@ import math
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.domain.flattening import flatten_boundary
+from spinor_geom.domain.flattening import DirichletToNeumann, flatten_boundary
 from spinor_geom.errors import DomainError, FirstFillError
 from spinor_geom.mesh.operators import intrinsic_angles, intrinsic_laplacian
 from spinor_geom.mesh.spacing import edge_lengths
@@ -17,13 +17,12 @@ _DIAGONAL_WEIGHT = 1e-4  # of squared diagonals in the cost: breaks ties of the 
 _TO_EQUILATERAL = 0.05  # weight of 60° in the angles of the straightening: none is then below 3°
 
 
-def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Complex[np.ndarray, " m"]:
+def unfolded_loop(points: Float[np.ndarray, "m 3"]) -> Complex[np.ndarray, " m"]:
     """A simple plane polygon with a vertex for each point of a closed curve, with nearly the same edge lengths.
 
     The minimum-area triangulation of the curve has no inner vertices, so it unfolds into the plane without distortion,
     also for slits and folds. An overlapping unfolding is straightened (see `flatten`). Curves of more than 160 points
-    are thinned first, straight sides to their ends; the other points are placed on the polygon's edges. `saws` is as
-    for `flatten_boundary`.
+    are thinned first, straight sides to their ends; the other points are placed on the polygon's edges.
 
     Raises:
         FirstFillError: no simple polygon was found.
@@ -36,14 +35,12 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     turning = np.pi - np.bincount(triangles.ravel(), angles.ravel(), minlength=len(corners))
     edge = edge_lengths(corners)
 
-    def laplacian() -> Float[np.ndarray, "n n"]:
-        # closer to equilateral, as slivers would dominate the straightening
-        rounder = angles + _TO_EQUILATERAL * (np.pi / 3 - angles)
-        # the sides of a triangle are proportional to the sines of its angles
-        return np.asarray(intrinsic_laplacian(np.sin(rounder), triangles).toarray())
-
+    # closer to equilateral, as slivers would dominate the straightening
+    rounder = angles + _TO_EQUILATERAL * (np.pi / 3 - angles)
+    # the sides of a triangle are proportional to the sines of its angles
+    neumann = DirichletToNeumann(intrinsic_laplacian(np.sin(rounder), triangles), len(corners))
     try:
-        flat = flatten_boundary(edge, turning, laplacian, clearance=1.0, saws=saws)
+        flat = flatten_boundary(edge, turning, neumann, clearance=1.0)
     except DomainError as error:
         raise FirstFillError(
             f"no first fill was found for a loop of {len(points)} points: its least-area triangulation does not unfold "

@@ -1,4 +1,4 @@
-"""Plane domains Ω: boundary, triangulation, flattening, quadrature."""
+"""Plane domains Ω: boundary curves, triangulation, flattening, quadrature."""
 
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain, SplineBoundary
 

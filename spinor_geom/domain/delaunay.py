@@ -1,4 +1,4 @@
-"""Constrained Delaunay triangles of a polygon with inner points, and what is read off them."""
+"""Constrained Delaunay triangulation of polygons with inner points, and geometry of triangles."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -9,40 +9,44 @@ from jaxtyping import Bool, Complex, Float, Int
 
 from spinor_geom.errors import DomainError
 
-# numbers of vertices of the closed polygons that bound a plane region, with that on their left: the outer one first
+# numbers of vertices of the polygons that bound a plane region, the outer one first; the region is on their left
 Rims = tuple[int, ...]
 
 Places = Complex[np.ndarray, " k"]
 Lengths = Float[np.ndarray, " k"]
 Owners = Int[np.ndarray, " k"]  # the regions of points
 
-_LONGEST_WALK = 16  # a walk that has not arrived after so many triangles counts as blocked
+_LONGEST_WALK = 16  # triangles after which a walk counts as blocked
 
 
 class ConstrainedDelaunay:
-    """Constrained Delaunay triangulations of regions, each as by itself; all polygons' vertices, then inner points."""
+    """Constrained Delaunay triangulations of several regions, which are independent of each other.
+
+    Points are numbered together: first the vertices of all polygons, then inner points.
+    """
 
     def __init__(
         self, points: Complex[np.ndarray, " n"], regions: Sequence[Rims], region: Int[np.ndarray, " n"] | None = None
     ) -> None:
-        """Takes the polygons' vertices, then points inside.
+        """Takes all points, the rims of each region, and the region of each point.
 
-        A point that is not finite, two equal points, or edges of a polygon that cross, are a DomainError.
+        Raises:
+            DomainError: a point is not finite, two points are equal, or edges of polygons cross.
         """
         self.points, self.regions = points, tuple(regions)
         self.region = np.zeros(len(points), dtype=np.int64) if region is None else region
         self.boundary_size = sum(map(sum, regions))  # of all polygons
-        self.own = _members(self.region, len(regions))  # the numbers of each region's points
+        self.own = _members(self.region, len(regions))  # the points of each region
         self.parts = [_Region(points[own], rims) for own, rims in zip(self.own, regions, strict=True)]
         self._read()
 
     @property
     def triangles(self) -> Int[np.ndarray, "i 3"]:
-        """The faces inside."""
+        """The faces inside the polygons."""
         return np.asarray(self.faces[self.inside])
 
     def insert(self, points: Places, region: Owners) -> None:
-        """Adds points inside the polygons and off their edges, and to no other; the triangles' numbers change."""
+        """Adds points that lie inside the polygons and not on edges; triangles are renumbered."""
         for number, some in enumerate(_members(region, len(self.regions))):
             if len(some):
                 self.parts[number].insert(points[some])
@@ -51,23 +55,23 @@ class ConstrainedDelaunay:
         self._read()
 
     def move(self, points: Complex[np.ndarray, " n"], regions: Int[np.ndarray, " r"]) -> None:
-        """Puts points elsewhere, those of some regions and to no other, and triangulates these regions anew."""
+        """Replaces all points, which may differ in the given regions, and triangulates these again."""
         self.points = points
         for number in regions:
             self.parts[number] = _Region(points[self.own[number]], self.regions[number])
         self._read()
 
     def _read(self) -> None:
-        # counter-clockwise, one region after the other; those outside the polygons have vertices that mean nothing
+        # counter-clockwise, region after region; faces outside the polygons have invalid vertices
         self.faces = np.concatenate([own[one.faces] for own, one in zip(self.own, self.parts, strict=True)])
         first = np.cumsum([0, *(len(one.faces) for one in self.parts[:-1])])
-        # their numbers inside; across the edge from vertex k of one of these to the next lies neighbour k, −1 for none
+        # `inside` are the faces inside; neighbour k lies across the edge from vertex k to the next, −1 if there is none
         self.inside = np.concatenate([k + one.inside for k, one in zip(first, self.parts, strict=True)])
         across = [np.where(one.across < 0, -1, k + one.across) for k, one in zip(first, self.parts, strict=True)]
         self.neighbours = np.concatenate(across)
 
     def reaches(self, start: Int[np.ndarray, " k"], target: Places) -> Bool[np.ndarray, " k"]:
-        """Whether a walk over the triangles from number `start` towards each `target` arrives inside the polygon."""
+        """Whether a straight walk over the triangles from face `start` to each `target` stays inside the polygons."""
         arrived = np.zeros(len(start), dtype=bool)
         active, at = np.arange(len(start)), start
         for _ in range(_LONGEST_WALK):
@@ -85,7 +89,7 @@ class ConstrainedDelaunay:
 
 
 class _Region:
-    """The triangulation of one region, by the numbers of its own points."""
+    """The triangulation of one region."""
 
     def __init__(self, points: Complex[np.ndarray, " n"], rims: Rims) -> None:
         self._cdt = pythoncdt.Triangulation(
@@ -96,7 +100,7 @@ class _Region:
         self._call(self._cdt.insert_vertices, plane_coordinates(points))
         self._call(self._cdt.insert_edges, np.stack([np.arange(self._m), after], axis=1).astype(np.uint32))
         outer = self._cdt.collect_outer_triangles_and_holes()
-        self._outer = np.fromiter(outer, dtype=np.int64)  # no point is ever added out there, so these stay as they are
+        self._outer = np.fromiter(outer, dtype=np.int64)  # never changes: points are added inside only
         self._read()
 
     def insert(self, points: Places) -> None:
@@ -105,22 +109,22 @@ class _Region:
 
     def _read(self) -> None:
         triangles = self._cdt.triangles_array(copy=False)
-        # the vertices of a triangle around everything come first
+        # the first three vertices are those of a triangle around all others
         self.faces = triangles["vertices"].astype(np.int64) - 3
-        across = triangles["neighbors"].astype(np.int32)  # none, the largest number that there is, becomes −1
+        across = triangles["neighbors"].astype(np.int32)  # the largest unsigned number, for none, becomes −1
         is_inside = np.append(np.ones(len(self.faces), dtype=bool), False)
         is_inside[self._outer] = False
         self.across, self.inside = np.where(is_inside[across], across, -1), np.flatnonzero(is_inside)
 
     def _call(self, insert: Callable[[Any], None], what: np.ndarray) -> None:
-        if not np.isfinite(what).all():  # of these the library takes all memory
+        if not np.isfinite(what).all():  # the library would allocate without limit
             raise DomainError(
                 "a point of the plane domain is not finite; check the loop and the sizes", vertices=self._m
             )
         try:
             insert(what)
         except RuntimeError as error:
-            # what the library says is of its own numbering
+            # the library's message has its own vertex numbers
             raise DomainError(
                 "the boundary of the plane domain is not simple: two of its edges cross, or two of its points are "
                 "equal; check that the loop does not nearly touch itself",
@@ -129,12 +133,12 @@ class _Region:
 
 
 def _members(region: Int[np.ndarray, " n"], count: int) -> list[Int[np.ndarray, " _"]]:
-    """The numbers of the points of each of so many regions, ascending."""
+    """The points of each of `count` regions, ascending."""
     return np.split(np.argsort(region, kind="stable"), np.cumsum(np.bincount(region, minlength=count))[:-1])
 
 
 def rim_successors(rims: Rims) -> Int[np.ndarray, " m"]:
-    """For each vertex of several closed polygons, one after the other, the next one on its polygon."""
+    """The next vertex on its polygon for each vertex of several polygons, which are numbered one after the other."""
     after = np.arange(1, sum(rims) + 1)
     last = np.cumsum(rims) - 1
     after[last] -= rims
@@ -163,13 +167,13 @@ def edge_codes(faces: Int[np.ndarray, "t 3"], n: int) -> Int[np.ndarray, " t3"]:
 
 
 def unique_edges(faces: Int[np.ndarray, "t 3"], n: int) -> Int[np.ndarray, "e 2"]:
-    """Every edge of the faces once, smaller index first, sorted."""
+    """The edges of faces, smaller index first, sorted."""
     code = np.unique(edge_codes(faces, n))
     return np.stack([code // n, code % n], axis=1)
 
 
 def circumcircles(p: Complex[np.ndarray, "t 3"]) -> tuple[Places, Lengths, Lengths]:
-    """Circumcentre, circumradius, and shortest edge of each counter-clockwise triangle."""
+    """Circumcentre, circumradius and shortest edge of counter-clockwise triangles."""
     b, c = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
     bb, cc = b.real**2 + b.imag**2, c.real**2 + c.imag**2
     # a flat triangle gets a huge circle instead of a division by zero

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TypeAlias
 
+import igl
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from numpy.polynomial.polynomial import polyval
 from scipy.interpolate import PPoly
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
 
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
@@ -21,8 +21,8 @@ from spinor_geom.errors import OptionError
 from spinor_geom.mesh.array_checks import shared
 from spinor_geom.mesh.interpolation import piecewise_cubic
 
-# Where panels end on the way to a corner, in edges: they resolve its singularity to 2⁻¹⁶ of an edge. By its own length
-# each is as far from the corner's poles as edges are from theirs; twice as many bring surfaces no nearer.
+# Panel ends beside a corner, in edge lengths from it: they resolve its singularity to 2⁻¹⁶ of an edge. Relative to its
+# length each panel is as far from the poles at the corner as an edge is from its own poles.
 TOWARDS_CORNER = 0.25 ** np.arange(1, 9)
 Vertices = Complex[np.ndarray, " m"]
 LogScale = Float[np.ndarray, " m"]
@@ -30,10 +30,10 @@ LogScale = Float[np.ndarray, " m"]
 
 @dataclass(frozen=True, eq=False)
 class SplineBoundary:
-    """A closed curve z(t) of polynomial pieces, t in [0, 1), with corners where the domain has corners."""
+    """A closed curve z(t) of polynomial pieces, t in [0, 1), smooth but for its corners."""
 
-    parameters: Float[np.ndarray, " m1"]  # of the vertices, from 0, with 1 (the first vertex again) at the end
-    coefficients: Complex[np.ndarray, "d1 m"]  # of the pieces between them, highest power first
+    parameters: Float[np.ndarray, " m1"]  # of the vertices, from 0; the last one, 1, is that of the first vertex again
+    coefficients: Complex[np.ndarray, "d1 m"]  # of the pieces, highest power first
     corners: Bool[np.ndarray, " m"]  # which vertices are corners
 
     def __repr__(self) -> str:
@@ -41,14 +41,14 @@ class SplineBoundary:
 
     @classmethod
     def through(cls, vertices: Vertices, corners: Bool[np.ndarray, " m"] | None = None) -> SplineBoundary:
-        """The interpolating cubic spline by chord length through vertices, counter-clockwise."""
+        """The cubic spline with chord-length parameters that interpolates the vertices."""
         flags = np.zeros(len(vertices), dtype=bool) if corners is None else np.asarray(corners, dtype=bool)
         parameters, coefficients = piecewise_cubic(plane_coordinates(np.asarray(vertices, dtype=np.complex128)), flags)
         return cls(parameters, coefficients[..., 0] + 1j * coefficients[..., 1], flags)
 
     @property
     def vertices(self) -> Vertices:
-        """Points that the curve passes through."""
+        """The ends of the pieces."""
         return np.asarray(self.coefficients[-1])
 
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
@@ -60,7 +60,7 @@ class SplineBoundary:
         return np.asarray(self._pieces(np.mod(t, 1.0), nu=1))
 
     def divided(self, parts: int) -> SplineBoundary:
-        """The same curve with so many pieces in place of each."""
+        """The same curve with each piece divided into `parts` pieces."""
         t = self.parameters
         parameters = np.append((t[:-1, None] + np.diff(t)[:, None] * np.arange(parts) / parts).ravel(), t[-1])
         powers = range(len(self.coefficients) - 1, -1, -1)
@@ -86,12 +86,12 @@ class FourierBoundary:
 
     @classmethod
     def circle(cls, radius: float = 1.0, count: int = 64) -> FourierBoundary:
-        """The circle of a given radius about 0."""
+        """The circle with centre 0, counter-clockwise."""
         return cls(np.array([0.0, 0.0, radius]), count)
 
     @classmethod
     def round_hole(cls, radius: float, count: int = 64, *, centre: complex = 0.0) -> FourierBoundary:
-        """The circle of a given radius about a centre, clockwise."""
+        """A circle, clockwise."""
         return cls(np.array([radius, centre, 0.0]), count)
 
     @property
@@ -118,17 +118,17 @@ class FourierBoundary:
     def _sum(self, c: Complex[np.ndarray, " 2K+1"], t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         e = np.exp(2j * np.pi * np.asarray(t, dtype=np.float64))
         middle = len(c) // 2
-        # one Horner sum in e and one in 1/e: neither multiplies by a power of e at the end
+        # positive and negative powers apart: one polynomial would have to be multiplied by e^{-2πiKt}
         ahead, back = np.append(0.0, c[middle + 1 :]), c[middle::-1]
         return np.asarray(polyval(e, ahead) + polyval(np.conj(e), back))
 
 
-# with Ω on the left: counter-clockwise, clockwise around a hole; parameters are taken modulo 1
+# Ω is on the left: the outer boundary runs counter-clockwise, those of holes clockwise. Parameters are modulo 1.
 Boundary: TypeAlias = SplineBoundary | FourierBoundary
 
 
 def sampled(boundary: Boundary, each: int) -> Complex[np.ndarray, " n"]:
-    """Points of a curve, in order: `each` from every vertex to the next, at equal steps of the parameter."""
+    """Points along a boundary: `each` per piece, from its first vertex on, at equal steps of the parameter."""
     t = boundary.parameters
     return boundary.point((t[:-1, None] + np.diff(t)[:, None] * (np.arange(each) / each)).ravel())
 
@@ -137,15 +137,13 @@ def sampled(boundary: Boundary, each: int) -> Complex[np.ndarray, " n"]:
 class PlaneDomain:
     """A plane domain Ω, simply connected or with holes, with a triangulation of it.
 
-    On all of ∂Ω parameters are those of the outer boundary, in [0, 1], and for hole number k = 0, 1, … those of its
-    boundary plus 2(k + 1).
+    A parameter t in [0, 1) is one of the outer boundary; t + 2(k + 1) is the parameter t of hole k.
 
     Attributes:
-        boundary: the outer boundary as a closed curve, counter-clockwise.
-        triangulation: triangles inside the polygon of the boundary's vertices, which come first, those of holes next.
-        log_scale: u at the boundary's vertices: e^u is the length in Ω per length on the discrete surface it was
-            flattened from; 0 where lengths are kept.
-        holes: boundaries of holes, clockwise.
+        boundary: the outer boundary, counter-clockwise.
+        triangulation: triangles inside the polygons of the boundary vertices, which come first, rim after rim.
+        log_scale: u at the boundary vertices: e^u is the length in Ω per length on the flattened discrete surface.
+        holes: boundaries of the holes, clockwise.
     """
 
     boundary: Boundary
@@ -161,19 +159,17 @@ class PlaneDomain:
     @classmethod
     @lru_cache(maxsize=16)
     def disk(cls, radius: float = 1.0, n: int = 64) -> PlaneDomain:
-        """The disk |z| < radius; `n` vertices on its circle. Most loops are solved on it: they share one.
-
-        A radius that is not positive, or n < 3, is an OptionError.
-        """
+        """The disk |z| < radius with `n` vertices on its circle; an OptionError unless radius > 0 and n ≥ 3."""
         if not radius > 0 or n < 3:
             raise OptionError(f"a disk needs a positive radius and at least 3 vertices, got {radius} and {n}")
         return cls.inside(FourierBoundary.circle(radius, n))
 
     @classmethod
     def annulus(cls, inner: float, outer: float = 1.0, n: int = 64) -> PlaneDomain:
-        """The annulus inner < |z| < outer; `n` vertices on each circle.
+        """The annulus inner < |z| < outer with `n` vertices on each circle.
 
-        It is an OptionError where not 0 < inner < outer, n < 3, or n is so small that the polygons cross.
+        Raises:
+            OptionError: not 0 < inner < outer, n < 3, or the polygons of the vertices cross.
         """
         if not 0 < inner < outer or n < 3 or inner >= outer * np.cos(np.pi / n):
             raise OptionError(
@@ -186,7 +182,7 @@ class PlaneDomain:
     def from_boundary(
         cls, vertices: Vertices, corners: Bool[np.ndarray, " m"] | None = None, log_scale: LogScale | None = None
     ) -> PlaneDomain:
-        """The domain inside the spline through the vertices (counter-clockwise); raises as `inside`."""
+        """The domain inside the spline through vertices, counter-clockwise; raises the errors of `inside`."""
         return cls.inside(SplineBoundary.through(vertices, corners), log_scale)
 
     @classmethod
@@ -195,7 +191,8 @@ class PlaneDomain:
     ) -> PlaneDomain:
         """The domain inside a curve and outside holes, triangulated with edges that grow inwards.
 
-        A polygon of vertices that is not simple, or of a hole and not clockwise or not inside, is a DomainError.
+        Raises:
+            DomainError: the polygons of the vertices cross, run in the wrong direction, or a hole is not inside.
         """
         rims = tuple(len(each.vertices) for each in (boundary, *holes))
         vertices = np.concatenate([each.vertices for each in (boundary, *holes)])
@@ -207,13 +204,13 @@ class PlaneDomain:
         )
 
     def divided(self, parts: int) -> PlaneDomain:
-        """The same domain with so many pieces of splines in place of each, triangulated anew."""
+        """The same domain with each spline piece divided into `parts` pieces and a new triangulation."""
         boundary, *holes = (each.divided(parts) for each in self.boundaries if isinstance(each, SplineBoundary))
         return PlaneDomain.inside(boundary, np.repeat(self.log_scale, parts), holes=tuple(holes))
 
     @property
     def boundaries(self) -> tuple[Boundary, ...]:
-        """The outer boundary, then those of the holes: all of ∂Ω, with Ω on the left."""
+        """The outer boundary, then those of the holes."""
         return (self.boundary, *self.holes)
 
     @cached_property
@@ -223,21 +220,21 @@ class PlaneDomain:
 
     @cached_property
     def corners(self) -> Bool[np.ndarray, " m"]:
-        """Which of them are corners."""
+        """Which vertices of ∂Ω are corners."""
         return shared(np.concatenate([boundary.corners for boundary in self.boundaries]))
 
     @cached_property
     def arcs(self) -> Float[np.ndarray, "m 2"]:
-        """The parameters of each vertex of ∂Ω and of the end of its piece."""
+        """The parameters of both ends of each piece of ∂Ω."""
         ends = [2.0 * number + boundary.parameters for number, boundary in enumerate(self.boundaries)]
         return shared(np.concatenate([np.stack([t[:-1], t[1:]], axis=1) for t in ends]))
 
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """Points of ∂Ω; a parameter of no boundary is an OptionError."""
+        """Points of ∂Ω; an OptionError for a parameter of no boundary."""
         return self._on_boundaries("point", t)
 
     def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """dz/dt at points of ∂Ω; a parameter of no boundary is an OptionError."""
+        """dz/dt at points of ∂Ω; an OptionError for a parameter of no boundary."""
         return self._on_boundaries("derivative", t)
 
     def _on_boundaries(self, method: str, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
@@ -257,12 +254,6 @@ class PlaneDomain:
         return z
 
     @cached_property
-    def perimeter(self) -> float:
-        """Length of the polygons of the boundaries' vertices."""
-        v = self.vertices
-        return float(np.abs(v[rim_successors(self.triangulation.rims)] - v).sum())
-
-    @cached_property
     def diameter(self) -> float:
         """Diagonal of the bounding box."""
         v = self.boundary.vertices
@@ -274,47 +265,32 @@ class PlaneDomain:
         return (self.distance_outside(z.ravel()) < 0).reshape(z.shape)
 
     @cached_property
-    def _fine_polygons(self) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, " n"], cKDTree]:
-        """Points of all boundaries, the next one of each, and their tree."""
+    def _fine_polygons(self) -> tuple[Float[np.ndarray, "n 2"], Int[np.ndarray, "n 2"]]:
+        """Points on all boundaries, and the edges between them."""
         parts = [sampled(boundary, 16) for boundary in self.boundaries]
-        points = np.concatenate(parts)
-        return points, rim_successors(tuple(map(len, parts))), cKDTree(plane_coordinates(points))
+        after = rim_successors(tuple(map(len, parts)))
+        return plane_coordinates(np.concatenate(parts)), np.stack([np.arange(len(after)), after], axis=1)
 
     def distance_outside(self, z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """Distance of points from ∂Ω, negative for points of Ω, with 16 straight edges in place of each piece of ∂Ω."""
-        points, after, tree = self._fine_polygons
-        before = np.argsort(after)
-        vertex = np.asarray(tree.query(plane_coordinates(z))[1])
-        edge = np.stack([before[vertex], vertex])
-        start, side = points[edge], points[after[edge]] - points[edge]
-        share = np.clip(((z - start) * np.conj(side)).real / np.abs(side) ** 2, 0, 1)
-        distance = np.abs(z - start - share * side)
-        nearer, column = distance.argmin(axis=0), np.arange(len(z))
-        along = side[nearer, column]
-        # a vertex that is nearest of all tells the side by the mean direction of its edges
-        at_vertex = share[nearer, column] == np.where(nearer == 0, 1, 0)
-        along = np.where(at_vertex, (side / np.abs(side)).sum(axis=0), along)
-        left = (np.conj(along) * (z - points[vertex])).imag > 0
-        return np.asarray(np.where(left, -1, 1) * distance.min(axis=0))
-
-    @cached_property
-    def panel_breaks(self) -> Float[np.ndarray, " b"]:
-        """`panel_breaks` of the outer boundary."""
-        return shared(panel_breaks(self.boundary))
+        """Distance of points from ∂Ω, negative inside Ω, with each piece of ∂Ω replaced by 16 straight edges."""
+        if not len(z):
+            return np.zeros(0)
+        by_normals = igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
+        return np.asarray(igl.signed_distance(plane_coordinates(z), *self._fine_polygons, sign_type=by_normals)[0])
 
     @cached_property
     def root(self) -> int:
-        """Index of the inner vertex of the triangulation nearest to their mean; of any vertex where none is inner."""
+        """Index of the inner vertex nearest to the mean of all inner vertices; without these, of any vertex."""
         points, m = self.triangulation.points, self.triangulation.boundary_size
         first = m if len(points) > m else 0
         return first + int(np.argmin(np.abs(points[first:] - points[first:].mean())))
 
     @cached_property
     def parents(self) -> Int[np.ndarray, " n"]:
-        """For each vertex of the triangulation the one before it on its way along edges from the root, its own parent.
+        """For each vertex of the triangulation its predecessor on the path from the root; the root's is itself.
 
-        The ways are shortest paths in which an edge that touches ∂Ω counts many times its length: near ∂Ω the poles of
-        p and q are near too, and integrals along it cost digits. So boundary vertices are leaves where they can be.
+        Paths are the shortest along edges when the lengths of edges that touch ∂Ω are multiplied by a large factor:
+        near ∂Ω the poles of p and q are near, and integrals lose digits.
         """
         points = self.triangulation.points
         n, m = len(points), self.triangulation.boundary_size
@@ -328,17 +304,17 @@ class PlaneDomain:
         return shared(parents)
 
     def visited(self, wanted: Int[np.ndarray, " k"]) -> Int[np.ndarray, " v"]:
-        """The vertices on the ways from the root to the given ones, these and the root included, ascending."""
-        on_way = np.zeros(len(self.parents), dtype=bool)
+        """The vertices on the paths from the root to the given ones, both ends included, ascending."""
+        on_path = np.zeros(len(self.parents), dtype=bool)
         while len(wanted):
-            on_way[wanted] = True
+            on_path[wanted] = True
             wanted = np.unique(self.parents[wanted])
-            wanted = wanted[~on_way[wanted]]
-        return np.flatnonzero(on_way)
+            wanted = wanted[~on_path[wanted]]
+        return np.flatnonzero(on_path)
 
 
 def panel_breaks(boundary: Boundary) -> Float[np.ndarray, " b"]:
-    """Ends of quadrature panels on a boundary, from 0 to 1: vertices, and points on the way to each corner."""
+    """Ends of quadrature panels on a boundary, from 0 to 1: the vertices, and more points beside corners."""
     t, corners = boundary.parameters, np.flatnonzero(boundary.corners)
     width = np.diff(t)
     after = t[corners, None] + width[corners, None] * TOWARDS_CORNER
@@ -347,9 +323,9 @@ def panel_breaks(boundary: Boundary) -> Float[np.ndarray, " b"]:
     return np.unique(np.concatenate([t, after.ravel(), before.ravel()]))
 
 
-@lru_cache(maxsize=16)  # the boundaries of many domains are one: the circle on which most loops are solved
+@lru_cache(maxsize=16)  # most loops are solved on the same circle
 def _graded_triangulation(vertices: bytes, rims: Rims) -> PlaneTriangulation:
-    """The triangulation inside polygons given as the bytes of their complex vertices, with edges that grow inwards."""
+    """`triangulate_polygon` of rims given as the bytes of their complex vertices, which can be hashed."""
     points = np.frombuffer(vertices, dtype=np.complex128)
     outer, *holes = np.split(points, np.cumsum(rims)[:-1])
     mesh = triangulate_polygon(outer, holes=holes)

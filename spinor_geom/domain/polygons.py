@@ -1,20 +1,22 @@
-"""Closed plane polygons: where they cross themselves, what they bound and with what points, how near they come."""
+"""Closed plane polygons: crossings, clearance, points inside."""
 
 import itertools
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
+from scipy.spatial import cKDTree
 
-from spinor_geom.domain.delaunay import cross, flat_coordinates
+from spinor_geom.domain.delaunay import cross, flat_coordinates, plane_coordinates
 from spinor_geom.mesh.boxes import edges_with_near_boxes
 from spinor_geom.mesh.intersections import crossings_between
 from spinor_geom.mesh.operators import winding_numbers
 
-_ROWS = 64  # pairs, or rows of a table of distances, that are looked at together
+_WIDEST_GAP = 8  # in local edge lengths: wider gaps are not searched
+_AT_ONCE = 64  # gaps tested together
 
 
 def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
-    """Pairs i < j of edges of a closed polygon that cross; neighbours count where one folds back onto the other."""
+    """Pairs i < j of edges of a closed polygon that cross, or are neighbours of which one folds back onto the other."""
     m = len(polygon)
     ends = np.stack([polygon, np.roll(polygon, -1)])
     edge = ends[1] - ends[0]
@@ -23,14 +25,14 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
     i, j = i[apart], j[apart]
     on_line = 1e-12 * np.abs(edge) * np.abs(polygon - polygon[0]).max()
 
-    def parts(one: Int[np.ndarray, " k"], other: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+    def has_ends_on_both_sides(one: Int[np.ndarray, " k"], other: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
         side = np.imag(np.conj(edge[one]) * (ends[:, other] - polygon[one]))
-        # points on the line of an edge are on neither side: edges of one straight side do not cross by round-off
+        # rounding errors must not make edges of one straight side cross
         side[np.abs(side) <= on_line[one]] = 0
         return np.asarray(side[0] * side[1] < 0)
 
-    hit = parts(i, j)
-    hit[hit] = parts(j[hit], i[hit])
+    hit = has_ends_on_both_sides(i, j)
+    hit[hit] = has_ends_on_both_sides(j[hit], i[hit])
     turn = np.conj(edge) * np.roll(edge, -1)
     back = np.flatnonzero((turn.imag == 0) & (turn.real < 0))
     folds = np.sort(np.stack([back, (back + 1) % m], axis=1), axis=1)
@@ -39,34 +41,35 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
 
 
 def is_simple(polygon: Complex[np.ndarray, " m"]) -> bool:
-    """Whether a closed polygon runs counter-clockwise, stands still nowhere and does not cross itself."""
+    """Whether a closed polygon runs counter-clockwise, has no edge of length 0 and does not cross itself."""
     after = np.roll(polygon, -1)
     edges = np.abs(after - polygon)
-    # a shorter edge is lost in the arc length around
-    moves = bool((edges > np.finfo(np.float64).eps * edges.sum()).all())
-    return moves and bool(np.imag(np.conj(polygon) * after).sum() > 0) and not len(crossing_edges(polygon))
+    # shorter edges are lost in the rounding of the arc length
+    has_length = bool((edges > np.finfo(np.float64).eps * edges.sum()).all())
+    return has_length and bool(np.imag(np.conj(polygon) * after).sum() > 0) and not len(crossing_edges(polygon))
 
 
 def bound_domain(rims: tuple[Complex[np.ndarray, "_"], ...]) -> bool:
-    """Whether the first of some polygons is simple and has the others, simple and clockwise, inside and apart."""
+    """Whether the first polygon is simple and the others, simple and clockwise, lie inside it and not in each other."""
     outer, *holes = rims
     if not is_simple(outer) or not all(is_simple(hole[::-1]) for hole in holes):
         return False
     flat = [flat_coordinates(rim) for rim in rims]
     if any(len(crossings_between(*pair)) for pair in itertools.combinations(flat, 2)):
         return False
-    # in the outer one and in no other hole
-    around = [
-        sum(winding_numbers(other[:, :2], hole[:1, :2])[0] for other in flat if other is not hole) for hole in flat[1:]
-    ]
-    return bool((np.rint(around) == 1).all())
+    # holes run clockwise: a point of a hole has winding 1 if it lies in the outer polygon and in no other hole
+    for hole in flat[1:]:
+        winding = sum(winding_numbers(other[:, :2], hole[:1, :2])[0] for other in flat if other is not hole)
+        if round(winding) != 1:
+            return False
+    return True
 
 
 def untangled(polygon: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"] | None:
-    """A simple polygon near to one that is crossed only by small lobes of itself; None where far parts cross.
+    """A simple polygon near to one that crosses itself only in small lobes; None where distant parts cross.
 
-    The vertices of each lobe are drawn towards the chord that closes it until it is gone. Ragged rims of scans unfold
-    with such lobes; any simple domain will do there, and only a few edges are moved.
+    The vertices of each lobe are moved towards the chord that closes it until nothing crosses. The unfolded rims of
+    ragged scans have such lobes.
     """
     z: Complex[np.ndarray, " m"] = polygon.copy()
     m = len(polygon)
@@ -90,44 +93,36 @@ def untangled(polygon: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"] |
 
 
 def outer_clearance(polygon: Complex[np.ndarray, " m"]) -> float:
-    """Smallest gap across the outside between far parts of a simple polygon, in local edge lengths.
+    """Smallest gap across the outside between far parts of a simple polygon, in local edge lengths; inf if above 8.
 
-    Far: the way along the boundary is more than four times the gap plus six edges.
+    Far: the distance along the boundary exceeds four times the gap plus six edges.
     """
-    a, b = polygon, np.roll(polygon, -1)
-    edge = np.abs(b - a)
+    edge = np.abs(np.roll(polygon, -1) - polygon)
     local = (edge + np.roll(edge, 1)) / 2
-    s = np.concatenate([[0.0], np.cumsum(edge)[:-1]])
-
-    def near(rows: slice) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
-        along = np.abs(s[rows, None] - s)
-        along = np.minimum(along, edge.sum() - along)
-        gap, longer = np.abs(a[rows, None] - a), np.maximum(local[rows, None], local)
-        relative = gap / longer
-        i, j = np.nonzero(np.triu((relative < 8) & (along > 4 * gap + 6 * longer), rows.start))
-        return relative[i, j], i + rows.start, j
-
-    # some rows at a time: all pairs of a long boundary take gigabytes
-    found = [near(slice(start, start + _ROWS)) for start in range(0, len(a), _ROWS)]
-    relative, i, j = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    if not len(i):
-        return np.inf
+    along = np.cumsum(edge) - edge
+    coordinates = plane_coordinates(polygon)
+    near = cKDTree(coordinates).query_ball_point(coordinates, _WIDEST_GAP * local)
+    i, j = np.repeat(np.arange(len(polygon)), [len(some) for some in near]), np.concatenate(near).astype(np.int64)
+    gap, longer = np.abs(polygon[i] - polygon[j]), np.maximum(local[i], local[j])
+    distance = np.abs(along[i] - along[j])
+    once = (i < j) | (gap > _WIDEST_GAP * local[j])  # most pairs are found from both ends
+    far = np.flatnonzero(once & (np.minimum(distance, edge.sum() - distance) > 4 * gap + 6 * longer))
+    relative = gap[far] / longer[far]
     order = np.argsort(relative)
-    relative, i, j = relative[order], i[order], j[order]
-    # the smallest gaps first: the first that lies outside all along is the answer
-    for start in range(0, len(i), _ROWS):
-        block = slice(start, start + _ROWS)
-        along_gap = a[i[block], None] + np.array([0.2, 0.5, 0.8]) * (a[j[block]] - a[i[block]])[:, None]
-        d = a - along_gap[:, :, None]
-        outside = (np.angle(np.roll(d, -1, axis=2) * np.conj(d)).sum(axis=2) < np.pi).all(axis=1)
+    relative, i, j = relative[order], i[far][order], j[far][order]
+    # in ascending order of the gaps, some at a time: the first one outside is the smallest
+    for start in range(0, len(i), _AT_ONCE):
+        a, b = polygon[i[start : start + _AT_ONCE]], polygon[j[start : start + _AT_ONCE]]
+        across = a[:, None] + np.array([0.2, 0.5, 0.8]) * (b - a)[:, None]
+        winding = winding_numbers(coordinates, plane_coordinates(across.ravel()))
+        outside = (winding.reshape(-1, 3) < 0.5).all(axis=1)
         if outside.any():
-            first = start + int(np.argmax(outside))
-            return float(relative[first])
+            return float(relative[start + int(np.argmax(outside))])
     return np.inf
 
 
 def lattice_inside(polygon: Complex[np.ndarray, " m"], spacing: float) -> Complex[np.ndarray, " k"]:
-    """The points inside a polygon of the triangular lattice with rows along the x-axis; see `lattices_inside`."""
+    """Points inside a polygon of the triangular lattice with rows along the x-axis; see `lattices_inside`."""
     return lattices_inside(polygon, np.full(len(polygon), spacing), np.roll(np.arange(len(polygon)), -1), 0)[0]
 
 
@@ -137,16 +132,21 @@ def lattices_inside(
     after: Int[np.ndarray, " m"],
     region: Int[np.ndarray, " m"] | int,
 ) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]]:
-    """The points of triangular lattices inside polygons, or between them, and their regions, which ascend.
+    """Points of triangular lattices inside regions bounded by polygons, and the points' regions, in ascending order.
 
-    Row by row: a row enters and leaves a region by turns where it crosses the edges. Takes time and memory in
-    proportion to the crossings and the points. Of every vertex of the simple polygons come the distance of neighbouring
-    points of its region's lattice, the number of the next vertex on its polygon, and the region.
+    The crossings of a lattice row with the edges alternately enter and leave the region. Time and memory are
+    proportional to the crossings and the points.
+
+    Args:
+        polygons: vertices of the simple polygons of all regions.
+        spacing: distance of neighbouring lattice points, per vertex; one value in each region.
+        after: the next vertex on its polygon, per vertex.
+        region: per vertex.
     """
     height = np.sqrt(0.75) * spacing
     end = polygons[after]
     low, high = np.minimum(polygons.imag, end.imag), np.maximum(polygons.imag, end.imag)
-    # the edges cross the rows from the first at or above their low end to the last below their high end
+    # an edge crosses the rows at or above its low end and below its high end
     first, last = np.ceil(low / height).astype(np.int64), np.ceil(high / height).astype(np.int64)
     edge, row = _ranges(first, last - first)
     share = (row * height[edge] - polygons.imag[edge]) / (end.imag - polygons.imag)[edge]
@@ -169,13 +169,13 @@ def are_inside(
     after: Int[np.ndarray, " m"],
     region: Int[np.ndarray, " m"],
 ) -> Bool[np.ndarray, " k"]:
-    """Whether points lie inside the polygons of their regions, or between them; `polygons` are as in `lattices_inside`.
+    """Whether points z lie inside their regions `of`; for the other arguments see `lattices_inside`.
 
-    A ray from a point to the right crosses the edges an odd number of times. Takes time and memory in proportion to the
-    points and the crossings of the whole lines.
+    A point is inside if the ray to its right crosses an odd number of edges. Time and memory are proportional to the
+    points and the crossings of the horizontal lines through them.
     """
     end = polygons[after]
-    # the edges' lower ends, then the upper ones, then the points: a line through a vertex meets one of its edges
+    # at equal heights lower ends come first, then upper ends, then points: a line through a vertex crosses one edge
     heights = np.concatenate([np.minimum(polygons.imag, end.imag), np.maximum(polygons.imag, end.imag), z.imag])
     order = np.lexsort((heights, np.concatenate([region, region, of])))
     is_point = order >= 2 * len(polygons)
@@ -192,6 +192,6 @@ def are_inside(
 def _ranges(
     first: Int[np.ndarray, " n"], count: Int[np.ndarray, " n"]
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
-    """Numbers first, first + 1, … for each of n ranges, one range after the other, and whose each number is."""
+    """The members of n ranges of integers, one range after the other: the range of each, and its value."""
     owner = np.repeat(np.arange(len(first)), count)
     return owner, np.arange(len(owner)) + (first + count - np.cumsum(count))[owner]

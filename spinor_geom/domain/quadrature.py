@@ -1,4 +1,4 @@
-"""Quadrature: rules on [0, 1] by name, and Gauss-Legendre panels on the boundary of a plane domain, holes included."""
+"""Quadrature rules on [0, 1], and Gauss-Legendre panels on the boundary of a plane domain."""
 
 from __future__ import annotations
 
@@ -28,8 +28,10 @@ class Rule(NamedTuple):
 def rule(name: RuleName, n: int) -> Rule:
     """Quadrature rule on [0, 1]: n intervals of "trapezoid" or "simpson", or n nodes of "gauss".
 
-    The error is O(n⁻²) or, for an even n, O(n⁻⁴); Gauss-Legendre is exact for polynomials of degree 2n − 1. An unknown
-    name, n < 1, and an odd n for "simpson" are an OptionError.
+    The error is O(n⁻²), O(n⁻⁴), or 0 for polynomials of degree 2n − 1, respectively.
+
+    Raises:
+        OptionError: the name is unknown, n < 1, or n is odd for "simpson".
     """
     if n < 1:
         raise OptionError(f"a quadrature rule needs n of at least 1, got {n}")
@@ -50,9 +52,9 @@ def rule(name: RuleName, n: int) -> Rule:
 
 @lru_cache(maxsize=32)
 def cumulative_matrix(order: int, ends: tuple[float, ...] | None = None) -> Float[np.ndarray, "h g"]:
-    """Matrix S: (S f)_i is the integral from 0 to end i of the polynomial through the values f at so many Gauss nodes.
+    """Matrix S of integrals from 0 to each of the ends, by default the Gauss nodes on [0, 1] themselves.
 
-    The ends are in [0, 1]; the nodes themselves by default.
+    (S f)_i is the integral to end i of the polynomial through the values f at the `order` Gauss nodes.
     """
     nodes, _ = np.polynomial.legendre.leggauss(order)
     x = nodes if ends is None else 2 * np.asarray(ends) - 1
@@ -66,7 +68,7 @@ class Panels:
     """Composite Gauss-Legendre rule along ∂Ω: P panels of G nodes each."""
 
     order: int  # G
-    breaks: Float[np.ndarray, " b"]  # panel ends in the parameter t, from 0 to 1; for holes as in `PlaneDomain`
+    breaks: Float[np.ndarray, " b"]  # panel ends in the parameter t of `PlaneDomain`
     t: Float[np.ndarray, " n"]  # parameters of the nodes, increasing
     z: Complex[np.ndarray, " n"]  # nodes on ∂Ω
     dz: Complex[np.ndarray, " n"]  # derivative dz/dt at the nodes
@@ -74,13 +76,12 @@ class Panels:
 
     @classmethod
     def around(cls, domain: PlaneDomain, breaks: Sequence[Float[np.ndarray, " _"]], order: int) -> Panels:
-        """Panels on all of ∂Ω, between the breaks from 0 to 1 that each of its boundaries has."""
+        """Panels on all of ∂Ω between given breaks, from 0 to 1, on each of its boundaries."""
         parts = [cls.on(boundary, ends, order) for boundary, ends in zip(domain.boundaries, breaks, strict=True)]
-        shifts = 2.0 * np.arange(len(parts))
         return cls(
             order=order,
-            breaks=np.concatenate([part.breaks + shift for part, shift in zip(parts, shifts, strict=True)]),
-            t=np.concatenate([part.t + shift for part, shift in zip(parts, shifts, strict=True)]),
+            breaks=np.concatenate([part.breaks + 2.0 * number for number, part in enumerate(parts)]),
+            t=np.concatenate([part.t + 2.0 * number for number, part in enumerate(parts)]),
             z=np.concatenate([part.z for part in parts]),
             dz=np.concatenate([part.dz for part in parts]),
             weights=np.concatenate([part.weights for part in parts]),
@@ -94,7 +95,7 @@ class Panels:
 
     @cached_property
     def rims(self) -> tuple[int, ...]:
-        """Numbers of panels of each boundary."""
+        """Number of panels on each boundary."""
         return tuple(np.bincount((self.ends[:, 0] // 2).astype(np.int64)).tolist())
 
     @cached_property
@@ -104,7 +105,7 @@ class Panels:
 
     @property
     def own_parameters(self) -> tuple[Float[np.ndarray, " _"], ...]:
-        """The parameters of the nodes of each boundary, from 0 to 1."""
+        """The parameters in [0, 1] of the nodes on each boundary."""
         counts = np.cumsum(self.rims)[:-1] * self.order
         return tuple(part - 2 * number for number, part in enumerate(np.split(self.t, counts)))
 
@@ -125,10 +126,10 @@ class Panels:
 
     @property
     def cumulative(self) -> Float[np.ndarray, "g g"]:
-        """Integration matrix of one panel of unit length, from its start to each of its nodes."""
+        """Matrix of integrals from the start of a panel of length 1 to each of its nodes."""
         return cumulative_matrix(self.order)
 
     @property
     def arc_weights(self) -> Float[np.ndarray, " n"]:
-        """Weights of the integral by arc length, Σ f·arc_weights = ∮ f |dz|."""
+        """Weights of integrals over arc length: Σ f·arc_weights = ∮ f |dz|."""
         return np.asarray(self.weights * np.abs(self.dz))

@@ -1,4 +1,4 @@
-"""Delaunay refinement of regions of the plane, by circumcentres and points on long bridges; better places for them."""
+"""Delaunay refinement of plane regions, and smoothing of the inner points."""
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
@@ -17,59 +17,44 @@ from spinor_geom.domain.delaunay import (
 from spinor_geom.domain.polygons import are_inside
 from spinor_geom.domain.sizes import NearestPoints, RegionSizes
 
-# of the angle below which a triangle is refined; above 30° the number of points grows quickly
+# of the angle below which a triangle is refined; for angles above 30° the number of points grows quickly
 _LEAST_SINE = np.sin(np.radians(25.0))
 # a triangle is too large when its circumradius exceeds this times the wanted edge length (equilateral: 1.3 edges)
 _LARGEST_RADIUS = 0.75
-_DOUBTFUL = 0.8  # where it comes near to that by the lengths wanted at its corners, that of its middle decides
-_BATCH_SPACING = 0.8  # new points of one batch keep this share of the smaller of their circumradii between them
-_BATCHES = 60  # a batch adds points in proportion to those there are, so the number of batches grows like a logarithm
-# no new point sees a boundary edge under more than 110°; a right angle leaves short edges beside long ones no room
+_DOUBTFUL = 0.8  # share of that size from which on the size wanted at the middle replaces the mean of the corners
+_BATCH_SPACING = 0.8  # least distance of new points of one batch, per smaller one of their circumradii
+_BATCHES = 60  # the number of points grows geometrically with the batches
+# no new point sees a boundary edge under more than 110°; 90° would leave no room beside short edges next to long ones
 _WIDEST_VIEW = np.cos(np.radians(180 - 110))
-_FEW = 4  # edges near a point that are looked at first, and how many times as many next
-# an inner edge between two boundary vertices is split from this many wanted edge lengths on, sooner at a corner
+# longest inner edge between two boundary vertices, in wanted edge lengths; shorter where it cuts off one vertex
 _LONGEST_BRIDGE, _LONGEST_EAR = 1.45, 1.05
-_ROUND_ENOUGH = 0.4  # smoothing may make a triangle less round only down to this (1: equilateral)
-_MOVES = 2  # more moves, or a new triangulation between them, make no angle better
-# a point of a poor triangle tries eight places around it, at these shares of the mean length of its edges
+_ROUND_ENOUGH = 0.4  # roundness (1: equilateral) below which smoothing must not reduce that of a triangle
+_MOVES = 2  # more moves improve no angle
+# a point of a poor triangle is tried at eight places around it, at these multiples of the mean length of its edges
 _POLISHING_STEPS = (0.3, 0.3, 0.15, 0.15, 0.08, 0.08)
 _AROUND = np.append(0, np.exp(2j * np.pi * np.arange(8) / 8))
 
 
-class Boundary:
-    """The vertices of all polygons, and of each the next, the region and the edge; tells what is too near an edge."""
+class BoundaryEdges:
+    """The boundary edges of all regions, by their first vertices, and tests of points against them."""
 
     def __init__(
         self, points: Complex[np.ndarray, " m"], after: Int[np.ndarray, " m"], region: Int[np.ndarray, " m"]
     ) -> None:
         self.points, self.after, self.region = points, after, region
         self.edge, self.count = points[after] - points, int(region[-1]) + 1
-        middle, half = 0.5 * (points[after] + points), 0.5 * self.edge
-        # edges of about one length share a tree, so that a few nearest ones are enough
-        group = np.floor(np.log2(np.abs(half))).astype(int)
-        self._groups = [
-            (NearestPoints(middle[some], region[some]), middle[some], half[some])
-            for some in (np.flatnonzero(group == g) for g in np.unique(group))
-        ]
 
     def too_near(self, z: Places, region: Owners) -> Bool[np.ndarray, " k"]:
-        """Whether each point sees some edge of its region under too large an angle."""
-        inside = np.zeros(len(z), dtype=bool)
-        if len(z) == 0:
-            return inside
-        for tree, middle, half in self._groups:
-            reach, count, rest = np.abs(half).max(), _FEW, np.arange(len(z))
-            while len(rest):
-                distance, index = tree.query(z[rest], region[rest], count=count, within=reach)
-                place, near = np.nonzero(distance < reach)
-                edge, point = index[place, near], rest[place]
-                offset = z[point] - middle[edge]
-                seen = (offset + half[edge]) * np.conj(offset - half[edge])
-                inside[point[seen.real < -_WIDEST_VIEW * np.abs(seen)]] = True
-                # more edges may be near than were asked for
-                rest = rest[(distance[:, -1] < reach) & ~inside[rest] & (count < len(half))]
-                count *= _FEW
-        return inside
+        """Whether each point sees an edge of its region under too large an angle."""
+        near_edge = np.zeros(len(z), dtype=bool)
+        if len(z):
+            half = 0.5 * self.edge
+            # an edge is seen under a right angle from the circle around it, and under larger angles from inside
+            point, edge = NearestPoints(z, region).within(np.abs(half), of=self.points + half, region=self.region)
+            offset = z[point] - self.points[edge] - half[edge]
+            seen = (offset + half[edge]) * np.conj(offset - half[edge])
+            near_edge[point[seen.real < -_WIDEST_VIEW * np.abs(seen)]] = True
+        return near_edge
 
     def has_room(self, z: Places, region: Owners) -> Bool[np.ndarray, " k"]:
         """Whether each point lies inside its region and is not too near to an edge."""
@@ -78,17 +63,24 @@ class Boundary:
 
 
 def refine(
-    mesh: ConstrainedDelaunay, at_points: Lengths, boundary: Boundary, size: RegionSizes, room: Int[np.ndarray, " r"]
+    mesh: ConstrainedDelaunay,
+    at_points: Lengths,
+    boundary: BoundaryEdges,
+    size: RegionSizes,
+    room: Int[np.ndarray, " r"],
 ) -> None:
-    """Inserts batches of circumcentres until no triangle wants and can have one; `room` bounds each region's points."""
+    """Inserts batches of circumcentres until every triangle is good or has no room for one.
+
+    `at_points` are the sizes wanted at the mesh's points; `room` is the largest number of inner points of each region.
+    """
     at_centres = np.zeros(boundary.count, dtype=bool)
-    # the triangles to look at are those of open vertices: the new ones, and those whose point lost against another
+    # triangles of open vertices are tested: of new ones, and of triangles whose circumcentre was not inserted
     is_open = np.ones(len(mesh.points), dtype=bool)
     for _ in range(_BATCHES):
         seen = mesh.inside[is_open[mesh.triangles].any(axis=1)]
         faces = mesh.faces[seen]
         p, owner = mesh.points[faces], mesh.region[faces[:, 0]]
-        # sizes at the vertices, each asked for once, are enough until the triangles are nearly small enough
+        # the mean of the sizes at the vertices is enough until the triangles are nearly small enough
         wanted = at_points[faces].mean(axis=1)
         centre, radius, shortest = circumcircles(p)
         doubtful = np.flatnonzero(at_centres[owner] & (radius > _DOUBTFUL * _LARGEST_RADIUS * wanted))
@@ -117,10 +109,13 @@ def refine(
 
 
 def independent(z: Places, region: Owners, spacing: Lengths, priority: Lengths) -> Int[np.ndarray, " s"]:
-    """Indices of points, by region, no two nearer than the smaller of their spacings; high priority is preferred."""
+    """Indices of points no two of which, in one region, are nearer than the smaller of their spacings.
+
+    Points of higher priority are preferred.
+    """
     if len(z) < 2:
         return np.arange(len(z))
-    # the point of highest priority in each occupied square cell, a quarter to half a spacing wide
+    # first, the point of highest priority in each square cell with sides of a quarter to half a spacing
     level = np.floor(np.log2(spacing))
     cell = np.column_stack([np.floor(plane_coordinates(z) / (0.5 * 2.0**level)[:, None]), level, region])
     order = np.lexsort((-priority, *cell.T))
@@ -149,8 +144,8 @@ def independent(z: Places, region: Owners, spacing: Lengths, priority: Lengths) 
     return np.asarray(first[taken])
 
 
-def long_bridges(mesh: ConstrainedDelaunay, boundary: Boundary, size: RegionSizes) -> tuple[Places, Owners]:
-    """Points that split inner edges between boundary vertices, where a region has room for one, and their regions."""
+def long_bridges(mesh: ConstrainedDelaunay, boundary: BoundaryEdges, size: RegionSizes) -> tuple[Places, Owners]:
+    """Points that split long inner edges between boundary vertices, where there is room, and their regions."""
     m, points, faces, after = mesh.boundary_size, mesh.points, mesh.triangles, boundary.after
     edges = unique_edges(faces[(faces < m).sum(axis=1) > 1], len(points))
     edges = edges[edges[:, 1] < m]
@@ -158,7 +153,7 @@ def long_bridges(mesh: ConstrainedDelaunay, boundary: Boundary, size: RegionSize
     start, end = edges.T
     owner = mesh.region[start]
     place, length = 0.5 * (points[start] + points[end]), np.abs(points[end] - points[start])
-    # a bridge that hides one convex vertex from an inner point goes sooner, and its point lies farther in
+    # an ear cuts off a single convex vertex: it is split sooner, and its point lies farther inside
     code, count = np.unique(edge_codes(faces[(faces < m).all(axis=1)], m), return_counts=True)
     one_sided = np.isin(start * m + end, code[count == 1])
     is_next = after[after[start]] == end
@@ -174,14 +169,14 @@ def long_bridges(mesh: ConstrainedDelaunay, boundary: Boundary, size: RegionSize
 
 
 def place_in_region(region: Owners) -> Owners:
-    """Numbers from 0 on within each run of equal numbers, which ascend."""
+    """The position of each point among those of its region; regions are in ascending order."""
     return np.asarray(np.arange(len(region)) - np.searchsorted(region, region))
 
 
-def smooth(mesh: ConstrainedDelaunay, boundary: Boundary) -> None:
-    """Moves inner points to the mean of their neighbours, twice, and triangulates anew.
+def smooth(mesh: ConstrainedDelaunay, boundary: BoundaryEdges) -> None:
+    """Moves inner points to the mean of their neighbours, twice, and triangulates again.
 
-    Points that would come too near to the boundary stay, and those of faces that would be flipped or thin.
+    Points stay if they would be too near to the boundary, or would flip a face or make it thin.
     """
     points, faces, m = mesh.points, mesh.triangles, mesh.boundary_size
     n = len(points)
@@ -199,10 +194,10 @@ def smooth(mesh: ConstrainedDelaunay, boundary: Boundary) -> None:
     mesh.move(points, np.unique(mesh.region[m:]))
 
 
-def polish(mesh: ConstrainedDelaunay, boundary: Boundary) -> None:
-    """Moves inner points of triangles with an angle below that of refinement to the best of a few places nearby.
+def polish(mesh: ConstrainedDelaunay, boundary: BoundaryEdges) -> None:
+    """Moves inner points of triangles with an angle below 25° to the best of a few places nearby.
 
-    Places that are too near to the boundary do not count.
+    Places too near to the boundary are excluded.
     """
     for step in _POLISHING_STEPS:
         points, faces = mesh.points, mesh.triangles
@@ -240,14 +235,14 @@ def smallest_sine(
 
 
 def _worst_points(mesh: ConstrainedDelaunay, faces: Int[np.ndarray, "t 3"]) -> Bool[np.ndarray, " n"]:
-    """Marks inner points of poor triangles that are worse than all their neighbours: these can move independently."""
+    """Marks inner points of poor triangles that are worse than all their neighbours, and so can move independently."""
     n = len(mesh.points)
     quality = smallest_sine(*mesh.points[faces].T)
     poor = np.flatnonzero(quality < _LEAST_SINE)
     key = np.full(n, np.inf)
     np.minimum.at(key, faces[poor].ravel(), np.repeat(quality[poor], 3))
     key[: mesh.boundary_size] = np.inf
-    for own in mesh.own:  # the corners of one triangle share its quality: the place among its region's points decides
+    for own in mesh.own:  # breaks ties between the corners of a triangle
         key[own] += np.arange(len(own)) * 1e-12
     least = np.full(n, np.inf)
     a, b = faces.ravel(), faces[:, [1, 2, 0]].ravel()
@@ -257,7 +252,7 @@ def _worst_points(mesh: ConstrainedDelaunay, faces: Int[np.ndarray, "t 3"]) -> B
 
 
 def _held_back(mesh: ConstrainedDelaunay, points: Places, moved: Places) -> Places:
-    """The moved points, except around faces that the move would flip or make thin."""
+    """The moved points, with the corners of faces that the move would flip or make thin moved back."""
     faces = mesh.triangles
     before = _roundness(points[faces])
     for _ in range(10):
@@ -267,12 +262,12 @@ def _held_back(mesh: ConstrainedDelaunay, points: Places, moved: Places) -> Plac
             return moved
         back = faces[worse].ravel()
         moved[back] = points[back]
-    # nothing moves in regions where that was not enough
+    # regions that still have such faces keep all their points
     return np.where(np.isin(mesh.region, mesh.region[back]), points, moved)
 
 
 def _roundness(p: Complex[np.ndarray, "t 3"]) -> Float[np.ndarray, " t"]:
-    """Area over the sum of squared edges, 1 for an equilateral triangle, not positive for a flipped one."""
+    """Area per sum of squared edges, scaled to 1 for an equilateral triangle; not positive for a flipped one."""
     b, c = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
     squares = np.abs(b) ** 2 + np.abs(c) ** 2 + np.abs(c - b) ** 2
     return np.asarray(2 * np.sqrt(3.0) * cross(b, c) / squares)

@@ -1,4 +1,4 @@
-"""How long the edges of a triangulation shall be beside a boundary and away from it, by the nearest of its points."""
+"""Wanted edge length of a triangulation as a function of the place, from the edges of its boundary."""
 
 from collections.abc import Callable, Sequence
 
@@ -9,19 +9,18 @@ from scipy.spatial import cKDTree
 from spinor_geom.domain.delaunay import Lengths, Owners, Places, rim_successors
 
 Polygon = Complex[np.ndarray, " _"]
-Regions = Owners | int  # of points, or the one of all of them
+Regions = Owners | int  # of each point, or of all points
 SizeFunction = Callable[[Places], Lengths]
 RegionSizes = Callable[[Places, Owners], Lengths]
 SizeBounds = Callable[[Places, Regions], tuple[Lengths, Lengths]]
 
 GROWTH = 0.35  # change of the edge length per unit of distance from the boundary, upwards
-# Distance between regions in a search tree, and how far a search goes: longer than any loop. A distance taken from the
-# points of one tree would hide these from whatever lies far outside them.
+# Distance between regions in a search tree, and the radius of searches; both exceed any loop.
 _APART, _FARTHEST = 2.0**256, 2.0**255
 
 
 def graded_size(*polygons: Polygon, growth: float = GROWTH) -> SizeFunction:
-    """Edge length that is the local one at the closed polygons of a boundary and grows with the distance from them.
+    """Edge length that equals the local one at the boundary polygons and grows with the distance from them.
 
     h(z) = min_j (e_j + growth·|z − b_j|) over the boundary vertices b_j nearest to z; e_j is the mean of the two
     boundary edges at b_j, lowered where a neighbour's e_i + growth·|b_i − b_j| is smaller. In units of Ω.
@@ -31,16 +30,16 @@ def graded_size(*polygons: Polygon, growth: float = GROWTH) -> SizeFunction:
 
 
 def graded_sizes(polygons: Sequence[Polygon]) -> RegionSizes:
-    """`graded_size` inside each of several polygons, by their numbers."""
+    """`graded_size` in several regions, each bounded by one polygon."""
     bounds = size_bounds(polygons, range(len(polygons)), growth=GROWTH, decay=0.0)
     return lambda z, region: bounds(z, region)[1]
 
 
 def size_bounds(polygons: Sequence[Polygon], regions: Sequence[int] = (), *, growth: float, decay: float) -> SizeBounds:
-    """The range of edge lengths that pass gradually into those of closed polygons: of one region, or of those named.
+    """Lower and upper bounds of the edge length at points (k,), as a function of the points and their regions.
 
-    As functions of points (k,) and their regions. The upper bound is `graded_size`; the lower one, which may be
-    negative, falls by `decay` per unit of distance from the local edge length at the nearest vertex.
+    The upper bound is `graded_size`. The lower bound is the local edge length at the nearest boundary vertex minus
+    `decay` times the distance from it, and may be negative. `regions` has the region of each polygon, by default one.
     """
     rims, boundary = tuple(map(len, polygons)), np.concatenate(polygons)
     region = np.repeat(regions or (0,) * len(rims), rims)
@@ -62,10 +61,10 @@ def size_bounds(polygons: Sequence[Polygon], regions: Sequence[int] = (), *, gro
 
 
 class NearestPoints:
-    """Finds the nearest of the points of a region.
+    """KD-tree of the points of several regions; a query finds points of its own region only.
 
-    Regions lie above each other. The tree is split between them before it is within one, and holds them in order, so
-    that what is found for one does not depend on the others, down to the order of equal distances.
+    Regions are stacked in a third coordinate, far apart and in order. The tree is split between regions first, so that
+    the result in one region, including the order of equal distances, does not depend on the others.
     """
 
     def __init__(self, points: Complex[np.ndarray, " n"], region: Regions = 0) -> None:
@@ -76,11 +75,19 @@ class NearestPoints:
     def query(
         self, z: Places, region: Regions = 0, *, count: int = 1, within: float = np.inf
     ) -> tuple[Float[np.ndarray, "k c"], Int[np.ndarray, "k c"]]:
-        """Distances and numbers of so many points nearest to each z, in order; infinite and n where there are fewer."""
+        """Distances and numbers of the `count` points nearest to each z, ascending; (inf, n) for those missing."""
         nearest = np.arange(1, min(count, max(self._tree.n, 1)) + 1)
         bound = min(within, _FARTHEST)
         distance, index = self._tree.query(_places(z, region), k=nearest, distance_upper_bound=bound)
         return np.asarray(distance), self._numbers[np.asarray(index)]
+
+    def within(
+        self, radius: Lengths, *, of: Places, region: Owners
+    ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+        """Pairs of a point and a centre, by their numbers, no farther from each other than the radius of the centre."""
+        found = self._tree.query_ball_point(_places(of, region), radius)
+        centre = np.repeat(np.arange(len(of)), [len(some) for some in found])
+        return self._numbers[np.concatenate(found).astype(np.int64)], centre
 
 
 def _places(z: Places, region: Regions) -> Float[np.ndarray, "k 3"]:

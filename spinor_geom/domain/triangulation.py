@@ -1,4 +1,4 @@
-"""Triangulation of a simple plane polygon, with holes or not, whose boundary stays as it is, vertex by vertex."""
+"""Triangulation of simple plane polygons with holes that keeps the boundary vertices and adds none."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,20 +10,27 @@ from jaxtyping import Complex, Float, Int
 
 from spinor_geom.domain.delaunay import ConstrainedDelaunay, Lengths, Owners, Places, Rims, rim_successors, unique_edges
 from spinor_geom.domain.polygons import lattices_inside
-from spinor_geom.domain.refinement import Boundary, independent, long_bridges, place_in_region, polish, refine, smooth
+from spinor_geom.domain.refinement import (
+    BoundaryEdges,
+    independent,
+    long_bridges,
+    place_in_region,
+    polish,
+    refine,
+    smooth,
+)
 from spinor_geom.domain.sizes import NearestPoints, Polygon, RegionSizes, SizeFunction, graded_size
 from spinor_geom.errors import DomainError, OptionError, SpinorGeomError
 from spinor_geom.mesh.array_checks import shared
 
-MOST_POINTS = 200_000  # of a triangulation, if nothing else is said
-# points at which the largest size is looked for, and shares of it by which lattice points keep off the boundary
-_SIZE_SAMPLES, _ROOM_AT_BOUNDARY = 100, 2.0
-_MOST_ROWS = 20_000
-_STRAIGHT = 1e-9  # in radians, from which on a polygon's turn to the left is no rounding error
-# seeds keep these shares of edges' lengths from the tips on the boundary and its vertices, of the wanted size apart
-_FROM_TIPS, _FROM_VERTICES, _LEAST_SPACING = 0.75, 1.2, 0.7
+MOST_POINTS = 200_000  # default limit for a triangulation
+_SIZE_SAMPLES = 100  # points at which the largest wanted size is searched
+_ROOM_AT_BOUNDARY = 2.0  # least distance of lattice points from boundary vertices, in lattice spacings
+_MOST_ROWS = 20_000  # of a lattice
+_FROM_TIPS, _FROM_VERTICES = 0.75, 1.2  # least distance of seeds from tips and boundary vertices, in edge lengths
+_LEAST_SPACING = 0.7  # of seeds, in wanted edge lengths
 
-# points inside a region, about as far from each other as is wanted, and the distance of each from its neighbours
+# points inside a region, and the distance of each from its neighbours
 Seeds = tuple[Places, Lengths]
 T = TypeVar("T")
 R = TypeVar("R")
@@ -31,19 +38,19 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlaneTriangulation:
-    """A triangulated simple polygon, with holes or without.
+    """A triangulated simple polygon with holes.
 
-    The boundary comes first, equal to the input bit for bit: counter-clockwise, then those of holes, clockwise.
+    The boundary vertices come first, bit-equal to the input: the outer rim, counter-clockwise, then holes, clockwise.
     """
 
     points: Complex[np.ndarray, " n"]
     faces: Int[np.ndarray, "t 3"]  # counter-clockwise
-    boundary_size: int  # number of boundary vertices, those of holes included
+    boundary_size: int  # number of boundary vertices, including those of holes
     hole_sizes: tuple[int, ...] = ()
 
     @property
     def rims(self) -> Rims:
-        """Numbers of vertices of each boundary, the outer one first."""
+        """Number of vertices of each rim, the outer one first."""
         return (self.boundary_size - sum(self.hole_sizes), *self.hole_sizes)
 
     @cached_property
@@ -55,12 +62,15 @@ class PlaneTriangulation:
 
     @cached_property
     def edges(self) -> Int[np.ndarray, "e 2"]:
-        """Every edge once, smaller index first, sorted."""
+        """The edges, smaller index first, sorted."""
         return shared(unique_edges(self.faces, len(self.points)))
 
 
 def one_by_one_on_error(make: Callable[[Sequence[T]], list[R]], items: Sequence[T]) -> list[R | SpinorGeomError]:
-    """What is made of many things together, where each comes out as it does by itself; for some the error it raises."""
+    """The results of `make` for many items at once; in place of a failed item's result the error that it raises.
+
+    `make` has to return the same result for an item whatever other items are with it.
+    """
     try:
         return [*make(items)] if len(items) else []
     except SpinorGeomError as error:
@@ -75,16 +85,20 @@ def triangulate_polygon(
 ) -> PlaneTriangulation:
     """Triangulates a simple polygon with inner points so that edges are about `size` long and angles are large.
 
-    Delaunay refinement: circumcentres of triangles that are too large for the size function or have an angle below
-    25° are inserted in batches of mutually distant ones, never close to a boundary edge, so no boundary edge is
-    ever split. Then edges that bridge the polygon between two boundary vertices get a point where there is room (where
-    the polygon is one triangle wide they stay), the inner points are smoothed, and those of triangles that are still
-    poor are moved one by one. Small angles that the boundary itself forces stay.
+    Delaunay refinement inserts circumcentres of triangles that are too large or have an angle below 25°, in batches of
+    distant points and never close to a boundary edge, so no boundary edge is split. Then inner edges between two
+    boundary vertices are split where there is room, inner points are smoothed, and points of triangles that are still
+    poor are moved one by one. Small angles that the boundary forces remain.
 
-    The polygon runs counter-clockwise, the holes inside it, which are left out, clockwise. The size is the wanted edge
-    length at points (k,), in units of the polygon; by default `graded_size`. One that is not positive and finite is an
-    OptionError; a polygon or a hole that runs the other way, has fewer than three vertices or one that is not finite,
-    touches or crosses itself, or a hole that is not inside, is a DomainError.
+    Args:
+        boundary: the polygon, counter-clockwise.
+        size: wanted edge length at points (k,), in units of the polygon; by default `graded_size`.
+        holes: polygons inside, clockwise, which are left out.
+
+    Raises:
+        OptionError: a size is not positive and finite.
+        DomainError: a polygon runs in the wrong direction, has fewer than three vertices, a vertex that is not finite,
+            or touches or crosses itself or another one; or a hole is not inside.
 
     Source: Ruppert (1995), A Delaunay refinement algorithm for quality 2-dimensional mesh generation, J. Algorithms 18.
     """
@@ -99,10 +113,14 @@ def triangulate_regions(
     seeds: Sequence[Seeds] = (),
     max_points: Sequence[int] | int = MOST_POINTS,
 ) -> list[PlaneTriangulation]:
-    """As `triangulate_polygon` for many regions at once: the triangulation of each is the same, to the last bit.
+    """`triangulate_polygon` for many regions at once; each triangulation is bit-equal to that of the region alone.
 
-    A region is a polygon and its holes. Seeds are by default the points of lattices as wide as the largest of the sizes
-    wanted; those too near to the boundary are not taken. No further points are inserted when there are so many.
+    Args:
+        regions: of each region the polygon and its holes.
+        size: wanted edge length at points, whose regions are the second argument.
+        seeds: inner points to start from, per region; those too near to the boundary are omitted. By default lattices
+            with the largest wanted size as spacing.
+        max_points: number of points at which refinement stops.
     """
     parts = [[np.array(polygon, dtype=np.complex128) for polygon in region] for region in regions]
     rims = [tuple(map(len, region)) for region in parts]
@@ -110,7 +128,7 @@ def triangulate_regions(
     centre, scale = (np.array(one) for one in zip(*map(_require_region, parts), strict=True))
     owner = np.repeat(np.arange(len(rims)), [len(boundary) for boundary in given])
     boundary = np.concatenate(given)
-    edges = Boundary((boundary - centre[owner]) / scale[owner], rim_successors(sum(rims, ())), owner)
+    edges = BoundaryEdges((boundary - centre[owner]) / scale[owner], rim_successors(sum(rims, ())), owner)
 
     def wanted(z: Places, region: Owners) -> Lengths:
         h = size(z * scale[region] + centre[region], region)
@@ -119,7 +137,7 @@ def triangulate_regions(
             raise OptionError(f"the size function must give positive, finite lengths, got {h[wrong][0]}")
         return np.asarray(h / scale[region])
 
-    # nothing is put into a triangle
+    # triangles get no inner points
     m = np.array([len(boundary) for boundary in given])
     room = np.where(m > 3, np.maximum(max_points - m, 0), 0)
     if not seeds:
@@ -128,7 +146,7 @@ def triangulate_regions(
     else:
         of = np.repeat(np.arange(len(seeds)), [len(points) for points, _ in seeds])
         places, spacing = map(np.concatenate, zip(*seeds, strict=True))
-        inner, of, lengths = _behind_a_row(edges, wanted, (places - centre[of]) / scale[of], spacing / scale[of], of)
+        inner, of, lengths = _tips_and_seeds(edges, wanted, (places - centre[of]) / scale[of], spacing / scale[of], of)
     some = place_in_region(of) < room[of]
     inner, of, lengths = inner[some], of[some], lengths[some]
     mesh = ConstrainedDelaunay(np.append(edges.points, inner), rims, np.append(owner, of))
@@ -149,7 +167,7 @@ def triangulate_regions(
 
 
 def _require_region(polygons: Sequence[Polygon]) -> tuple[complex, float]:
-    """Checks a polygon and its holes; gives an origin and a unit in which nothing depends on its place and size."""
+    """Checks a polygon and its holes; returns their centre and radius, by which they are normalised."""
     for number, polygon in enumerate(polygons):
         name, sign, ways = "the polygon", 1, ("clockwise", "counter-clockwise")
         if number:
@@ -164,16 +182,12 @@ def _require_region(polygons: Sequence[Polygon]) -> tuple[complex, float]:
         raise DomainError("a hole is not inside the polygon", vertices=len(boundary))
     centre = boundary.mean()
     scale = np.abs(boundary - centre).max()
-    edge = (np.roll(boundary, -1) - boundary) / scale
-    turn = np.angle(np.roll(edge, -1) * np.conj(edge))
-    # a polygon that turns to the left at each vertex, and once in all, is simple
-    if len(polygons) > 1 or not ((turn > _STRAIGHT).all() and turn.sum() < 3 * np.pi):
-        mesh = ConstrainedDelaunay((boundary - centre) / scale, [tuple(map(len, polygons))])
-        m, faces, sides = len(boundary), mesh.triangles, (mesh.neighbours[mesh.inside] < 0).sum()
-        count = m - 2 + 2 * (len(polygons) - 1)
-        if len(faces) != count or len(unique_edges(faces, m)) != (3 * count + m) // 2 or sides != m:
-            problem = "a vertex lies on another edge, or a hole is not inside the polygon"
-            raise DomainError(f"the boundary is not simple: {problem}", vertices=m)
+    mesh = ConstrainedDelaunay((boundary - centre) / scale, [tuple(map(len, polygons))])
+    m, faces, sides = len(boundary), mesh.triangles, (mesh.neighbours[mesh.inside] < 0).sum()
+    count = m - 2 + 2 * (len(polygons) - 1)
+    if len(faces) != count or len(unique_edges(faces, m)) != (3 * count + m) // 2 or sides != m:
+        problem = "a vertex lies on another edge, or a hole is not inside the polygon"
+        raise DomainError(f"the boundary is not simple: {problem}", vertices=m)
     return centre, scale
 
 
@@ -181,18 +195,18 @@ def _area(polygon: Complex[np.ndarray, " m"]) -> float:
     return 0.5 * float((np.conj(polygon) * np.roll(polygon, -1)).imag.sum())
 
 
-def _seeds(boundary: Boundary, size: RegionSizes, room: Int[np.ndarray, " r"]) -> tuple[Places, Owners]:
-    """Points of lattices as wide as the largest of the sizes wanted in each region: inner points to start from."""
+def _seeds(boundary: BoundaryEdges, size: RegionSizes, room: Int[np.ndarray, " r"]) -> tuple[Places, Owners]:
+    """Points of lattices in each region whose spacing is the largest wanted size there."""
     points, after, owner = boundary.points, boundary.after, boundary.region
     area = 0.5 * np.bincount(owner, (np.conj(points) * points[after]).imag)
-    # a polygon that is hardly wider than a line must not be crossed by millions of rows
+    # limits the number of rows in very thin polygons
     shortest = np.bincount(owner, np.abs(boundary.edge)) / _MOST_ROWS
     spacing = np.maximum(np.sqrt(area / _SIZE_SAMPLES), shortest)
     sample, of = lattices_inside(points, spacing[owner], after, owner)
     largest = np.zeros(boundary.count)
     np.maximum.at(largest, of, size(sample, of))
     spacing = np.maximum(np.maximum(largest, shortest), np.sqrt(area / np.maximum(room, 1)))
-    spacing[(largest == 0) | (room == 0)] = np.inf  # no row crosses regions without room
+    spacing[(largest == 0) | (room == 0)] = np.inf  # no lattice in regions without room
     lattice, of = lattices_inside(points, spacing[owner], after, owner)
     distance, _ = NearestPoints(points, owner).query(lattice, of)
     free = distance[:, 0] > _ROOM_AT_BOUNDARY * spacing[of]
@@ -201,14 +215,13 @@ def _seeds(boundary: Boundary, size: RegionSizes, room: Int[np.ndarray, " r"]) -
     return lattice[free], of[free]
 
 
-def _behind_a_row(
-    boundary: Boundary, size: RegionSizes, z: Places, spacing: Lengths, of: Owners
+def _tips_and_seeds(
+    boundary: BoundaryEdges, size: RegionSizes, z: Places, spacing: Lengths, of: Owners
 ) -> tuple[Complex[np.ndarray, " j"], Int[np.ndarray, " j"], Float[np.ndarray, " j"]]:
-    """The tips of equilateral triangles on the edges of polygons, and behind them the seeds that stand wide enough.
+    """Tips of equilateral triangles on the boundary edges, and the seeds z far enough from tips and boundary.
 
-    All of them lie inside their polygons and are not too near to an edge.
-
-    Their regions, which ascend, and the sizes wanted there come with them. Edges that turn much have no room for tips.
+    All of them lie inside their regions and not too near to an edge; a region where tips are too near to each other has
+    none. Returns the points, their regions, in ascending order, and the wanted sizes there.
     """
     polygon, owner, edge = boundary.points, boundary.region, boundary.edge
     tips, length = 0.5 * (polygon + polygon[boundary.after]) + 1j * np.sqrt(0.75) * edge, np.abs(edge)

@@ -1,6 +1,7 @@
 """Plane loops: the minimal surface is the plane region inside or between them, whatever their shape and corners."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -38,14 +39,26 @@ def lie_in_plane(loops: Sequence[BoundaryLoop], *, allowed: float) -> bool:
 def plane_region(problem: PlateauProblem) -> RouteResult:
     """The plane region inside one loop and outside the others: p and q are constant, the region itself is Ω.
 
-    It is the only minimal surface over the loops. It lies on the left of the first one.
+    It is the only minimal surface over the loops. It lies on the left of the first one. Free loops whose curves cross
+    between the points are bounded by the polygons through the points.
 
     Raises:
         DomainError: the curves cross between the points, or bound no such region.
 
     Source: the convex hull property of minimal surfaces (Osserman, "A Survey of Minimal Surfaces" (1986), section 7).
     """
-    loops, curves = problem.units, problem.curves
+    try:
+        return _region(problem, problem.curves)
+    except DomainError:
+        if problem.options.between != "free" or any(loop.corners_given for loop in problem.units):
+            raise
+    polygons = [replace(loop, corners=np.ones(len(loop), dtype=bool)) for loop in problem.units]
+    return _region(problem, BoundaryCurve.from_loops(polygons))
+
+
+def _region(problem: PlateauProblem, curves: Sequence[BoundaryCurve]) -> RouteResult:
+    """`plane_region` for given curves through the points."""
+    loops = problem.units
     with problem.clock.stage("surface"):
         plane = loops[0].plane
         outer = _outermost([curve.point(_parameters(curve)) for curve in curves], plane)

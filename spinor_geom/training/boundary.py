@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float
 from scipy.linalg import circulant
 from torch import Tensor
 
-from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
+from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain, panel_breaks
 from spinor_geom.domain.quadrature import Panels, Rule
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
@@ -56,7 +56,7 @@ class BoundaryNodes:
             t, weights = np.arange(count) / count, np.full(count, 1 / count)
             integral = circulant(_integral_of(np.ones(count, dtype=np.complex128)).real)
         else:
-            breaks = domain.panel_breaks
+            breaks = panel_breaks(boundary)
             panels = Panels.on(boundary, breaks, max(_PANEL_ORDER, count // (len(breaks) - 1)))
             t, z, dz, weights = panels.t, panels.z, panels.dz, panels.weights
             integral = np.kron(np.diag(np.diff(breaks)), panels.cumulative)

@@ -117,3 +117,15 @@ def test_a_sliver_of_three_points_is_met_by_its_curve() -> None:
     solution = solve_plateau(sliver)
     assert solution.route == "plane"
     assert solution.boundary_residual.rms_per_edge < 1e-13
+
+
+@pytest.mark.parametrize("gap", [1e-2, 1e-3, 1e-4])
+def test_a_comb_of_few_points_whose_spline_crosses_itself_is_the_polygon_where_only_the_points_are_given(gap):
+    x = gap * np.arange(24)
+    tips = np.column_stack([x, np.tile([1.0, 1.0, 0.0, 0.0], 6), 0 * x])
+    comb = np.concatenate([tips[:22], [[x[21], -0.5, 0], [0, -0.5, 0]]])[::-1]
+    loop = moved(BoundaryLoop.from_points(comb), 0, 1.0)
+    solution = solve_plateau(loop, between="free")
+    assert solution.route == "plane"
+    assert solution.converged
+    assert solution.area == pytest.approx(polygon_area(comb[:, :2]), rel=1e-9)
