@@ -16,12 +16,14 @@ from PIL import Image
 
 from spinor_geom.bench.cases import known_kind
 from spinor_geom.bench.claims import LEAST_POINTS, Figure, claims
+from spinor_geom.bench.figures import DISTANCE
 from spinor_geom.bench.machine import Record, is_older
-from spinor_geom.bench.page import LOCAL, OLDER, Table, filler_table, pieces_of, scale_of, table_of
-from spinor_geom.bench.runner import PICTURED, SUITES, VIEWS, read_records
-from spinor_geom.bench.worker import DISTANCE
+from spinor_geom.bench.runner import PICTURED, VIEWS, read_records
+from spinor_geom.bench.suites import SUITES
+from spinor_geom.bench.tables import LOCAL, csv_text, filler_table, method_name, pieces_of, scale_of
 from spinor_geom.files import atomic_path, write_text
 from spinor_geom.render.portrait import plain_portrait
+from spinor_geom.render.tables import Table
 
 HERE = Path(__file__).parent
 README, PICTURE = HERE / "README.md", HERE.parent / "docs" / "cut-outs.png"
@@ -42,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if folders := [run / VIEWS / case for case in PICTURED if (run / VIEWS / case).is_dir()]:
             draw(folders)
     before, rest = README.read_text(encoding="utf-8").split(BEGIN)
-    text = "\n\n".join(map(str, page_tables([record for suite in SUITES for record in read(suite)])))
+    text = "\n\n".join(table.markdown() for table in page_tables([r for suite in SUITES for r in read(suite)]))
     write_text(README, f"{before}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}")
 
 
@@ -56,7 +58,7 @@ def publish(records: Sequence[Record]) -> None:
                 short = {name: float(f"{v:.4g}") if isinstance(v, float) else v for name, v in kept.items()}
                 short["case"] = record["case"].rpartition("/")[2]
                 whole[key(short)] = short
-        write_text(HERE / f"{suite}.csv", table_of(side_by_side(list(whole.values()))))
+        write_text(HERE / f"{suite}.csv", csv_text(side_by_side(list(whole.values()))))
 
 
 def is_read(record: Record) -> bool:
@@ -179,7 +181,7 @@ def disk_table(disks: Sequence[Record]) -> Table:
         )
         names = ("triangles", "mesh_area_error", "distance_max", "curvature_rms", "seconds")
         meshes = (" / ".join(number(r.get(name)) for r in (mine, other)) for name in names)
-        rows.append((f"{case}{f' {OLDER}' if is_older(mine) else ''}", *surface, *meshes))
+        rows.append((f"{case}{method_name(mine).removeprefix('spinor')}", *surface, *meshes))
     meshed = ("triangles", "mesh area error", "distance max", "curvature rms", "seconds")
     return Table(
         title=f"Disks over smooth curves of {POINTS} points",

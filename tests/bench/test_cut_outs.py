@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from spinor_geom.adapters import read_mesh
-from spinor_geom.bench import page, runner
-from spinor_geom.bench.cases import odd_holes
+from spinor_geom.bench import runner, tables
 from spinor_geom.bench.claims import CAP_DISTANCES, claims
 from spinor_geom.bench.cut_outs import CAPS, PER_SCAN, WINDOWS, named_cut_out, scan_names
+from spinor_geom.bench.figures import DISTANCE, cut_out_figures, hole_figures, rim_bend
 from spinor_geom.bench.fillers import Filled
-from spinor_geom.bench.page import pieces_of, scale_of, tables
-from spinor_geom.bench.runner import Settings, chosen_tasks, measure
-from spinor_geom.bench.worker import DISTANCE, cut_out_figures, hole_figures, rim_bend
+from spinor_geom.bench.odd_holes import odd_holes
+from spinor_geom.bench.runner import chosen_tasks, measure
+from spinor_geom.bench.suites import Settings
+from spinor_geom.bench.tables import pieces_of, scale_of
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_disk, is_watertight
@@ -34,7 +35,7 @@ def put_back(cut_out, vertices=None):
     hole = cut_out.hole
     points = cut_out.vertices if vertices is None else vertices
     rest = np.full(len(points), -1)
-    rest[cut_out.places] = np.arange(len(hole.vertices))
+    rest[cut_out.kept] = np.arange(len(hole.vertices))
     new = np.flatnonzero(rest < 0)
     rest[new] = len(hole.vertices) + np.arange(len(new))
     faces = np.concatenate([hole.faces, rest[cut_out.faces]])
@@ -46,7 +47,7 @@ def test_rest_and_removed_piece_are_the_known_surface(name):
     cut_out = named_cut_out(name)
     hole = cut_out.hole
     assert cut_out.exact(cut_out.vertices).max() < 1e-14
-    rims = [hole.loops[place] for place in hole.places]
+    rims = [hole.loops[k] for k in hole.rim_indices]
     # every vertex of the rims once
     assert sorted(np.concatenate([rim.vertex_ids for rim in rims])) == hole.rim.tolist()
     assert len(rims) == (2 if hole.facing else 1)
@@ -66,8 +67,8 @@ def test_disks_cut_out_of_a_scan_leave_the_rest_of_it_and_a_simple_rim(scan):
         cut_out = named_cut_out(name, DATA)
         hole = cut_out.hole
         assert is_disk(cut_out.faces)
-        (place,) = hole.places
-        assert 20 <= len(hole.loops[place]) == len(hole.rim) <= 150
+        (rim,) = hole.rim_indices
+        assert 20 <= len(hole.loops[rim]) == len(hole.rim) <= 150
         filled = put_back(cut_out)
         np.testing.assert_array_equal(rows(filled.vertices, filled.faces), rows(mesh.vertices, mesh.faces))
         # the scan's own boundaries are elsewhere, as they were
@@ -88,7 +89,7 @@ def test_scans_need_their_files(tmp_path):
     with pytest.raises(
         OptionError, match="no case 'spot_cut-00' in the suites cut-outs, of the mesh files in no folder"
     ):
-        chosen_tasks(Settings(suites=("cut-outs",), cases=("spot_cut-00",)), tmp_path)
+        chosen_tasks(Settings(suites=("cut-outs",), cases=("spot_cut-00",)))
 
 
 def test_distances_are_those_from_the_sphere():
@@ -102,7 +103,7 @@ def test_distances_are_those_from_the_sphere():
     off = cut_out_figures(put_back(cut_out, 1.01 * cut_out.vertices), cut_out)
     assert off["distance"] * cut_out.diameter == pytest.approx(0.01, rel=1e-12)
     # a lid: a fan around the point above the middle of the rim
-    rim = cut_out.hole.loops[cut_out.hole.places[0]].vertex_ids
+    rim = cut_out.hole.loops[cut_out.hole.rim_indices[0]].vertex_ids
     fan = np.stack([np.roll(rim, -1), rim, np.full(len(rim), len(cut_out.hole.vertices))], axis=1)
     vertices = np.vstack([cut_out.hole.vertices, [0, 0, 0.3]])
     lid = cut_out_figures(Filled(vertices=vertices, faces=np.concatenate([cut_out.hole.faces, fan])), cut_out)
@@ -164,7 +165,7 @@ def test_a_filler_that_moves_or_renumbers_the_mesh_is_measured_on_its_patch():
 )
 def test_cases_of_other_projects_have_the_rims_they_are_known_for(name, rims):
     hole = odd_holes()[name]
-    assert [len(hole.loops[place]) for place in hole.places] == rims
+    assert [len(hole.loops[place]) for place in hole.rim_indices] == rims
     assert hole.expected
     # an edge with three faces ends in the rim
     assert (hole_figures(Filled(vertices=hole.vertices, faces=hole.faces), hole, None)["nonmanifold_edges"] > 0) == (
@@ -174,9 +175,7 @@ def test_cases_of_other_projects_have_the_rims_they_are_known_for(name, rims):
 
 def test_cases_are_chosen_by_suites_and_patterns(tmp_path):
     def cases(**chosen):
-        return {
-            task["case"] for task in chosen_tasks(Settings(data=DATA, methods=("spinor-fill",), **chosen), tmp_path)
-        }
+        return {task["case"] for task in chosen_tasks(Settings(data=DATA, methods=("spinor-fill",), **chosen))}
 
     assert cases(suites=("cut-outs",)) == {*CAPS, *WINDOWS, *scan_names(DATA)}
     assert cases(suites=("odd", "cut-outs"), cases=("icosphere-*", "knot")) == {
@@ -193,7 +192,7 @@ def test_a_run_of_cut_outs_tells_who_is_nearest(tmp_path, monkeypatch):
     assert ours["status"] == theirs["status"] == "done"
     # a soap film lies flatter than the torus
     assert 0.01 < ours["distance"] < 0.2
-    by_title = {table.title: table for table in tables(run.records)}
+    by_title = {table.title: table for table in tables.tables(run.records)}
     fillers = by_title["Cut-outs: who puts back what was removed"]
     tests = by_title["Odd rims, and test cases of other projects"]
     assert fillers.rows[0][:2] == ("spinor-fill", "1 of 1")
@@ -201,8 +200,8 @@ def test_a_run_of_cut_outs_tells_who_is_nearest(tmp_path, monkeypatch):
     assert fillers.columns[-1] == "curved"
     assert fillers.rows[0][-1].startswith("**")
     assert tests.rows[0][1].startswith("closed, ")
-    page.write(run)
-    text = (tmp_path / page.PAGE).read_text(encoding="utf-8")
+    tables.write(run)
+    text = (tmp_path / tables.PAGE).read_text(encoding="utf-8")
     assert "From left to right: removed, spinor-fill." in text
     pieces = pieces_of(tmp_path / "views" / "torus-outside-0.4")
     removed, patch = pieces.values()

@@ -4,16 +4,21 @@ import csv
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from spinor_geom.bench import page, runner, worker
+from spinor_geom.bench import runner, tables
 from spinor_geom.bench.claims import REFERENCE, REFERENCE_SHARE, claims, judged
+from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
 from spinor_geom.bench.machine import machine
-from spinor_geom.bench.runner import DESCRIPTION, RECORDS, SUITES, Run, Settings, case_name, chosen_tasks, measure
-from spinor_geom.bench.solves import Limit
+from spinor_geom.bench.odd_holes import odd_holes
+from spinor_geom.bench.runner import DESCRIPTION, RECORDS, Run, case_name, chosen_tasks, key, measure
+from spinor_geom.bench.solves import QUICK, Limit
+from spinor_geom.bench.suites import SUITES, Settings
+from spinor_geom.bench.tasks import run as run_task
 from spinor_geom.cli.main import main
 from spinor_geom.errors import OptionError
 from spinor_geom.version import program_version
@@ -47,7 +52,7 @@ def libigl_record(**changed):
 def in_this_process(tasks, *, module, time_limit, on_record):
     """What `run_isolated` does, without a process that takes seconds to start."""
     for task in tasks:
-        on_record(task, worker.run(task))
+        on_record(task, run_task(task))
 
 
 def verdicts(*records):
@@ -152,12 +157,12 @@ def test_a_killed_run_goes_on(tmp_path, monkeypatch):
     assert ours["distance_max"] < 0.01
     assert by_method["spinor", "plane-square", 16]["mesh_area_error"] < 1e-14
     assert by_method["spinor-fill", "plane-square", 16]["open_rim_edges"] == 0
-    page.write(run)
-    text = (folder / page.PAGE).read_text(encoding="utf-8")
+    tables.write(run)
+    text = (folder / tables.PAGE).read_text(encoding="utf-8")
     assert "http" not in text.replace("http-equiv", "")
     assert "enneper-0.5" in text
     assert len(text) < 5_000_000
-    rows = list(csv.DictReader((folder / page.CSV).read_text(encoding="utf-8").splitlines()))
+    rows = list(csv.DictReader((folder / tables.CSV).read_text(encoding="utf-8").splitlines()))
     assert len(rows) == total
     # figures of other versions are not mixed in
     description = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
@@ -177,30 +182,30 @@ def test_names_that_do_not_exist_are_refused_before_anything_is_measured(tmp_pat
 
 
 def test_the_short_run_has_the_suites_every_tool_and_every_odd_rim():
-    tasks = chosen_tasks(Settings.short(), Path("run"))
-    assert {t["method"] for t in tasks} == {*runner.LOOP_METHODS, *runner.FILLERS}
-    assert {t["case"] for t in tasks if t["suite"] == "odd"} == set(runner.odd_holes())
+    tasks = chosen_tasks(Settings.short())
+    assert {t["method"] for t in tasks} == {*LOOP_METHODS, *FILLERS}
+    assert {t["case"] for t in tasks if t["suite"] == "odd"} == set(odd_holes())
     assert {t["suite"] for t in tasks} == set(SUITES) - {"meshes", "batch"}
-    keys = [runner.key(task) for task in tasks]
+    keys = [key(task) for task in tasks]
     assert len(set(keys)) == len(keys)
 
 
 def test_the_long_run_has_every_case_of_every_suite_once():
-    tasks = chosen_tasks(Settings(data=DATA), Path("run"))
+    tasks = chosen_tasks(Settings(data=DATA))
     assert {t["suite"] for t in tasks} == set(SUITES)
-    keys = [runner.key(task) for task in tasks]
+    keys = [key(task) for task in tasks]
     assert len(set(keys)) == len(keys)
-    assert set(runner.QUICK_SOLVES) <= {t["case"] for t in tasks}
+    assert set(QUICK) <= {t["case"] for t in tasks}
     # what one suite calls a case no other does, so that a name chooses one thing
     names = {(case_name(t), t["suite"]) for t in tasks if t["suite"] not in ("disks", "fills")}
     assert len({name for name, _ in names}) == len(names)
 
 
 def test_mesh_files_are_filled_by_every_tool():
-    tasks = chosen_tasks(Settings(suites=("meshes",), data=DATA), Path("run"))
+    tasks = chosen_tasks(Settings(suites=("meshes",), data=DATA))
     files = {case_name(task) for task in tasks}
     assert {"spot_cut.obj", "plane_holes.obj"} <= files
-    assert {(case_name(t), t["method"]) for t in tasks} == {(file, tool) for file in files for tool in runner.FILLERS}
+    assert {(case_name(t), t["method"]) for t in tasks} == {(file, tool) for file in files for tool in FILLERS}
 
 
 def test_seconds_under_unlike_loads_are_not_compared():
@@ -210,10 +215,10 @@ def test_seconds_under_unlike_loads_are_not_compared():
 
 
 def test_rows_of_ours_tell_when_the_code_has_changed_since():
-    assert page.method_name(loop_record()) == "spinor"
-    assert page.method_name(loop_record(commit="0.1.0.dev0+g000000000")) == "spinor †"
+    assert tables.method_name(loop_record()) == "spinor"
+    assert tables.method_name(loop_record(commit="0.1.0.dev0+g000000000")) == "spinor †"
     # peers are as they were
-    assert page.method_name(libigl_record(commit="0.1.0.dev0+g000000000")) == "libigl"
+    assert tables.method_name(libigl_record(commit="0.1.0.dev0+g000000000")) == "libigl"
 
 
 def test_limits_are_kept_or_missed():
@@ -229,7 +234,8 @@ def test_limits_are_kept_or_missed():
 def test_a_tool_that_is_broken_here_is_missing_and_has_not_failed(tmp_path, monkeypatch):
     (tmp_path / "broken_peer.py").write_text("import no_such_dependency\n")
     monkeypatch.syspath_prepend(tmp_path)
-    record = worker.run({"suite": "odd", "case": "knot", "method": "open3d", "package": "broken_peer", "repeat": 0})
+    monkeypatch.setitem(FILLERS, "open3d", replace(FILLERS["open3d"], package="broken_peer"))
+    record = run_task({"suite": "odd", "case": "knot", "method": "open3d", "repeat": 0})
     assert record["status"] == "missing"
     assert "cannot be imported here: No module named 'no_such_dependency'" in record["reason"]
 
@@ -239,16 +245,16 @@ def test_rows_that_leave_edges_open_without_a_word_are_marked():
     odd |= {"nonmanifold_edges": 0, "told": "", "open_rim_edges": 12, "succeeded": None, "patches": 0}
     honest = {**odd, "method": "h", "succeeded": False, "told": "refused"}
     crashed = {"suite": "odd", "status": "crashed", "case": "slit", "method": "c", "reason": "signal 11"}
-    table = page.odd_table([odd, honest, crashed])
+    table = tables.odd_table([odd, honest, crashed])
     assert table.marked == {0}
     assert [row[1] for row in table.rows] == ["12 open !", "refused", "crashed"]
-    assert page.left_open(odd) == "12 open !"
-    assert page.left_open(honest) == "12 open"
+    assert tables.left_open(odd) == "12 open !"
+    assert tables.left_open(honest) == "12 open"
 
 
 def test_a_run_with_a_missing_tool_says_so():
     missing = {"suite": "fills", "status": "missing", "case": "c", "method": "open3d", "n": 64}
-    table = page.trouble_table([{**missing, "reason": "open3d is not installed"}])
+    table = tables.trouble_table([{**missing, "reason": "open3d is not installed"}])
     assert table.rows == [("open3d", "missing", "all", "open3d is not installed")]
 
 
@@ -264,8 +270,8 @@ def test_the_page_needs_nothing_from_elsewhere(tmp_path):
         )
     records = [loop_record(), libigl_record(), loop_record(n=128, seconds=0.2)]
     run = Run(folder=tmp_path, description={"settings": settings, "machine": machine()}, records=records)
-    page.write(run)
-    whole = (tmp_path / page.PAGE).read_text(encoding="utf-8")
+    tables.write(run)
+    whole = (tmp_path / tables.PAGE).read_text(encoding="utf-8")
     # the viewer's program names what it does not ask for
     text = re.sub(r"<script>.*?</script>", "", whole, flags=re.DOTALL)
     for outside in ('src="http', "href=", "@import", "fetch(", "url("):
@@ -279,7 +285,7 @@ def test_the_command_measures_and_says_what_is_missed(tmp_path, capsys, monkeypa
     chosen = ["--suite", "disks", "--cases", "plane-square", "--methods", "spinor,libigl"]
     status = main(["bench", "--quick", *chosen, "-o", str(folder)])
     assert status == 0
-    assert (folder / page.PAGE).exists()
+    assert (folder / tables.PAGE).exists()
     assert capsys.readouterr().err == ""
     assert main(["bench", "--cases", "nothing", "-o", str(folder)]) == 2
     assert "there is no case 'nothing'" in capsys.readouterr().err

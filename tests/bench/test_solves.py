@@ -8,20 +8,22 @@ import pytest
 
 import spinor_geom
 from spinor_geom import gallery, read_mesh, solve_plateau
-from spinor_geom.bench import batches, worker
+from spinor_geom.bench import batches
 from spinor_geom.bench.claims import WORKER_MIB, claims
-from spinor_geom.bench.solves import QUICK, null_error, solve_figures, solves, untrue
+from spinor_geom.bench.figures import null_error, solve_figures, untrue
+from spinor_geom.bench.solves import QUICK, solves
+from spinor_geom.bench.tasks import run as run_task
 from spinor_geom.plateau.evidence import Evidence
 from tests.exact_solutions import ENNEPER, exact_solution
 
 
 def task(suite, case, **more):
-    return {"suite": suite, "method": "spinor", "package": "spinor_geom", "case": case, "repeat": 0, **more}
+    return {"suite": suite, "method": "spinor", "case": case, "repeat": 0, **more}
 
 
 def measured(name):
     one = task(solves()[name].suite, name)
-    return {**one, **worker.run(one)}
+    return {**one, **run_task(one)}
 
 
 @pytest.mark.parametrize("name", [name for name in QUICK if "formulas" not in name])
@@ -70,7 +72,7 @@ def test_what_a_solution_says_is_checked():
     # nine tenths as large, the surface misses the curve by far more than it says
     smaller = dataclasses.replace(exact, evidence=Evidence(make=lambda: exact.surface.transform(scale=0.9)))
     case = next(iter(solves().values()))
-    figures = solve_figures(dataclasses.replace(case, also="truth"), smaller)
+    figures = solve_figures(dataclasses.replace(case, also="untrue"), smaller)
     assert "not 0.0e+00" in figures["untrue"]
 
 
@@ -101,7 +103,7 @@ def test_batches_are_measured_and_their_promises_judged():
         "solved only, one by one": 0.05,
     }
     tasks = [task("batch", name, share=share) for name, share in shares.items()]
-    done = [{**one, **worker.run(one)} for one in tasks]
+    done = [{**one, **run_task(one)} for one in tasks]
     assert [record["status"] for record in done] == 4 * ["done"]
     assert done[0]["files_failed"] == 0
     assert 50 < done[0]["worker_mib"] < WORKER_MIB
