@@ -49,8 +49,8 @@ def _solved(loop: BoundaryLoop) -> tuple[Surface, Mesh]:
 
 
 def _discrete(loop: BoundaryLoop, *, uniform: bool = True, **options: Any) -> tuple[Surface, Mesh]:
-    length = {"target_edge_length": loop.mean_edge_length} if uniform else {}
-    surface = discrete_minimal_surface(loop, **length, **options)
+    length = loop.mean_edge_length if uniform else None
+    surface = discrete_minimal_surface(loop, target_edge_length=length, **options)
     return surface, surface
 
 

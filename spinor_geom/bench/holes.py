@@ -111,7 +111,7 @@ def sphere(name: str) -> trimesh.Trimesh:
     """The unit sphere "icosphere-SUBDIVISIONS" or "uv-sphere-COUNT"."""
     kind, _, count = name.rpartition("-")
     if kind == "icosphere":
-        return trimesh.creation.icosphere(int(count))
+        return trimesh.creation.icosphere(int(count))  # type: ignore[no-any-return]
     return trimesh.creation.uv_sphere(count=[int(count)] * 2)
 
 

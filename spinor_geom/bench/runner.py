@@ -46,7 +46,7 @@ def chosen_tasks(settings: Settings) -> list[Task]:
     """
     if settings.data is not None and not settings.data.is_dir():
         raise OptionError(f"{settings.data}: is not a folder; name one that holds mesh files")
-    for kind, names, known in (("suite", settings.suites, [*SUITES]), ("method", settings.methods, METHODS)):
+    for kind, names, known in (("suite", settings.suites, tuple(SUITES)), ("method", settings.methods, METHODS)):
         for name in names:
             if name not in known:
                 raise OptionError(f"there is no {kind} {name!r}; choose from: {', '.join(known)}")

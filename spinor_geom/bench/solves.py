@@ -199,9 +199,9 @@ def _paper() -> Iterator[Solve]:
     wide = LevenbergMarquardt(tolerance=1e-7, width=40, nodes=256, distillation_steps=400)
     deep = LevenbergMarquardt(tolerance=1e-4, depth=10, width=20)
     for curve, finer in ((circle, fine), (tame, fine), (seam, wide)):
-        for name, network, limits in (
+        for name, network, promised in (
             ("Levenberg-Marquardt", first, (near(1e-5), _seconds(5.0))),
             (f"Levenberg-Marquardt, {finer.width} units, {finer.nodes} nodes", finer, (near(1e-7),)),
             ("10 × 20 network", deep, (near(1e-4), _seconds(30.0))),
         ):
-            yield solve(f"{name}, {curve.name}", curve, *limits, options={"model": "mlp", "optimizer": network})
+            yield solve(f"{name}, {curve.name}", curve, *promised, options={"model": "mlp", "optimizer": network})
