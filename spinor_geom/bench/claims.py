@@ -54,7 +54,7 @@ class Figure:
 
 def claims(records: Sequence[Record]) -> list[Figure]:
     """All promises about the records."""
-    suites = {suite: [r for r in records if r["suite"] == suite] for suite in _names(records, "suite")}
+    suites = {suite: [r for r in records if r["suite"] == suite] for suite in names(records, "suite")}
     done = {suite: [r for r in here if r["status"] == "done"] for suite, here in suites.items()}
     found: list[Figure] = []
     for case, here in _by_case(done.get("disks", [])).items():
@@ -76,12 +76,13 @@ def claims(records: Sequence[Record]) -> list[Figure]:
     return [*found, *_batch(done.get("batch", []))]
 
 
-def _names(records: Iterable[Record], field: str) -> list[str]:
+def names(records: Iterable[Record], field: str) -> list[str]:
+    """The values of a field, each once."""
     return list(dict.fromkeys(r[field] for r in records))
 
 
 def _by_case(records: Sequence[Record]) -> dict[str, list[Record]]:
-    return {case: [r for r in records if r["case"] == case] for case in _names(records, "case")}
+    return {case: [r for r in records if r["case"] == case] for case in names(records, "case")}
 
 
 def _comparable(one: Record, other: Record) -> bool:
@@ -193,7 +194,7 @@ def _cut_outs(done: list[Record]) -> Iterator[Figure]:
     if mine and theirs:
         won = [r["distance"] <= least.get(r["case"], math.inf) for r in mine]
         yield from share(suite, "scans", "nearer than every other filler", won, 0.85)
-        best = min(median(r["distance"] for r in theirs if r["method"] == name) for name in _names(theirs, "method"))
+        best = min(median(r["distance"] for r in theirs if r["method"] == name) for name in names(theirs, "method"))
         ratio = median(r["distance"] for r in mine) / best
         yield from at_most(suite, "scans", "median distance by the best other filler's", [ratio], 0.6)
 

@@ -47,14 +47,10 @@ def reported_tubes(count: int = 20) -> Iterator[Hole]:
 
 
 def bowl(opening: float, ball: str = "icosphere-4", *, rim: Rim = "ragged", noise: float = 0.0, seed: int = 0) -> Hole:
-    """The part of a unit sphere within an angle of its lowest point.
+    """The part of a unit sphere within an angle, in degrees, of its lowest point; a flat lid meets it at that angle.
 
-    Args:
-        opening: The angle, in degrees; also that between the wall and a flat patch over the rim.
-        ball: The sphere's triangulation, see `sphere`; it is turned at random before the cut.
-        rim: "ragged" keeps whole triangles, by their centroids; "smooth" cuts triangles at the plane of the rim.
-        noise: Standard deviation of the displacements of all vertices, per radius.
-        seed: Of both rotations and of the noise.
+    The sphere is turned at random; a ragged rim keeps whole triangles by their centroids, a smooth one cuts triangles.
+    `noise` is the standard deviation of the vertices' displacements, per radius.
     """
     rng = np.random.default_rng(seed)
     mesh = sphere(ball)
@@ -74,13 +70,9 @@ def bowl(opening: float, ball: str = "icosphere-4", *, rim: Rim = "ragged", nois
 
 
 def cut_tube(tilt: float, around: int = 32, *, noise: float = 0.0, seed: int = 0) -> Hole:
-    """A tube of radius 1 whose ends are cut obliquely along whole triangles.
+    """A tube of radius 1 whose ends are cut along whole triangles; the cuts lean to opposite sides, in degrees.
 
-    Args:
-        tilt: Degrees by which the planes of the cuts lean to opposite sides.
-        around: Triangle edges around the tube.
-        noise: Standard deviation of the displacements of all vertices, per radius.
-        seed: Of the noise and of the rotation.
+    `around` is the number of edges around the tube, `noise` as for `bowl`.
     """
     rng = np.random.default_rng(seed)
     edge, length = 2 * np.pi / around, 6.0

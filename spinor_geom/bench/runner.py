@@ -52,10 +52,10 @@ def chosen_tasks(settings: Settings) -> list[Task]:
                 raise OptionError(f"there is no {kind} {name!r}; choose from: {', '.join(known)}")
     suites, methods = settings.suites or tuple(SUITES), settings.methods or METHODS
     found = [task for suite in suites for task in suite_tasks(suite, settings)]
-    names = list(dict.fromkeys(map(case_name, found)))
+    there = list(dict.fromkeys(map(case_name, found)))
     for pattern in settings.cases:
-        if not any(fnmatchcase(name, pattern) for name in names):
-            near = ", ".join(difflib.get_close_matches(pattern, names, 5, 0.4) or names[:5])
+        if not any(fnmatchcase(name, pattern) for name in there):
+            near = ", ".join(difflib.get_close_matches(pattern, there, 5, 0.4) or there[:5])
             raise OptionError(
                 f"there is no case {pattern!r} in the suites {', '.join(suites)}, of the mesh files "
                 f"in {settings.data or 'no folder'}; there are {near}, … (docs/benchmark.md has the names)"

@@ -11,7 +11,7 @@ from textwrap import shorten
 
 import numpy as np
 
-from spinor_geom.bench.claims import Figure, claims, is_whole
+from spinor_geom.bench.claims import Figure, claims, is_whole, names
 from spinor_geom.bench.figures import DISTANCE, REMOVED
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, SMOOTH
 from spinor_geom.bench.machine import Record, is_older, machine_text
@@ -110,7 +110,7 @@ def scale_of(pieces: Mapping[str, Faces]) -> Scale:
 
 def tables(records: Sequence[Record]) -> list[Table]:
     """All tables of a run that have rows, the promises first."""
-    of = {suite: [r for r in records if r["suite"] == suite] for suite in _names(records, "suite")}
+    of = {suite: [r for r in records if r["suite"] == suite] for suite in names(records, "suite")}
     odd, cut_outs = ([r for r in of.pop(suite, []) if r["status"] != "missing"] for suite in ("odd", "cut-outs"))
     suites = (suite_table(suite, here) for suite, here in of.items())
     every = (claim_table(claims(records)), odd_table(odd), filler_table(cut_outs), *suites, trouble_table(records))
@@ -124,9 +124,9 @@ def suite_table(suite: str, records: Iterable[Record]) -> Table:
         message = _short(record.get("told") or record.get("said") or "")
         closed = (left_open(record) or "yes") if "open_rim_edges" in record else None
         shown.append({**record, "closed": closed, "told": message})
-    names = [name for name in _FIELDS if any(record.get(name) not in (None, "") for record in shown)]
-    rows = [(Path(r["case"]).name, method_name(r), *(cell(r.get(name)) for name in names)) for r in shown]
-    return Table(title=f"Suite {suite}", columns=("case", "method", *(n.replace("_", " ") for n in names)), rows=rows)
+    fields = [name for name in _FIELDS if any(record.get(name) not in (None, "") for record in shown)]
+    rows = [(Path(r["case"]).name, method_name(r), *(cell(r.get(name)) for name in fields)) for r in shown]
+    return Table(title=f"Suite {suite}", columns=("case", "method", *(n.replace("_", " ") for n in fields)), rows=rows)
 
 
 def method_name(record: Record) -> str:
@@ -151,9 +151,9 @@ def claim_table(found: Sequence[Figure]) -> Table:
 
 def odd_table(records: Sequence[Record]) -> Table:
     """One row for each tool, one column for each hole; tools that leave edges open without reporting it are marked."""
-    holes = _names(records, "case")
+    holes = names(records, "case")
     found = {(r["method"], r["case"]): _in_short(r) for r in records}
-    rows = [(tool, *(found.get((tool, hole), "") for hole in holes)) for tool in _names(records, "method")]
+    rows = [(tool, *(found.get((tool, hole), "") for hole in holes)) for tool in names(records, "method")]
     expected = {r["case"]: r["expected"] for r in records if r.get("expected")}
     return Table(
         title="Odd rims, and test cases of other projects",
@@ -185,7 +185,7 @@ def _in_short(record: Record) -> str:
 def filler_table(records: Sequence[Record]) -> Table:
     """One row for each filler: how many cut-outs it closes, and medians, at last by kind of hole or scan."""
     whole = [r for r in records if is_whole(r)]
-    by_case = ([r for r in whole if r["case"] == case] for case in _names(whole, "case"))
+    by_case = ([r for r in whole if r["case"] == case] for case in names(whole, "case"))
     nearest = [min(here, key=lambda r: r["distance"]) for here in by_case]
     smooth = {r["case"]: r["distance"] for r in whole if r["method"] == SMOOTH}
     kinds: dict[str, dict[str, list[float]]] = {}
@@ -193,7 +193,7 @@ def filler_table(records: Sequence[Record]) -> Table:
         kind = r["case"].rpartition("-")[0] if r["kind"] == "scan" else r["kind"]
         kinds.setdefault(kind, {}).setdefault(r["method"], []).append(r["distance"])
     rows = []
-    for method in _names(records, "method"):
+    for method in names(records, "method"):
         here, mine = [r for r in records if r["method"] == method], [r for r in whole if r["method"] == method]
         bends = [r["bend"] / r["removed_bend"] for r in mine if r["bend"] is not None and r["removed_bend"]]
         scans = [r for r in mine if r["kind"] == "scan"]
@@ -226,10 +226,6 @@ def filler_table(records: Sequence[Record]) -> Table:
         "distances per diameter of the hole, on scans and by kind: of new vertices from a known surface, of the "
         "triangles from a scan, both ways.",
     )
-
-
-def _names(records: Iterable[Record], field: str) -> list[str]:
-    return list(dict.fromkeys(r[field] for r in records))
 
 
 def _share(met: Sequence[bool]) -> str:

@@ -87,7 +87,7 @@ def timing(*, curves: Sequence[str], rmsprop: RMSprop, tolerances: Sequence[floa
             f"{name}: after {len(points[PAPER])} epochs and {seconds:.1f} s RMSprop is {error:.1e} of the diagonal "
             f"from the curve; not nearer in less time: {', '.join(behind) or 'none of ours'}."
         )
-        lines = {method: tuple(zip(*measured, strict=True)) for method, measured in points.items()}
+        lines = {method: ([s for s, _ in measured], [e for _, e in measured]) for method, measured in points.items()}
         pictures[f"timing-{name.replace(' ', '-')}"] = log_log(lines, x="seconds", y=_DISTANCE)
     return Outcome(rows=rows, holds=holds, verdict=" ".join(verdicts), pictures=pictures)
 
@@ -233,8 +233,8 @@ EXPERIMENTS = {
         paper="The boundary of the surface of random networks, 2,000 epochs; of their Taylor polynomials of order 10 "
         "with perturbed coefficients, 4,000 epochs; p, q, f, g are recovered up to a Möbius map, nearly a rotation.",
         here="Surfaces of the same kinds with unevenly parametrised boundaries; the paper's training, and ours from "
-        "the boundary alone. The Möbius map and the common sign of p and q are fitted; the table has the residuals. Seen "
-        f"means that both of ours recover positions to {_NEAR:g} and p and q to {_ALIKE:g}.",
+        "the boundary alone. The Möbius map and the common sign of p and q are fitted; the table has the residuals. "
+        f"Seen means that both of ours recover positions to {_NEAR:g} and p and q to {_ALIKE:g}.",
         measure=prescribed,
         full={
             "depth": 10,

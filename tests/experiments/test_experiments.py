@@ -19,13 +19,7 @@ from spinor_geom import gallery
 from spinor_geom.cli.main import main
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError
-from spinor_geom.experiments import (
-    NAMES,
-    forms,
-    integration,
-    paper_surfaces,
-    trainings,
-)
+from spinor_geom.experiments import NAMES, forms, integration, paper_surfaces, trainings
 from spinor_geom.experiments import experiment as experiments_run
 from spinor_geom.experiments.experiment import Done, Outcome, experiment, report, reproduce
 from spinor_geom.experiments.trainings import DOUGLAS, OURS, PAPER
@@ -204,12 +198,7 @@ def test_the_moebius_map_of_a_reparametrised_surface_is_found(a, turn, sign):
 
 def test_a_fitted_moebius_map_moves_the_functions():
     truth = gallery.polynomial([1, 0.2j, 0.1], [0.3, 0.5]).surface
-    fit = trainings.MoebiusFit(
-        center=0.2 - 0.1j,
-        turn=1.0,
-        sign=-1,
-        residuals={},
-    )
+    fit = trainings.MoebiusFit(center=0.2 - 0.1j, turn=1.0, sign=-1, residuals={})
     z = np.array([0.1 + 0.3j, -0.6, 0.2 - 0.1j])
     w, root = fit.reparametrised(z)
     assert w[2] == 0
@@ -334,10 +323,7 @@ def test_experiments_that_a_stopped_run_finished_are_not_measured_again(tmp_path
     def measured(*, grid, steps):
         figure = Figure()
         return Outcome(
-            rows=[{"grid": grid[0], "slope": math.nan}],
-            holds=True,
-            verdict="So.",
-            pictures={"catenoid": figure},
+            rows=[{"grid": grid[0], "slope": math.nan}], holds=True, verdict="So.", pictures={"catenoid": figure}
         )
 
     def stopped(**_):
