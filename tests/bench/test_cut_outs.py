@@ -18,7 +18,7 @@ from spinor_geom.bench.tables import pieces_of, scale_of
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_disk, is_watertight
-from tests.bench.test_run import in_this_process
+from tests.bench.test_run import in_this_process, kept
 
 DATA = Path(__file__).parents[2] / "data"
 SHIPPED = ("spot_cut.obj", "mountain.obj", "demosthenes_low_res.obj")
@@ -213,43 +213,27 @@ def test_a_run_of_cut_outs_tells_who_is_nearest(tmp_path, monkeypatch):
 
 def cut_out_record(method, **changed):
     record = {
-        **{
-            "suite": "cut-outs",
-            "status": "done",
-            "case": "icosphere-3-0.85",
-            "kind": "dome",
-            "method": method,
-            "n": None,
-        },
+        **{"suite": "cut-outs", "status": "done", "case": "icosphere-3-0.85", "kind": "dome", "method": method},
         **{"open_rim_edges": 0, "new_open_edges": 0, "nonmanifold_edges": 0, "rim_kept": True, "old_faces_kept": True},
-        **{"diameter": 2.0, "vertex_distance": 1e-3, "surface_distance": 1e-3, "distance": 1e-3},
+        **{"diameter": 2.0, "vertex_distance": 1e-3, "surface_distance": 1e-3, "distance": 1e-3, "n": None},
         **{"bend": 0.1, "removed_bend": 0.1, "crossings": 0, "mesh_crossings": 0, "seconds": 0.1},
     }
     return {**record, **changed}
 
 
-def met(*records):
-    return {(claim.case, claim.text): claim.met for claim in claims(records)}
-
-
 def test_promises_of_the_continuation_are_kept_or_missed():
     ours, other = cut_out_record("spinor-fill-c1"), cut_out_record("cgal-fair", distance=5e-3)
-    sphere = (
-        "caps",
-        "new vertices of caps above z = 0.85, root mean square distance from the unit sphere, at most 0.002",
-    )
-    share = ("caps", "distance by the best other filler's at most 0.25")
+    sphere, share, bend = "z = 0.85", "distance by the best other filler's", "bend across the rim"
     assert CAP_DISTANCES[0.85] == 2e-3
-    assert met(ours, other)[sphere]
-    assert not met(cut_out_record("spinor-fill-c1", vertex_distance=1.1e-3), other)[sphere]
-    assert met(ours, other)[share]
-    assert not met(ours, cut_out_record("cgal-fair", distance=3e-3))[share]
+    assert kept(sphere, ours, other)
+    assert not kept(sphere, cut_out_record("spinor-fill-c1", vertex_distance=1.1e-3), other)
+    assert kept(share, ours, other)
+    assert not kept(share, ours, cut_out_record("cgal-fair", distance=3e-3))
     # ours without continuity is no other filler, and neither is one that leaves the hole open
     for spared in ({"method": "spinor-fill"}, {"method": "vtk", "open_rim_edges": 3}):
-        assert met(ours, other, cut_out_record(**{"method": "", "distance": 1e-9, **spared}))[share]
-    bend = ("cut-outs", "bend across the rim by the removed piece's at most 1.3")
-    assert met(ours)[bend]
-    assert not met(cut_out_record("spinor-fill-c1", bend=0.14))[bend]
+        assert kept(share, ours, other, cut_out_record(**{"method": "", "distance": 1e-9, **spared}))
+    assert kept(bend, ours)
+    assert not kept(bend, cut_out_record("spinor-fill-c1", bend=0.14))
     assert claims([other]) == []
 
 
@@ -260,12 +244,9 @@ def test_the_continuation_is_nearest_on_most_scans_or_not():
             for k, distance in enumerate(distances)
         ]
 
-    nearest = ("scans", "nearer than every other filler, at least 85%")
-    ratio = ("scans", "median distance by the best other filler's at most 0.6")
     theirs = scans("cgal-fair", [1e-2] * 10)
-    good = met(*scans("spinor-fill-c1", [5e-3] * 9 + [2e-2]), *theirs)
-    assert good[nearest]
-    assert good[ratio]
-    poor = met(*scans("spinor-fill-c1", [7e-3] * 8 + [2e-2] * 2), *theirs)
-    assert not poor[nearest]
-    assert not poor[ratio]
+    good = scans("spinor-fill-c1", [5e-3] * 9 + [2e-2])
+    poor = scans("spinor-fill-c1", [7e-3] * 8 + [2e-2] * 2)
+    for part in ("nearer than every other filler", "median distance"):
+        assert kept(part, *good, *theirs)
+        assert not kept(part, *poor, *theirs)
