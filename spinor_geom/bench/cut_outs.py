@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.distance import pdist
 
 from spinor_geom.adapters import read_mesh
-from spinor_geom.bench.holes import Hole, cut_hole, lattice, sphere
+from spinor_geom.bench.holes import Hole, cut_hole, lattice, plane_square, sphere
 from spinor_geom.errors import OptionError
 from spinor_geom.measures import distances_to_mesh
 from spinor_geom.mesh.topology import boundary_edges, is_disk
@@ -81,8 +81,8 @@ def _sphere(name: str) -> _Mesh:
 
 
 def _plane() -> _Mesh:
-    (x, y), faces = lattice(40, 40)
-    return np.stack([x, y, 0 * x], axis=1) + [1, 1, 0] * _jitter((len(x), 3), 1.0), faces
+    points, faces = plane_square(40)
+    return points + [1, 1, 0] * _jitter(points.shape, 1.0), faces
 
 
 def cylinder(around: int = 48, up: int = 32) -> _Mesh:

@@ -227,10 +227,8 @@ def _cgal(hole: Hole, *, function: str, outputs: int = 2, more: tuple[float, ...
         return [call(polyhedron, halfedge, *([] for _ in range(outputs)), *more) for halfedge in rims]
 
     def convert(result: Any) -> Filled:
-        vertices, faces = points(), []
-        for facet in polyhedron.facets():
-            first = facet.halfedge()
-            faces.append((first.vertex().id(), first.next().vertex().id(), first.next().next().vertex().id()))
+        vertices, first = points(), [facet.halfedge() for facet in polyhedron.facets()]
+        faces = [(h.vertex().id(), h.next().vertex().id(), h.next().next().vertex().id()) for h in first]
         verdicts = [value for value in result if isinstance(value, bool)]
         message = ", ".join(str(value) for value in result if value is not None)
         return _filled(vertices, faces, message=message, succeeded=all(verdicts) if verdicts else None)
@@ -296,12 +294,14 @@ def _tool(package: str, options: str, prepare: Callable[..., Prepared], **settin
     return Filler(package, options, partial(prepare, **settings))
 
 
-_FAIR = "triangulate_refine_and_fair_hole"
-_REFINE = "triangulate_and_refine_hole"
-_FINE = "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000"
-_NATURAL = "fillHoleNicely with naturalSmooth, which moves three layers of vertices around the rim too"
 _WHOLE = "fill_hole, islands joined, facing rims bridged; timed with finding loops, solving, meshing, stitching"
 _SMOOTHED = "and apply_coord_laplacian_smoothing of the new faces with its defaults"
+_NICELY = "fillHoleNicely with its defaults, stitchHolesNicely between facing rims"
+_FINE = "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000"
+_NATURAL = "fillHoleNicely with naturalSmooth, which moves three layers of vertices around the rim too"
+_REFINE, _FAIR = "triangulate_and_refine_hole", "triangulate_refine_and_fair_hole"
+_SMALL = "fill_small_boundaries up to the rim's edges, refine=False"
+_STITCH = "repair.stitch, which closes every boundary, the outer ones too"
 
 FILLERS: Mapping[str, Filler] = {
     OURS: _tool("spinor_geom", _WHOLE, _spinor, continuity="C0"),
@@ -311,9 +311,7 @@ FILLERS: Mapping[str, Filler] = {
     "meshlab-close-smoothed": _tool("pymeshlab", _SMOOTHED, _meshlab, refine=True, smooth=True),
     "meshlib-universal": _tool("meshlib", "fillHole, universal metric", _meshlib, metric="getUniversalMetric"),
     "meshlib-min-area": _tool("meshlib", "fillHole, minimum-area metric", _meshlib, metric="getMinAreaMetric"),
-    "meshlib-nicely": _tool(
-        "meshlib", "fillHoleNicely with its defaults, stitchHolesNicely between facing rims", _meshlib
-    ),
+    "meshlib-nicely": _tool("meshlib", _NICELY, _meshlib),
     "meshlib-nicely-fine": _tool("meshlib", _FINE, _meshlib, fine=True),
     "meshlib-nicely-natural": _tool("meshlib", _NATURAL, _meshlib, natural=True),
     "cgal": _tool("CGAL", "triangulate_hole", _cgal, function="triangulate_hole", outputs=1),
@@ -322,12 +320,8 @@ FILLERS: Mapping[str, Filler] = {
     "cgal-fair-2": _tool("CGAL", "with fairing continuity 2", _cgal, function=_FAIR, more=(_CGAL_DENSITY, 2)),
     "vtk": _tool("pyvista", "vtkFillHolesFilter through pyvista, any size: it closes the outer boundaries too", _vtk),
     "open3d": _tool("open3d", "t.geometry fill_holes, any size", _open3d),
-    "pymeshfix": _tool(
-        "pymeshfix", "fill_small_boundaries up to the rim's edges, refine=False", _meshfix, refine=False
-    ),
+    "pymeshfix": _tool("pymeshfix", _SMALL, _meshfix, refine=False),
     "pymeshfix-refined": _tool("pymeshfix", "the same, refine=True", _meshfix, refine=True),
     "trimesh": _tool("trimesh", "fill_holes", _trimesh, stitch=False),
-    "trimesh-stitch": _tool(
-        "trimesh", "repair.stitch, which closes every boundary, the outer ones too", _trimesh, stitch=True
-    ),
+    "trimesh-stitch": _tool("trimesh", _STITCH, _trimesh, stitch=True),
 }

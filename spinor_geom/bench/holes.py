@@ -107,6 +107,12 @@ def lattice(
     return points, np.stack([a, b, c, a, c, d], axis=1).reshape(-1, 3)
 
 
+def plane_square(side: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
+    """A flat square of side × side unit cells."""
+    (x, y), faces = lattice(side, side)
+    return np.stack([x, y, 0 * x], axis=1), faces
+
+
 def sphere(name: str) -> trimesh.Trimesh:
     """The unit sphere "icosphere-SUBDIVISIONS" or "uv-sphere-COUNT"."""
     kind, _, count = name.rpartition("-")

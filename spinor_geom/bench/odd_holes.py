@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 import trimesh
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from spinor_geom import gallery
-from spinor_geom.bench.holes import Hole, all_rims, collar, cut_hole, lattice
+from spinor_geom.bench.holes import Hole, all_rims, collar, cut_hole, lattice, plane_square
 
 LEFT_OPEN = "nothing is missing: left open, and said so"
 _OFFSETS = (1e-16, 1e-12, 1e-8)  # between equal corners, per size of the mesh
@@ -41,7 +41,7 @@ def _unusual() -> Iterator[Hole]:
 
 def _slit() -> Hole:
     """A plane square cut open along a line."""
-    vertices, faces = _plane()
+    vertices, faces = plane_square(_GRID)
     line = [_GRID // 2 * (_GRID + 1) + x for x in range(3, 10)]
     copies = np.arange(len(vertices))
     copies[line[1:-1]] = len(vertices) + np.arange(len(line) - 2)
@@ -125,12 +125,7 @@ def _pierced(name: str, cells: list[tuple[int, int]], expected: str, side: int =
     """A plane square without some of its cells."""
     removed = np.zeros((side, side, 2), dtype=bool)
     removed[tuple(np.array(cells).T[::-1])] = True
-    return cut_hole(name, *_plane(side), removed.ravel(), expected=expected)
-
-
-def _plane(side: int = _GRID) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-    (x, y), faces = lattice(side, side)
-    return np.stack([x, y, 0 * x], axis=1), faces
+    return cut_hole(name, *plane_square(side), removed.ravel(), expected=expected)
 
 
 def nothing_missing() -> Iterator[Hole]:
