@@ -225,7 +225,7 @@ def _reports(done: list[Record]) -> Iterator[Figure]:
         steep = [_closed(r) for r in here if r["case"].startswith(("bowl", "tube"))]
         yield from share("reports", method, "every bowl and tube is closed, the mesh kept bit-equal", steep)
         kept = [not r.get("patches") for r in here if r["case"] in NOTHING_MISSING]
-        yield from share("reports", method, "nothing is laid where nothing is missing", kept)
+        yield from share("reports", method, "no patch where nothing is missing", kept)
 
 
 def _crossings(record: Record) -> int:
@@ -238,7 +238,7 @@ def _meshes(ours: list[Record]) -> Iterator[Figure]:
         text = "at least 90% of the loops within 1e-2 of an edge"
         yield Figure("meshes", "all meshes", text, f"{near} of {loops}", near >= 0.9 * loops)
     explained = [not r.get("unexplained") for r in ours]
-    yield from share("meshes", "all meshes", "loops that are left open say why", explained)
+    yield from share("meshes", "all meshes", "every loop that is left open has a reason", explained)
 
 
 def _random(curves: list[Record]) -> Iterator[Figure]:
@@ -246,7 +246,7 @@ def _random(curves: list[Record]) -> Iterator[Figure]:
     rms = {r["case"]: math.inf if r.get("rms_per_edge") is None else r["rms_per_edge"] for r in curves}
     near, true = [value <= 1e-2 for value in rms.values()], [not r.get("untrue") for r in curves]
     yield from share("curves", "random curves", "within 1e-2 of an edge", near, 0.98)
-    yield from share("curves", "random curves", "what a solution says of itself is so", true)
+    yield from share("curves", "random curves", "what a solution reports of itself is true", true)
     for odd, noise, limit in ((0, "without noise", 1e-6), (1, "with 15% noise", 2e-3)):
         if chosen := [v for name, v in rms.items() if int(name.rpartition(" ")[2]) % 2 == odd]:
             text = f"median RMS distance from Γ, in mean edges, {noise}"

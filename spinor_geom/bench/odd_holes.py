@@ -11,7 +11,7 @@ from jaxtyping import Float
 from spinor_geom import gallery
 from spinor_geom.bench.holes import Hole, all_rims, collar, cut_hole, lattice, plane_square
 
-LEFT_OPEN = "nothing is missing: left open, and said so"
+LEFT_OPEN = "nothing is missing: left open, with a reason"
 _OFFSETS = (1e-16, 1e-12, 1e-8)  # between equal corners, per size of the mesh
 # names of the cases that are correctly left open
 NOTHING_MISSING = (*(f"near-seam-{offset:.0e}" for offset in _OFFSETS), "t-junctions", "ribbon")
@@ -164,7 +164,7 @@ def moebius_and_lips() -> Iterator[Hole]:
     joined[x == 60] = np.flatnonzero(x == 0)[::-1]  # the ends of the strip meet upside down
     faces = joined[faces]
     window = np.linalg.norm(band[faces].mean(axis=1) - band[(x == 30) & (y == 3)][0], axis=1) < 0.35
-    yield all_rims("moebius", band, faces[~window], "not orientable: said so")
+    yield all_rims("moebius", band, faces[~window], "not orientable: refused")
     t = 2 * np.pi * np.arange(28) / 28
     lips = np.column_stack([np.cos(t), 0.02 * np.sin(t) + 0.15 * np.cos(t) ** 2, 0.1 * np.cos(t) ** 2])
     around = np.column_stack([1.5 * np.cos(t), 0.6 * np.sin(t), np.full(28, -0.3)])

@@ -18,7 +18,6 @@ from spinor_geom.bench.machine import Task
 from spinor_geom.bench.odd_holes import odd_holes
 from spinor_geom.bench.ragged import CUT, NOISY, reported_holes
 from spinor_geom.bench.solves import QUICK as QUICK_SOLVES
-from spinor_geom.bench.solves import SUITES as SOLVED
 from spinor_geom.bench.solves import solves
 
 METHODS = (*LOOP_METHODS, *FILLERS)
@@ -59,9 +58,9 @@ class Suite:
 
     cases: Callable[[Settings], Iterable[str]]
     methods: Iterable[str]
-    quick: Callable[[Sequence[str]], Iterable[str]] = lambda cases: cases  # those of the short run, if none are named
-    repeat: int | None = 0  # None for that of the settings
-    points: Callable[[Settings, str, str], Iterable[int | None]] = lambda *_: (None,)  # by method and case
+    quick: Callable[[Sequence[str]], Iterable[str]] = lambda cases: cases  # the cases of the short run, of all cases
+    repeat: int | None = 0  # calls after the first one; None for the number in the settings
+    points: Callable[[Settings, str, str], Iterable[int | None]] = lambda *_: (None,)  # of loops, by method and case
 
 
 def suite_tasks(name: str, settings: Settings) -> Iterator[Task]:
@@ -102,6 +101,14 @@ def _hole_points(settings: Settings, method: str, case: str) -> Iterable[int]:
     return settings.hole_points[: 3 if case == REFERENCE_CASE else 2 if known_kind(case) == "smooth" else 1]
 
 
+def _cut_outs(settings: Settings) -> Iterable[str]:
+    return (*CAPS, *WINDOWS, *scan_names(settings.data))
+
+
+def _ragged(_: Settings) -> Iterable[str]:
+    return (*NOISY, *CUT)
+
+
 def _mesh_files(settings: Settings) -> Iterable[str]:
     return () if settings.data is None else map(str, mesh_files(settings.data, settings.cases))
 
@@ -110,33 +117,27 @@ def _solve_names(suite: str, _: Settings) -> Iterable[str]:
     return (case.name for case in solves().values() if case.suite == suite)
 
 
+def _quick_solves(cases: Sequence[str]) -> Iterable[str]:
+    return (name for name in cases if name in QUICK_SOLVES)
+
+
 def _batches(settings: Settings) -> Iterable[str]:
     """All batches; the short run has them only if the suite is named."""
     return () if settings.quick and not (settings.cases or settings.suites) else BATCHES
 
 
 SUITES: Mapping[str, Suite] = {
-    "disks": Suite(_known_cases, LOOP_METHODS, lambda _: _QUICK, None, _loop_points),
-    "fills": Suite(lambda _: KNOWN, FILLERS, lambda _: _QUICK[:1], None, _hole_points),
+    "disks": Suite(_known_cases, LOOP_METHODS, quick=lambda _: _QUICK, repeat=None, points=_loop_points),
+    "fills": Suite(lambda _: KNOWN, FILLERS, quick=lambda _: _QUICK[:1], repeat=None, points=_hole_points),
     "odd": Suite(lambda _: odd_holes(), FILLERS),
-    "cut-outs": Suite(
-        lambda settings: (*CAPS, *WINDOWS, *scan_names(settings.data)),
-        SMOOTHEST,
-        lambda _: ("icosphere-3-0.7", "torus-outside-0.4"),
-        1,
-    ),
-    "meshes": Suite(_mesh_files, FILLERS, lambda _: ()),
-    "ragged": Suite(lambda _: (*NOISY, *CUT), (OURS, REFERENCE), lambda _: (next(iter(NOISY)), *CUT[:5]), 1),
-    "reports": Suite(lambda _: reported_holes(), REPORTED, lambda cases: cases[:: len(cases) // 8], 1),
-    **{
-        suite: Suite(
-            partial(_solve_names, suite),
-            ("spinor",),
-            lambda cases: [name for name in cases if name in QUICK_SOLVES],
-            0 if suite == "curves" else None,
-        )
-        for suite in SOLVED
-    },
+    "cut-outs": Suite(_cut_outs, SMOOTHEST, quick=lambda _: ("icosphere-3-0.7", "torus-outside-0.4"), repeat=1),
+    "meshes": Suite(_mesh_files, FILLERS, quick=lambda _: ()),
+    "ragged": Suite(_ragged, (OURS, REFERENCE), quick=lambda _: (next(iter(NOISY)), *CUT[:5]), repeat=1),
+    "reports": Suite(lambda _: reported_holes(), REPORTED, quick=lambda cases: cases[:: len(cases) // 8], repeat=1),
+    "curves": Suite(partial(_solve_names, "curves"), ("spinor",), quick=_quick_solves),
+    "rims": Suite(partial(_solve_names, "rims"), ("spinor",), quick=_quick_solves, repeat=None),
+    "speed": Suite(partial(_solve_names, "speed"), ("spinor",), quick=_quick_solves, repeat=None),
+    "paper": Suite(partial(_solve_names, "paper"), ("spinor",), quick=_quick_solves, repeat=None),
     "batch": Suite(_batches, ("spinor",)),
 }
 """All suites, in the order of the tables."""

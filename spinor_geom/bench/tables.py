@@ -144,7 +144,7 @@ def claim_table(found: Sequence[Figure]) -> Table:
     """The promises, missed ones marked."""
     rows = [(c.suite, c.case, c.text, c.measured, c.kind, "met" if c.met else "**missed**") for c in found]
     missed = frozenset(k for k, c in enumerate(found) if not c.met)
-    note = f"{len(found) - len(missed)} of {len(found)} are met. Those of time are told, not checked." if found else ""
+    note = f"{len(found) - len(missed)} of {len(found)} are met. Those of time do not count." if found else ""
     columns = ("suite", "case", "promise", "measured", "kind", "verdict")
     return Table(title="Promises", columns=columns, rows=rows, note=note, marked=missed)
 
@@ -159,9 +159,9 @@ def odd_table(records: Sequence[Record]) -> Table:
         title="Odd rims, and test cases of other projects",
         columns=("tool", *holes),
         rows=rows,
-        note="Patches; pairs of crossing triangles (×); open edges, ! where the tool says nothing about them or tells "
-        "of success; the largest angle; seconds. Refused: it says that it did not fill. Doubled: its faces are there "
-        f"already. What is true of the rims: {'; '.join(f'{case}: {text}' for case, text in expected.items())}.",
+        note="Patches; pairs of crossing triangles (×); open edges, ! unless the tool reports a failure; the largest "
+        "angle; seconds. Refused: the tool reports that it did not fill. Doubled: it repeats faces of the mesh. "
+        f"Correct results: {'; '.join(f'{case}: {text}' for case, text in expected.items())}.",
         marked=frozenset(k for k, row in enumerate(rows) if any(" !" in text for text in row)),
     )
 

@@ -226,7 +226,6 @@ def functions(surface: SpinorSurface, fit: MoebiusFit | None = None) -> dict[str
     }
 
 
-_FEW = (("epochs", 10), ("order", 25))
 EXPERIMENTS = {
     "prescribed": Experiment(
         title="prescribed surfaces are recovered from their boundaries",
@@ -242,23 +241,23 @@ EXPERIMENTS = {
             "random": RMSprop(epochs=2000),
             "perturbed": RMSprop(epochs=4000),
         },
-        quick={"depth": 3, **{f"{name}.{k}": n for name in ("random", "perturbed") for k, n in _FEW}},
+        quick={"depth": 3, "random.epochs": 10, "random.order": 25, "perturbed.epochs": 10, "perturbed.order": 25},
     ),
     "tangents": Experiment(
         title="training without and with the tangents' term",
         paper="λ = 0 and λ = 0.5 from the same initialisation, epochs 0 to 10; the curve with tangents is nearer.",
-        here="The twisted circle, from the same random numbers, looked at after the same epochs. Seen means that "
-        "λ = 0.5 has the smaller largest distance after the last one.",
+        here="The twisted circle, from the same random numbers, after the same epochs. Seen means that λ = 0.5 has the "
+        "smaller largest distance after the last one.",
         measure=tangents,
         full={"weights": (0.0, 0.5), "epochs": (0, 2, 4, 6, 8, 10), "rmsprop": RMSprop()},
         quick={"rmsprop.order": 25},
     ),
     "timing": Experiment(
         title="boundary error against wall-clock time",
-        paper="RMSprop (Algorithm 1), networks of 10 layers of 20 units, 800 epochs; the paper tells no times.",
+        paper="RMSprop (Algorithm 1), networks of 10 layers of 20 units, 800 epochs; the paper has no times.",
         here="The paper's training with its own settings; a network of 3 layers of 20 units by Levenberg-Marquardt, a "
-        "Cauchy network, and Douglas-Newton on the disk, each on one thread; the same curve in the same run, every "
-        "point of ours a solve from nothing. Seen means that each of ours comes nearer in less time.",
+        "Cauchy network, and Douglas-Newton, on one thread. Every point of ours is a separate solve. Seen means that "
+        "each of ours comes nearer in less time.",
         measure=timing,
         full={
             "curves": ("twisted circle", "tennis seam"),

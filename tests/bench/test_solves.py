@@ -56,7 +56,7 @@ def test_random_curves_are_counted_and_wrong_ones_named():
     records = [record(2), record(3, rms_per_edge=5e-3), refused, wrong]
     (near,) = (f for f in claims(records) if "of an edge" in f.text)
     assert (near.measured, near.met) == ("3 of 4", False)
-    assert not kept("says of itself", *records)
+    assert not kept("reports of itself", *records)
     assert kept("without noise", *records)
     assert not kept("15% noise", *records)
 

@@ -282,13 +282,13 @@ def test_a_run_leaves_report_data_and_pictures(tmp_path):
     text = (tmp_path / "new" / "report.md").read_text()
     assert "**Shortened.** steps (10, 20, 40, 80, 160) instead of (10, 20, 40, 80, 160, 320, 640)." in text
     assert "![catenoid](catenoid/catenoid.png)" in text
-    assert "**Seen.** The fitted slopes" in text
+    assert "**Seen.**" in text
     page = (tmp_path / "new" / "report.html").read_text()
     # the page holds its pictures: it can be moved
     pictures = re.findall(r'<img alt="catenoid" src="data:image/png;base64,([^"]+)">', page)
     assert [base64.b64decode(data) for data in pictures] == [(folder / "catenoid.png").read_bytes()]
     assert "<td>trapezoid</td>" in page
-    assert "<strong>Seen.</strong> The fitted slopes" in page
+    assert "<strong>Seen.</strong>" in page
     assert not re.search(r'(src|href)="(?!data:)', page)
 
 
