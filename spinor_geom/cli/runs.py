@@ -54,8 +54,7 @@ def _said(now: BatchProgress) -> str:
 
 def _bench(arguments: argparse.Namespace) -> ExitStatus:
     from spinor_geom.bench.claims import claims
-    from spinor_geom.bench.runner import measure
-    from spinor_geom.bench.suites import Settings
+    from spinor_geom.bench.runner import Settings, measure
     from spinor_geom.bench.tables import PAGE, claim_table, trouble_table, write
 
     own = ("suites", "cases", "methods", "repeat", "time_limit", "data")

@@ -12,8 +12,7 @@ from spinor_geom.bench.cut_outs import CAPS, PER_SCAN, WINDOWS, named_cut_out, s
 from spinor_geom.bench.figures import DISTANCE, cut_out_figures, hole_figures, rim_bend
 from spinor_geom.bench.fillers import Filled
 from spinor_geom.bench.odd_holes import odd_holes
-from spinor_geom.bench.runner import chosen_tasks, measure
-from spinor_geom.bench.suites import Settings
+from spinor_geom.bench.runner import Settings, chosen_tasks, measure
 from spinor_geom.bench.tables import pieces_of, scale_of
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.loops import find_boundary_loops

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from spinor_geom.bench import runner, tables
-from spinor_geom.bench.runner import measure
-from spinor_geom.bench.suites import SUITES, Settings
+from spinor_geom.bench.runner import SUITES, Settings, measure
 from tests.bench.test_run import in_this_process
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"

@@ -15,9 +15,8 @@ from spinor_geom.bench.claims import REFERENCE, REFERENCE_SHARE, claims, judged
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
 from spinor_geom.bench.machine import machine
 from spinor_geom.bench.odd_holes import odd_holes
-from spinor_geom.bench.runner import DESCRIPTION, RECORDS, Run, case_name, chosen_tasks, key, measure
+from spinor_geom.bench.runner import DESCRIPTION, RECORDS, SUITES, Run, Settings, case_name, chosen_tasks, key, measure
 from spinor_geom.bench.solves import QUICK, Limit
-from spinor_geom.bench.suites import SUITES, Settings
 from spinor_geom.bench.tasks import run as run_task
 from spinor_geom.cli.main import main
 from spinor_geom.errors import OptionError
