@@ -31,11 +31,7 @@ _ROOT = Path(__file__).parents[2]
 def stamp() -> dict[str, Any]:
     """The version with its commit, the date, and the load of the machine, which every record has."""
     load = _load()
-    return {
-        "commit": program_version(),
-        "date": date.today().isoformat(),
-        "load": None if load is None else round(load, 1),
-    }
+    return {"commit": program_version(), "date": date.today().isoformat(), "load": load and round(load, 1)}
 
 
 def _load() -> float | None:
