@@ -85,7 +85,7 @@ def timing(*, curves: Sequence[str], rmsprop: RMSprop, tolerances: Sequence[floa
         holds &= not behind
         verdicts.append(
             f"{name}: after {len(points[PAPER])} epochs and {seconds:.1f} s RMSprop is {error:.1e} of the diagonal "
-            f"from the curve; not nearer in less time: {', '.join(behind) or 'none of ours'}."
+            f"from the curve; nearer in less time are {'all of ours' if not behind else 'not ' + ' and '.join(behind)}."
         )
         lines = {method: ([s for s, _ in measured], [e for _, e in measured]) for method, measured in points.items()}
         pictures[f"timing-{name.replace(' ', '-')}"] = log_log(lines, x="seconds", y=_DISTANCE)
