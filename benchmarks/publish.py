@@ -1,10 +1,11 @@
-"""Puts a run of `spinor-geom bench` beside this script: CSV of every measurement, the page's tables, the picture.
+"""Publishes a run of `spinor-geom bench` in this folder: CSV of the measurements, the page's tables, the picture.
 
-`python benchmarks/publish.py RUN` takes the folder of a run; its records take the places of those of the same suite,
-case, method and size. Without a run the page is made anew from the CSV: rows of ours whose code has changed are marked.
+`python benchmarks/publish.py RUN` takes the folder of a run; its records replace those of the same suite, case, method
+and number of points. Without a run only the page's tables are written anew, from the CSV.
 """
 
 import argparse
+import ast
 import csv
 import tempfile
 from collections import defaultdict
@@ -16,24 +17,24 @@ from PIL import Image
 
 from spinor_geom.bench.cases import known_kind
 from spinor_geom.bench.claims import LEAST_POINTS, Figure, claims
+from spinor_geom.bench.figures import DISTANCE
 from spinor_geom.bench.machine import Record, is_older
-from spinor_geom.bench.page import LOCAL, OLDER, Table, filler_table, pieces_of, scale_of, table_of
 from spinor_geom.bench.runner import PICTURED, SUITES, VIEWS, read_records
-from spinor_geom.bench.worker import DISTANCE
+from spinor_geom.bench.tables import LOCAL, csv_text, filler_table, method_name, pieces_of, scale_of
 from spinor_geom.files import atomic_path, write_text
 from spinor_geom.render.portrait import Portrait
+from spinor_geom.render.tables import Table
 
 HERE = Path(__file__).parent
 README, PICTURE = HERE / "README.md", HERE.parent / "docs" / "cut-outs.png"
 BEGIN, END = "<!-- tables: begin (written by publish.py) -->", "<!-- tables: end -->"
-COLOURS, SIDE, EYE, POINTS = 128, 220, (0.0, -2.0, 1.3), 64
-SAME = ("suite", "case", "method", "n")  # of two records makes them one measurement
-ADVISED = ("squiggle", "fin", "facing-triangles")  # odd rims for which docs/benchmark.md says which filler to take
-LEFT_OUT = ("told", "expected", *LOCAL)  # too long for a table, or of this machine
+POINTS = 64  # of the loops in the table of disks
+ADVISED = ("squiggle", "fin", "facing-triangles")  # odd rims for which docs/benchmark.md recommends a filler
+LEFT_OUT = ("told", "expected", *LOCAL)  # fields that are too long for a table, or of this machine
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Publishes a run, or the page alone."""
+    """Publishes a run, or writes the tables only."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", nargs="?", type=Path, metavar="RUN", help="folder of a run")
     run = parser.parse_args(arguments).run
@@ -42,25 +43,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if folders := [run / VIEWS / case for case in PICTURED if (run / VIEWS / case).is_dir()]:
             draw(folders)
     before, rest = README.read_text(encoding="utf-8").split(BEGIN)
-    text = "\n\n".join(map(str, page_tables([record for suite in SUITES for record in read(suite)])))
+    text = "\n\n".join(table.markdown() for table in page_tables([r for suite in SUITES for r in read(suite)]))
     write_text(README, f"{before}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}")
 
 
 def publish(records: Sequence[Record]) -> None:
-    """Adds records to the CSV of their suites."""
+    """Adds records to the CSV of their suites, with four digits."""
     for suite in dict.fromkeys(r["suite"] for r in records):
         whole = {key(r): r for r in read(suite)}
         for record in records:
-            if record["suite"] == suite and is_read(record):
+            if record["suite"] == suite and is_used(record):
                 kept = {name: value for name, value in record.items() if name not in LEFT_OUT}
                 short = {name: float(f"{v:.4g}") if isinstance(v, float) else v for name, v in kept.items()}
                 short["case"] = record["case"].rpartition("/")[2]
                 whole[key(short)] = short
-        write_text(HERE / f"{suite}.csv", table_of(side_by_side(list(whole.values()))))
+        write_text(HERE / f"{suite}.csv", csv_text(side_by_side(list(whole.values()))))
 
 
-def is_read(record: Record) -> bool:
-    """Whether a table here, a promise or a statement of the docs looks at a row: at most of ours, at some of others."""
+def is_used(record: Record) -> bool:
+    """Whether a table here, a promise or a statement in the documentation uses a record."""
     ours, suite = "spinor" in record["method"], record["suite"]
     if record["status"] == "missing":
         return False
@@ -73,55 +74,54 @@ def is_read(record: Record) -> bool:
 
 
 def key(record: Record) -> tuple[object, ...]:
-    """What makes a record another one."""
-    return tuple(record.get(name) for name in SAME)
+    """A value that is equal for records of the same measurement."""
+    return tuple(record.get(name) for name in ("suite", "case", "method", "n"))
 
 
 def side_by_side(records: Sequence[Record]) -> list[Record]:
-    """A row a case: the fields in which all methods agree, then "METHOD FIELD" for each of the others."""
-    rows: dict[tuple[object, ...], list[Record]] = {}
+    """One row for each case: first the fields in which all methods agree, then "METHOD FIELD" for the others."""
+    rows: dict[tuple[object, ...], list[Record]] = defaultdict(list)
     for record in records:
-        rows.setdefault((record["case"], record.get("n")), []).append(record)
+        rows[record["case"], record.get("n")].append(record)
     names = dict.fromkeys(name for record in records for name in record)
     shared = [name for name in names if all(len({str(r.get(name)) for r in row}) == 1 for row in rows.values())]
     own = [name for name in names if name not in (*shared, "method")]
-    made = []
-    for row in rows.values():
-        alone = {f"{r['method']} {name}": r.get(name) for r in row for name in own}
-        made.append({name: row[0].get(name) for name in shared} | alone)
-    return made
+    return [
+        {name: row[0].get(name) for name in shared}
+        | {f"{r['method']} {name}": r.get(name) for r in row for name in own}
+        for row in rows.values()
+    ]
 
 
 def read(suite: str) -> list[Record]:
-    """The records of a suite; empty cells are no fields."""
+    """The published records of a suite, without the fields of empty cells."""
     path = HERE / f"{suite}.csv"
     if not path.exists():
         return []
     records: list[Record] = []
     with open(path, encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
-            shared, own = dict[str, object](), dict[str, Record]()
+            shared: Record = {}
+            methods: dict[str, Record] = {}
             for name, text in row.items():
-                method, of_one, field = name.partition(" ")
-                if text != "":
-                    (own.setdefault(method, {"method": method}) if of_one else shared)[field or name] = parsed(text)
-            records += [{**shared, **fields} for fields in own.values()] or [shared]
+                method, space, field = name.partition(" ")
+                if text:
+                    target = methods.setdefault(method, {"method": method}) if space else shared
+                    target[field or name] = _value(text)
+            records += [{**shared, **fields} for fields in methods.values()] or [shared]
     return records
 
 
-def parsed(text: str) -> object:
-    """A cell's value."""
-    if text in ("True", "False"):
-        return text == "True"
+def _value(text: str) -> object:
+    """The number or boolean that a cell shows, else its text."""
     try:
-        number = float(text)
-    except ValueError:
+        return ast.literal_eval(text)
+    except (ValueError, SyntaxError):
         return text
-    return int(text) if text.lstrip("-").isdigit() else number
 
 
 def page_tables(records: Sequence[Record]) -> list[Table]:
-    """What stands on the page."""
+    """The tables on the page."""
     found = claims(records)
     missed: dict[tuple[str, str], list[Figure]] = defaultdict(list)
     for figure in found:
@@ -135,7 +135,7 @@ def page_tables(records: Sequence[Record]) -> list[Table]:
         Table(
             title="Suites",
             columns=("suite", "measured", "commits", "dates", "loads", "older", "promises kept", "times kept"),
-            rows=tuple(suite_row(suite, records, found) for suite in SUITES),
+            rows=[suite_row(suite, records, found) for suite in SUITES],
             note="Older: those of ours whose code has changed since their commit; marked † below.",
         ),
         Table(title="Promises missed", columns=("suite", "case", "promise", "measured"), rows=rows),
@@ -145,27 +145,28 @@ def page_tables(records: Sequence[Record]) -> list[Table]:
 
 
 def suite_row(suite: str, records: Sequence[Record], found: Sequence[Figure]) -> tuple[str, ...]:
-    """How much was measured, when and at which load, and which promises are kept."""
+    """The number of records, when and at which loads they were measured, and the promises that are kept."""
     here = [r for r in records if r["suite"] == suite]
-    commits, dates = (list(dict.fromkeys(str(r[name]) for r in here)) for name in ("commit", "date"))
+    commits = dict.fromkeys(str(r["commit"]).rpartition("+g")[2] for r in here)
     loads = [r["load"] for r in here if r.get("load") is not None]
     kept = []
     for kind in ("accuracy", "time"):
-        mine = [f.met for f in found if f.suite == suite and f.kind == kind]
-        kept.append(f"{sum(mine)} of {len(mine)}" if mine else "")
-    return (
-        f"[{suite}]({suite}.csv)",
-        str(len(here)),
-        ", ".join(commit.rpartition("+g")[2] for commit in commits),
-        " to ".join(dict.fromkeys((min(dates, default=""), max(dates, default="")))),
-        " to ".join(dict.fromkeys(f"{load:g}" for load in (min(loads), max(loads)))) if loads else "not kept",
-        str(sum(map(is_older, here))),
-        *kept,
-    )
+        met = [f.met for f in found if f.suite == suite and f.kind == kind]
+        kept.append(f"{sum(met)} of {len(met)}" if met else "")
+    dates = _range([str(r["date"]) for r in here])
+    older = str(sum(map(is_older, here)))
+    return (f"[{suite}]({suite}.csv)", str(len(here)), ", ".join(commits), dates, _range(loads), older, *kept)
+
+
+def _range(values: Sequence[str] | Sequence[float]) -> str:
+    """The least and the largest value."""
+    if not values:
+        return "not kept"
+    return " to ".join(dict.fromkeys(v if isinstance(v, str) else f"{v:g}" for v in (min(values), max(values))))
 
 
 def disk_table(disks: Sequence[Record]) -> Table:
-    """Ours on smooth cases beside uniform discrete surfaces: three samplings, and meshes of like sizes."""
+    """Our disks over smooth cases in three samplings, and their meshes beside uniform discrete surfaces."""
     of = {(r["case"], r["n"], r["method"]): r for r in disks}
     rows = []
     for (case, n, method), mine in of.items():
@@ -173,31 +174,29 @@ def disk_table(disks: Sequence[Record]) -> Table:
         if method != "spinor" or n != POINTS or other is None or "@" in case or known_kind(case) != "smooth":
             continue
         samplings = [of.get((f"{case}{sampling}", n, "spinor"), {}) for sampling in ("", "@even", "@uneven")]
-        surface = (
-            " / ".join(number(r.get(name)) for r in samplings)
-            for name in ("area_error", "limit_error", "surface_distance_max")
-        )
+        surface = [_numbers(samplings, name) for name in ("area_error", "limit_error", "surface_distance_max")]
         names = ("triangles", "mesh_area_error", "distance_max", "curvature_rms", "seconds")
-        meshes = (" / ".join(number(r.get(name)) for r in (mine, other)) for name in names)
-        rows.append((f"{case}{f' {OLDER}' if is_older(mine) else ''}", *surface, *meshes))
+        meshes = [_numbers((mine, other), name) for name in names]
+        rows.append((f"{case}{method_name(mine).removeprefix(method)}", *surface, *meshes))
     meshed = ("triangles", "mesh area error", "distance max", "curvature rms", "seconds")
     return Table(
         title=f"Disks over smooth curves of {POINTS} points",
         columns=("case", "area error", "limit error", "surface distance max", *meshed),
-        rows=tuple(rows),
+        rows=rows,
         note="Of our surface: points at the formula's steps / equally far apart / at edges of random lengths. "
         "Of meshes, at the formula's steps: ours / libigl-uniform's.",
     )
 
 
-def number(value: object) -> str:
-    """A number in a cell."""
-    return "–" if value is None else f"{value:.2g}" if isinstance(value, float) else str(value)
+def _numbers(records: Sequence[Record], name: str) -> str:
+    """A field of several records in one cell."""
+    values = [record.get(name) for record in records]
+    return " / ".join("–" if v is None else f"{v:.2g}" if isinstance(v, float) else str(v) for v in values)
 
 
 def draw(folders: Sequence[Path]) -> None:
-    """The picture: a line a cut-out, what was removed and what the fillers put there, yellow the farthest away."""
-    strips = []
+    """Draws one line for each cut-out: the removed piece and the fillers' patches, the most distant parts yellow."""
+    side, strips = 220, []
     with tempfile.TemporaryDirectory() as place:
         for folder in folders:
             pieces = pieces_of(folder)
@@ -209,13 +208,13 @@ def draw(folders: Sequence[Path]) -> None:
                 for piece in pieces.values()
             )
             path = Path(place) / f"{folder.name}.png"
-            first.beside(*others).write(path, eye=EYE, size=(SIDE * len(pieces), SIDE))
+            first.beside(*others).write(path, eye=(0.0, -2.0, 1.3), size=(side * len(pieces), side))
             strips.append(Image.open(path).convert("RGB"))
-    whole = Image.new("RGB", (max(strip.width for strip in strips), SIDE * len(strips)), "white")
-    for place, strip in enumerate(strips):
-        whole.paste(strip, (0, SIDE * place))
+    whole = Image.new("RGB", (max(strip.width for strip in strips), side * len(strips)), "white")
+    for k, strip in enumerate(strips):
+        whole.paste(strip, (0, side * k))
     with atomic_path(PICTURE) as temporary:
-        whole.quantize(COLOURS).save(temporary, format="PNG", optimize=True)
+        whole.quantize(128).save(temporary, format="PNG", optimize=True)
 
 
 if __name__ == "__main__":

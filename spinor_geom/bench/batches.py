@@ -1,4 +1,4 @@
-"""Batches of many loops and files: loops a second, memory of driver and workers, and equal bytes."""
+"""Batches of many loops and files: loops a second, memory of the processes, and equality of results."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -13,27 +13,25 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from spinor_geom.batching.engine import BatchProgress, batch
-from spinor_geom.bench.cut_outs import CUT, ragged_hole
+from spinor_geom.bench.ragged import CUT, ragged_hole
 from spinor_geom.gallery import evenly_sampled, harmonics, noisy_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 
-POINTS, NOISE = 100, 0.05
-FILES, FEW_INPUTS = 3000, 300  # of each batch, and refused ones for the memory of the driver
-SOLVED, SOLVED_ON_CUDA = 64, 2048  # loops that are solved only, as one batch
-REPEATS = 4  # of which the first one is slower
-LOOKS_APART = 20  # files between two looks at the workers' memory
+_FILES, _REFUSED = 3000, 300  # files of each batch; refused inputs, by which the driver's memory is measured
+_REPEATS = 4  # the first one is slower
+_LOOK_EVERY = 20  # files between two looks at the workers' memory
 
 
 def smooth_loop(seed: int) -> BoundaryLoop:
-    """Points by arc length of a random curve of three harmonics around an ellipse of up to 2:1."""
-    random = np.random.default_rng(seed)
+    """100 points by arc length of a random curve of three harmonics around an ellipse of up to 2:1."""
+    rng = np.random.default_rng(seed)
     coefficients = np.zeros((4, 3), dtype=np.complex128)
-    coefficients[1] = random.uniform(1, 2), -1j, 0
+    coefficients[1] = rng.uniform(1, 2), -1j, 0
     for k in (2, 3):
-        cosine, sine = random.uniform(-0.15, 0.15, size=(2, 3)) / k
+        cosine, sine = rng.uniform(-0.15, 0.15, size=(2, 3)) / k
         coefficients[k] = cosine - 1j * sine
-    return evenly_sampled(harmonics(coefficients), POINTS)
+    return evenly_sampled(harmonics(coefficients), 100)
 
 
 def smooth(seed: int, noise: float = 0.0) -> str:
@@ -44,7 +42,7 @@ def smooth(seed: int, noise: float = 0.0) -> str:
 
 
 def cut(seed: int) -> str:
-    """A mesh whose rim is cut along triangles, one of sixty, turned at random."""
+    """A mesh with a rim that is cut along triangles, turned at random, as OBJ."""
     hole = ragged_hole(CUT[seed % len(CUT)])
     turned = hole.vertices @ Rotation.random(random_state=seed).as_matrix().T
     return _points(turned) + "".join(f"f {a} {b} {c}\n" for a, b, c in (hole.faces + 1).tolist())
@@ -55,7 +53,7 @@ def _points(points: Float[np.ndarray, "n 3"]) -> str:
 
 
 def write_files(folder: Path, count: int, text: Callable[[int], str]) -> Path:
-    """OBJ files of one loop each."""
+    """Writes OBJ files of one loop each."""
     folder.mkdir()
     for seed in range(count):
         (folder / f"loop{seed:05}.obj").write_text(text(seed))
@@ -63,16 +61,16 @@ def write_files(folder: Path, count: int, text: Callable[[int], str]) -> Path:
 
 
 def _watched(inputs: Path, count: int, **options: Any) -> dict[str, Any]:
-    """A batch up to the written summary, and the most memory of this process and of the largest one below it."""
+    """Figures of a batch; its memory is the peak of this process and of the largest one below it."""
     import psutil
 
     driver, peak, largest = psutil.Process(), 0.0, 0.0
 
     def look(now: BatchProgress) -> None:
-        # while it works: the packages of the summary take more than the work
+        # during the work, because the packages of the summary take more memory than that
         nonlocal peak, largest
         peak = max(peak, driver.memory_info().rss / 2**20)
-        if now.files % LOOKS_APART == 1:
+        if now.files % _LOOK_EVERY == 1:
             for child in driver.children(recursive=True):
                 with suppress(psutil.NoSuchProcess):  # it has ended
                     largest = max(largest, child.memory_info().rss / 2**20)
@@ -84,47 +82,52 @@ def _watched(inputs: Path, count: int, **options: Any) -> dict[str, Any]:
     return {**figures, "worker_mib": largest, "driver_mib": peak}
 
 
-def _rate(work: Path, text: Callable[[int], str], files: int, **options: Any) -> dict[str, Any]:
-    figures = _watched(write_files(work / "in", files, text), files, **options)
-    return {name: value for name, value in figures.items() if name != "driver_mib"}
+def _rate(text: Callable[[int], str], files: float, work: Path, share: float, **options: Any) -> dict[str, Any]:
+    """Loops a second through files."""
+    count = round(files * share)
+    figures = _watched(write_files(work / "in", count, text), count, **options)
+    del figures["driver_mib"]
+    return figures
 
 
-def _solved(count: int, solve: Callable[[list[BoundaryLoop]], object]) -> dict[str, Any]:
-    """Smooth loops a second that are solved, the fastest of a few times."""
-    loops = [smooth_loop(seed) for seed in range(max(1, count))]
+def _solved(solve: Callable[[list[BoundaryLoop]], object], count: int, _: Path, share: float) -> dict[str, Any]:
+    """Smooth loops a second that are solved only, at best of a few times."""
+    loops = [smooth_loop(seed) for seed in range(max(1, round(count * share)))]
     seconds = []
-    for _ in range(REPEATS):
-        # what a loop has found of itself stays with it
-        anew = [BoundaryLoop.from_points(loop.points, corners=()) for loop in loops]
+    for _repeat in range(_REPEATS):
+        # loops cache what was computed of them
+        fresh = [BoundaryLoop.from_points(loop.points, corners=()) for loop in loops]
         start = perf_counter()
-        solve(anew)
+        solve(fresh)
         seconds.append(perf_counter() - start)
     return {"files": len(loops), "seconds": min(seconds), "rate": len(loops) / min(seconds)}
 
 
-def _memory(work: Path, inputs: int) -> dict[str, Any]:
-    """Of inputs that are refused quickly, the memory of the driver."""
+def _memory(inputs: int, work: Path, share: float) -> dict[str, Any]:
+    """The driver's memory for inputs that are refused quickly."""
+    count = round(inputs * share)
     manifest = work / "nowhere.csv"
-    manifest.write_text("path\n" + "nowhere.obj\n" * inputs)
-    figures = _watched(manifest, inputs)
+    manifest.write_text("path\n" + "nowhere.obj\n" * count)
+    figures = _watched(manifest, count)
     return {name: figures[name] for name in ("files", "seconds", "driver_mib")}
 
 
-def _cluster(work: Path, files: int) -> dict[str, Any]:
-    """Whether a cluster of four processes on loopback leaves the bytes of an embedded run."""
+def _cluster(work: Path, share: float) -> dict[str, Any]:
+    """Whether a cluster of four processes writes the same files as a batch without a cluster."""
     from distributed import LocalCluster
 
-    inputs = str(write_files(work / "in", files, smooth))
+    count = round(_FILES / 10 * share)
+    inputs = str(write_files(work / "in", count, smooth))
     batch(inputs, work / "embedded")
     start = perf_counter()
     with LocalCluster(n_workers=4, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0") as cluster:
         batch(inputs, work / "cluster", scheduler=cluster.scheduler_address)
-    ours, theirs = _left_in(work / "embedded"), _left_in(work / "cluster")
-    return {"files": files, "seconds": perf_counter() - start, "equal": bool(ours) and ours == theirs}
+    seconds, results = perf_counter() - start, _results(work / "embedded")
+    return {"files": count, "seconds": seconds, "equal": bool(results) and results == _results(work / "cluster")}
 
 
-def _left_in(output: Path) -> dict[Path, bytes]:
-    """All files of results but the records, which hold seconds."""
+def _results(output: Path) -> dict[Path, bytes]:
+    """All files of results but the records, which contain seconds."""
     found = (path for path in output.glob("files/**/*") if path.is_file() and path.suffix != ".json")
     return {path.relative_to(output): path.read_bytes() for path in found}
 
@@ -134,18 +137,16 @@ def _together(device: str) -> Callable[[list[BoundaryLoop]], object]:
 
 
 BATCHES: dict[str, Callable[[Path, float], dict[str, Any]]] = {
-    "smooth loops": lambda work, share: _rate(work, smooth, round(FILES * share)),
-    "smooth loops, one worker": lambda work, share: _rate(work, smooth, round(FILES / 4 * share), workers=1),
-    "loops with 5% noise": lambda work, share: _rate(work, partial(smooth, noise=NOISE), round(FILES / 10 * share)),
-    "rims cut along triangles": lambda work, share: _rate(work, cut, round(FILES / 10 * share)),
-    "solved only, 64 at once": lambda _, share: _solved(round(SOLVED * share), _together("cpu")),
-    "solved only, one by one": lambda _, share: _solved(
-        round(SOLVED * share), lambda loops: [solve_plateau(loop) for loop in loops]
-    ),
-    "cluster of 4 processes": lambda work, share: _cluster(work, round(FILES / 10 * share)),
-    "few inputs": lambda work, share: _memory(work, round(FEW_INPUTS * share)),
-    "ten times as many inputs": lambda work, share: _memory(work, round(10 * FEW_INPUTS * share)),
+    "smooth loops": partial(_rate, smooth, _FILES),
+    "smooth loops, one worker": partial(_rate, smooth, _FILES / 4, workers=1),
+    "loops with 5% noise": partial(_rate, partial(smooth, noise=0.05), _FILES / 10),
+    "rims cut along triangles": partial(_rate, cut, _FILES / 10),
+    "solved only, 64 at once": partial(_solved, _together("cpu"), 64),
+    "solved only, one by one": partial(_solved, lambda loops: [solve_plateau(loop) for loop in loops], 64),
+    "cluster of 4 processes": _cluster,
+    "few inputs": partial(_memory, _REFUSED),
+    "ten times as many inputs": partial(_memory, 10 * _REFUSED),
 }
-"""What is measured, given a folder to work in and the share of the files that are taken."""
+"""Batches by name; they are called with a folder to work in and the share of the files that are taken."""
 if torch.cuda.is_available():
-    BATCHES["solved only, on CUDA"] = lambda _, share: _solved(round(SOLVED_ON_CUDA * share), _together("cuda"))
+    BATCHES["solved only, on CUDA"] = partial(_solved, _together("cuda"), 2048)

@@ -1,46 +1,48 @@
-"""What the project promises of a run, beside what the run measured."""
+"""What the project promises of a benchmark's records, and whether each promise is kept."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from statistics import median
-from typing import Any
 
 from spinor_geom.bench.cases import known_kind
-from spinor_geom.bench.cut_outs import CUT, HEIGHTS, NOISY
+from spinor_geom.bench.cut_outs import HEIGHTS
 from spinor_geom.bench.fillers import CLEAREST, OUR_FILLERS, OURS, SMOOTH
 from spinor_geom.bench.machine import Record
-from spinor_geom.bench.reports import NOTHING_MISSING
+from spinor_geom.bench.odd_holes import NOTHING_MISSING
+from spinor_geom.bench.ragged import CUT, NOISY
 from spinor_geom.bench.solves import SUITES as SOLVED
 from spinor_geom.bench.solves import Kind, Limit, solves
 
-# largest share of the reference's seconds for a whole fill, by points of the rim
+# largest seconds of a whole fill per those of the reference, by points of the rim
 REFERENCE, REFERENCE_CASE, REFERENCE_SHARE = "meshlib-nicely", "enneper-0.8", {64: 4.0, 256: 1.0, 1000: 0.333}
-SAME_LOAD = 1.0  # seconds at loads further apart are not compared
+SAME_LOAD = 1.0  # seconds are compared if the loads differ by at most this
 LEAST_POINTS = 64  # of a loop that stands for a smooth curve
-ROUNDING = 1e-15  # errors below this are
 CAP_DISTANCES = dict(zip(HEIGHTS, (2e-3, 4e-3, 8e-3, 2e-2), strict=True))  # from unit spheres, by the caps' heights
-NOISY_SECONDS = {100: 0.15, 250: 0.5, 600: 2.0, 1200: 6.0}  # by points of rims with noise
-RATES = {  # loops a second
+WORKER_MIB = 1536.0  # memory of a batch's largest process
+_ROUNDING = 1e-15  # smaller errors are rounding
+_NOISY_SECONDS = {100: 0.15, 250: 0.5, 600: 2.0, 1200: 6.0}  # by points of noisy rims
+_RATES = {  # loops a second
     "smooth loops": 60.0,
     "loops with 5% noise": 10.0,
     "rims cut along triangles": 12.0,
     "solved only, on CUDA": 2e3,
 }
-WORKER_MIB = 1536.0  # of a batch's largest process
-FASTER = (
+# ratios of two batches' rates
+_FASTER = (
     ("smooth loops", "one worker", "smooth loops, one worker", 1.8),
     ("solved only, 64 at once", "one by one", "solved only, one by one", 8.0),
 )
-# area errors of discrete surfaces and of other fillers, per ours; or ours no more than so many times what points tell
-CLOSER, OF_LIMIT, NEARER = 1e3, 10.0, 1e4
-SLOWER = 3.0  # seconds per those of discrete surfaces
-WITHIN, SHARP = 1e-3, 130.0  # residual per mean edge; degrees that nine points in ten of a milder rim turn by less than
+# area errors of discrete surfaces and of other fillers per ours, and ours per those of the points' interpolants
+_CLOSER, _NEARER, _OF_LIMIT = 1e3, 1e4, 10.0
+_SLOWER = 3.0  # our seconds per those of discrete surfaces
+_WITHIN = 1e-3  # residual per mean edge
+_SHARP = 130.0  # degrees; at sharper rims more than one vertex in ten turns by more than this
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A promise and what became of it; "accuracy" holds on any machine, "time" is told and never checked."""
+    """A promise and what was measured; those of kind "time" are reported and do not count."""
 
     suite: str
     case: str
@@ -51,41 +53,42 @@ class Figure:
 
 
 def claims(records: Sequence[Record]) -> list[Figure]:
-    """All promises that the records speak of."""
-    done = [r for r in records if r["status"] == "done"]
+    """All promises about the records."""
+    suites = {suite: [r for r in records if r["suite"] == suite] for suite in names(records, "suite")}
+    done = {suite: [r for r in here if r["status"] == "done"] for suite, here in suites.items()}
     found: list[Figure] = []
-    for case, here in _by_case(_of(done, "disks")).items():
+    for case, here in _by_case(done.get("disks", [])).items():
         found += _disks(case, [r for r in here if r["area_error"] is not None])
-    for case, here in _by_case(_of(done, "fills")).items():
+    for case, here in _by_case(done.get("fills", [])).items():
         found += _fills(case, here)
-    for case, here in _by_case(_of(done, "odd")).items():
-        # facing rims between which a catenoid is known, beside those that join them too
-        joined = [r for r in here if r.get("area_error") is not None and r.get("patches") == 1]
-        found += _nearer("odd", case, joined)
-    found += _continued(_of(done, "cut-outs"))
-    found += _ragged([r for r in _of(done, "ragged") if r["method"] == OURS])
-    found += _reports(_of(done, "reports"))
-    found += _meshes([r for r in _of(done, "meshes") if r["method"] == OURS and "within_1e-2" in r])
+    for case, here in _by_case(done.get("odd", [])).items():
+        # a catenoid between two rims is compared with the other fillers that join them
+        found += _nearer("odd", case, [r for r in here if r.get("area_error") is not None and r.get("patches") == 1])
+    found += _cut_outs(done.get("cut-outs", []))
+    found += _ragged([r for r in done.get("ragged", []) if r["method"] == OURS])
+    found += _reports(done.get("reports", []))
+    found += _meshes([r for r in done.get("meshes", []) if r["method"] == OURS and "within_1e-2" in r])
     for record in records:
-        # what ours refuses is a promise missed
+        # a refusal misses the promise
         if record["suite"] in SOLVED and record["case"] in solves() and record["method"] == "spinor":
             found += [judged(limit, record) for limit in solves()[record["case"]].limits]
-    found += _random([r for r in _of(records, "curves") if r["case"].startswith("random curve")])
-    return [*found, *_batch(_of(done, "batch"))]
+    found += _random([r for r in suites.get("curves", []) if r["case"].startswith("random curve")])
+    return [*found, *_batch(done.get("batch", []))]
 
 
-def _of(records: Iterable[Record], suite: str) -> list[Record]:
-    return [r for r in records if r["suite"] == suite]
+def names(records: Iterable[Record], field: str) -> list[str]:
+    """The values of a field, each once."""
+    return list(dict.fromkeys(r[field] for r in records))
 
 
 def _by_case(records: Sequence[Record]) -> dict[str, list[Record]]:
-    return {case: [r for r in records if r["case"] == case] for case in dict.fromkeys(r["case"] for r in records)}
+    return {case: [r for r in records if r["case"] == case] for case in names(records, "case")}
 
 
 def _comparable(one: Record, other: Record) -> bool:
-    """Whether two records' seconds were measured at like loads, as far as is known."""
-    loads: list[Any] = [one.get("load"), other.get("load")]
-    return None in loads or abs(loads[0] - loads[1]) <= SAME_LOAD
+    """Whether the seconds of two records were measured at similar loads; so if a load is unknown."""
+    loads = [load for r in (one, other) if (load := r.get("load")) is not None]
+    return len(loads) < 2 or abs(loads[0] - loads[1]) <= SAME_LOAD
 
 
 def _disks(case: str, here: list[Record]) -> Iterator[Figure]:
@@ -96,10 +99,9 @@ def _disks(case: str, here: list[Record]) -> Iterator[Figure]:
     if kind == "smooth":
         for baseline in ("libigl", "libigl-uniform"):
             yield from _beside(case, baseline, ours, {r["n"]: r for r in here if r["method"] == baseline})
-        # points at edges of random lengths say less of their curve
-        best, digits = min(errors), 1e-5 if case.endswith("@uneven") else 1e-6
+        digits = 1e-5 if case.endswith("@uneven") else 1e-6  # uneven points determine their curve less well
         text = f"area right to {digits:g} at some number of points"
-        yield Figure("disks", case, text, f"{best:.1e}", best <= digits)
+        yield Figure("disks", case, text, f"{min(errors):.1e}", min(errors) <= digits)
     if kind == "plane":
         yield from at_most("disks", case, "error of the area", errors, 1e-10)
     values = [r["exact_curvature_median"] for r in ours if r.get("exact_curvature_median") is not None]
@@ -109,32 +111,33 @@ def _disks(case: str, here: list[Record]) -> Iterator[Figure]:
 
 
 def _beside(case: str, name: str, ours: list[Record], baseline: dict[int, Record]) -> Iterator[Figure]:
+    """Our area error and seconds at each number of points per those of a discrete surface."""
     pairs = [(r, baseline[r["n"]]) for r in ours if r["n"] >= LEAST_POINTS and r["n"] in baseline]
     if pairs:
-        closer, n = min((o["area_error"] / max(m["area_error"], ROUNDING), m["n"]) for m, o in pairs)
-        text = f"area {CLOSER:g} times closer than {name}, or within {OF_LIMIT:g} times the points' limit"
+        closer, n = min((o["area_error"] / max(m["area_error"], _ROUNDING), m["n"]) for m, o in pairs)
+        text = f"area {_CLOSER:g} times closer than {name}, or within {_OF_LIMIT:g} times the points' limit"
         met = all(
-            m["area_error"] <= max(ROUNDING, o["area_error"] / CLOSER, OF_LIMIT * (m.get("limit_error") or 0))
+            m["area_error"] <= max(_ROUNDING, o["area_error"] / _CLOSER, _OF_LIMIT * (m.get("limit_error") or 0))
             for m, o in pairs
         )
         yield Figure("disks", case, text, f"{closer:.1e} times at {n} points", met)
     ratios = [(m["seconds"] / o["seconds"], m["n"]) for m, o in pairs if _comparable(m, o)]
     if ratios:
         slower, n = max(ratios)
-        text, measured = f"at most {SLOWER:g} times the seconds of {name}", f"{slower:.2f} times at {n} points"
-        yield Figure("disks", case, text, measured, slower <= SLOWER, "time")
+        text, measured = f"at most {_SLOWER:g} times the seconds of {name}", f"{slower:.2f} times at {n} points"
+        yield Figure("disks", case, text, measured, slower <= _SLOWER, "time")
 
 
 def _closed(record: Record) -> bool:
-    # columns of earlier measurements may be missing
+    # published records of some suites lack columns
     kept = record.get("rim_kept", True) and record["old_faces_kept"]
     return bool(kept and not any(record.get(f"{kind}_edges") for kind in ("open_rim", "new_open", "nonmanifold")))
 
 
 def _fills(case: str, here: list[Record]) -> Iterator[Figure]:
     ours = [r for r in here if r["method"] == OURS]
-    closed = [_closed(r) for r in ours]
-    yield from share("fills", case, "every fill closes the rim and keeps the mesh bit-equal", closed)
+    text = "every fill closes the rim and keeps the mesh bit-equal"
+    yield from share("fills", case, text, [_closed(r) for r in ours])
     reference = {r["n"]: r for r in here if r["method"] == REFERENCE and case == REFERENCE_CASE}
     for mine in ours:
         n, other = mine["n"], reference.get(mine["n"])
@@ -147,30 +150,31 @@ def _fills(case: str, here: list[Record]) -> Iterator[Figure]:
 
 
 def _nearer(suite: str, case: str, here: Sequence[Record]) -> Iterator[Figure]:
-    """How much nearer our area is than that of any other filler that closes the hole."""
+    """The area errors of other fillers that close the hole per ours."""
     known = [r for r in here if r.get("area_error") is not None and r["open_rim_edges"] == 0]
     ratios = [
-        (other["area_error"] / max(mine["area_error"], ROUNDING), other["method"])
+        (other["area_error"] / max(mine["area_error"], _ROUNDING), other["method"])
         for mine in known
         for other in known
         if mine["method"] == OURS and other["method"] not in OUR_FILLERS and other.get("n") == mine.get("n")
     ]
     if ratios:
         least, method = min(ratios)
-        text = f"filled area at least {NEARER:g} times closer than every other filler's"
-        yield Figure(suite, case, text, f"{least:.1e} times {method}'s, the least", least >= NEARER)
+        text = f"filled area at least {_NEARER:g} times closer than every other filler's"
+        yield Figure(suite, case, text, f"{least:.1e} times {method}'s, the least", least >= _NEARER)
 
 
 def is_whole(record: Record) -> bool:
-    """Whether a cut-out was closed, so that its patch can be measured."""
+    """Whether a cut-out was closed, so that the distance of its patch is comparable."""
     done = record["status"] == "done" and record.get("distance") is not None
     return done and record["open_rim_edges"] == record["new_open_edges"] == 0
 
 
-def _continued(done: list[Record]) -> Iterator[Figure]:
-    """What is promised of the smooth continuation, on pieces cut out of known surfaces and scans."""
+def _cut_outs(done: list[Record]) -> Iterator[Figure]:
+    """The promises of the smooth continuation."""
+    suite = "cut-outs"
     closed = [_closed(r) for r in done if r["method"] == SMOOTH]
-    yield from share("cut-outs", "cut-outs", "every continuation closes the rim and keeps the mesh bit-equal", closed)
+    yield from share(suite, suite, "every continuation closes the rim and keeps the mesh bit-equal", closed)
     whole = [r for r in done if is_whole(r)]
     ours, others = [r for r in whole if r["method"] == SMOOTH], [r for r in whole if r["method"] not in OUR_FILLERS]
     least = {case: min(r["distance"] for r in here) for case, here in _by_case(others).items()}
@@ -178,52 +182,50 @@ def _continued(done: list[Record]) -> Iterator[Figure]:
         caps = [r for r in ours if r["kind"] == "dome" and r["case"].endswith(f"-{height:g}")]
         away = [r["vertex_distance"] * r["diameter"] for r in caps if r.get("vertex_distance") is not None]
         text = f"new vertices of caps above z = {height:g}, root mean square distance from the unit sphere,"
-        yield from at_most("cut-outs", "caps", text, away, limit)
+        yield from at_most(suite, "caps", text, away, limit)
     for case, kinds, most in (("caps", ("dome",), 1 / 4), ("windows", ("curved", "long"), 1 / 3)):
         ratios = [r["distance"] / least[r["case"]] for r in ours if r["kind"] in kinds and r["case"] in least]
-        yield from at_most("cut-outs", case, "distance by the best other filler's", ratios, most)
+        yield from at_most(suite, case, "distance by the best other filler's", ratios, most)
     flat = [r["surface_distance"] for r in ours if r["kind"] == "flat"]
-    yield from at_most("cut-outs", "plane-window", "distance from the plane, per diameter", flat, 1e-12)
+    yield from at_most(suite, "plane-window", "distance from the plane, per diameter", flat, 1e-12)
     bends = [r["bend"] / r["removed_bend"] for r in ours if r["bend"] is not None and r["removed_bend"]]
-    yield from at_most("cut-outs", "cut-outs", "bend across the rim by the removed piece's", bends, 1.3)
+    yield from at_most(suite, suite, "bend across the rim by the removed piece's", bends, 1.3)
     mine, theirs = ([r for r in some if r["kind"] == "scan"] for some in (ours, others))
     if mine and theirs:
         won = [r["distance"] <= least.get(r["case"], math.inf) for r in mine]
-        yield from share("cut-outs", "scans", "nearer than every other filler", won, 0.85)
-        methods = {r["method"] for r in theirs}
-        best = min(median(r["distance"] for r in theirs if r["method"] == name) for name in methods)
+        yield from share(suite, "scans", "nearer than every other filler", won, 0.85)
+        best = min(median(r["distance"] for r in theirs if r["method"] == name) for name in names(theirs, "method"))
         ratio = median(r["distance"] for r in mine) / best
-        yield from at_most("cut-outs", "scans", "median distance by the best other filler's", [ratio], 0.6)
+        yield from at_most(suite, "scans", "median distance by the best other filler's", [ratio], 0.6)
 
 
 def _ragged(ours: list[Record]) -> Iterator[Figure]:
     rims = [r for r in ours if r["case"] in CUT]
-    clean = [not _crossings(r) for r in rims]
-    yield from share("ragged", "cut", "no patch crosses anything", clean)
+    yield from share("ragged", "cut", "no patch crosses anything", [not _crossings(r) for r in rims])
     for name, sharp, least in (("milder rims", False, 0.95), ("sharper rims", True, 0.6)):
-        residuals = [r.get("residual_per_edge") for r in rims if (r["sharpness"] >= SHARP) == sharp]
-        near = [residual is not None and residual <= WITHIN for residual in residuals]
-        yield from share("ragged", name, f"patches within {WITHIN:g} of an edge", near, least)
+        residuals = [r.get("residual_per_edge") for r in rims if (r["sharpness"] >= _SHARP) == sharp]
+        near = [residual is not None and residual <= _WITHIN for residual in residuals]
+        yield from share("ragged", name, f"patches within {_WITHIN:g} of an edge", near, least)
     if seconds := [r["seconds"] for r in rims]:
         yield from at_most("ragged", "cut", "seconds, median,", [median(seconds)], 0.15, "time")
         yield from at_most("ragged", "cut", "seconds", seconds, 1.0, "time")
     for record in (r for r in ours if r["case"] in NOISY):
         noise, points = NOISY[record["case"]]
-        allowed = WITHIN if noise < 0.2 else 1e-2
+        allowed = _WITHIN if noise < 0.2 else 1e-2
         yield judged(Limit("residual_per_edge", "RMS residual, in mean edges,", allowed), record)
-        yield judged(Limit("seconds", "seconds", NOISY_SECONDS[points], "time"), record)
+        yield judged(Limit("seconds", "seconds", _NOISY_SECONDS[points], "time"), record)
 
 
 def _reports(done: list[Record]) -> Iterator[Figure]:
-    """What is promised of holes as people report them, beside what other tools' patches cross."""
-    for method, here in ((name, [r for r in done if r["method"] == name]) for name in OUR_FILLERS):
+    for method in OUR_FILLERS:
+        here = [r for r in done if r["method"] == method]
         clear = {r["case"] for r in done if r["method"] in CLEAREST and _closed(r) and not _crossings(r)}
         text = "no patch crosses anything where one of CGAL's or PyMeshFix's does not"
         yield from share("reports", method, text, [not _crossings(r) for r in here if r["case"] in clear])
         steep = [_closed(r) for r in here if r["case"].startswith(("bowl", "tube"))]
         yield from share("reports", method, "every bowl and tube is closed, the mesh kept bit-equal", steep)
         kept = [not r.get("patches") for r in here if r["case"] in NOTHING_MISSING]
-        yield from share("reports", method, "nothing is laid where nothing is missing", kept)
+        yield from share("reports", method, "no patch where nothing is missing", kept)
 
 
 def _crossings(record: Record) -> int:
@@ -235,17 +237,16 @@ def _meshes(ours: list[Record]) -> Iterator[Figure]:
         loops, near = (sum(r[name] for r in ours) for name in ("requested", "within_1e-2"))
         text = "at least 90% of the loops within 1e-2 of an edge"
         yield Figure("meshes", "all meshes", text, f"{near} of {loops}", near >= 0.9 * loops)
-    told = [not r.get("unexplained") for r in ours]
-    yield from share("meshes", "all meshes", "loops that are left open say why", told)
+    explained = [not r.get("unexplained") for r in ours]
+    yield from share("meshes", "all meshes", "every loop that is left open has a reason", explained)
 
 
 def _random(curves: list[Record]) -> Iterator[Figure]:
-    """What is promised of random curves together; what is refused is far."""
+    """The promises of all random curves together; a refused one counts as infinitely far."""
     rms = {r["case"]: math.inf if r.get("rms_per_edge") is None else r["rms_per_edge"] for r in curves}
     near, true = [value <= 1e-2 for value in rms.values()], [not r.get("untrue") for r in curves]
     yield from share("curves", "random curves", "within 1e-2 of an edge", near, 0.98)
-    yield from share("curves", "random curves", "what a solution says of itself is so", true)
-    # every second one has noise
+    yield from share("curves", "random curves", "what a solution reports of itself is true", true)
     for odd, noise, limit in ((0, "without noise", 1e-6), (1, "with 15% noise", 2e-3)):
         if chosen := [v for name, v in rms.items() if int(name.rpartition(" ")[2]) % 2 == odd]:
             text = f"median RMS distance from Γ, in mean edges, {noise}"
@@ -254,10 +255,10 @@ def _random(curves: list[Record]) -> Iterator[Figure]:
 
 def _batch(done: list[Record]) -> Iterator[Figure]:
     here = {r["case"]: r for r in done}
-    for case in (name for name in RATES if name in here):
-        rate, least = here[case]["rate"], RATES[case]
+    for case in (name for name in _RATES if name in here):
+        rate, least = here[case]["rate"], _RATES[case]
         yield Figure("batch", case, f"loops a second at least {least:g}", f"{rate:.3g}", rate >= least, "time")
-    for case, name, of, least in FASTER:
+    for case, name, of, least in _FASTER:
         whole, alone = here.get(case), here.get(of)
         if whole and alone and _comparable(whole, alone):
             ratio, text = whole["rate"] / alone["rate"], f"times the rate of {name} at least {least:g}"
@@ -274,14 +275,14 @@ def _batch(done: list[Record]) -> Iterator[Figure]:
 
 
 def judged(limit: Limit, record: Record) -> Figure:
-    """What became of a limit; what was not measured, or is not a number, misses it."""
+    """A limit and what was measured; a missing value or NaN misses it."""
     exact = isinstance(limit.value, str | bool)
-    text = limit.name if limit.value is True else f"{limit.name}: {limit.value}"
     found = record.get(limit.field) if record["status"] == "done" else record["status"]
     if exact or found is None or isinstance(found, str):
         met, measured = found == limit.value, {True: "yes", False: "no", None: "not measured"}.get(found, str(found))
     else:
         met, measured = bool(found <= limit.value), f"{found:.3g}"
+    text = limit.name if limit.value is True else f"{limit.name}: {limit.value}"
     text = text if exact else f"{limit.name} at most {limit.value:g}"
     return Figure(record["suite"], record["case"], text, measured, met, limit.kind)
 
@@ -289,14 +290,14 @@ def judged(limit: Limit, record: Record) -> Figure:
 def at_most(
     suite: str, case: str, text: str, values: Sequence[float], limit: float, kind: Kind = "accuracy"
 ) -> Iterator[Figure]:
-    """A limit that all values have to keep; nothing where there is none."""
+    """An upper limit of all values, if there are any."""
     if values:
         measured = f"{max(values):.3g}" + (f" at most, {median(values):.3g} in the median" if len(values) > 1 else "")
         yield Figure(suite, case, f"{text} at most {limit:.3g}", measured, max(values) <= limit, kind)
 
 
 def share(suite: str, case: str, text: str, met: Sequence[bool], least: float = 1.0) -> Iterator[Figure]:
-    """What has to be so of a share of things, or of all; nothing where there is none."""
+    """A condition that a share of all records has to meet, if there are any."""
     if met:
         text += "" if least == 1 else f", at least {least:.0%}"
         yield Figure(suite, case, text, f"{sum(met)} of {len(met)}", sum(met) >= least * len(met))

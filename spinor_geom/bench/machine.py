@@ -1,4 +1,4 @@
-"""What figures were measured with: cores, system, versions, commit, date and load; and whether the code has changed."""
+"""The machine, versions, commit, date and load of a measurement, and whether the code has changed since."""
 
 import importlib.metadata
 import os
@@ -16,13 +16,12 @@ from spinor_geom.version import program_version
 Task: TypeAlias = Mapping[str, Any]
 Record: TypeAlias = dict[str, Any]
 
-PACKAGES = (
+_PACKAGES = (
     *("numpy", "scipy", "torch", "libigl", "pythoncdt", "trimesh", "pymeshlab", "meshlib", "pymeshfix", "cgal", "vtk"),
     "open3d-cpu",
 )
-
-# what decides the figures of our methods; not how they are measured, asked for or shown
-MEASURED = (
+# the parts of the package whose changes make records of our methods out of date
+_MEASURED = (
     *("batching", "discrete", "domain", "fill", "holomorphic", "measures*", "mesh", "meshing", "plateau", "surface"),
     "training",
 )
@@ -30,16 +29,17 @@ _ROOT = Path(__file__).parents[2]
 
 
 def stamp() -> dict[str, Any]:
-    """What every record carries: the commit, or the release, of the code; the date, and the load of the machine."""
-    return {
-        "commit": program_version(),
-        "date": date.today().isoformat(),
-        "load": round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
-    }
+    """The version with its commit, the date, and the load of the machine, which every record has."""
+    load = _load()
+    return {"commit": program_version(), "date": date.today().isoformat(), "load": load and round(load, 1)}
+
+
+def _load() -> float | None:
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
 
 
 def is_older(record: Mapping[str, Any]) -> bool:
-    """Whether a record is ours and the code that it measured has changed since, or git cannot tell that."""
+    """Whether a record is of our methods and their code has changed since, or git cannot tell."""
     return "spinor" in record["method"] and _changed_since(record["commit"])
 
 
@@ -49,30 +49,30 @@ def _changed_since(version: str) -> bool:
         return False
     commit = re.search(r"g([0-9a-f]{7,})$", version)
     command = ["git", "-C", str(_ROOT), "diff", "--quiet", commit[1] if commit else version, "--"]
-    command += [f"spinor_geom/{name}" for name in MEASURED]
+    command += [f"spinor_geom/{name}" for name in _MEASURED]
     try:
         return subprocess.run(command, capture_output=True).returncode != 0
-    except OSError:  # no git
+    except OSError:  # git is not installed
         return True
 
 
 def machine() -> dict[str, Any]:
-    """Processor, cores, system, load, and the versions of what is compared; None for a package that is not there."""
-    found = {name: importlib.metadata.distributions(name=name) for name in PACKAGES}
+    """Processor, cores, system, load, and the versions of the compared packages; None for one that is not installed."""
+    found = {name: importlib.metadata.distributions(name=name) for name in _PACKAGES}
     versions = {name: next((one.version for one in here), None) for name, here in found.items()}
     return {
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
-        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+        "load": _load(),
         "threads": os.environ.get("OMP_NUM_THREADS"),
         "versions": {"spinor-geom": program_version(), **versions},
     }
 
 
-def told(here: dict[str, Any]) -> str:
-    """The same in one sentence."""
+def machine_text(here: Mapping[str, Any]) -> str:
+    """What `machine` returned, in one sentence."""
     versions = ", ".join(f"{name} {version or 'not installed'}" for name, version in here["versions"].items())
     threads = "" if here["threads"] is None else f", OMP_NUM_THREADS={here['threads']}"
     load = "" if here["load"] is None else f", load {here['load']:.1f} before the run"

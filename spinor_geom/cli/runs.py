@@ -51,8 +51,8 @@ def _counts(now: BatchProgress) -> str:
 
 def _bench(arguments: argparse.Namespace) -> ExitStatus:
     from spinor_geom.bench.claims import claims
-    from spinor_geom.bench.page import PAGE, claim_table, trouble_table, write
     from spinor_geom.bench.runner import Settings, measure
+    from spinor_geom.bench.tables import PAGE, claim_table, trouble_table, write
 
     own = ("suites", "cases", "methods", "repeat", "time_limit", "data")
     chosen = {name: value for name, value in vars(arguments).items() if name in own and value is not None}
@@ -66,7 +66,7 @@ def _bench(arguments: argparse.Namespace) -> ExitStatus:
     for table in (claim_table(found), trouble_table(result.records)):
         if table.rows:
             show_lines(table.title, piped=False)
-            show_table(table.columns, [[cell.strip("*") for cell in row] for row in table.rows], piped=False)
+            show_table(table.columns, table.plain_rows, piped=False)
     show_lines(f"report: {arguments.output / PAGE}", piped=False)
     missed = [claim for claim in found if not claim.met]
     for claim in missed:

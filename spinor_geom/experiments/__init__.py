@@ -1,14 +1,10 @@
-"""The paper's experiments, made anew from measured data, with our solvers beside its own."""
+"""The paper's experiments on data measured here, with our solvers beside its training."""
 
 NAMES = {
-    "twisted-circle": "forms",
-    "tennis-seam": "forms",
+    **dict.fromkeys(("twisted-circle", "tennis-seam"), "forms"),
     "prescribed": "trainings",
-    "heat-maps": "quadrature",
-    "mean-curvature": "quadrature",
-    "catenoid": "quadrature",
-    "tangents": "trainings",
-    "timing": "trainings",
+    **dict.fromkeys(("heat-maps", "mean-curvature", "catenoid"), "integration"),
+    **dict.fromkeys(("tangents", "timing"), "trainings"),
     "branch-points": "forms",
 }
-"""The module of this package that has each of them in its `EXPERIMENTS`."""
+"""The module of this package whose `EXPERIMENTS` has each experiment."""

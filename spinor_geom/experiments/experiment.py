@@ -1,6 +1,5 @@
-"""What an experiment is, and runs of some: data, pictures, and one report."""
+"""Experiments of the paper, and runs of them: data, pictures, and one report."""
 
-import hashlib
 import importlib
 import json
 import os
@@ -18,21 +17,22 @@ from matplotlib.figure import Figure
 
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import NAMES
-from spinor_geom.files import atomic_path, finite, json_text, write_json, write_text
-from spinor_geom.render.page import cell, document, markdown, picture
+from spinor_geom.files import atomic_path, finite, write_json, write_text
+from spinor_geom.render.page import document, picture
+from spinor_geom.render.tables import Table
 from spinor_geom.training import LevenbergMarquardt, RMSprop
 from spinor_geom.version import program_version
 
 REPORT, PAGE, DESCRIPTION = "report.md", "report.html", "data.json"
-SUFFIXES = (".png", ".pdf")  # of each picture
 TITLE = "The paper's experiments, measured anew"
+_SUFFIXES = (".png", ".pdf")  # of each picture
 _RESOLUTION = 160  # pixels per inch of the PNGs
 _STYLE = "h2 { border-top: 1px solid var(--faint); padding-top: 1.5rem } img { display: block; max-height: 40rem }"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
-    """What was measured: JSON-ready rows of a table, whether what the paper says was seen, pictures by file name."""
+    """JSON-ready rows of a table, whether the paper's statement holds and why, and pictures by file name."""
 
     rows: Sequence[Mapping[str, Any]]
     holds: bool
@@ -42,17 +42,17 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Experiment:
-    """One experiment of the paper: what it shows, the paper's setting, and ours, where it differs."""
+    """One experiment: the paper's statement and setting, what differs here, and the function that measures it."""
 
     title: str
     paper: str
     here: str
-    measure: Callable[..., Outcome]  # runs it, its settings by name
-    full: Mapping[str, Any]  # its settings, the paper's where it names them
-    quick: Mapping[str, Any]  # those of a run of a minute or two; "a.b" is the option b of the setting a
+    measure: Callable[..., Outcome]
+    full: Mapping[str, Any]  # the arguments of `measure`: the paper's, where it names them
+    quick: Mapping[str, Any]  # the changes for a run of a minute or two; "a.b" is the field b of the argument a
 
     def settings(self, *, quick: bool) -> dict[str, Any]:
-        """The settings of a run."""
+        """The arguments of `measure`."""
         chosen = dict(self.full)
         for path, value in self.quick.items() if quick else ():
             name, _, option = path.partition(".")
@@ -60,20 +60,20 @@ class Experiment:
         return chosen
 
     def description(self, *, quick: bool) -> dict[str, Any]:
-        """The same, JSON-ready: by it a run knows what an earlier one finished."""
+        """The settings, JSON-ready: a run resumes only results that have the same."""
         named = self.settings(quick=quick).items()
         return {name: finite(asdict(v) if isinstance(v, RMSprop | LevenbergMarquardt) else v) for name, v in named}
 
 
 def kept_as(name: str, options: RMSprop) -> RMSprop:
-    """Options of one of an experiment's trainings: its state in a file of this name in the folder they name, if any."""
+    """The options with a file of this name as checkpoint, in the folder that they name as checkpoint, if any."""
     if options.checkpoint is None:
         return options
     return replace(options, checkpoint=Path(options.checkpoint) / f"{name.replace(' ', '-')}.pt")
 
 
 def experiment(name: str) -> Experiment:
-    """The experiment of a name; OptionError where there is none."""
+    """The experiment of a name; raises OptionError if there is none."""
     if name not in NAMES:
         raise OptionError(f"there is no experiment {name!r}; choose from: {', '.join(NAMES)}")
     found: Experiment = importlib.import_module(f"spinor_geom.experiments.{NAMES[name]}").EXPERIMENTS[name]
@@ -82,7 +82,7 @@ def experiment(name: str) -> Experiment:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Done:
-    """An experiment that was run, as the folder of its name tells it; its pictures by their names."""
+    """The results of an experiment, as its folder holds them; pictures by name."""
 
     name: str
     experiment: Experiment
@@ -100,14 +100,12 @@ def reproduce(
     quick: bool = False,
     on_done: Callable[[Done], None] | None = None,
 ) -> tuple[Done, ...]:
-    """Runs experiments one after the other; each leaves its files, and its part of the report, as soon as it is done.
+    """Runs experiments one after the other and updates the report after each.
 
-    A run that was stopped goes on where it was: what the same version finished with the same settings, and nobody has
-    changed since, is not measured again, and the
-    paper's trainings keep their states in the folder while they run. `on_done` hears of each, of those too.
+    Results in the folder of the same version and settings are not measured again, and trainings resume from the states
+    that they keep there. `on_done` is called with the results of each experiment, resumed or not.
     """
-    chosen = {name: experiment(name) for name in names}
-    done: list[Done] = []
+    chosen, done = {name: experiment(name) for name in names}, list[Done]()
     for name, one in chosen.items():
         done.append(_run(name, one, Path(folder) / name, quick))
         write_text(Path(folder) / REPORT, report(done, quick=quick))
@@ -118,18 +116,17 @@ def reproduce(
 
 
 def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Done:
-    """Measures and writes, unless it was done: the description, which is written last, tells that."""
     asked = {"name": name, "quick": quick, "settings": one.description(quick=quick), "version": program_version()}
     path, states = folder / DESCRIPTION, folder / "states"
     found = _finished(path)
     if any(found.get(key) != value for key, value in asked.items()):
         begin = time.perf_counter()
         states.mkdir(parents=True, exist_ok=True)
-        keeping = {
+        resumable = {
             key: replace(value, checkpoint=states) if isinstance(value, RMSprop) else value
             for key, value in one.settings(quick=quick).items()
         }
-        outcome = one.measure(**keeping)
+        outcome = one.measure(**resumable)
         found = {
             **asked,
             "rows": finite(list(outcome.rows)),
@@ -139,48 +136,41 @@ def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Done:
             "seconds": time.perf_counter() - begin,
         }
         for picture_name, figure in outcome.pictures.items():
-            for suffix in SUFFIXES:
+            for suffix in _SUFFIXES:
                 with atomic_path(folder / f"{picture_name}{suffix}") as temporary:
                     figure.savefig(temporary, dpi=_RESOLUTION, bbox_inches="tight")
-        write_json(path, {**found, "checksum": _checksum(found)})
-    # also those of a run that was stopped between the description and here
+        write_json(path, found)  # last, because it marks the results as complete
     shutil.rmtree(states, ignore_errors=True)
     measured = {key: value for key, value in found.items() if key not in asked}
     return Done(name=name, experiment=one, **measured)
 
 
 def _finished(path: Path) -> dict[str, Any]:
-    """What an earlier run has written, as it wrote it and with all its pictures; else nothing."""
+    """The results of an earlier run, if they are complete."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        names = [path.with_name(f"{name}{suffix}") for name in found["pictures"] for suffix in SUFFIXES]
-        is_whole = found.pop("checksum") == _checksum(found) and all(map(Path.is_file, names))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        files = [path.with_name(f"{name}{suffix}") for name in found["pictures"] for suffix in _SUFFIXES]
+        return found if all(map(Path.is_file, files)) else {}
+    except (OSError, ValueError, KeyError, TypeError):
         return {}
-    return found if is_whole else {}
-
-
-def _checksum(found: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json_text(found).encode()).hexdigest()
 
 
 def report(done: Sequence[Done], *, quick: bool, shown: Callable[[str], str] | None = None) -> str:
-    """The report of a run, in Markdown; `shown` makes what stands for a picture of its address, else a link."""
-    held = sum(one.holds for one in done)
+    """The report in Markdown; `shown` converts a picture's path to Markdown, by default to a link."""
     start = [
         f"# {TITLE}",
         f"{'Quick' if quick else 'Full'} run: {len(done)} {'experiment' if len(done) == 1 else 'experiments'} in "
-        f"{sum(one.seconds for one in done):.0f} s; what the paper says was seen in {held}.",
+        f"{sum(one.seconds for one in done):.0f} s; what the paper says was seen in {sum(one.holds for one in done)}.",
     ]
-    link = shown or (lambda address: f"![{Path(address).stem}]({address})")
+    link = shown or (lambda path: f"![{Path(path).stem}]({path})")
     return "\n\n".join([*start, *(_section(one, quick, link) for one in done)]) + "\n"
 
 
 def page(done: Sequence[Done], folder: Path, *, quick: bool) -> str:
-    """The same report as a page for a browser that needs no other file, its pictures inside."""
+    """The report as an HTML page that contains its pictures."""
 
-    def embedded(address: str) -> str:
-        return picture((folder / address).read_bytes(), Path(address).stem)
+    def embedded(path: str) -> str:
+        return picture((folder / path).read_bytes(), Path(path).stem)
 
     converter = MarkdownIt("commonmark").enable("table")
     return document(TITLE, [converter.render(report(done, quick=quick, shown=embedded))], style=_STYLE)
@@ -188,7 +178,6 @@ def page(done: Sequence[Done], folder: Path, *, quick: bool) -> str:
 
 def _section(done: Done, quick: bool, shown: Callable[[str], str]) -> str:
     one = done.experiment
-    columns = list(dict.fromkeys(name for row in done.rows for name in row))
     full = SimpleNamespace(**one.full)
     shortened = [f"{name} {short} instead of {attrgetter(name)(full)}" for name, short in one.quick.items()]
     parts = [
@@ -196,7 +185,7 @@ def _section(done: Done, quick: bool, shown: Callable[[str], str]) -> str:
         f"**The paper.** {one.paper}",
         f"**Here.** {one.here} {done.seconds:.0f} s.",
         *([f"**Shortened.** {'; '.join(shortened)}."] if quick and shortened else []),
-        markdown(columns, [[cell(row.get(name)) for name in columns] for row in done.rows]),
+        Table.of_records(done.rows).markdown(),
         *(shown(f"{done.name}/{name}.png") for name in done.pictures),
         f"**{'Seen' if done.holds else 'Not seen'}.** {done.verdict}",
     ]

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Complex
-from matplotlib.figure import Figure
 from numpy.polynomial import polynomial
 
 from spinor_geom import gallery
@@ -31,13 +30,14 @@ from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 SPINOR, ENNEPER = "RMSprop, spinor", "RMSprop, Weierstrass-Enneper"
 NETWORK, SERIES = "Levenberg-Marquardt, spinor", "Douglas-Newton"
 LEFT, CAUCHY, ALONE = "Douglas-Newton, unstable left", "Cauchy network", "Levenberg-Marquardt, random start"
+KNOWN = "known disk"
 FORMS = ("spinor", "Weierstrass-Enneper")
-_PLACE = 0.2 + 0.1j  # where the zeros of prescribed order lie
-_FACTORS = ([1.0, 0.3j], [0.4, 0.5 - 0.2j])  # what they are multiplied by
-_PERTURBATION = 0.15  # what p is moved by, to show that a removable branch point goes
+_PLACE = 0.2 + 0.1j  # the zeros of prescribed order
+_FACTORS = ([1.0, 0.3j], [0.4, 0.5 - 0.2j])  # the polynomials that they are multiplied by
+_PERTURBATION = 0.15  # a constant that is added to p and removes a branch point
 _DEGREE, _SEED = 5, 0
-_FAILED = 2.0  # the baseline has failed where it stays so many times farther from the curve than the spinors
-# a disk is the one whose area differs by less than this share of the least difference between two, or of its own
+_FAILED = 2.0  # the baseline fails if it is this many times farther from the curve than the spinors
+# a disk is identified if the area differs by less than this share of the least gap between areas, or of its own area
 _SHARE_OF_GAP, _SHARE_OF_AREA = 0.2, 1e-3
 
 
@@ -47,39 +47,30 @@ def twisted_circle(*, rmsprop: RMSprop, network: LevenbergMarquardt) -> Outcome:
 
 
 def tennis_seam(*, parameters: Sequence[float], rmsprop: RMSprop, network: LevenbergMarquardt) -> Outcome:
-    """Runs every method on the seam of each a, and tells which of its minimal disks each finds."""
+    """Runs every method on the seam of each a; the rows name the known disk that each finds."""
     rows: list[dict[str, Any]] = []
-    pictures: dict[str, Figure] = {}
-    verdicts, failed = [], True
+    outcomes = []
     for a in parameters:
         curve = gallery.tennis_seam(a)
-        found = _compare(curve, rmsprop, network, name=f"tennis-seam-{a:g}")
+        outcomes.append(_compare(curve, rmsprop, network, name=f"tennis-seam-{a:g}"))
         alone = {
             LEFT: solve_plateau(curve, model="series").area,
             CAUCHY: solve_plateau(curve, model="cauchy", unstable="keep").area,
             ALONE: solve_plateau(curve, model="mlp", optimizer=network, warm_start=False).area,
         }
-        here = [*found.rows, *({"curve": curve.name, "method": name, "area": area} for name, area in alone.items())]
-        disks = {row["method"]: which_disk(row["area"], curve.disks) for row in here if row["area"] is not None}
-        rows += [{**row, "disk": disks.get(row["method"])} for row in here]
-        known = ", ".join(f"{'a stable' if d.stable else 'an unstable'} one of area {d.area:.12g}" for d in curve.disks)
-        told = [
-            f"{text} found by: {'; '.join(methods)}."
-            for disk, text in (
-                ("stable", "The stable one was"),
-                ("unstable", "The unstable one was"),
-                ("none", "No known disk has the area"),
-            )
-            if (methods := [method for method, which in disks.items() if which == disk])
-        ]
-        verdicts.append(f"{found.verdict} Known critical disks: {known}. {' '.join(told)}")
-        pictures |= found.pictures
-        failed &= found.holds
-    return Outcome(rows=rows, holds=failed, verdict=" ".join(verdicts), pictures=pictures)
+        areas = [*alone.items(), *((KNOWN, disk.area) for disk in curve.disks)]
+        here = [*outcomes[-1].rows, *({"curve": curve.name, "method": name, "area": area} for name, area in areas)]
+        rows += [{**row, "disk": row["area"] and which_disk(row["area"], curve.disks)} for row in here]
+    return Outcome(
+        rows=rows,
+        holds=all(one.holds for one in outcomes),
+        verdict=" ".join(one.verdict for one in outcomes),
+        pictures={name: figure for one in outcomes for name, figure in one.pictures.items()},
+    )
 
 
 def _compare(curve: KnownCurve, rmsprop: RMSprop, options: LevenbergMarquardt, *, name: str) -> Outcome:
-    """Trains and solves; it holds where the Weierstrass-Enneper form stays much farther from the curve."""
+    """Trains and solves; it holds if the Weierstrass-Enneper form stays much farther from the curve."""
     gamma = BoundaryCurve.from_formula(curve)
     forms = {SPINOR: rmsprop, ENNEPER: replace(rmsprop, representation="weierstrass-enneper")}
     paper = {
@@ -87,45 +78,42 @@ def _compare(curve: KnownCurve, rmsprop: RMSprop, options: LevenbergMarquardt, *
         for method, form in forms.items()
     }
     begin = time.perf_counter()
-    network = solved_by_network(curve, options)
+    trained = {**paper, NETWORK: solved_by_network(curve, options)}
     between = time.perf_counter()
     exact = solve_plateau(curve, model="series", unstable="keep")
-    seconds = {method: trained.seconds for method, trained in paper.items()}
-    seconds |= {NETWORK: between - begin, SERIES: time.perf_counter() - between}
-    trained = {**paper, NETWORK: network}
-    diagonal = paper[SPINOR].diagonal
-    distances = {method: one.max_per_diagonal for method, one in trained.items()}
-    distances[SERIES] = boundary_distance(exact.surface, gamma) / diagonal
-    found = {**{method: one.surface for method, one in trained.items()}, SERIES: exact.surface}
-    branched = {method: branch_points(surface) for method, surface in found.items()}
-    rows = [
-        {
-            "curve": curve.name,
-            "method": method,
-            "steps": len(trained.get(method, exact).history),
-            "seconds": seconds[method],
-            "distance/diagonal": distances[method],
+    exact_seconds, diagonal = time.perf_counter() - between, paper[SPINOR].diagonal
+    drawn: dict[str, Portrait] = {}
+    rows = []
+    for method in (*trained, SERIES):
+        one = trained.get(method)
+        surface = exact.surface if one is None else one.surface
+        points = branch_points(surface)
+        row = {"curve": curve.name, "method": method, "steps": len(exact.history), "seconds": exact_seconds}
+        if one is None:
+            row["distance/diagonal"] = boundary_distance(exact.surface, gamma) / diagonal
+        else:
+            row |= {"steps": len(one.history), "seconds": one.seconds, "distance/diagonal": one.max_per_diagonal}
+        if method == NETWORK:
+            row["seconds"] = between - begin  # with the solution that it starts from
+        row |= {
             "area": surface.area() if isinstance(surface, SpinorSurface) else None,
-            "branch points": counted(branched[method]),
-            "status": trained[method].status if method in trained else "converged",
+            "branch points": counted(points),
+            "status": "converged" if one is None else one.status,
         }
-        for method, surface in found.items()
-    ]
-    ratio = distances[ENNEPER] / distances[SPINOR]
+        rows.append(row)
+        drawn[method] = marked(surface, points or ())
+    # where the normal of the exact disk is e₃, counted by orders: the Weierstrass-Enneper form has no values there
+    rows[-1]["poles of g"] = sum(zero.order for zero in exact.surface.spinor_zeros()[1])
+    ratio = paper[ENNEPER].max_per_diagonal / paper[SPINOR].max_per_diagonal
     lines = {
         method: ([s.index for s in one.history], [(s.boundary_error or np.nan) / diagonal for s in one.history])
         for method, one in paper.items()
     }
-    drawn = {method: marked(surface, branched[method] or ()) for method, surface in found.items()}
     return Outcome(
         rows=rows,
         holds=ratio >= _FAILED,
-        verdict=f"{curve.name}: after {len(paper[SPINOR].history)} epochs the spinors ({paper[SPINOR].status}) are "
-        f"{distances[SPINOR]:.1e} of the diagonal from the curve, and the Weierstrass-Enneper form "
-        f"({paper[ENNEPER].status}) {distances[ENNEPER]:.1e}, {ratio:.2g} times as far; {_poles_of_g(exact.surface)} "
-        f"Branch points of the spinors: {counted(branched[SPINOR])}, of the Weierstrass-Enneper form: "
-        f"{counted(branched[ENNEPER])}. Ours: {distances[NETWORK]:.1e} in {seconds[NETWORK]:.1f} s by a network, "
-        f"{distances[SERIES]:.1e} in {seconds[SERIES]:.2f} s by power series.",
+        verdict=f"{curve.name}: after {len(paper[SPINOR].history)} epochs the Weierstrass-Enneper form is {ratio:.2g} "
+        "times as far from the curve as the spinors.",
         pictures={
             f"{name}-surfaces": surfaces(drawn, curves=dict.fromkeys(drawn, curve.point)),
             f"{name}-errors": log_log(lines, x="epoch", y="largest distance from Γ / diagonal", linear_x=True),
@@ -134,7 +122,7 @@ def _compare(curve: KnownCurve, rmsprop: RMSprop, options: LevenbergMarquardt, *
 
 
 def branch_points(surface: SpinorSurface | WeierstrassSurface) -> tuple[BranchPoint, ...] | None:
-    """The branch points in Ω; None where one is so near to ∂Ω that they cannot be counted."""
+    """The branch points in Ω; None if one is too close to ∂Ω to count them."""
     try:
         return surface.branch_points()
     except (UnplacedZerosError, ZeroOnContourError):
@@ -142,7 +130,7 @@ def branch_points(surface: SpinorSurface | WeierstrassSurface) -> tuple[BranchPo
 
 
 def counted(points: tuple[BranchPoint, ...] | None) -> str:
-    """How many there are, and how many of them no small change removes."""
+    """The number of branch points, and of those that no small change removes."""
     if points is None:
         return "one on the boundary"
     lasting = sum(not point.removable for point in points)
@@ -156,16 +144,8 @@ def marked(surface: SpinorSurface | WeierstrassSurface, points: Sequence[BranchP
     return Portrait(layers=(*over_disk(surface).layers, dots))
 
 
-def _poles_of_g(surface: SpinorSurface) -> str:
-    """How many poles g has in Ω, counted by their orders, where the normal is e₃, as a sentence."""
-    count = sum(zero.order for zero in surface.spinor_zeros()[1])
-    if not count:
-        return "the normal of the disk that is sought is nowhere e₃, so g has no pole."
-    return f"the normal of the disk that is sought is e₃ where g has {count} {'pole' if count == 1 else 'poles'}."
-
-
 def which_disk(area: float, disks: Sequence[KnownDisk]) -> str:
-    """Which known disk has an area: the stable one, the unstable one, or none."""
+    """Which known disk has an area: "stable", "unstable" or "none"."""
     gap = min((b.area - a.area for a, b in itertools.pairwise(disks)), default=None)
     for disk in disks:
         allowed = _SHARE_OF_AREA * disk.area if gap is None else _SHARE_OF_GAP * gap
@@ -175,9 +155,9 @@ def which_disk(area: float, disks: Sequence[KnownDisk]) -> str:
 
 
 def lasting(*, orders: Sequence[int], random: int) -> Outcome:
-    """Finds the branch points of pairs with zeros of prescribed orders and of so many random ones, in both forms."""
-    rows = [prescribed_row(form, order) for form in FORMS for order in orders]
-    as_said = all(row["removable"] == (row["order of φ"] % 2 == 0) for row in rows)
+    """Finds the branch points of pairs with zeros of given orders, and of random pairs, in both forms."""
+    rows = [_prescribed_row(form, order) for form in FORMS for order in orders]
+    as_stated = all(row["removable"] == (row["order of φ"] % 2 == 0) for row in rows)
     generator = np.random.default_rng(_SEED)
     shape = (random, 2, _DEGREE + 1)
     pairs = generator.normal(size=shape) + 1j * generator.normal(size=shape)
@@ -186,21 +166,24 @@ def lasting(*, orders: Sequence[int], random: int) -> Outcome:
         found = [branch_points(surface_of(form, *pair)) or () for pair in pairs]
         counts = [sum(not point.removable for point in points) for points in found]
         shares[form] = sum(count > 0 for count in counts)
-        rows.append(
-            {
-                "form": form,
-                "pairs": f"{random} random, degree {_DEGREE}",
-                "with branch points that last": shares[form],
-                "such points": sum(counts),
-            }
-        )
+        name = f"{random} random, degree {_DEGREE}"
+        last = {"with branch points that last": shares[form], "such points": sum(counts)}
+        rows.append({"form": form, "pairs": name, **last})
+    p, q = pair_with_zero(1)
+    moved = p + np.array([_PERTURBATION, *[0.0] * (len(p) - 1)])
+    shown = {
+        "Weierstrass-Enneper, f has a simple zero": surface_of(FORMS[1], p, np.array(_FACTORS[1])),
+        "spinors, p and q have a common zero": surface_of(FORMS[0], p, q),
+        "the same after a small change of p": surface_of(FORMS[0], moved, q),
+    }
+    drawn = {title: marked(surface, surface.branch_points()) for title, surface in shown.items()}
     return Outcome(
         rows=rows,
-        holds=as_said and shares[FORMS[0]] == 0 and shares[FORMS[1]] > 0,
-        verdict=f"Branch points are removable {'exactly' if as_said else 'not'} where the order of φ is even, by the "
-        f"lift of a frame around each. Of {random} random pairs {shares[FORMS[1]]} have others in the "
-        f"Weierstrass-Enneper form, {shares[FORMS[0]]} as spinors.",
-        pictures={"branch-points": surfaces(drawn())},
+        holds=as_stated and shares[FORMS[0]] == 0 and shares[FORMS[1]] > 0,
+        verdict=f"Branch points are removable {'exactly' if as_stated else 'not'} where the order of φ is even. Of "
+        f"{random} random pairs {shares[FORMS[1]]} have others in the Weierstrass-Enneper form, {shares[FORMS[0]]} as "
+        "spinors.",
+        pictures={"branch-points": surfaces(drawn)},
     )
 
 
@@ -214,7 +197,7 @@ def pair_with_zero(order: int) -> tuple[Complex[np.ndarray, " k"], Complex[np.nd
 def surface_of(
     form: str, first: Complex[np.ndarray, " n"], second: Complex[np.ndarray, " m"]
 ) -> SpinorSurface | WeierstrassSurface:
-    """The surface over the unit disk of p and q, or of f and g, by their coefficients."""
+    """The surface over the unit disk with the coefficients of p and q, or of f and g."""
     coefficients = torch.zeros(max(len(first), len(second)), 2, dtype=torch.complex128)
     coefficients[: len(first), 0], coefficients[: len(second), 1] = (torch.tensor(c) for c in (first, second))
     model, domain = PowerSeries(coefficients), PlaneDomain.disk()
@@ -223,8 +206,8 @@ def surface_of(
     return WeierstrassSurface(model, domain, torch.zeros(3, dtype=torch.float64))
 
 
-def prescribed_row(form: str, order: int) -> dict[str, Any]:
-    """The branch point of a pair with a common zero, or of an f with one."""
+def _prescribed_row(form: str, order: int) -> dict[str, Any]:
+    """The branch point at a common zero of p and q, or at a zero of f."""
     p, q = pair_with_zero(order)
     second = q if form == FORMS[0] else np.array(_FACTORS[1])
     (point,) = surface_of(form, p, second).branch_points()
@@ -236,18 +219,6 @@ def prescribed_row(form: str, order: int) -> dict[str, Any]:
         "frame lifts to SU(2)": "yes" if point.invariant else "no",
         "removable": point.removable,
     }
-
-
-def drawn() -> dict[str, Portrait]:
-    """Surfaces with the zero of order 1, and the spinors' after a small change of p."""
-    p, q = pair_with_zero(1)
-    moved = p + np.array([_PERTURBATION, *[0.0] * (len(p) - 1)])
-    shown = {
-        "Weierstrass-Enneper, f has a simple zero": surface_of(FORMS[1], p, np.array(_FACTORS[1])),
-        "spinors, p and q have a common zero": surface_of(FORMS[0], p, q),
-        "the same after a small change of p": surface_of(FORMS[0], moved, q),
-    }
-    return {title: marked(surface, surface.branch_points()) for title, surface in shown.items()}
 
 
 _TRAININGS = {"rmsprop": RMSprop(), "network": LevenbergMarquardt(depth=10, tolerance=1e-5)}
@@ -269,9 +240,9 @@ EXPERIMENTS = {
         "RMSprop, 800 epochs; spinors come near to the curve, Weierstrass-Enneper fails.",
         here="(a cos t + b cos 3t, a sin t - b sin 3t, 2√(ab) sin 2t), b = 1 - a, on the unit sphere: at a = 0.8 one "
         "disk is known, at a = 0.75 the symmetric one is unstable and two mirror images of less area are stable. "
-        f"'{SERIES}' keeps the symmetric disk it finds first; '{LEFT}' leaves it where it is unstable, and '{NETWORK}' "
-        "takes over from there. A disk counts as found where its area is. Dots mark branch points. Seen means that "
-        "the Weierstrass-Enneper form stays at least twice as far from every seam.",
+        f"'{SERIES}' keeps the symmetric disk; '{LEFT}' leaves it if it is unstable, and '{NETWORK}' starts from that. "
+        "A disk is found where the area is its own. Seen means that the Weierstrass-Enneper form stays at least twice "
+        "as far from every seam. Dots mark branch points.",
         measure=tennis_seam,
         full={"parameters": (0.8, 0.75), **_TRAININGS},
         quick=_QUICK,
@@ -281,9 +252,8 @@ EXPERIMENTS = {
         paper="A zero of φ of order m is a branch point that a small change of the surface removes if and only if m is "
         "even; p and q make even orders only, and a generic f has simple zeros.",
         here="Zeros by the argument principle, and the lift to SU(2) of the surface's frame along a circle around "
-        "each: on polynomials with a zero of known order, and on polynomials with normal random coefficients. Dots "
-        "mark branch points. Seen means that the lift agrees with the order everywhere, and that random f and g have "
-        "branch points that last where random p and q have none.",
+        "each, for polynomials with a zero of known order and with random coefficients. Seen means that the lift "
+        "agrees with the order everywhere, and that only random f and g have branch points that last.",
         measure=lasting,
         full={"orders": (1, 2, 3, 4, 5), "random": 500},
         quick={"orders": (1, 2, 3, 4), "random": 50},

@@ -19,13 +19,13 @@ from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_
 
 _ORDER, _PERTURBATION = 10, 0.1  # of Taylor expansions, and of their coefficients, relative to the largest
 _SEED = 5
-_UNEVEN, _SHIFT = 0.4, 0.1  # of the parameter of a prescribed surface's boundary: β, and b, where it starts
-_TAYLOR_POINTS, _BOUNDARY_POINTS = 256, 512  # of the circle, for Taylor coefficients, and of a boundary
+_UNEVEN, _SHIFT = 0.4, 0.1  # β and b of the parameter of a prescribed boundary
+_TAYLOR_POINTS, _BOUNDARY_POINTS = 256, 512  # points of the circle for Taylor coefficients, and of a boundary
 _MEASURED = 1024  # points of ∂Ω whose distance from Γ is measured
 
 
 def random_networks(depth: int) -> SpinorSurface:
-    """The surface of two networks with random parameters, as the paper's training starts from them."""
+    """The surface of two networks with the random parameters that the paper's training starts from."""
     network = ComplexMLP(depth=depth, gain=RMSprop().gain, generator=torch.Generator().manual_seed(_SEED))
     return SpinorSurface(network, PlaneDomain.disk())
 
@@ -43,9 +43,9 @@ def perturbed_series(depth: int) -> SpinorSurface:
 
 
 def boundary_of(surface: SpinorSurface, name: str) -> KnownCurve:
-    """The boundary of a surface over the unit disk as a closed curve with its derivatives, r(e^{2πiw}) at t.
+    """The boundary of a surface over the unit disk as a closed curve: r(e^{2πiw}), w = t + β sin(2πt)/2π + b.
 
-    By w = t + β sin(2πt)/2π + b it does not tell a solver which of its points belong to which of the circle.
+    Its parameter t differs from that of the circle, which a solver should find.
     """
     t = np.arange(_BOUNDARY_POINTS) / _BOUNDARY_POINTS
     place = t + _UNEVEN * np.sin(2 * np.pi * t) / (2 * np.pi) + _SHIFT
@@ -56,7 +56,7 @@ def boundary_of(surface: SpinorSurface, name: str) -> KnownCurve:
 def solved_by_network(curve: KnownCurve, options: LevenbergMarquardt) -> Trained:
     """A network over the unit disk by Levenberg-Marquardt, from the solution by power series."""
     start = solve_plateau(curve, model="series")
-    # the solution's polynomials are the curve to rounding error, and quick where its formula is a quadrature
+    # the solution's polynomials equal the curve to rounding error, and are faster than a formula by quadrature
     return train_by_levenberg_marquardt(start.curve, start=start.surface, matching=start.matching, options=options)
 
 
@@ -73,7 +73,7 @@ def reconstructed(options: LevenbergMarquardt) -> dict[str, SpinorSurface]:
 
 
 def boundary_distance(surface: SpinorSurface, curve: BoundaryCurve) -> float:
-    """Largest distance of the boundary from the nearest points of Γ, and of what of Γ it passes over from it."""
+    """Largest distance of the boundary from Γ, and of the parts of Γ that it skips from the boundary."""
     r = surface.position(surface.domain.boundary.point(np.arange(_MEASURED) / _MEASURED))
     slide = np.unwrap(curve.nearest(r), period=1.0)
     return Misfit.of(torch.from_numpy(r), torch.from_numpy(slide), CurveTensors.of(curve, torch.device("cpu"))).max

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from spinor_geom.adapters import read_mesh
-from spinor_geom.bench import page, runner
-from spinor_geom.bench.cases import odd_holes
+from spinor_geom.bench import runner, tables
 from spinor_geom.bench.claims import CAP_DISTANCES, claims
 from spinor_geom.bench.cut_outs import CAPS, PER_SCAN, WINDOWS, named_cut_out, scan_names
+from spinor_geom.bench.figures import DISTANCE, cut_out_figures, hole_figures, rim_bend
 from spinor_geom.bench.fillers import Filled
-from spinor_geom.bench.page import pieces_of, scale_of, tables
+from spinor_geom.bench.odd_holes import odd_holes
 from spinor_geom.bench.runner import Settings, chosen_tasks, measure
-from spinor_geom.bench.worker import DISTANCE, cut_out_figures, hole_figures, rim_bend
+from spinor_geom.bench.tables import pieces_of, scale_of
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_disk, is_watertight
-from tests.bench.test_run import in_this_process
+from tests.bench.test_run import in_this_process, kept
 
 DATA = Path(__file__).parents[2] / "data"
 SHIPPED = ("spot_cut.obj", "mountain.obj", "demosthenes_low_res.obj")
@@ -34,7 +34,7 @@ def put_back(cut_out, vertices=None):
     hole = cut_out.hole
     points = cut_out.vertices if vertices is None else vertices
     rest = np.full(len(points), -1)
-    rest[cut_out.places] = np.arange(len(hole.vertices))
+    rest[cut_out.kept] = np.arange(len(hole.vertices))
     new = np.flatnonzero(rest < 0)
     rest[new] = len(hole.vertices) + np.arange(len(new))
     faces = np.concatenate([hole.faces, rest[cut_out.faces]])
@@ -46,7 +46,7 @@ def test_rest_and_removed_piece_are_the_known_surface(name):
     cut_out = named_cut_out(name)
     hole = cut_out.hole
     assert cut_out.exact(cut_out.vertices).max() < 1e-14
-    rims = [hole.loops[place] for place in hole.places]
+    rims = [hole.loops[k] for k in hole.rim_indices]
     # every vertex of the rims once
     assert sorted(np.concatenate([rim.vertex_ids for rim in rims])) == hole.rim.tolist()
     assert len(rims) == (2 if hole.facing else 1)
@@ -66,8 +66,8 @@ def test_disks_cut_out_of_a_scan_leave_the_rest_of_it_and_a_simple_rim(scan):
         cut_out = named_cut_out(name, DATA)
         hole = cut_out.hole
         assert is_disk(cut_out.faces)
-        (place,) = hole.places
-        assert 20 <= len(hole.loops[place]) == len(hole.rim) <= 150
+        (rim,) = hole.rim_indices
+        assert 20 <= len(hole.loops[rim]) == len(hole.rim) <= 150
         filled = put_back(cut_out)
         np.testing.assert_array_equal(rows(filled.vertices, filled.faces), rows(mesh.vertices, mesh.faces))
         # the scan's own boundaries are elsewhere, as they were
@@ -88,7 +88,7 @@ def test_scans_need_their_files(tmp_path):
     with pytest.raises(
         OptionError, match="no case 'spot_cut-00' in the suites cut-outs, of the mesh files in no folder"
     ):
-        chosen_tasks(Settings(suites=("cut-outs",), cases=("spot_cut-00",)), tmp_path)
+        chosen_tasks(Settings(suites=("cut-outs",), cases=("spot_cut-00",)))
 
 
 def test_distances_are_those_from_the_sphere():
@@ -102,7 +102,7 @@ def test_distances_are_those_from_the_sphere():
     off = cut_out_figures(put_back(cut_out, 1.01 * cut_out.vertices), cut_out)
     assert off["distance"] * cut_out.diameter == pytest.approx(0.01, rel=1e-12)
     # a lid: a fan around the point above the middle of the rim
-    rim = cut_out.hole.loops[cut_out.hole.places[0]].vertex_ids
+    rim = cut_out.hole.loops[cut_out.hole.rim_indices[0]].vertex_ids
     fan = np.stack([np.roll(rim, -1), rim, np.full(len(rim), len(cut_out.hole.vertices))], axis=1)
     vertices = np.vstack([cut_out.hole.vertices, [0, 0, 0.3]])
     lid = cut_out_figures(Filled(vertices=vertices, faces=np.concatenate([cut_out.hole.faces, fan])), cut_out)
@@ -164,7 +164,7 @@ def test_a_filler_that_moves_or_renumbers_the_mesh_is_measured_on_its_patch():
 )
 def test_cases_of_other_projects_have_the_rims_they_are_known_for(name, rims):
     hole = odd_holes()[name]
-    assert [len(hole.loops[place]) for place in hole.places] == rims
+    assert [len(hole.loops[place]) for place in hole.rim_indices] == rims
     assert hole.expected
     # an edge with three faces ends in the rim
     assert (hole_figures(Filled(vertices=hole.vertices, faces=hole.faces), hole, None)["nonmanifold_edges"] > 0) == (
@@ -174,9 +174,7 @@ def test_cases_of_other_projects_have_the_rims_they_are_known_for(name, rims):
 
 def test_cases_are_chosen_by_suites_and_patterns(tmp_path):
     def cases(**chosen):
-        return {
-            task["case"] for task in chosen_tasks(Settings(data=DATA, methods=("spinor-fill",), **chosen), tmp_path)
-        }
+        return {task["case"] for task in chosen_tasks(Settings(data=DATA, methods=("spinor-fill",), **chosen))}
 
     assert cases(suites=("cut-outs",)) == {*CAPS, *WINDOWS, *scan_names(DATA)}
     assert cases(suites=("odd", "cut-outs"), cases=("icosphere-*", "knot")) == {
@@ -193,7 +191,7 @@ def test_a_run_of_cut_outs_tells_who_is_nearest(tmp_path, monkeypatch):
     assert ours["status"] == theirs["status"] == "done"
     # a soap film lies flatter than the torus
     assert 0.01 < ours["distance"] < 0.2
-    by_title = {table.title: table for table in tables(run.records)}
+    by_title = {table.title: table for table in tables.tables(run.records)}
     fillers = by_title["Cut-outs: who puts back what was removed"]
     tests = by_title["Odd rims, and test cases of other projects"]
     assert fillers.rows[0][:2] == ("spinor-fill", "1 of 1")
@@ -201,8 +199,8 @@ def test_a_run_of_cut_outs_tells_who_is_nearest(tmp_path, monkeypatch):
     assert fillers.columns[-1] == "curved"
     assert fillers.rows[0][-1].startswith("**")
     assert tests.rows[0][1].startswith("closed, ")
-    page.write(run)
-    text = (tmp_path / page.PAGE).read_text(encoding="utf-8")
+    tables.write(run)
+    text = (tmp_path / tables.PAGE).read_text(encoding="utf-8")
     assert "From left to right: removed, spinor-fill." in text
     pieces = pieces_of(tmp_path / "views" / "torus-outside-0.4")
     removed, patch = pieces.values()
@@ -214,43 +212,27 @@ def test_a_run_of_cut_outs_tells_who_is_nearest(tmp_path, monkeypatch):
 
 def cut_out_record(method, **changed):
     record = {
-        **{
-            "suite": "cut-outs",
-            "status": "done",
-            "case": "icosphere-3-0.85",
-            "kind": "dome",
-            "method": method,
-            "n": None,
-        },
+        **{"suite": "cut-outs", "status": "done", "case": "icosphere-3-0.85", "kind": "dome", "method": method},
         **{"open_rim_edges": 0, "new_open_edges": 0, "nonmanifold_edges": 0, "rim_kept": True, "old_faces_kept": True},
-        **{"diameter": 2.0, "vertex_distance": 1e-3, "surface_distance": 1e-3, "distance": 1e-3},
+        **{"diameter": 2.0, "vertex_distance": 1e-3, "surface_distance": 1e-3, "distance": 1e-3, "n": None},
         **{"bend": 0.1, "removed_bend": 0.1, "crossings": 0, "mesh_crossings": 0, "seconds": 0.1},
     }
     return {**record, **changed}
 
 
-def met(*records):
-    return {(claim.case, claim.text): claim.met for claim in claims(records)}
-
-
 def test_promises_of_the_continuation_are_kept_or_missed():
     ours, other = cut_out_record("spinor-fill-c1"), cut_out_record("cgal-fair", distance=5e-3)
-    sphere = (
-        "caps",
-        "new vertices of caps above z = 0.85, root mean square distance from the unit sphere, at most 0.002",
-    )
-    share = ("caps", "distance by the best other filler's at most 0.25")
+    sphere, share, bend = "z = 0.85", "distance by the best other filler's", "bend across the rim"
     assert CAP_DISTANCES[0.85] == 2e-3
-    assert met(ours, other)[sphere]
-    assert not met(cut_out_record("spinor-fill-c1", vertex_distance=1.1e-3), other)[sphere]
-    assert met(ours, other)[share]
-    assert not met(ours, cut_out_record("cgal-fair", distance=3e-3))[share]
+    assert kept(sphere, ours, other)
+    assert not kept(sphere, cut_out_record("spinor-fill-c1", vertex_distance=1.1e-3), other)
+    assert kept(share, ours, other)
+    assert not kept(share, ours, cut_out_record("cgal-fair", distance=3e-3))
     # ours without continuity is no other filler, and neither is one that leaves the hole open
     for spared in ({"method": "spinor-fill"}, {"method": "vtk", "open_rim_edges": 3}):
-        assert met(ours, other, cut_out_record(**{"method": "", "distance": 1e-9, **spared}))[share]
-    bend = ("cut-outs", "bend across the rim by the removed piece's at most 1.3")
-    assert met(ours)[bend]
-    assert not met(cut_out_record("spinor-fill-c1", bend=0.14))[bend]
+        assert kept(share, ours, other, cut_out_record(**{"method": "", "distance": 1e-9, **spared}))
+    assert kept(bend, ours)
+    assert not kept(bend, cut_out_record("spinor-fill-c1", bend=0.14))
     assert claims([other]) == []
 
 
@@ -261,12 +243,9 @@ def test_the_continuation_is_nearest_on_most_scans_or_not():
             for k, distance in enumerate(distances)
         ]
 
-    nearest = ("scans", "nearer than every other filler, at least 85%")
-    ratio = ("scans", "median distance by the best other filler's at most 0.6")
     theirs = scans("cgal-fair", [1e-2] * 10)
-    good = met(*scans("spinor-fill-c1", [5e-3] * 9 + [2e-2]), *theirs)
-    assert good[nearest]
-    assert good[ratio]
-    poor = met(*scans("spinor-fill-c1", [7e-3] * 8 + [2e-2] * 2), *theirs)
-    assert not poor[nearest]
-    assert not poor[ratio]
+    good = scans("spinor-fill-c1", [5e-3] * 9 + [2e-2])
+    poor = scans("spinor-fill-c1", [7e-3] * 8 + [2e-2] * 2)
+    for part in ("nearer than every other filler", "median distance"):
+        assert kept(part, *good, *theirs)
+        assert not kept(part, *poor, *theirs)

@@ -6,10 +6,12 @@ import os
 import numpy as np
 import pytest
 
-from spinor_geom.bench.cases import KNOWN, hole_over, known_case, odd_holes, points_limit
-from spinor_geom.bench.cut_outs import CUT, NOISY, ragged_hole
+from spinor_geom.bench.cases import KNOWN, known_case, points_limit
+from spinor_geom.bench.figures import disk_figures, hole_figures
 from spinor_geom.bench.fillers import FILLERS, OURS, Filled
-from spinor_geom.bench.worker import disk_figures, hole_figures
+from spinor_geom.bench.holes import hole_over
+from spinor_geom.bench.odd_holes import odd_holes
+from spinor_geom.bench.ragged import CUT, NOISY, ragged_hole
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.meshing.embed import mesh_patch
@@ -21,7 +23,7 @@ def test_a_collar_has_one_rim_and_a_longer_outer_boundary():
     loop = known_case("enneper-0.8").loop(40)
     hole = hole_over("enneper", loop)
     assert [len(found) for found in hole.loops] == [41, 40]
-    assert hole.places == [1]
+    assert hole.rim_indices == [1]
     assert hole.edge_limit == 40
     np.testing.assert_array_equal(hole.vertices[hole.rim], loop.points)
     # the collar goes on where the surface ends: exactly so but for the discrete normals
@@ -43,12 +45,12 @@ def test_a_collar_has_one_rim_and_a_longer_outer_boundary():
 )
 def test_odd_rims_are_what_they_are_called(name, rims):
     hole = odd_holes()[name]
-    assert len(hole.places) == rims
+    assert len(hole.rim_indices) == rims
     assert len(hole.loops) > rims
     assert hole.expected
-    shortest = min(len(loop) for place, loop in enumerate(hole.loops) if place not in hole.places)
+    shortest = min(len(loop) for k, loop in enumerate(hole.loops) if k not in hole.rim_indices)
     assert hole.edge_limit < shortest
-    crossing = len(loop_crossings(hole.loops[hole.places[0]].points)) > 0
+    crossing = len(loop_crossings(hole.loops[hole.rim_indices[0]].points)) > 0
     assert crossing == (name in ("figure-eight", "slit"))
 
 
@@ -88,7 +90,7 @@ def test_our_fill_joins_islands_and_facing_rims_where_a_surface_does(name, patch
     filled = finish(fill())
     figures = hole_figures(filled, hole, None)
     assert figures.get("patches", 0) == patches
-    assert says in filled.told
+    assert says in filled.message
     assert filled.succeeded == (patches > 0)
     assert (figures["open_rim_edges"] == 0) == (patches > 0)
     if name == "facing-0.5":
@@ -193,7 +195,7 @@ def test_our_surface_is_measured_beside_its_mesh():
 
 def test_noisy_rims_are_as_long_as_they_are_called():
     for name, (_, points) in NOISY.items():
-        assert [len(ragged_hole(name).loops[place]) for place in ragged_hole(name).places] == [points]
+        assert [len(ragged_hole(name).loops[k]) for k in ragged_hole(name).rim_indices] == [points]
 
 
 def test_rims_cut_along_triangles_are_sixty_with_13_to_120_points():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.bench.runner import run_isolated
-from spinor_geom.bench.worker import forget_peak_memory, peak_memory
+from spinor_geom.bench.tasks import forget_peak_memory, peak_memory
 from tests.systems import signals
 
 pytestmark = pytest.mark.usefixtures("importable")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from spinor_geom.bench import page, runner
+from spinor_geom.bench import runner, tables
 from spinor_geom.bench.runner import SUITES, Settings, measure
 from tests.bench.test_run import in_this_process
 
@@ -23,7 +23,7 @@ def test_a_run_becomes_csv_and_tables_and_takes_the_place_of_an_earlier_one(publ
     monkeypatch.setattr(runner, "run_isolated", in_this_process)
     run = tmp_path / "run"
     settings = Settings.short(suites=("disks", "odd"), cases=("enneper-0.8", "open-cone"), methods=("spinor", "cgal"))
-    page.write(measure(settings, run))
+    tables.write(measure(settings, run))
     readme = tmp_path / "README.md"
     readme.write_text(f"before\n\n{publish.BEGIN}\nold\n{publish.END}\nafter\n", encoding="utf-8")
     monkeypatch.setattr(publish, "HERE", tmp_path)
@@ -51,7 +51,7 @@ def test_methods_stand_side_by_side_and_come_back_as_records(publish, tmp_path, 
         {**alike, "method": "open3d", "status": "crashed", "reason": "signal 11, it died"},
         {**alike, "method": "cgal", "status": "done", "seconds": 2.0, "rim_kept": True, "n": 256},
     ]
-    (tmp_path / "fills.csv").write_text(publish.table_of(publish.side_by_side(records)), encoding="utf-8")
+    (tmp_path / "fills.csv").write_text(publish.csv_text(publish.side_by_side(records)), encoding="utf-8")
     header, *rows = (tmp_path / "fills.csv").read_text(encoding="utf-8").splitlines()
     assert header.startswith("suite,case,n,kind,cgal status,cgal seconds,cgal rim_kept,cgal reason,open3d status,")
     assert len(rows) == 2

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import igl
 import numpy as np
 
-from spinor_geom.bench.cases import lattice
+from spinor_geom.bench.holes import lattice
 from spinor_geom.mesh.topology import face_components
 from tests.fill.shapes import rounds_and_rows
 

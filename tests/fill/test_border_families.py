@@ -6,7 +6,7 @@ import igl
 import numpy as np
 import pytest
 
-from spinor_geom.bench.reported import bowl, reported_bowls, reported_tubes
+from spinor_geom.bench.ragged import bowl, reported_bowls, reported_tubes
 from spinor_geom.errors import SheetBorderError
 from spinor_geom.fill.borders import refuse_border
 from spinor_geom.fill.patched_mesh import PatchedMesh

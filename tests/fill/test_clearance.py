@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from spinor_geom.bench.cases import Hole
-from spinor_geom.bench.reported import BALLS, bowl, cut_tube, reported_bowls
+from spinor_geom.bench.holes import Hole
+from spinor_geom.bench.ragged import BALLS, bowl, cut_tube, reported_bowls
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
 

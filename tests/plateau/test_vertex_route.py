@@ -10,7 +10,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import spinor_geom as sg
-from spinor_geom.bench.cut_outs import CUT, ragged_hole
+from spinor_geom.bench.ragged import CUT, ragged_hole
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
 from spinor_geom.errors import SurfaceError
 from spinor_geom.gallery.surfaces import enneper

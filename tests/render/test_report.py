@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import spinor_geom
-from spinor_geom.bench.cases import facing_rims
+from spinor_geom.bench.odd_holes import facing_rims
 from spinor_geom.cli.main import main
 from spinor_geom.fill.fill_result import FillResult
 from spinor_geom.render.loop_views import DISTANCE, GAUSS, MEAN, loop_views

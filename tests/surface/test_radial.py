@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from spinor_geom.domain import PlaneDomain
-from spinor_geom.experiments.quadrature import radial_mean_curvature
+from spinor_geom.experiments.integration import radial_mean_curvature
 from spinor_geom.gallery import enneper
 from spinor_geom.holomorphic import ComplexMLP, PowerSeries
 from spinor_geom.surface import SpinorSurface

@@ -1,10 +1,9 @@
-"""What a run leaves: CSV, markdown, and one page with everything in it; the last two show the same tables."""
+"""The files of a run: CSV, Markdown, and a page that shows the same tables and the pictured cut-outs."""
 
 import csv
 import html
 import io
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -12,49 +11,43 @@ from textwrap import shorten
 
 import numpy as np
 
-from spinor_geom.bench.claims import Figure, claims, is_whole
+from spinor_geom.bench.claims import Figure, claims, is_whole, names
+from spinor_geom.bench.figures import DISTANCE, REMOVED
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, SMOOTH
-from spinor_geom.bench.machine import Record, is_older, told
+from spinor_geom.bench.machine import Record, is_older, machine_text
 from spinor_geom.bench.runner import VIEWS, Run
-from spinor_geom.bench.worker import DISTANCE, REMOVED
 from spinor_geom.files import write_text
-from spinor_geom.render import page
-from spinor_geom.render.page import Views, cell, markdown
+from spinor_geom.render.page import Views, cell, document
 from spinor_geom.render.scene import Faces, Scale, Scene
+from spinor_geom.render.tables import Table
 
 PAGE, TABLES, CSV = "report.html", "tables.md", "records.csv"
-LOCAL = ("key", "package", "data", "view", "repeat", "said", "seconds_all")  # fields of this machine
-_GAP = 1.15  # from piece to piece, per width
-OLDER = "†"  # a row of ours whose code has changed since
+LOCAL = ("key", "data", "share", "view", "repeat", "said", "seconds_all")  # fields that the CSV leaves out
+OLDER = "†"  # marks a row of ours whose code has changed since
+_GAP = 1.15  # distance between the pieces of a view, per width
+_FIELDS = (
+    *("n", "files", "seconds", "rate", "files_failed", "driver_mib", "worker_mib", "equal", "memory_mib", "closed"),
+    *("area_error", "limit_error", "area_excess", "rms_per_edge", "max_per_diagonal", "surface_distance_max"),
+    "residual_per_edge",
+    *("exact_curvature_median", "triangles", "mesh_area_error", "distance_max", "curvature_rms", "min_angle"),
+    *("rim_kept", "open_edges", "old_faces_kept", "crossings", "mesh_crossings", "nonmanifold_edges", "converged"),
+    *("verdict", "untrue", "told"),
+)
+"""The columns of the suites' tables; the CSV has all fields."""
 _short = partial(shorten, width=160, placeholder="…")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Table:
-    """A table of text with a note below its heading; `marked` rows miss what is promised."""
-
-    title: str
-    columns: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    note: str = ""
-    marked: frozenset[int] = frozenset()
-
-    def __str__(self) -> str:
-        """The heading and the table, in markdown."""
-        note = [self.note, ""] if self.note else []
-        return "\n".join([f"### {self.title}", "", *note, markdown(self.columns, self.rows)])
 
 
 def write(run: Run) -> None:
     """Writes all files of a run beside its records, each whole or not at all."""
-    made, machine = tables(run.records), told(run.description["machine"])
-    write_text(run.folder / TABLES, "\n\n".join([machine, *map(str, made), str(option_table())]) + "\n")
-    write_text(run.folder / CSV, table_of(run.records))
-    write_text(run.folder / PAGE, report(run, made))
+    shown = [*tables(run.records), option_table()]
+    text = "\n\n".join([machine_text(run.description["machine"]), *(table.markdown() for table in shown)])
+    write_text(run.folder / TABLES, text + "\n")
+    write_text(run.folder / CSV, csv_text(run.records))
+    write_text(run.folder / PAGE, page_text(run, shown))
 
 
-def table_of(records: Sequence[Record]) -> str:
-    """The records as CSV: a line a record, a column a field."""
+def csv_text(records: Sequence[Record]) -> str:
+    """The records as CSV, one line each, without the local fields."""
     flat = [{k: v for k, v in r.items() if k not in LOCAL} for r in records]
     columns = list(dict.fromkeys(name for record in flat for name in record))
     buffer = io.StringIO()
@@ -64,45 +57,39 @@ def table_of(records: Sequence[Record]) -> str:
     return buffer.getvalue()
 
 
-def report(run: Run, made: Sequence[Table]) -> str:
-    """The page, with a view of each pictured cut-out: what was removed, and what the fillers put there."""
-    views, found = Views(), []
+def page_text(run: Run, shown: Sequence[Table]) -> str:
+    """The page: the first table, the pictured cut-outs, the other tables."""
+    views, figures = Views(), []
     for case in sorted(path for path in (run.folder / VIEWS).glob("*") if path.is_dir()):
         pieces = pieces_of(case)
         view = Scene(title="", layers=[*pieces.values()], scales={DISTANCE: scale_of(pieces)}, shape="wide")
-        found.append(f"<h3>{case.name}</h3><p>From left to right: {', '.join(pieces)}.</p>{views.figure(view)}")
+        figures.append(f"<h3>{case.name}</h3><p>From left to right: {', '.join(pieces)}.</p>{views.figure(view)}")
     body = [
         "<h1>Minimal surfaces: exact, discrete, and every hole filler</h1>",
         f"<p>{'Quick' if run.description['settings']['quick'] else 'Full'} run, {len(run.records)} records. "
-        f"{html.escape(told(run.description['machine']))}</p>",
+        f"{html.escape(machine_text(run.description['machine']))}</p>",
         "<p>Areas and distances are measured against exact formulas; the definition of every column is in "
         "<code>docs/benchmark.md</code>. A row in red misses a promise, or leaves edges open without saying so.</p>",
-        *map(_html, made[:1]),
-        *(["<h2>Cut-outs</h2><p>Drag to turn, wheel to zoom.</p>", *found] if found else []),
+        *(table.html() for table in shown[:1]),
+        *(["<h2>Cut-outs</h2><p>Drag to turn, wheel to zoom.</p>", *figures] if figures else []),
         "<h2>Figures</h2>",
-        *map(_html, [*made[1:], option_table()]),
-        *([views.script()] if found else []),
+        *(table.html() for table in shown[1:]),
+        *([views.script()] if figures else []),
     ]
-    return page.document("spinor-geom bench", body)
-
-
-def _html(table: Table) -> str:
-    note = f"<p>{html.escape(table.note)}</p>" if table.note else ""
-    rows = [[text.strip("*") for text in row] for row in table.rows]
-    return f"<h3>{html.escape(table.title)}</h3>{note}{page.table(table.columns, rows, marked=table.marked)}"
+    return document("spinor-geom bench", body)
 
 
 def pieces_of(folder: Path) -> dict[str, Faces]:
-    """The pieces that a run left in a folder, by name, side by side: what was removed, then what each filler put there.
+    """The removed piece and each filler's patch side by side, by name, from the files that a run left in a folder.
 
-    The hole's normal is along the third axis; fields are distances from what was removed, per diameter of the hole.
+    The hole's normal is the third axis; fields are distances from the removed piece, per diameter of the hole.
     """
-    made: dict[str, Faces] = {}
+    pieces: dict[str, Faces] = {}
     for name in (name for name in (REMOVED, *FILLERS) if (folder / f"{name}.npz").exists()):
         with np.load(folder / f"{name}.npz") as arrays:
             vertices, faces = arrays["vertices"].astype(np.float64), arrays["faces"].astype(np.int64)
             values = arrays["values"].astype(np.float64)
-        if not made:
+        if not pieces:
             middle, corners = vertices.mean(axis=0), vertices[faces]
             normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
             normal /= np.linalg.norm(normal)
@@ -110,83 +97,71 @@ def pieces_of(folder: Path) -> dict[str, Faces]:
             along = np.linalg.svd(flat - np.outer(flat @ normal, normal), full_matrices=False)[2][0]
             axes = np.stack([np.cross(normal, along), along, normal], axis=1)
             width = _GAP * np.ptp(flat @ axes, axis=0)[0]
-        moved = (vertices - middle) @ axes + [len(made) * width, 0, 0]
-        made[name] = Faces(vertices=moved, faces=faces, fields={DISTANCE: values}, edges=True)
-    return made
+        moved = (vertices - middle) @ axes + [len(pieces) * width, 0, 0]
+        pieces[name] = Faces(vertices=moved, faces=faces, fields={DISTANCE: values}, edges=True)
+    return pieces
 
 
 def scale_of(pieces: Mapping[str, Faces]) -> Scale:
-    """One scale for all: from zero to what all but one vertex in twenty of a typical piece stay below."""
+    """One scale for all pieces, up to the median of their 95 % quantiles."""
     tops = [float(np.quantile(piece.fields[DISTANCE], 0.95)) for name, piece in pieces.items() if name != REMOVED]
     return Scale(low=0.0, high=float(np.median(tops)))
 
 
-FIELDS = (
-    *("n", "files", "seconds", "rate", "files_failed", "driver_mib", "worker_mib", "equal", "memory_mib", "closed"),
-    *("area_error", "limit_error", "area_excess", "rms_per_edge", "max_per_diagonal", "surface_distance_max"),
-    "residual_per_edge",
-    *("exact_curvature_median", "triangles", "mesh_area_error", "distance_max", "curvature_rms", "min_angle"),
-    *("rim_kept", "open_edges", "old_faces_kept", "crossings", "mesh_crossings", "nonmanifold_edges", "converged"),
-    *("verdict", "untrue", "told"),
-)
-"""What is shown of every single record, where its suite has it; all of it stands in the CSV."""
-
-
 def tables(records: Sequence[Record]) -> list[Table]:
-    """All tables of a run that have rows."""
-    of = {suite: [r for r in records if r["suite"] == suite] for suite in dict.fromkeys(r["suite"] for r in records)}
-    cut_outs = [r for r in of.get("cut-outs", []) if r["status"] != "missing"]
-    single = (record_table(suite, here) for suite, here in of.items() if suite not in ("odd", "cut-outs"))
-    compared = (odd_table(of.get("odd", [])), filler_table(cut_outs))
-    return [table for table in (claim_table(claims(records)), *compared, *single, trouble_table(records)) if table.rows]
+    """All tables of a run that have rows, the promises first."""
+    of = {suite: [r for r in records if r["suite"] == suite] for suite in names(records, "suite")}
+    odd, cut_outs = ([r for r in of.pop(suite, []) if r["status"] != "missing"] for suite in ("odd", "cut-outs"))
+    suites = (suite_table(suite, here) for suite, here in of.items())
+    every = (claim_table(claims(records)), odd_table(odd), filler_table(cut_outs), *suites, trouble_table(records))
+    return [table for table in every if table.rows]
 
 
-def record_table(suite: str, records: Iterable[Record]) -> Table:
-    """A line a record that is done."""
+def suite_table(suite: str, records: Iterable[Record]) -> Table:
+    """One row for each record that is done."""
     shown = []
     for record in (r for r in records if r["status"] == "done"):
-        told = _short(record.get("told") or record.get("said") or "")
-        whole = (left_open(record) or "yes") if "open_rim_edges" in record else None
-        shown.append({**record, "closed": whole, "told": told})
-    names = [name for name in FIELDS if any(record.get(name) not in (None, "") for record in shown)]
-    rows = [(Path(r["case"]).name, method_name(r), *(cell(r.get(name)) for name in names)) for r in shown]
-    return Table(title=f"Suite {suite}", columns=("case", "method", *(n.replace("_", " ") for n in names)), rows=rows)
+        message = _short(record.get("told") or record.get("said") or "")
+        closed = (left_open(record) or "yes") if "open_rim_edges" in record else None
+        shown.append({**record, "closed": closed, "told": message})
+    fields = [name for name in _FIELDS if any(record.get(name) not in (None, "") for record in shown)]
+    rows = [(Path(r["case"]).name, method_name(r), *(cell(r.get(name)) for name in fields)) for r in shown]
+    return Table(title=f"Suite {suite}", columns=("case", "method", *(n.replace("_", " ") for n in fields)), rows=rows)
 
 
 def method_name(record: Record) -> str:
-    """The method, marked where the code has changed since it was measured."""
+    """The method, marked if its code has changed since."""
     return f"{record['method']} {OLDER}" if is_older(record) else str(record["method"])
 
 
 def left_open(record: Record) -> str:
-    """How many edges a filler left open, marked where it says nothing about them or tells of success."""
+    """The number of open edges, with ! unless the tool reports a failure; empty if there are none."""
     left = record["open_rim_edges"] + record["new_open_edges"]
     return f"{left} open{'' if record['succeeded'] is False else ' !'}" if left else ""
 
 
 def claim_table(found: Sequence[Figure]) -> Table:
-    """The promises, those that are missed marked."""
+    """The promises, missed ones marked."""
     rows = [(c.suite, c.case, c.text, c.measured, c.kind, "met" if c.met else "**missed**") for c in found]
     missed = frozenset(k for k, c in enumerate(found) if not c.met)
-    note = f"{len(found) - len(missed)} of {len(found)} are met. Those of time are told, not checked." if found else ""
+    note = f"{len(found) - len(missed)} of {len(found)} are met. Those of time do not count." if found else ""
     columns = ("suite", "case", "promise", "measured", "kind", "verdict")
     return Table(title="Promises", columns=columns, rows=rows, note=note, marked=missed)
 
 
 def odd_table(records: Sequence[Record]) -> Table:
-    """A line a tool, a column a rim; tools that leave edges open without a word are marked."""
-    odd = [r for r in records if r["status"] != "missing"]
-    rims = _names(odd, "case")
-    found = {(r["method"], r["case"]): _in_short(r) for r in odd}
-    rows = [(tool, *(found.get((tool, rim), "") for rim in rims)) for tool in _names(odd, "method")]
-    true = "; ".join(f"{case}: {text}" for case, text in {r["case"]: r.get("expected") for r in odd}.items() if text)
+    """One row for each tool, one column for each hole; tools that leave edges open without reporting it are marked."""
+    holes = names(records, "case")
+    found = {(r["method"], r["case"]): _in_short(r) for r in records}
+    rows = [(tool, *(found.get((tool, hole), "") for hole in holes)) for tool in names(records, "method")]
+    expected = {r["case"]: r["expected"] for r in records if r.get("expected")}
     return Table(
         title="Odd rims, and test cases of other projects",
-        columns=("tool", *rims),
+        columns=("tool", *holes),
         rows=rows,
-        note="Patches; pairs of crossing triangles (×); open edges, ! where the tool says nothing about them or tells "
-        "of success; the largest angle; seconds. Refused: it says that it did not fill. Doubled: its faces are there "
-        f"already. What is true of the rims: {true}.",
+        note="Patches; pairs of crossing triangles (×); open edges, ! unless the tool reports a failure; the largest "
+        "angle; seconds. Refused: the tool reports that it did not fill. Doubled: it repeats faces of the mesh. "
+        f"Correct results: {'; '.join(f'{case}: {text}' for case, text in expected.items())}.",
         marked=frozenset(k for k, row in enumerate(rows) if any(" !" in text for text in row)),
     )
 
@@ -204,13 +179,13 @@ def _in_short(record: Record) -> str:
         left,
         *((f"{record['max_angle']:.0f}°", f"{record['seconds']:.2g} s") if patches else ()),
     ]
-    return ", ".join(part for part in parts if part)
+    return ", ".join(filter(None, parts))
 
 
 def filler_table(records: Sequence[Record]) -> Table:
-    """A line a filler: how many cut-outs it closes, how near, smooth and quick; then by kind of hole or scan."""
+    """One row for each filler: how many cut-outs it closes, and medians, at last by kind of hole or scan."""
     whole = [r for r in records if is_whole(r)]
-    by_case = ([r for r in whole if r["case"] == case] for case in _names(whole, "case"))
+    by_case = ([r for r in whole if r["case"] == case] for case in names(whole, "case"))
     nearest = [min(here, key=lambda r: r["distance"]) for here in by_case]
     smooth = {r["case"]: r["distance"] for r in whole if r["method"] == SMOOTH}
     kinds: dict[str, dict[str, list[float]]] = {}
@@ -218,15 +193,15 @@ def filler_table(records: Sequence[Record]) -> Table:
         kind = r["case"].rpartition("-")[0] if r["kind"] == "scan" else r["kind"]
         kinds.setdefault(kind, {}).setdefault(r["method"], []).append(r["distance"])
     rows = []
-    for method in _names(records, "method"):
+    for method in names(records, "method"):
         here, mine = [r for r in records if r["method"] == method], [r for r in whole if r["method"] == method]
         bends = [r["bend"] / r["removed_bend"] for r in mine if r["bend"] is not None and r["removed_bend"]]
         scans = [r for r in mine if r["kind"] == "scan"]
         medians = []
         for by_method in kinds.values():
-            text, values = _median(by_method.get(method, []), ".3g"), by_method.get(method)
+            values = by_method.get(method, [])
             best = values and median(values) == min(map(median, by_method.values()))
-            medians.append(f"**{text}**" if best else text)
+            medians.append(f"**{_median(values, '.3g')}**" if best else _median(values, ".3g"))
         rows.append(
             (
                 method_name(here[0]),
@@ -253,10 +228,6 @@ def filler_table(records: Sequence[Record]) -> Table:
     )
 
 
-def _names(records: Sequence[Record], field: str) -> list[str]:
-    return list(dict.fromkeys(r[field] for r in records))
-
-
 def _share(met: Sequence[bool]) -> str:
     return f"{sum(met) / len(met):.0%}" if met else ""
 
@@ -266,24 +237,23 @@ def _median(values: Sequence[float], form: str) -> str:
 
 
 def trouble_table(records: Sequence[Record]) -> Table:
-    """What is missing, refused, failed, crashed or took too long."""
+    """The tasks that are not done, one row for each method, status and reason."""
     cases: dict[tuple[str, str, str], list[str]] = {}
     for r in records:
         if r["status"] != "done" and r["suite"] != "odd":
-            where = "all" if r["status"] == "missing" else Path(r["case"]).name
-            where += f", {r['n']} points" if r.get("n") and where != "all" else ""
+            where = Path(r["case"]).name + (f", {r['n']} points" if r.get("n") else "")
+            where = "all" if r["status"] == "missing" else where
             cases.setdefault((r["method"], r["status"], _short(r.get("reason") or "")), []).append(where)
     rows = [
         (method, status, on[0] + (f" and {len(set(on)) - 1} more" if len(set(on)) > 1 else ""), reason)
         for (method, status, reason), on in cases.items()
     ]
-    return Table(
-        title="Missing, refused, failed, crashed or too slow", columns=("method", "status", "on", "reason"), rows=rows
-    )
+    columns = ("method", "status", "on", "reason")
+    return Table(title="Missing, refused, failed, crashed or too slow", columns=columns, rows=rows)
 
 
 def option_table() -> Table:
-    """What every method and filler is asked for."""
+    """The options of every method and tool."""
     rows = [(name, "spinor_geom", method.options) for name, method in LOOP_METHODS.items()]
     rows += [(name, filler.package, filler.options) for name, filler in FILLERS.items()]
     return Table(title="Methods and tools", columns=("name", "package", "options"), rows=rows)

@@ -1,0 +1,159 @@
+"""The process that runs tasks: `python -m spinor_geom.bench.tasks`, started by the runner."""
+
+import gc
+import importlib
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spinor_geom.adapters import read_mesh
+from spinor_geom.bench.cases import known_case, points_limit
+from spinor_geom.bench.claims import LEAST_POINTS
+from spinor_geom.bench.cut_outs import CutOut, named_cut_out
+from spinor_geom.bench.figures import cut_out_figures, disk_figures, hole_figures, save_views, solve_figures
+from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
+from spinor_geom.bench.holes import Hole, all_rims, hole_over
+from spinor_geom.bench.machine import Record, Task
+from spinor_geom.bench.odd_holes import odd_holes
+from spinor_geom.bench.ragged import ragged_hole, reported_holes
+from spinor_geom.bench.solves import solves
+from spinor_geom.errors import SpinorGeomError
+from spinor_geom.isolate import serve
+from spinor_geom.mesh.boundary_loop import turning_angles
+from spinor_geom.plateau.solve import solve_plateau
+
+_ENOUGH_SECONDS = 5.0  # in all, after which a call is not repeated
+
+
+def run(task: Task) -> Record:
+    """Runs a task; the record of an exception has the status "missing", "refused" or "failed"."""
+    gc.collect()
+    gc.freeze()  # later collections skip what is imported and cached by now
+    forget_peak_memory()
+    measure = _fill if task["method"] in FILLERS else {"disks": _disk, "batch": _batch}.get(task["suite"], _solve)
+    package = FILLERS[task["method"]].package if task["method"] in FILLERS else "spinor_geom"
+    try:
+        importlib.import_module(package)
+        return {"status": "done", **measure(task)}
+    except ImportError as error:  # the package is absent, or its installation is broken
+        return {"status": "missing", "reason": f"{package} cannot be imported here: {_sentence(error)}"}
+    except SpinorGeomError as error:
+        return {"status": "refused", "reason": _sentence(error)}
+    except Exception as error:  # any exception of another tool is a result
+        return {"status": "failed", "reason": f"{type(error).__name__}: {_sentence(error)}"}
+
+
+def _batch(task: Task) -> Record:
+    from spinor_geom.bench.batches import BATCHES
+
+    with tempfile.TemporaryDirectory() as folder:
+        return BATCHES[task["case"]](Path(folder), task["share"])
+
+
+def _solve(task: Task) -> Record:
+    case = solves()[task["case"]]
+    subject: Any = case.subject()
+    timed, solution = _timed(lambda: (partial(solve_plateau, subject, **case.options), _same), task["repeat"])
+    return {**timed, **solve_figures(case, solution)}
+
+
+def _disk(task: Task) -> Record:
+    case, method = known_case(task["case"]), LOOP_METHODS[task["method"]]
+    loop = case.loop(task["n"])
+    timed, (surface, mesh) = _timed(lambda: (partial(method.span, loop), _same), task["repeat"])
+    figures = disk_figures(surface, mesh, loop, case)
+    if task["method"] == "spinor" and case.kind == "smooth" and task["n"] >= LEAST_POINTS:
+        figures["limit_error"] = points_limit(case, task["n"])
+    return {**timed, **figures}
+
+
+def _fill(task: Task) -> Record:
+    hole = _HOLES[task["suite"]](task)
+    timed, filled = _timed(lambda: FILLERS[task["method"]].prepare(hole), task["repeat"])
+    if task["suite"] == "cut-outs":
+        figures = cut_out_figures(filled, _cut_out(task))
+        if task["view"]:
+            save_views(filled, _cut_out(task), Path(task["view"]), task["method"])
+    else:
+        figures = hole_figures(filled, hole, known_case(task["case"]) if task["suite"] == "fills" else None)
+    if task["suite"] == "ragged":
+        rim = hole.loops[hole.rim_indices[0]].points
+        figures["sharpness"] = float(np.degrees(np.quantile(turning_angles(rim), 0.9)))
+    return {**timed, **figures, "expected": hole.expected}
+
+
+def _known_hole(task: Task) -> Hole:
+    case = known_case(task["case"])
+    return hole_over(task["case"], case.loop(task["n"]), case.area)
+
+
+def _mesh_file(task: Task) -> Hole:
+    mesh = read_mesh(task["case"]).mesh
+    return all_rims(Path(task["case"]).name, mesh.vertices, mesh.faces)
+
+
+def _cut_out(task: Task) -> CutOut:
+    return named_cut_out(task["case"], None if task["data"] is None else Path(task["data"]))
+
+
+_HOLES: Mapping[str, Callable[[Task], Hole]] = {
+    "fills": _known_hole,
+    "odd": lambda task: odd_holes()[task["case"]],
+    "cut-outs": lambda task: _cut_out(task).hole,
+    "meshes": _mesh_file,
+    "ragged": lambda task: ragged_hole(task["case"]),
+    "reports": lambda task: reported_holes()[task["case"]],
+}
+
+
+def _timed(prepare: Callable[[], tuple[Callable[[], Any], Callable[[Any], Any]]], repeat: int) -> tuple[Record, Any]:
+    """Prepares and calls until `repeat` calls after the first, which does not count then, or until enough seconds.
+
+    Returns:
+        The median seconds, all of them, and the peak memory; the converted result of the last call.
+    """
+    seconds: list[float] = []
+    while len(seconds) < repeat + 1 and (not seconds or sum(seconds) < _ENOUGH_SECONDS):
+        call, convert = prepare()
+        start = time.perf_counter()
+        result = call()
+        seconds.append(time.perf_counter() - start)
+    counted = seconds[1:] or seconds
+    timed = {"seconds": statistics.median(counted), "seconds_all": counted, "memory_mib": peak_memory()}
+    return timed, convert(result)
+
+
+def _same(result: Any) -> Any:
+    return result
+
+
+def peak_memory() -> float | None:
+    """The process's largest resident size since `forget_peak_memory`, in MiB; None if the system does not report it."""
+    try:
+        with open("/proc/self/status", encoding="ascii") as status:
+            return next(int(line.split()[1]) / 1024 for line in status if line.startswith("VmHWM"))
+    except (OSError, StopIteration):
+        return None
+
+
+def forget_peak_memory() -> None:
+    """Resets the peak memory, if the system supports that."""
+    try:
+        with open("/proc/self/clear_refs", "w", encoding="ascii") as control:
+            control.write("5")
+    except OSError:
+        pass
+
+
+def _sentence(error: BaseException) -> str:
+    return " ".join(str(error).split())
+
+
+if __name__ == "__main__":
+    serve(lambda task, tell: tell(run(task)))
