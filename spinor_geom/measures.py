@@ -73,7 +73,7 @@ class SurfaceSamples:
     spacing: float
 
     def summary(self, distance: Float[np.ndarray, " k"]) -> OneSidedDistance:
-        """Figures of distances, one for each point."""
+        """Maximum and area-weighted mean of distances, given one per point."""
         mean = float(np.average(distance, weights=self.areas if self.areas.any() else None))
         return OneSidedDistance(max=float(distance.max()), mean=mean, samples=len(distance), spacing=self.spacing)
 
@@ -111,7 +111,7 @@ class DiscreteMeanCurvature:
 
     vertices: Int[np.ndarray, " k"]  # indices of the inner vertices
     values: Float[np.ndarray, " k"]  # |H| there
-    tangential: Float[np.ndarray, " k"]  # the same of the area gradient's tangential part, due to uneven triangles
+    tangential: Float[np.ndarray, " k"]  # the same for the area gradient's tangential part, due to uneven triangles
     areas: Float[np.ndarray, " k"]  # mixed Voronoi areas there, in squared mesh units
 
     @property
@@ -153,11 +153,11 @@ def discrete_mean_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.nd
     normal = vertex_normals(vertices, faces)[inner]
     along = np.einsum("ik,ik->i", gradient, normal)
     across = np.linalg.norm(gradient - along[:, None] * normal, axis=1)
-    # no normal if those of the faces cancel: the whole gradient counts
+    # without a normal, if those of the faces cancel, the whole gradient is used
     bend = np.where(normal.any(axis=1), np.abs(along), across)
 
     def by_area(magnitude: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        # without area: infinite, or 0 if the gradient is
+        # for an area of 0: infinite, or 0 if the gradient is 0
         still = np.where(magnitude > 0, np.inf, 0.0)
         return np.asarray(np.divide(magnitude, 2 * area, out=still, where=area > 0))
 

@@ -1,4 +1,4 @@
-"""Area descent of a discrete disk with fixed boundary: Pinkall-Polthier iteration and a Newton finish."""
+"""Area descent of a discrete disk with fixed boundary: Pinkall-Polthier iteration, then Newton's method."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ _NO_AREA = 1e-300  # faces below this have no normal
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Disk:
-    """A triangulated disk or annulus, boundary points first, with the areas of its descent."""
+    """A triangulated disk or annulus, boundary points first, and the areas after each step of its descent."""
 
     vertices: Vertices
     faces: Faces
@@ -83,7 +83,7 @@ def descend_area(
         if change > 0:
             x = moved
             areas.append(area)
-        # the stage ends with a small decrease by a full step, or without one along a direction of descent
+        # the stage ends after a small decrease by a full step, or if no step along the direction decreases the area
         small = length == 1.0 and 0 < change <= allowed
         if small or change <= 0:
             if newton or (small and relative_change >= _NEWTON_FROM):

@@ -221,7 +221,7 @@ def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:
 
 
 def first_disks(loops: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk | SpinorGeomError]:
-    """`first_disk` or its error for several curves, which are meshed together; bit for bit the same."""
+    """`first_disk` or its error for several curves, computed together with bit-equal results."""
 
     def made(some: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk]:
         polygons = [unfolded_loop(points) for points in some]
@@ -233,7 +233,7 @@ def first_disks(loops: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk | Spinor
 
 
 def finer_disk(disk: Disk, boundary_size: int) -> Disk:
-    """The disk flattened and remeshed twice, finer inside, with its area minimised: resolves folds and narrow parts.
+    """The disk flattened and remeshed twice, finer inside, with its area minimised, to resolve folds and narrow parts.
 
     Raises:
         DomainError: the disk has no simple flattening.

@@ -28,7 +28,7 @@ class ConstrainedDelaunay:
     def __init__(
         self, points: Complex[np.ndarray, " n"], regions: Sequence[Rims], region: Int[np.ndarray, " n"] | None = None
     ) -> None:
-        """Takes all points, the rims of each region, and the region of each point.
+        """Triangulates all points, given the rims of each region and the region of each point.
 
         Raises:
             DomainError: a point is not finite, two points are equal, or edges of polygons cross.

@@ -22,15 +22,15 @@ PerVertex = Float[np.ndarray, " m"]  # one number per boundary vertex, rim after
 Columns = Float[np.ndarray, "m *k"]  # columns of such numbers
 Polygon = Complex[np.ndarray, "_"]
 
-# Strengths of straightening, weakest first: weight of the size of u against the evenness of the smoothed curvature.
+# Weights α of the size of u in `flatten`, the least straightening first.
 _STRENGTHS = (1e5, 1e4, 3e3, 1e3, 3e2, 1e2, 30.0, 10.0, 3.0, 1.0, 0.1)
-_WIDTHS = (0.06, 0.03, 0.015)  # of the smoothing, per boundary length: wide ones first, for overlaps of far parts
+_WIDTHS = (0.06, 0.03, 0.015)  # of the smoothing, per boundary length: wide ones first, against overlaps of far parts
 CLEARANCE = 1.5  # least gap across the outside between far parts of the outer rim, in local edge lengths
 _CLOSING_STEPS = 6  # Newton steps that close the holes
 _LARGEST_SCALE = -float(np.log(np.finfo(np.float64).eps))  # log scale from which on edge lengths are lost in rounding
 _LAST_MODE = 8.6  # exp(-x²/2) is below rounding from here on
 
-# maps polygons to points of the curves through their vertices
+# maps polygons to samples of the curves through their vertices
 Drawn = Callable[[tuple[Polygon, ...]], tuple[Polygon, ...]]
 Solver = Callable[[Columns], Columns]
 
@@ -57,7 +57,7 @@ class DirichletToNeumann:
     """
 
     def __init__(self, laplacian: csc_array, boundary_size: int) -> None:
-        """Takes the Laplacian of all vertices, of which the first are those of the boundary."""
+        """Takes the Laplacian of all vertices, the boundary vertices first."""
         self.boundary_size = boundary_size
         self._laplacian = laplacian.tocsc()
         self._boundary = self._laplacian[:boundary_size, :boundary_size]
@@ -75,7 +75,7 @@ class DirichletToNeumann:
         return np.asarray(product)
 
     def inner_load(self, load: Float[np.ndarray, " i"]) -> PerVertex:
-        """The share of a load on the inner vertices that the boundary vertices take."""
+        """The equivalent load on the boundary vertices of a load on the inner vertices."""
         if not len(load):
             return np.zeros(self.boundary_size)
         return np.asarray(-self._coupling.T @ self._inner.solve(load))
@@ -98,8 +98,8 @@ class DirichletToNeumann:
 def dirichlet_to_neumann(vertices: Vertices, faces: Faces, boundary_size: int) -> tuple[DirichletToNeumann, PerVertex]:
     """Dirichlet-to-Neumann operator Λ of a discrete surface, and the turning angles k₀ of its boundary at u = 0.
 
-    The flattening with boundary log scale u turns by k₀ + Λu at the boundary vertices. The boundary vertices come
-    first, rim after rim.
+    The flattening with boundary log scale u has the turning angles k₀ + Λu. The boundary vertices come first, rim after
+    rim.
 
     Source: Sawhney & Crane, "Boundary First Flattening", ACM TOG 37 (2018), sections 3 and 4.
     """
@@ -115,14 +115,14 @@ def flatten(
 ) -> Flattening:
     """Flattens a discrete surface conformally, with a boundary scale as near to 1 as a simple boundary allows.
 
-    The boundary of a disk is first laid out at u = 0. With holes, u minimises |u|²/ℓ² + u·Λu/ℓ under the conditions
-    that each hole turns by −2π and closes, by Newton's method. Each rim is laid out separately; position, rotation and
-    scale of the holes minimise the conformal energy, which is the Dirichlet energy minus the area.
+    The boundary of a disk is first laid out at u = 0. With holes, Newton's method minimises |u|²/ℓ² + u·Λu/ℓ subject to
+    each hole being closed with total turning −2π. Each rim is laid out separately; position, rotation and scale of the
+    holes minimise the conformal energy, which is the Dirichlet energy minus the area.
 
     Where rims cross, or two far parts of the outer rim have less than `CLEARANCE` between them across the outside, u
-    minimises α(|u|²/ℓ² + u·Λu/ℓ) + |S(k₀ + Λu)/ds − κ|², where κ is the curvature of circles as long as the rims and S
+    minimises α(|u|²/ℓ² + u·Λu/ℓ) + |S(k₀ + Λu)/ds − κ|², where κ is the curvature of circles of the rims' lengths and S
     is a Gaussian smoothing along them. This straightens slow windings and keeps corners. α is lowered until the
-    boundary is simple and clear. If it never is, small lobes are removed by `untangled`.
+    boundary is simple with that clearance. If it never is, small lobes are removed by `untangled`.
 
     The first m vertices are those of the outer rim, then those of the holes, in order with the surface on their left;
     the faces run counter-clockwise.
@@ -132,7 +132,7 @@ def flatten(
         faces: of the surface.
         boundary_size: m.
         holes: numbers of vertices of the holes.
-        drawn: maps the rims to points of the curves through their vertices, which have to bound a domain, too.
+        drawn: maps the rims to samples of the curves through their vertices, which must bound a domain as well.
 
     Raises:
         DomainError: no simple domain was found.
@@ -167,7 +167,7 @@ def flatten_boundary(
             return flat
     raise DomainError(
         f"no simple plane domain was found for a boundary of {' + '.join(map(str, rims))} vertices: it crosses itself "
-        "however it is straightened; check that the loop does not cross itself"
+        "at every strength of straightening; check that the loop does not cross itself"
     )
 
 
@@ -192,7 +192,7 @@ def _least_straightened(
 def _laid_out(
     edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims
 ) -> Iterator[tuple[Polygon, ...]]:
-    """The rims as polygons for one boundary log scale after the other, the nearest to 0 first."""
+    """The rims as polygons for each candidate of the boundary log scale, the smallest first."""
     ends = np.cumsum(rims[:-1])
     for turned, log_scale in _candidates(edge, turning, neumann, rims):
         parts = zip(*(np.split(each, ends) for each in (edge, turned, log_scale)), strict=True)
@@ -204,7 +204,7 @@ def _laid_out(
 def _candidates(
     edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims
 ) -> Iterator[tuple[PerVertex, PerVertex]]:
-    """Turning angles and boundary log scales to try, the nearest to 0 first."""
+    """Candidates of turning angles and boundary log scales, the smallest scale first."""
     holes = [slice(start, end) for start, end in itertools.pairwise(np.cumsum(rims).tolist())]
     if not holes:
         yield turning, np.zeros(len(edge))
@@ -228,7 +228,7 @@ def _straightened(
 ) -> Iterator[tuple[PerVertex, Solver]]:
     """The minimisers u of `flatten` for all widths and strengths, and solvers of the systems that they satisfy.
 
-    S has few columns of rank: the systems are αA + WWᵀ with a sparse A and a narrow W (Woodbury's identity).
+    S has low rank: the systems are αA + WWᵀ with a sparse A and a narrow W (Woodbury's identity).
     """
     ends = np.cumsum(rims)
     parts = np.split(edge, ends[:-1])
@@ -238,7 +238,7 @@ def _straightened(
     even[ends[0] :] *= -1
     diagonal = ds / length**2
     try:
-        # S does not see zigzags from vertex to vertex: without Λ here slivers cause them
+        # without Λ here slivers cause oscillations from vertex to vertex, which S removes from the objective
         solve = neumann.solver(diagonal, 1 / length)
     except SingularMatrixError:
         return
@@ -273,13 +273,13 @@ def _updated(solve: Solver, x: Float[np.ndarray, "m r"], weights: Float[np.ndarr
 def _gap(
     u: PerVertex, edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rim: slice
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 m"]]:
-    """The gap of a hole at log scale u, x and y per length, its turning plus 2π; and their derivatives by u."""
+    """Closing error of a hole at log scale u (gap x, y per length; turning + 2π), and its derivatives by u."""
     turned = turning[rim] + (neumann @ u)[rim]
     count = len(turned)
     own = np.arange(count)
     after = np.roll(own, -1)
     step = edge[rim] * np.exp((u[rim] + u[rim][after]) / 2 + 1j * np.cumsum(turned))
-    # relative to the mean direction: relative to the first edge, a rim far from closed would bend at that edge
+    # relative to the mean direction: relative to the first edge, a rim with a large gap would bend at that edge
     ahead = step[::-1].cumsum()[::-1] - step.sum() * (1 - own / count)
     rows = np.zeros((len(u), 3))
     rows[rim] = np.stack([ahead.real, ahead.imag, np.ones(count)], axis=1)
@@ -306,7 +306,7 @@ def _placed(rims: Sequence[Polygon], neumann: DirichletToNeumann) -> list[Polygo
 
 
 def smoothing(edge: PerVertex, width: float) -> tuple[Float[np.ndarray, "m r"], Float[np.ndarray, "m r"]]:
-    """Factors P and F of the Gaussian means S = PFᵀ along a closed boundary, which map turning angles to curvature.
+    """Factors of the Gaussian smoothing S = PFᵀ along a closed boundary, which maps turning angles to curvature.
 
     The columns of F are the Fourier modes of the arc length whose weight is above rounding. The width is a share of the
     boundary length.
@@ -321,7 +321,7 @@ def smoothing(edge: PerVertex, width: float) -> tuple[Float[np.ndarray, "m r"], 
 
 
 def lay_out(edge: PerVertex, turning: PerVertex, log_scale: PerVertex) -> Complex[np.ndarray, " m"] | None:
-    """Polygon with given turning angles and edge lengths e^u·edge, changed relatively least to close; None if none."""
+    """Closed polygon of given turning angles with edge lengths nearest to e^u·edge; None if there is none."""
     length = edge * np.exp((log_scale + np.roll(log_scale, -1)) / 2)
     direction = np.exp(1j * (np.cumsum(turning) - turning[0]))  # edge j runs after the turns at vertices 1 … j
     rows = np.stack([direction.real, direction.imag])

@@ -1,4 +1,4 @@
-"""The plane domain Ω on which p and q live."""
+"""The plane domain Ω on which p and q are defined."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ LogScale = Float[np.ndarray, " m"]
 
 @dataclass(frozen=True, eq=False)
 class SplineBoundary:
-    """A closed curve z(t) of polynomial pieces, t in [0, 1), smooth but for its corners."""
+    """A closed curve z(t) of polynomial pieces, t in [0, 1), smooth except at its corners."""
 
-    parameters: Float[np.ndarray, " m1"]  # of the vertices, from 0; the last one, 1, is that of the first vertex again
+    parameters: Float[np.ndarray, " m1"]  # of the vertices, from 0; the last, 1, is again the first vertex
     coefficients: Complex[np.ndarray, "d1 m"]  # of the pieces, highest power first
     corners: Bool[np.ndarray, " m"]  # which vertices are corners
 
@@ -118,7 +118,7 @@ class FourierBoundary:
     def _sum(self, c: Complex[np.ndarray, " 2K+1"], t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         e = np.exp(2j * np.pi * np.asarray(t, dtype=np.float64))
         middle = len(c) // 2
-        # positive and negative powers apart: one polynomial would have to be multiplied by e^{-2πiKt}
+        # positive and negative powers separately: one polynomial would need the factor e^{-2πiKt}
         ahead, back = np.append(0.0, c[middle + 1 :]), c[middle::-1]
         return np.asarray(polyval(e, ahead) + polyval(np.conj(e), back))
 
@@ -137,7 +137,7 @@ def sampled(boundary: Boundary, each: int) -> Complex[np.ndarray, " n"]:
 class PlaneDomain:
     """A plane domain Ω, simply connected or with holes, with a triangulation of it.
 
-    A parameter t in [0, 1) is one of the outer boundary; t + 2(k + 1) is the parameter t of hole k.
+    Parameters of boundary points are t in [0, 1) on the outer boundary, t + 2(k + 1) on hole k.
 
     Attributes:
         boundary: the outer boundary, counter-clockwise.
@@ -173,7 +173,7 @@ class PlaneDomain:
         """
         if not 0 < inner < outer or n < 3 or inner >= outer * np.cos(np.pi / n):
             raise OptionError(
-                f"an annulus needs 0 < inner < outer and n ≥ 3 vertices whose polygon clears the hole, got {inner}, "
+                f"an annulus needs 0 < inner < outer and n ≥ 3 vertices whose polygon encloses the hole, got {inner}, "
                 f"{outer} and {n}"
             )
         return cls.inside(FourierBoundary.circle(outer, n), holes=(FourierBoundary.round_hole(inner, n),))
@@ -272,7 +272,7 @@ class PlaneDomain:
         return plane_coordinates(np.concatenate(parts)), np.stack([np.arange(len(after)), after], axis=1)
 
     def distance_outside(self, z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """Distance of points from ∂Ω, negative inside Ω, with each piece of ∂Ω replaced by 16 straight edges."""
+        """Signed distance of points from ∂Ω, negative inside Ω, with each piece of ∂Ω replaced by 16 straight edges."""
         if not len(z):
             return np.zeros(0)
         by_normals = igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL

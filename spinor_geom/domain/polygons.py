@@ -16,7 +16,7 @@ _AT_ONCE = 64  # gaps tested together
 
 
 def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
-    """Pairs i < j of edges of a closed polygon that cross, or are neighbours of which one folds back onto the other."""
+    """Pairs i < j of edges of a closed polygon that cross, or are adjacent and fold back onto each other."""
     m = len(polygon)
     ends = np.stack([polygon, np.roll(polygon, -1)])
     edge = ends[1] - ends[0]
@@ -66,10 +66,10 @@ def bound_domain(rims: tuple[Complex[np.ndarray, "_"], ...]) -> bool:
 
 
 def untangled(polygon: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"] | None:
-    """A simple polygon near to one that crosses itself only in small lobes; None where distant parts cross.
+    """The polygon with its small self-crossing lobes removed; None if distant parts cross or a lobe remains.
 
-    The vertices of each lobe are moved towards the chord that closes it until nothing crosses. The unfolded rims of
-    ragged scans have such lobes.
+    The vertices of each lobe are moved towards the chord that closes it until nothing crosses. Flattened rims of ragged
+    scans have such lobes.
     """
     z: Complex[np.ndarray, " m"] = polygon.copy()
     m = len(polygon)
@@ -95,7 +95,7 @@ def untangled(polygon: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"] |
 def outer_clearance(polygon: Complex[np.ndarray, " m"]) -> float:
     """Smallest gap across the outside between far parts of a simple polygon, in local edge lengths; inf if above 8.
 
-    Far: the distance along the boundary exceeds four times the gap plus six edges.
+    Parts are far if their distance along the boundary exceeds four times the gap plus six edges.
     """
     edge = np.abs(np.roll(polygon, -1) - polygon)
     local = (edge + np.roll(edge, 1)) / 2
@@ -192,6 +192,6 @@ def are_inside(
 def _ranges(
     first: Int[np.ndarray, " n"], count: Int[np.ndarray, " n"]
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
-    """The members of n ranges of integers, one range after the other: the range of each, and its value."""
+    """Concatenated members of n ranges of integers: the number of the range, and the value, of each."""
     owner = np.repeat(np.arange(len(first)), count)
     return owner, np.arange(len(owner)) + (first + count - np.cumsum(count))[owner]

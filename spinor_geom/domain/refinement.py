@@ -17,19 +17,19 @@ from spinor_geom.domain.delaunay import (
 from spinor_geom.domain.polygons import are_inside
 from spinor_geom.domain.sizes import NearestPoints, RegionSizes
 
-# of the angle below which a triangle is refined; for angles above 30° the number of points grows quickly
+# of the least angle of a triangle that is not refined; above 30° the number of points grows quickly
 _LEAST_SINE = np.sin(np.radians(25.0))
 # a triangle is too large when its circumradius exceeds this times the wanted edge length (equilateral: 1.3 edges)
 _LARGEST_RADIUS = 0.75
-_DOUBTFUL = 0.8  # share of that size from which on the size wanted at the middle replaces the mean of the corners
-_BATCH_SPACING = 0.8  # least distance of new points of one batch, per smaller one of their circumradii
+_DOUBTFUL = 0.8  # share of that radius above which the size at the centroid replaces the mean of the vertices
+_BATCH_SPACING = 0.8  # least distance of new points of one batch, per smaller circumradius
 _BATCHES = 60  # the number of points grows geometrically with the batches
-# no new point sees a boundary edge under more than 110°; 90° would leave no room beside short edges next to long ones
+# a boundary edge subtends at most 110° at new points; 90° would leave no room beside short edges next to long ones
 _WIDEST_VIEW = np.cos(np.radians(180 - 110))
 # longest inner edge between two boundary vertices, in wanted edge lengths; shorter where it cuts off one vertex
 _LONGEST_BRIDGE, _LONGEST_EAR = 1.45, 1.05
-_ROUND_ENOUGH = 0.4  # roundness (1: equilateral) below which smoothing must not reduce that of a triangle
-_MOVES = 2  # more moves improve no angle
+_ROUND_ENOUGH = 0.4  # smoothing must not reduce the roundness (1: equilateral) of triangles below this
+_MOVES = 2  # more do not improve the angles
 # a point of a poor triangle is tried at eight places around it, at these multiples of the mean length of its edges
 _POLISHING_STEPS = (0.3, 0.3, 0.15, 0.15, 0.08, 0.08)
 _AROUND = np.append(0, np.exp(2j * np.pi * np.arange(8) / 8))
@@ -45,11 +45,11 @@ class BoundaryEdges:
         self.edge, self.count = points[after] - points, int(region[-1]) + 1
 
     def too_near(self, z: Places, region: Owners) -> Bool[np.ndarray, " k"]:
-        """Whether each point sees an edge of its region under too large an angle."""
+        """Whether a boundary edge of its region subtends too large an angle at each point."""
         near_edge = np.zeros(len(z), dtype=bool)
         if len(z):
             half = 0.5 * self.edge
-            # an edge is seen under a right angle from the circle around it, and under larger angles from inside
+            # an edge subtends a right angle on the circle of which it is a diameter, and larger angles inside
             point, edge = NearestPoints(z, region).within(np.abs(half), of=self.points + half, region=self.region)
             offset = z[point] - self.points[edge] - half[edge]
             seen = (offset + half[edge]) * np.conj(offset - half[edge])
@@ -69,12 +69,12 @@ def refine(
     size: RegionSizes,
     room: Int[np.ndarray, " r"],
 ) -> None:
-    """Inserts batches of circumcentres until every triangle is good or has no room for one.
+    """Inserts batches of circumcentres until no triangle is poor, except where a circumcentre has no room.
 
     `at_points` are the sizes wanted at the mesh's points; `room` is the largest number of inner points of each region.
     """
-    at_centres = np.zeros(boundary.count, dtype=bool)
-    # triangles of open vertices are tested: of new ones, and of triangles whose circumcentre was not inserted
+    at_centres = np.zeros(boundary.count, dtype=bool)  # regions whose sizes are also computed at centroids
+    # triangles with an open vertex are tested: new vertices, and those of triangles whose centre was not inserted
     is_open = np.ones(len(mesh.points), dtype=bool)
     for _ in range(_BATCHES):
         seen = mesh.inside[is_open[mesh.triangles].any(axis=1)]
@@ -94,22 +94,22 @@ def refine(
         chosen = poor[independent(centre[poor], owner[poor], _BATCH_SPACING * radius[poor], excess[poor])]
         there = np.bincount(mesh.region[mesh.boundary_size :], minlength=boundary.count)
         new = chosen[place_in_region(owner[chosen]) < (room - there)[owner[chosen]]]
-        is_fed = np.zeros(boundary.count, dtype=bool)
-        is_fed[owner[new]] = True
-        turned = ~is_fed & ~at_centres
-        if not (is_fed | turned).any():
+        has_new = np.zeros(boundary.count, dtype=bool)
+        has_new[owner[new]] = True
+        switched = ~has_new & ~at_centres
+        if not (has_new | switched).any():
             break
-        at_centres |= turned
+        at_centres |= switched
         lost = np.setdiff1d(poor, chosen)
-        is_open = turned[mesh.region]
-        is_open[faces[lost[is_fed[owner[lost]]]]] = True
+        is_open = switched[mesh.region]
+        is_open[faces[lost[has_new[owner[lost]]]]] = True
         is_open = np.append(is_open, np.ones(len(new), dtype=bool))
         at_points = np.append(at_points, size(centre[new], owner[new]))
         mesh.insert(centre[new], owner[new])
 
 
 def independent(z: Places, region: Owners, spacing: Lengths, priority: Lengths) -> Int[np.ndarray, " s"]:
-    """Indices of points no two of which, in one region, are nearer than the smaller of their spacings.
+    """Indices of a subset of the points in which no two of one region are nearer than their smaller spacing.
 
     Points of higher priority are preferred.
     """
@@ -235,7 +235,7 @@ def smallest_sine(
 
 
 def _worst_points(mesh: ConstrainedDelaunay, faces: Int[np.ndarray, "t 3"]) -> Bool[np.ndarray, " n"]:
-    """Marks inner points of poor triangles that are worse than all their neighbours, and so can move independently."""
+    """Mask of inner points of poor triangles that are worse than all their neighbours, so can move independently."""
     n = len(mesh.points)
     quality = smallest_sine(*mesh.points[faces].T)
     poor = np.flatnonzero(quality < _LEAST_SINE)
@@ -252,7 +252,7 @@ def _worst_points(mesh: ConstrainedDelaunay, faces: Int[np.ndarray, "t 3"]) -> B
 
 
 def _held_back(mesh: ConstrainedDelaunay, points: Places, moved: Places) -> Places:
-    """The moved points, with the corners of faces that the move would flip or make thin moved back."""
+    """The moved points, with the corners of faces that the move would flip or make thin reset."""
     faces = mesh.triangles
     before = _roundness(points[faces])
     for _ in range(10):

@@ -1,4 +1,4 @@
-"""Wanted edge length of a triangulation as a function of the place, from the edges of its boundary."""
+"""Size functions: the wanted edge length at any point, from the lengths of the boundary edges."""
 
 from collections.abc import Callable, Sequence
 
@@ -14,7 +14,7 @@ SizeFunction = Callable[[Places], Lengths]
 RegionSizes = Callable[[Places, Owners], Lengths]
 SizeBounds = Callable[[Places, Regions], tuple[Lengths, Lengths]]
 
-GROWTH = 0.35  # change of the edge length per unit of distance from the boundary, upwards
+GROWTH = 0.35  # largest increase of the edge length per unit of distance from the boundary
 # Distance between regions in a search tree, and the radius of searches; both exceed any loop.
 _APART, _FARTHEST = 2.0**256, 2.0**255
 
@@ -39,7 +39,7 @@ def size_bounds(polygons: Sequence[Polygon], regions: Sequence[int] = (), *, gro
     """Lower and upper bounds of the edge length at points (k,), as a function of the points and their regions.
 
     The upper bound is `graded_size`. The lower bound is the local edge length at the nearest boundary vertex minus
-    `decay` times the distance from it, and may be negative. `regions` has the region of each polygon, by default one.
+    `decay` times the distance from it, and may be negative. `regions` is the region of each polygon, by default 0.
     """
     rims, boundary = tuple(map(len, polygons)), np.concatenate(polygons)
     region = np.repeat(regions or (0,) * len(rims), rims)
@@ -49,7 +49,7 @@ def size_bounds(polygons: Sequence[Polygon], regions: Sequence[int] = (), *, gro
     tree = NearestPoints(boundary, region)
     distance, index = tree.query(boundary, region, count=8)
     for _ in range(4):
-        local = (np.append(local, np.inf)[index] + growth * distance).min(axis=1)  # where a region has fewer vertices
+        local = (np.append(local, np.inf)[index] + growth * distance).min(axis=1)  # inf for missing neighbours
     around = np.append(local, np.inf)
 
     def bounds(z: Places, region: Regions) -> tuple[Lengths, Lengths]:

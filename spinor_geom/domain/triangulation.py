@@ -69,7 +69,7 @@ class PlaneTriangulation:
 def one_by_one_on_error(make: Callable[[Sequence[T]], list[R]], items: Sequence[T]) -> list[R | SpinorGeomError]:
     """The results of `make` for many items at once; in place of a failed item's result the error that it raises.
 
-    `make` has to return the same result for an item whatever other items are with it.
+    The result of `make` for an item must not depend on the other items.
     """
     try:
         return [*make(items)] if len(items) else []
@@ -86,9 +86,9 @@ def triangulate_polygon(
     """Triangulates a simple polygon with inner points so that edges are about `size` long and angles are large.
 
     Delaunay refinement inserts circumcentres of triangles that are too large or have an angle below 25°, in batches of
-    distant points and never close to a boundary edge, so no boundary edge is split. Then inner edges between two
+    independent points and never close to a boundary edge, so no boundary edge is split. Then inner edges between two
     boundary vertices are split where there is room, inner points are smoothed, and points of triangles that are still
-    poor are moved one by one. Small angles that the boundary forces remain.
+    poor are moved one by one. Small angles that the boundary imposes remain.
 
     Args:
         boundary: the polygon, counter-clockwise.
@@ -116,7 +116,7 @@ def triangulate_regions(
     """`triangulate_polygon` for many regions at once; each triangulation is bit-equal to that of the region alone.
 
     Args:
-        regions: of each region the polygon and its holes.
+        regions: the polygon and its holes, per region.
         size: wanted edge length at points, whose regions are the second argument.
         seeds: inner points to start from, per region; those too near to the boundary are omitted. By default lattices
             with the largest wanted size as spacing.
@@ -169,14 +169,14 @@ def triangulate_regions(
 def _require_region(polygons: Sequence[Polygon]) -> tuple[complex, float]:
     """Checks a polygon and its holes; returns their centre and radius, by which they are normalised."""
     for number, polygon in enumerate(polygons):
-        name, sign, ways = "the polygon", 1, ("clockwise", "counter-clockwise")
+        name, sign, directions = "the polygon", 1, ("clockwise", "counter-clockwise")
         if number:
-            name, sign, ways = "a hole", -1, ways[::-1]
+            name, sign, directions = "a hole", -1, directions[::-1]
         m = len(polygon)
         if m < 3 or not np.isfinite(polygon).all():
             raise DomainError(f"{name} needs at least 3 finite vertices, got {m}", vertices=m)
         if sign * _area(polygon) <= 0:
-            raise DomainError(f"{name} runs {ways[0]} or has no area; give it {ways[1]}", vertices=m)
+            raise DomainError(f"{name} runs {directions[0]} or has no area; give it {directions[1]}", vertices=m)
     boundary = np.concatenate(polygons)
     if sum(map(_area, polygons)) <= 0:
         raise DomainError("a hole is not inside the polygon", vertices=len(boundary))

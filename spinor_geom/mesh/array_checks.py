@@ -17,15 +17,15 @@ def frozen(
 ) -> np.ndarray:
     """A read-only C-contiguous copy of an array, as float64, int64 or bool; raises a MeshShapeError if that fails.
 
-    In `shape`, None stands for any length: an empty array fits a first axis of any length, a one-dimensional array a
-    second one. Integers are real numbers too.
+    None in `shape` allows any length. With None as first length an empty array of any shape is accepted, with None as
+    second length a one-dimensional array becomes one column. Integers are accepted as real numbers.
     """
     kinds, dtype = _KINDS[kind]
     wanted = f"{name} must be {kind} of shape ({', '.join('n' if length is None else str(length) for length in shape)})"
     try:
         array = np.asarray(values)
     except ValueError as error:
-        raise MeshShapeError(f"{wanted}, but its rows differ; give full rows") from error
+        raise MeshShapeError(f"{wanted}, but its rows have different lengths; give equal ones") from error
     if array.dtype.kind not in kinds and array.size:
         raise MeshShapeError(f"{wanted}, got dtype {array.dtype}; convert it first")
     copy: np.ndarray = np.array(array, dtype=dtype, order="C")
@@ -56,7 +56,7 @@ def freeze_points(points: ArrayLike, *, name: str) -> Float[np.ndarray, "n 3"]:
 def freeze_attributes(
     attributes: Mapping[str, ArrayLike], *, vertices: int
 ) -> Mapping[str, Float[np.ndarray, "{vertices} _"]]:
-    """Read-only float64 copies of per-vertex values, each of shape (vertices, k); one number per vertex is k = 1."""
+    """Read-only float64 copies of per-vertex values, each (vertices, k); one number per vertex gives k = 1."""
     return {
         name: frozen(values, "real numbers", vertices, None, name=f"vertex attribute {name!r}")
         for name, values in attributes.items()
@@ -66,5 +66,5 @@ def freeze_attributes(
 def igl_arrays(
     vertices: Float[np.ndarray, "v d"], faces: Int[np.ndarray, "f c"]
 ) -> tuple[Float[np.ndarray, "v d"], Int[np.ndarray, "f c"]]:
-    """Vertices and faces as libigl requires them: contiguous, of 64 bits."""
+    """Vertices and faces as contiguous float64 and int64 arrays, which libigl requires."""
     return np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int64)

@@ -31,24 +31,24 @@ class Plane:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoundaryLoop:
-    """A closed polygon of M ≥ 3 points: a hole of a mesh, or a bare curve.
+    """A closed polygon of M ≥ 3 points: a hole of a mesh, or a curve without a mesh.
 
     The loop has the orientation of the boundary of a patch over it, opposite to the half-edges of the faces beside the
-    hole: a patch whose boundary follows the loop is oriented like the mesh. For a bare curve the patch's normal follows
+    hole: a patch whose boundary follows the loop is oriented like the mesh. Without a mesh the patch's normal follows
     the right-hand rule about the order of the points.
 
     Attributes:
         points: (M, 3) float64, in mesh units.
-        vertex_ids: (M,) int64 indices of the points in the mesh; 0 to M − 1 for a bare curve.
+        vertex_ids: (M,) int64 indices of the points in the mesh; 0 to M − 1 without a mesh.
         corners: (M,) bool, where the curve through the points has a kink.
         corners_given: whether the caller named the corners; False where `detect_corners` found them.
-        slit_fraction: share of the perimeter, 0 to 1, on edges that coincide with another edge of the same loop of
-            opposite direction; 1 is a slit of zero width.
+        slit_fraction: share of the perimeter, 0 to 1, on edges that coincide with an oppositely directed edge of the
+            same loop; 1 is a slit of zero width.
         seam_edges: (k, 2) int64 vertex ids, from and to, of the edges that coincide with an edge of another loop.
         seam_distance: the largest distance between the two sides of slits and seams, in mesh units.
         junctions: (k, 3) int64 vertex ids of T-junctions of this loop: a vertex, and the two ends of the boundary edge
-            that contains it and one of its own edges.
-        obstacle: why no patch can be joined to the mesh along the loop; None if one can.
+            on which the vertex and one of its own edges lie.
+        obstacle: the error that prevents joining a patch to the mesh along the loop; None if a patch can be joined.
         remarks: inconsistencies of the faces that touch the loop, one sentence each.
 
     Raises:
@@ -87,7 +87,7 @@ class BoundaryLoop:
 
     @classmethod
     def from_points(cls, points: ArrayLike, *, corners: Literal["auto"] | ArrayLike = "auto") -> BoundaryLoop:
-        """A bare closed curve from its points in order; a last point equal to the first is dropped.
+        """A closed curve without a mesh from its points in order; a last point equal to the first is dropped.
 
         Args:
             points: (M, 3) real numbers, in mesh units.
@@ -103,7 +103,7 @@ class BoundaryLoop:
         given = freeze_points(points, name="points")
         if len(given) > 1 and (given[0] == given[-1]).all():
             given = given[:-1]
-        # an array of indices compares elementwise, so ask for text first
+        # `==` of an array of indices is elementwise
         is_given = not (isinstance(corners, str) and corners == "auto")
         if not is_given:
             flags = detect_corners(given)
@@ -111,10 +111,10 @@ class BoundaryLoop:
             try:
                 indices = frozen(corners, "integers", np.size(corners), name="corners")
             except MeshShapeError as error:
-                raise OptionError(f"corners must be 'auto' or a row of point indices, got {corners!r}") from error
+                raise OptionError(f"corners must be 'auto' or point indices, got {corners!r}") from error
             outside = indices[(indices < 0) | (indices >= len(given))]
             if len(outside):
-                raise OptionError(f"corners names point {outside[0]}, but the loop has points 0 to {len(given) - 1}")
+                raise OptionError(f"corners contains index {outside[0]}, but the loop has points 0 to {len(given) - 1}")
             flags = np.isin(np.arange(len(given)), indices)
         loop = cls(points=given, vertex_ids=np.arange(len(given)), corners=flags, corners_given=is_given)
         require_distinct_neighbours(loop)
@@ -132,7 +132,7 @@ class BoundaryLoop:
 
     @cached_property
     def edge_lengths(self) -> Float[np.ndarray, " m"]:
-        """(M,) lengths in mesh units; edge i runs from point i to point i + 1 (mod M)."""
+        """Edge lengths, (M,), in mesh units; edge i runs from point i to point i + 1 (mod M)."""
         return shared(edge_lengths(self.points))
 
     @property
@@ -152,12 +152,12 @@ class BoundaryLoop:
 
     @cached_property
     def centroid(self) -> Float[np.ndarray, " 3"]:
-        """(3,) centre of mass of the polygon's edges, in mesh units; it does not move when an edge is subdivided."""
+        """(3,) centre of mass of the polygon's edges, in mesh units; invariant under subdivision of edges."""
         return shared(centroids(self.points))
 
     @property
     def area_vector(self) -> Float[np.ndarray, " 3"]:
-        """(3,) ½ Σ P_i × P_{i+1}: the vector area of any surface the loop bounds, in squared mesh units."""
+        """Vector area ½ Σ P_i × P_{i+1} of any surface that the loop bounds, (3,), in squared mesh units."""
         centred = self.points - self.centroid
         # all components in one product: several times as fast as cross products
         moments = centred.T @ np.roll(centred, -1, axis=0)
@@ -165,9 +165,9 @@ class BoundaryLoop:
 
     @cached_property
     def plane(self) -> Plane:
-        """The plane of least squared distance to the points, each weighted by half the length of its two edges.
+        """The least-squares plane of the points, each weighted by half the length of its two edges.
 
-        The normal is on the side of `area_vector`; a loop on a line has any plane through that line.
+        The normal is on the side of `area_vector`; for collinear points it is any plane through their line.
         """
         axes, deviations = self._principal_axes
         normal = -axes[2] if axes[2] @ self.area_vector < 0 else axes[2]
@@ -175,7 +175,7 @@ class BoundaryLoop:
 
     @property
     def elongation(self) -> float:
-        """Longest side over second longest side of the points' box along their principal axes, ≥ 1; ∞ on a line."""
+        """Ratio of the two longest sides of the box along the principal axes, ≥ 1; ∞ for collinear points."""
         axes, _ = self._principal_axes
         _, second, longest = np.sort(np.ptp((self.points - self.centroid) @ axes.T, axis=0)).tolist()
         return longest / second if second > 0 else math.inf
@@ -210,16 +210,16 @@ def _point_weights(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b
 
 
 def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
-    """Which points of a closed polygon are corners of the curve it samples, (M,) bool.
+    """Mask of the points of a closed polygon that are corners of the sampled curve, (M,) bool.
 
     Point i is a corner if the polygon turns there by θ_i ≥ 35° and by at most θ_i/4 at the two points before and the
     two points after it: a corner is isolated on a smooth curve, while on a noisy rim large turns are adjacent. If half
     of all points turn by more than 35°/4, the curve is not smooth and has no such corners.
 
-    An end of an edge longer than the `graded_spacing` is a corner if a smooth curve that turns as much would leave the
-    edge by more than about a quarter of that spacing: the points do not show such a bulge.
+    An end of an edge longer than its `graded_spacing` is a corner if a smooth curve with the same turning angle would
+    deviate from the edge by more than about a quarter of that spacing, which the points do not resolve.
 
-    Polygons of fewer than 8 points have no corners, and neither has a point beside an edge of length 0.
+    Polygons of fewer than 8 points have no corners; ends of an edge of length 0 are no corners.
     """
     if len(points) < MIN_LOOP_WITH_CORNERS:
         return np.zeros(len(points), dtype=bool)
@@ -236,7 +236,7 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
 
 
 def turning_angles(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
-    """Angle between the edge that ends at each point of a closed polygon and the one that starts there, (M,) radians.
+    """Angle between the incoming and the outgoing edge at each point of a closed polygon, (M,), in radians.
 
     0 is straight, π is a reversal; NaN beside an edge of length 0.
     """

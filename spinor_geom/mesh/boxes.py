@@ -12,8 +12,8 @@ BOXES_TO_START_FROM = 64
 def edges_with_near_boxes(starts: Points, ends: Points, distance: float) -> tuple[Numbers, Numbers]:
     """Pairs i < j of segments whose bounding boxes are within a distance of each other along every axis.
 
-    A hierarchy of the boxes of 1, 2, 4, 8, … successive segments is searched from the top; successive segments should
-    be close to each other.
+    A hierarchy of the boxes of 1, 2, 4, 8, … successive segments is searched from the top, which is
+    fast if successive segments are close to each other.
     """
     low, high = np.minimum(starts, ends) - distance / 2, np.maximum(starts, ends) + distance / 2
     levels = [(low, high)]

@@ -32,13 +32,13 @@ SAMPLES_PER_PIECE = 8
 NEAREST_SAMPLES = 2
 MAX_NEWTON_STEPS = 30
 NEWTON_STEP_TOLERANCE = 1e-15
-# Tolerances of the polynomials of a formula: inside pieces and between them per extent, of derivatives per size.
+# Tolerances of a formula's polynomials: error in pieces, gap between them, per extent; error of derivatives, per size.
 FORMULA_ERROR, CLOSING_ERROR, DERIVATIVE_ERROR = 1e-14, 1e-12, 1e-5
 FORMULA_CHECKS = np.array([0.11, 0.31, 0.57, 0.83])  # where on each piece the error is measured
 FEWEST_PIECES, MOST_PIECES = 64, 4096
-# Γ may have a standstill where it is slower than this share of its largest speed; below the second it has one.
+# Zeros of Γ′ are searched where |Γ′| is below the first share of its maximum; below the second it counts as zero.
 SLOW, STANDSTILL = 0.1, 1e-9
-KINK = "has a jump or a kink that corners= does not name"
+KINK = "has a jump or a kink that corners= does not contain"
 
 Breaks = Float[np.ndarray, " m_plus_1"]
 Coefficients = Float[np.ndarray, "d_plus_1 m 3"]
@@ -53,7 +53,7 @@ class ClosedCurve:
         point: Γ, in any units of length; takes arrays of any shape.
         derivative: Γ′.
         second_derivative: Γ″.
-        corners: parameters of its corners, increasing; Γ′ jumps there, from the left-hand to the right-hand side.
+        corners: parameters of its corners, increasing; Γ′ jumps there, and `derivative` is the right-hand one.
     """
 
     point: CurveFunction
@@ -72,14 +72,14 @@ class BoundaryCurve:
     s is taken mod 1 everywhere. Within piece i, Γ(s) = Σ_k coefficients[k, i] (s − breaks[i])^(d − k), d the degree.
 
     Attributes:
-        kind: what the points show: "cubic", cubic splines, no smoother curve; "spline", splines of degree 5 or 7;
-            "analytic", a curve that is analytic between its corners, up to rounding errors.
-        breaks: (M + 1,) parameters of the vertices, from 0 to 1: share of the length up to the vertex, by chords of
-            cubics, by arcs otherwise (chords would reduce the order); equal steps for the trigonometric polynomial and
-            for formulas.
+        kind: "cubic", cubic splines; "spline", splines of which some have degree 5 or 7; "analytic", a curve that is
+            analytic between its corners, up to rounding errors.
+        breaks: (M + 1,) parameters of the vertices, from 0 to 1: normalised chord length for cubics, normalised arc
+            length otherwise (chord length would reduce the order); uniform for the trigonometric polynomial and for
+            formulas.
         coefficients: (d + 1, M, 3) of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
         corners: (M,) bool, at which vertices Γ′ jumps; elsewhere splines are d − 1 times continuously differentiable.
-        slopes: coefficients of Γ′ where that comes from a formula: differentiated polynomials lose three digits.
+        slopes: coefficients of Γ′ if a formula is given for it: differentiation would lose three digits.
         at_points: (M,) bool, which pieces start at points of the loop; None for all. The others divide long edges.
     """
 
@@ -98,15 +98,15 @@ class BoundaryCurve:
     def from_loop(cls, loop: BoundaryLoop) -> BoundaryCurve:
         """The interpolating curve through all points of a loop.
 
-        Without corners it is the candidate that predicts left-out points best:
+        Without corners it is the candidate with the least cross-validation error:
 
-        - the trigonometric polynomial, where the points are equal steps of an analytic parameter;
-        - an analytic curve by arc length, for up to 256 points;
+        - the trigonometric polynomial, for uniform samples of an analytic curve;
+        - an analytic curve with arc-length parameters, for up to 256 points;
         - a periodic spline of degree 3, 5 or 7, for points that are less smooth.
 
         With corners it is a not-a-knot spline from each corner to the next (from a single corner back to itself),
-        cubic except on sides of 16 points and more that show a higher degree; a side of two edges is a parabola, of one
-        edge a straight line.
+        cubic, or of degree 5 or 7 on sides of 16 points and more where that predicts points better; a side of two edges
+        is a parabola, of one edge a straight line.
 
         Raises:
             RepeatedPointError: two neighbouring points of the loop are equal.
@@ -119,7 +119,7 @@ class BoundaryCurve:
 
     @classmethod
     def from_loops(cls, loops: Sequence[BoundaryLoop]) -> list[BoundaryCurve]:
-        """`from_loop` of several loops with distinct neighbours; loops of as many points are computed together."""
+        """`from_loop` of several loops without equal neighbouring points; loops of equal size are computed together."""
         found: dict[int, Pieces] = {}
         alike: dict[int, list[int]] = defaultdict(list)
         for i, loop in enumerate(loops):
@@ -133,13 +133,13 @@ class BoundaryCurve:
 
     @classmethod
     def from_formula(cls, curve: ClosedCurve) -> BoundaryCurve:
-        """A curve given by formulas, by polynomials of degree 11 with an error of 1e-14 of its extent.
+        """Interpolates a curve given by formulas by polynomials of degree 11, to an error of 1e-14 of its extent.
 
-        Each side between two corners is divided into equal pieces, 64 of them or more all around.
+        Each side between two corners is divided into equal pieces, in total at least 64.
 
         Raises:
-            CurveError: Γ does not close, has a value that is not finite, is not smooth, stands still, or the
-                derivatives are not its own.
+            CurveError: Γ is not closed, not finite, not smooth between corners, or has a zero derivative, or the given
+                derivatives are not those of Γ.
         """
         pieces = FEWEST_PIECES
         while True:
@@ -166,7 +166,7 @@ class BoundaryCurve:
         for name in ("derivative", "second_derivative"):
             own, given = getattr(fitted, name)(between), getattr(curve, name)(between)
             allowed = DERIVATIVE_ERROR * max(np.abs(own).max(), extent)
-            checks.append((f"has another derivative than {name}= says", between, own - given, allowed))
+            checks.append((f"has a derivative that differs from {name}=", between, own - given, allowed))
         for reason, at, difference, allowed in checks:
             error = np.nan_to_num(np.linalg.norm(difference, axis=-1), nan=np.inf)
             if error.max() > allowed:
@@ -190,9 +190,9 @@ class BoundaryCurve:
         )
 
     def smoothed(self, width: float) -> BoundaryCurve:
-        """The cubic spline with the same breaks through vertices averaged along Γ, without corners.
+        """The cubic spline with the same breaks through Gaussian-smoothed vertices, without corners.
 
-        The weights are Gaussian; their standard deviation is `width`, a share of the whole curve.
+        `width` is the standard deviation of the Gaussian, in units of s.
         """
         count = len(self.corners)
         n = SAMPLES_PER_PIECE * count
@@ -206,7 +206,7 @@ class BoundaryCurve:
         )
 
     def towards(self, other: BoundaryCurve, share: float) -> BoundaryCurve:
-        """The curve (1 − share)·self + share·other of two curves with the same breaks; corners are those of `other`."""
+        """The curve (1 − share)·self + share·other, for equal breaks; the corners are those of `other`."""
         degree = max(self.degree, other.degree)
         first, last = (
             np.concatenate([np.zeros((degree - c.degree, *c.coefficients.shape[1:])), c.coefficients])
@@ -243,11 +243,11 @@ class BoundaryCurve:
         return np.asarray(self._derivatives[0](np.mod(s, 1.0)))
 
     def derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        """Γ′(s), in mesh units per unit of s; at a corner the side that starts there counts."""
+        """Γ′(s), in mesh units per unit of s; at a corner the right-hand one."""
         return np.asarray(self._derivatives[1](np.mod(s, 1.0)))
 
     def second_derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        """Γ″(s), in mesh units per squared unit of s; at a corner the side that starts there counts."""
+        """Γ″(s), in mesh units per squared unit of s; at a corner the right-hand one."""
         return np.asarray(self._derivatives[2](np.mod(s, 1.0)))
 
     @cached_property
@@ -275,7 +275,7 @@ class BoundaryCurve:
         return float((speed * weights * widths).sum() / 2)
 
     def length_share(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-        """Share of the length of Γ up to Γ(s), one more after each turn; of a spline s itself, which is close to it."""
+        """Normalised arc length up to Γ(s), increasing by 1 per turn; approximated by s itself for splines."""
         if self.kind != "analytic":
             return s
         whole = np.floor(s)
@@ -291,21 +291,21 @@ class BoundaryCurve:
     def nearest(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
         """Parameter in [0, 1) of the point of Γ nearest to each point, (N,).
 
-        From the two nearest of 8 samples per piece, the distance is minimised by Newton's method to rounding on the
-        parts of Γ on both sides. Where two parts of Γ are equally near, up to the spacing of the samples, either may
-        be returned.
+        Newton's method minimises the distance, to rounding, on the parts of Γ on both sides of the two nearest of 8
+        samples per piece. Where two parts of Γ are equally near, up to the spacing of the samples, either may be
+        returned.
         """
         tree, parameters = self._samples
         _, found = tree.query(points, k=NEAREST_SAMPLES)
         starts = np.stack([found, found - 1], axis=-1).reshape(len(points), 2 * NEAREST_SAMPLES) % len(parameters)
-        # Γ′ at the end of a part is not that of the part where the next one starts at a corner
+        # the end of a part is excluded: at a corner Γ′ there is that of the next part
         low, high = parameters[starts], np.nextafter(np.append(parameters[1:], 1.0), 0.0)[starts]
         s = (low + high) / 2
         for _ in range(MAX_NEWTON_STEPS):
             offset, first = self.point(s) - points[:, None, :], self.derivative(s)
             slope, speed = (offset * first).sum(axis=-1), (first * first).sum(axis=-1)
             bend = speed + (offset * self.second_derivative(s)).sum(axis=-1)
-            # where the squared distance is not convex, the Gauss–Newton step still goes downhill
+            # where the squared distance is not convex, the Gauss–Newton step still descends
             curvature = np.where(bend > 0.1 * speed, bend, speed)
             step = np.divide(slope, curvature, out=np.zeros_like(slope), where=curvature > 0)
             before, s = s, np.clip(s - step, low, high)
@@ -324,7 +324,7 @@ class BoundaryCurve:
 def _reversed(coefficients: Coefficients, breaks: Breaks) -> Coefficients:
     """Coefficients of the pieces with the opposite direction, in reversed order."""
     shifted, widths = coefficients.copy(), np.diff(breaks)[:, None]
-    # synthetic division about the end of each piece: SciPy's BPoly loses three digits more
+    # Taylor shift to the end of each piece by synthetic division: SciPy's BPoly loses three more digits
     for last in range(len(shifted), 1, -1):
         for k in range(1, last):
             shifted[k] += shifted[k - 1] * widths
@@ -333,7 +333,7 @@ def _reversed(coefficients: Coefficients, breaks: Breaks) -> Coefficients:
 
 
 def _formula_breaks(corners: Sequence[float], pieces: int) -> tuple[Breaks, Bool[np.ndarray, " m"]]:
-    """Breaks of about so many pieces, with one at each corner, and which of them are corners."""
+    """Breaks of at least so many pieces, one at each corner, and a mask of the breaks at corners."""
     ends = np.unique(np.mod([0.0, *corners], 1.0))
     sides = pairwise([*ends.tolist(), 1.0])
     starts = [np.linspace(a, b, math.ceil((b - a) * pieces), endpoint=False) for a, b in sides]
@@ -364,4 +364,4 @@ def _require_speed(curve: BoundaryCurve, s: Float[np.ndarray, "m k"]) -> None:
         s = np.clip(s - (slope * bend).sum(axis=1) / size, start - reach, start + reach)
     speed = np.linalg.norm(curve.derivative(s), axis=1)
     if (speed < STANDSTILL * largest).any():
-        raise CurveError(reason="stands still, its derivative is 0", parameter=float(s[speed.argmin()] % 1.0))
+        raise CurveError(reason="has a derivative of 0", parameter=float(s[speed.argmin()] % 1.0))

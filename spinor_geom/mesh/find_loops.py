@@ -1,8 +1,8 @@
-"""Boundary loops of a mesh, as simple polygons.
+"""Detection of the boundary loops of a mesh, which are simple polygons.
 
-Faces are first joined into sheets. On a clean mesh a sheet ends at the edges with one face. Otherwise copies of faces
-and faces that use a vertex twice are ignored, the faces of an edge with more than two are joined in pairs, and the
-orientation of faces does not matter; each loop reports the defects beside it.
+Faces are first joined into sheets, which on a manifold mesh end at the edges with one face. Duplicate faces and faces
+that use a vertex twice are ignored, the faces of a non-manifold edge are joined in pairs, and the orientation of faces
+is not used; each loop reports the defects of the faces beside it.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 Points = Float[np.ndarray, "n 3"]
 
 SOUP_FRACTION = 0.5
-_MOST_FACES = 16  # most faces of an edge that are joined in pairs: all pairs are compared
+_MOST_FACES = 16  # most faces of an edge that are joined in pairs, as all pairs are compared
 
 
 def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> list[BoundaryLoop]:
     """All boundary loops of a mesh as simple oriented polygons, longest perimeter first.
 
-    Loops are traced around each vertex within its fan of faces, so pieces of mesh that touch in a vertex have separate
-    loops. A loop that passes a vertex twice is split there; two loops may share a vertex. Loops have the orientation of
-    the boundary of a patch over them and start at their lowest vertex.
+    A loop is traced around each vertex within one fan of faces, so parts of a mesh that touch at a vertex only have
+    separate loops. A loop that passes a vertex twice is split there; two loops may share a vertex. Loops have the
+    orientation of the boundary of a patch over them and start at their lowest vertex.
 
     `BoundaryLoop.remarks` and `BoundaryLoop.obstacle` report inconsistent faces that touch a loop. If the faces beside
     a loop have different orientations, the loop follows the majority. `BoundaryLoop.slit_fraction`,
@@ -41,7 +41,7 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
 
     Args:
         mesh: the mesh.
-        sheets: those of the mesh's faces, if they are already computed.
+        sheets: the sheets of the mesh, if already computed.
 
     Raises:
         DuplicateVertexError: the faces do not share their vertices: more than half of all boundary edges, and some of
@@ -84,7 +84,7 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Rings:
-    """Closed rings of vertices, ring k from starts[k] to starts[k + 1], with the half-edges of their edges."""
+    """Closed rings of boundary vertices, and the half-edge from each to the next; ring k is starts[k]:starts[k + 1]."""
 
     vertices: Int[np.ndarray, " n"]
     half_edges: Int[np.ndarray, " n"]
@@ -104,7 +104,7 @@ class _Rings:
 
 
 def _boundary_rings(sheets: Sheets) -> _Rings:
-    """The boundary as rings without repeated vertices, opposite to most of their half-edges, from their lowest vertex.
+    """Boundary rings without repeated vertices, directed against most of their half-edges, from their lowest vertex.
 
     A ring counts as boundary if at least one of its edges has a single face.
     """
@@ -116,7 +116,7 @@ def _boundary_rings(sheets: Sheets) -> _Rings:
     vertex = np.where(against, sheets.half_edges.target[half_edge], sheets.half_edges.origin[half_edge])
     reached = sheets.next_ends(half_edge, ~against)
     following = (2 * position[reached // 2] + reached % 2).tolist()
-    is_alone = np.isin(boundary, sheets.half_edges.boundary).tolist()
+    has_one_face = np.isin(boundary, sheets.half_edges.boundary).tolist()
     starts, vertices = np.argsort(vertex, kind="stable").tolist(), vertex.tolist()
     seen = bytearray(len(vertices))
     rings: list[list[int]] = []
@@ -126,7 +126,7 @@ def _boundary_rings(sheets: Sheets) -> _Rings:
             seen[at] = seen[at ^ 1] = True
             ring.append(at)
             at = following[at]
-        if any(is_alone[entry // 2] for entry in ring):
+        if any(has_one_face[entry // 2] for entry in ring):
             if 2 * sum(entry % 2 for entry in ring) < len(ring):
                 ring = [entry ^ 1 for entry in reversed(ring)]
             rings += _simple_rings(vertices, ring)
@@ -137,8 +137,8 @@ def _boundary_rings(sheets: Sheets) -> _Rings:
 def _simple_rings(vertices: list[int], ring: list[int]) -> list[list[int]]:
     """A ring split at its repeated vertices, each part from its lowest vertex.
 
-    Whenever the walk returns to a vertex, the part since then is cut off. On a mesh of genus 0 the repeats are nested,
-    so the split is unique.
+    When the walk returns to a vertex, the ring since its first visit is split off. On a mesh of genus 0 the repeats are
+    nested, so the split is unique.
     """
     walk: list[int] = []
     place: dict[int, int] = {}
@@ -162,12 +162,12 @@ def _from_lowest(vertices: list[int], ring: list[int]) -> list[int]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sheets:
-    """Faces joined across their edges, without copies of faces and faces that use a vertex twice."""
+    """Faces joined across their edges, without duplicate faces and faces that use a vertex twice."""
 
-    half_edges: HalfEdges  # of the faces that are left
-    face_ids: Int[np.ndarray, " g"]  # their indices in the mesh
-    twin: Int[np.ndarray, " h"]  # the half-edge across the edge of each half-edge, −1 where its sheet ends
-    copies: Int[np.ndarray, "k 2"]  # faces with the same vertices: one that is left, one that is ignored
+    half_edges: HalfEdges  # of the remaining faces
+    face_ids: Int[np.ndarray, " g"]  # indices of the remaining faces in the mesh
+    twin: Int[np.ndarray, " h"]  # the half-edge of the adjacent face of the sheet, −1 for none
+    copies: Int[np.ndarray, "k 2"]  # faces with the same vertices: one that remains, one that is ignored
     degenerate: Int[np.ndarray, " d"]  # ignored faces that use a vertex twice
 
     @classmethod
@@ -184,7 +184,7 @@ class Sheets:
         return cls(half_edges=half_edges, face_ids=face_ids, twin=twin, copies=copies, degenerate=degenerate)
 
     def next_ends(self, half_edge: Int[np.ndarray, " n"], at_target: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """Turns around one end of half-edges without a twin to the next half-edge without a twin there.
+        """For half-edges without a twin, the next half-edge without a twin around one of their ends.
 
         Returns 2h for a half-edge h reached at its origin, 2h + 1 for one reached at its target.
         """
@@ -201,17 +201,17 @@ class Sheets:
 
 
 def repeats_a_vertex(faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " f"]:
-    """Which faces use one vertex more than once."""
+    """Whether each face uses a vertex more than once, (F,) bool."""
     a, b, c = faces.T
     return np.asarray((a == b) | (b == c) | (c == a))
 
 
 def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
-    """Pairs of faces with the same three vertices, sorted; of several, each with the next."""
+    """Pairs of faces with the same three vertices, sorted; of more than two, consecutive ones."""
     # candidates: faces of an edge with more than two faces, or with two and equal opposite vertices
     a, b = half_edges.pairs.T
-    crowded = half_edges.order[np.repeat(half_edges.counts > 2, half_edges.counts)]
-    some = np.unique(np.append(half_edges.pairs[half_edges.opposite[a] == half_edges.opposite[b]], crowded) // 3)
+    nonmanifold = half_edges.order[np.repeat(half_edges.counts > 2, half_edges.counts)]
+    some = np.unique(np.append(half_edges.pairs[half_edges.opposite[a] == half_edges.opposite[b]], nonmanifold) // 3)
     corners = np.sort(half_edges.origin.reshape(-1, 3)[some], axis=1)
     order = np.lexsort(corners.T)
     pairs = some[np.stack([order[:-1], order[1:]], axis=1)[(np.diff(corners[order], axis=0) == 0).all(axis=1)]]
@@ -219,16 +219,16 @@ def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
 
 
 def _twins(half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, " h"]:
-    """The half-edge across the edge of each half-edge, −1 for none.
+    """The half-edge of the adjacent face for each half-edge, −1 for none.
 
-    The faces of an edge with more than two are joined in pairs, opposite directions first, then the flattest.
+    The faces of a non-manifold edge are joined in pairs: first those of opposite directions, then the flattest pairs.
     """
     twin: Int[np.ndarray, " h"] = half_edges.twin.copy()
-    crowded = np.flatnonzero((half_edges.counts > 2) & (half_edges.counts <= _MOST_FACES))
-    if not len(crowded):
+    nonmanifold = np.flatnonzero((half_edges.counts > 2) & (half_edges.counts <= _MOST_FACES))
+    if not len(nonmanifold):
         return twin
-    start, size = half_edges.starts[crowded], half_edges.counts[crowded]
-    edge = np.repeat(np.arange(len(crowded)), size**2)
+    start, size = half_edges.starts[nonmanifold], half_edges.counts[nonmanifold]
+    edge = np.repeat(np.arange(len(nonmanifold)), size**2)
     number = np.arange(len(edge)) - np.repeat(np.cumsum(size**2) - size**2, size**2)
     one, other = (half_edges.order[start[edge] + n] for n in (number // size[edge], number % size[edge]))
     pairs = np.stack([one, other, edge], axis=1)[one < other]
@@ -254,25 +254,25 @@ def _inward_directions(start: Points, end: Points, apex: Points) -> Points:
 
 
 class _FaceDefects:
-    """Defects of the faces of a mesh, by loop."""
+    """Reports the defects of the faces of a mesh for each loop."""
 
     def __init__(self, faces: Int[np.ndarray, "f 3"], sheets: Sheets) -> None:
         self._faces, self._sheets, half_edges = faces, sheets, sheets.half_edges
         count = int(faces.max()) + 1
         self._at_degenerate = referenced_vertices(faces[sheets.degenerate], vertices=count)
         self._is_copied = referenced_vertices(sheets.copies[:, :1], vertices=len(faces))
-        # an edge with more than two faces, of each half-edge and at each vertex; −1 for none
+        # the non-manifold edge of each half-edge, and one at each vertex; −1 for none
         edges = np.repeat(np.where(half_edges.counts > 2, np.arange(len(half_edges.counts)), -1), half_edges.counts)
-        self._crowded_of, self._crowded_at = np.empty_like(edges), np.full(count, -1, dtype=np.int64)
-        self._crowded_of[half_edges.order] = edges
-        crowded = half_edges.order[edges >= 0]
+        self._nonmanifold_of, self._nonmanifold_at = np.empty_like(edges), np.full(count, -1, dtype=np.int64)
+        self._nonmanifold_of[half_edges.order] = edges
+        nonmanifold = half_edges.order[edges >= 0]
         for ends in (half_edges.origin, half_edges.target):
-            self._crowded_at[ends[crowded]] = self._crowded_of[crowded]
+            self._nonmanifold_at[ends[nonmanifold]] = self._nonmanifold_of[nonmanifold]
 
     def obstacle(self, half_edges: Int[np.ndarray, " m"]) -> MeshError | None:
-        """The error of the first edge of a loop that has several faces, so that no patch can be joined there."""
-        crowded = self._crowded_of[half_edges]
-        return self._crowded_edge(int(crowded[np.argmax(crowded >= 0)])) if (crowded >= 0).any() else None
+        """The error of the first non-manifold edge of a loop, where no patch can be joined; None without one."""
+        edges = self._nonmanifold_of[half_edges]
+        return self._nonmanifold_edge(int(edges[np.argmax(edges >= 0)])) if (edges >= 0).any() else None
 
     def remarks(self, vertices: Int[np.ndarray, " m"], half_edges: Int[np.ndarray, " m"]) -> Iterator[str]:
         """One sentence for each kind of defect of the faces that touch a loop."""
@@ -296,11 +296,11 @@ class _FaceDefects:
                 f"{len(pairs)} faces beside the loop have copies, first faces {tuple(pairs[0].tolist())} with the same "
                 "vertices; with the patch their edges have more than two faces: keep one face of each pair"
             )
-        crowded = int(self._crowded_at[vertices].max())
-        if crowded >= 0 and self.obstacle(half_edges) is None:
-            yield f"beside the loop {self._crowded_edge(crowded)}"
+        nonmanifold = int(self._nonmanifold_at[vertices].max())
+        if nonmanifold >= 0 and self.obstacle(half_edges) is None:
+            yield f"beside the loop {self._nonmanifold_edge(nonmanifold)}"
 
-    def _crowded_edge(self, edge: int) -> NonManifoldEdgeError:
+    def _nonmanifold_edge(self, edge: int) -> NonManifoldEdgeError:
         half_edges = self._sheets.half_edges
         members = half_edges.order[half_edges.starts[edge] : half_edges.starts[edge + 1]]
         ends = (int(half_edges.origin[members[0]]), int(half_edges.target[members[0]]))

@@ -1,4 +1,4 @@
-"""Closed curves through points as polynomial pieces: splines, analytic curves, and the choice between them."""
+"""Piecewise polynomial interpolation of closed curves: splines, analytic curves, selection by cross-validation."""
 
 from functools import cache
 from math import factorial
@@ -21,20 +21,20 @@ ManyBreaks = Float[np.ndarray, "*b m_plus_1"]
 CurveKind: TypeAlias = Literal["cubic", "spline", "analytic"]
 
 DEGREES = (3, 5, 7)  # of splines; higher ones gain nothing in float64
-MIN_POINTS_FOR_HIGH_DEGREE = 16  # fewer points do not show how smooth a curve is
-GAIN_PER_DEGREE = 2.5  # factor by which a higher degree must predict better: on rough curves it only oscillates
+MIN_POINTS_FOR_HIGH_DEGREE = 16  # too few points to estimate the smoothness otherwise
+GAIN_PER_DEGREE = 2.5  # least reduction of the error by a higher degree, which may oscillate on rough curves
 ARC_NODES = 6
 # Ratio of the highest harmonic that the points resolve to the lowest, in the prior of an analytic curve. From 1e-6 to
 # 1e-10 the predictions are equally good; below, the equations become too ill-conditioned.
 SPECTRAL_FALL = 1e-8
 RIDGE = 1e-13  # relative regularisation of these equations, for points that are close together
-# An analytic curve predicts each point from all others, a spline every second point from the rest: on noise its error
-# is at most half as large, unless there are fewer points than this.
+# Errors of analytic curves are by leaving out one point, those of splines by leaving out every second one. For fewer
+# points than this, the error of an analytic curve is required to be smaller in proportion.
 SURE_POINTS = 40
-ROUNDING = 1e-14  # relative to the extent: errors below are equal
-AS_GOOD = 1.1  # factor by which equal steps, which have a closed solution, may predict worse than arc length
-EQUAL = 1e-9  # deviation from equal steps, in steps, that is rounding
-MOST_DENSE = 256  # most points for arc length: it solves dense equations, and splines are as accurate beyond
+ROUNDING = 1e-14  # relative to the extent: smaller errors count as equal
+AS_GOOD = 1.1  # factor by which the error of uniform parameters, cheaper to solve, may exceed that of arc length
+EQUAL = 1e-9  # deviation from uniform parameters, in steps, that counts as rounding
+MOST_DENSE = 256  # most points for arc length, a dense solve; for more points splines are as accurate
 MOST_UNEVEN = 40.0  # largest ratio of two edges of an analytic curve
 SAMPLES_OF_LONG_EDGE = 8
 ANALYTIC_DEGREE = 11  # of the pieces of an analytic curve
@@ -49,7 +49,7 @@ class Pieces(NamedTuple):
 
 
 def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[Pieces]:
-    """For each closed polygon the curve without corners that predicts left-out points best: see `BoundaryCurve`."""
+    """For each closed polygon the curve without corners of least cross-validation error: see `BoundaryCurve`."""
     breaks, cubics = periodic_cubics(points)
     chosen = [Pieces("cubic", *each) for each in zip(breaks, cubics, strict=True)]
     if points.shape[1] < MIN_POINTS_FOR_HIGH_DEGREE:
@@ -59,11 +59,11 @@ def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[Pieces]:
     analytic = _analytic(points, arcs, errors)
     may_oscillate = np.asarray(are_long(points).any(axis=1))
 
-    def is_tame(i: int, curve: Pieces) -> bool:
+    def follows_edges(i: int, curve: Pieces) -> bool:
         return not (may_oscillate[i] and _leaves_long_edges(points[i], curve))
 
     for i, degree in enumerate(degrees.tolist()):
-        if i in analytic and is_tame(i, analytic[i]):
+        if i in analytic and follows_edges(i, analytic[i]):
             chosen[i] = analytic[i]
         elif degree > min(DEGREES):
             closed = np.vstack([points[i], points[i, :1]])
@@ -71,13 +71,13 @@ def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[Pieces]:
             powers = [spline(arcs[i, :-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
             # the constant terms are the vertices, bit for bit
             curve = Pieces("spline", arcs[i], np.stack([*powers, points[i]]))
-            if is_tame(i, curve):
+            if follows_edges(i, curve):
                 chosen[i] = curve
     return chosen
 
 
 def _leaves_long_edges(points: Vertices, curve: Pieces) -> bool:
-    """Whether a curve leaves a long edge by more than `detect_corners` allows."""
+    """Whether a curve deviates from a long edge by more than `detect_corners` allows."""
     spacing = graded_spacing(points)
     long = np.flatnonzero(edge_lengths(points) > spacing)
     share = np.arange(1, SAMPLES_OF_LONG_EDGE)[:, None] / SAMPLES_OF_LONG_EDGE
@@ -90,7 +90,7 @@ def _leaves_long_edges(points: Vertices, curve: Pieces) -> bool:
 def piecewise_cubic(
     points: Float[np.ndarray, "m k"], corners: Bool[np.ndarray, " m"]
 ) -> tuple[Breaks, Float[np.ndarray, "4 m k"]]:
-    """Breaks and coefficients of the closed interpolating cubic spline by chord length, with kinks at corners.
+    """Breaks and coefficients of the closed interpolating cubic spline with chord-length parameters and corners.
 
     Points have any dimension. Breaks run from 0 to 1; coefficients are as in `scipy.interpolate.PPoly`.
     """
@@ -98,11 +98,11 @@ def piecewise_cubic(
         return periodic_cubics(points)
     breaks = _shares(edge_lengths(points))
     coefficients = np.empty((4, *points.shape))
-    # not-a-knot would extrapolate the bends of short edges over a long one at the end of a side
+    # not-a-knot would extrapolate the curvature at short edges over a long edge at the end of a side
     ends = np.where(are_long(points), "natural", "not-a-knot").tolist()
     for side in _sides(corners):
         t = np.append(breaks[side], breaks[side[-1] + 1])
-        t[1:] += t[1:] <= t[0]  # the side may run past the end of the parameter
+        t[1:] += t[1:] <= t[0]  # the side may wrap around the end of the parameter
         vertices = points[np.append(side, (side[-1] + 1) % len(points))]
         coefficients[:, side] = CubicSpline(t, vertices, bc_type=(ends[side[0]], ends[side[-1]])).c
     return breaks, coefficients
@@ -115,7 +115,7 @@ def _sides(corners: Bool[np.ndarray, " m"]) -> list[Int[np.ndarray, " _"]]:
 
 
 def between_corners(points: Vertices, corners: Bool[np.ndarray, " m"]) -> Pieces:
-    """The curve of a closed polygon with corners: cubic, or of higher degree on sides whose points show it."""
+    """The curve of a closed polygon with corners: cubic, or of higher degree on sides where that is better."""
     breaks, cubics = piecewise_cubic(points, corners)
     padding, highest = max(DEGREES) - min(DEGREES), min(DEGREES)
     coefficients = np.concatenate([np.zeros((padding, *points.shape)), cubics])
@@ -138,7 +138,7 @@ def between_corners(points: Vertices, corners: Bool[np.ndarray, " m"]) -> Pieces
 
 
 def periodic_cubics(points: ManyVertices) -> tuple[ManyBreaks, Float[np.ndarray, "*b 4 m k"]]:
-    """`piecewise_cubic` of several closed curves of as many points each, without corners."""
+    """`piecewise_cubic` of several closed curves without corners and with equally many points."""
     breaks = _shares(edge_lengths(points))
     width = np.diff(breaks)[..., None]
     secant = (np.roll(points, -1, axis=-2) - points) / width
@@ -148,7 +148,7 @@ def periodic_cubics(points: ManyVertices) -> tuple[ManyBreaks, Float[np.ndarray,
 
 
 def _shares(lengths: Float[np.ndarray, "*b m"]) -> ManyBreaks:
-    """Cumulative sums of lengths, from 0 to 1."""
+    """Normalised cumulative sums of lengths, from 0 to 1."""
     shares = np.zeros((*lengths.shape[:-1], lengths.shape[-1] + 1))
     shares[..., 1:] = np.cumsum(lengths, axis=-1) / lengths.sum(axis=-1, keepdims=True)
     shares[..., -1] = 1.0
@@ -156,7 +156,7 @@ def _shares(lengths: Float[np.ndarray, "*b m"]) -> ManyBreaks:
 
 
 def _periodic_slopes(width: Float[np.ndarray, "*b m"], secant: ManyVertices) -> ManyVertices:
-    """Slopes at the knots of periodic cubic splines, from the widths and the secants' slopes of their pieces.
+    """Slopes at the knots of periodic cubic splines, from the widths and secant slopes of their pieces.
 
     All curves are solved as one tridiagonal system; a rank-one update for each adds the corner entries.
     """
@@ -180,16 +180,16 @@ def _periodic_slopes(width: Float[np.ndarray, "*b m"], secant: ManyVertices) -> 
 def predicting_degree(
     points: Float[np.ndarray, "*b m 3"], breaks: ManyBreaks, *, is_closed: bool = True
 ) -> tuple[Int[np.ndarray, "*b"], Float[np.ndarray, "*b"]]:
-    """The degree whose local polynomials predict every second point of each curve best from the other points.
+    """The degree of local polynomials that predict every second point of each curve best from the other points.
 
-    Also returns the RMS error that an analytic curve must stay below to be preferred. An open curve has a point at
+    Also returns the RMS error below which an analytic curve is preferred. An open curve has a point at
     every break; near its ends the stencils are one-sided.
     """
     m = points.shape[-2]
     kept, left_out = np.arange(0, m - is_closed, 2), np.arange(1, m - 1 + is_closed, 2)
     errors = []
     for degree in DEGREES:
-        # as many kept points on either side; point 2i + 1 follows the i-th
+        # equally many kept points on both sides; left-out point 2i + 1 follows kept point i
         first = np.arange(len(left_out)) - degree // 2
         near = (first if is_closed else first.clip(0, len(kept) - degree - 1))[:, None] + np.arange(degree + 1)
         places = kept[near % len(kept)]
@@ -213,7 +213,7 @@ def by_arcs(points: Float[np.ndarray, "m k"]) -> Breaks:
 
 
 def _arc_shares(breaks: ManyBreaks, coefficients: Float[np.ndarray, "*b d_plus_1 m k"]) -> ManyBreaks:
-    """Shares of the arc length of polynomial curves up to their breaks."""
+    """Normalised arc lengths of polynomial curves up to their breaks."""
     nodes, weights = gauss_nodes(ARC_NODES)
     width, degree = np.diff(breaks), coefficients.shape[-3] - 1
     h = (width[..., None] * (nodes + 1) / 2)[..., None]
@@ -231,7 +231,7 @@ def gauss_nodes(count: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, 
 
 
 def piece_places() -> Float[np.ndarray, " d1"]:
-    """Chebyshev points of a piece of length 1, its start but not its end, which at a corner is the next side's."""
+    """Chebyshev–Radau points on [0, 1): with the start of a piece, without its end, which may be a corner."""
     return np.asarray((1 - np.cos(np.pi * np.arange(ANALYTIC_DEGREE + 1) / (ANALYTIC_DEGREE + 0.5))) / 2)
 
 
@@ -250,7 +250,7 @@ def through(values: Float[np.ndarray, "*b d1 m 3"], width: Float[np.ndarray, " m
     """Coefficients of the polynomials with given values at the `piece_places` of pieces of given widths."""
     to_chebyshev, to_powers = _from_values()
     local = (values - values[..., :1, :, :]).reshape(*values.shape[:-2], 3 * len(width))
-    # one after the other: their product has larger rounding errors
+    # in two steps: the product of the matrices has larger rounding errors
     powers = to_powers @ (to_chebyshev @ local)
     scale = width[:, None] ** np.arange(ANALYTIC_DEGREE, -1, -1)[:, None, None]
     coefficients = powers.reshape(values.shape) / scale
@@ -259,9 +259,9 @@ def through(values: Float[np.ndarray, "*b d1 m 3"], width: Float[np.ndarray, " m
 
 
 def trigonometric_coefficients(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b d1 m 3"]:
-    """Coefficients of the pieces of trigonometric polynomials through points at equal steps."""
+    """Coefficients of the pieces of trigonometric polynomials through points at uniform parameters."""
     m = points.shape[-2]
-    # along rows: half the time
+    # along the last axis: half the time
     spectrum = np.fft.rfft(points.swapaxes(-1, -2))[..., None, :, :]
     turn = np.exp(2j * np.pi / m * np.arange(spectrum.shape[-1]) * piece_places()[:, None, None])
     values = np.fft.irfft(turn * spectrum, n=m).swapaxes(-1, -2)
@@ -272,12 +272,12 @@ def trigonometric_coefficients(points: Float[np.ndarray, "*b m 3"]) -> Float[np.
 def _analytic(
     points: Float[np.ndarray, "b m 3"], arcs: ManyBreaks, errors: Float[np.ndarray, " b"]
 ) -> dict[int, Pieces]:
-    """The analytic curves, by index, that predict left-out points with less than the RMS `errors`.
+    """The analytic curves, by index, whose leave-one-out RMS error is less than `errors`.
 
-    Where the points are equal steps of an analytic parameter, it is the trigonometric polynomial. Otherwise, by arc
-    length, it is the interpolant of least norm in the Hilbert space of the Poisson kernel, whose harmonics decay
-    geometrically: it is close to the trigonometric polynomial where points are almost evenly spaced, and does not
-    oscillate where they are not.
+    For uniform samples of an analytic curve it is the trigonometric polynomial. Otherwise, with arc-length parameters,
+    it is the interpolant of least norm in the Hilbert space of the Poisson kernel, whose harmonics decay geometrically:
+    it is close to the trigonometric polynomial where points are almost evenly spaced, and does not oscillate where they
+    are not.
 
     Source: Dubrule, "Cross validation of kriging in a unique neighborhood" (1983), for the points left out.
     """
@@ -302,7 +302,7 @@ def _analytic(
 
 
 def _left_out_at_equal_steps(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b"]:
-    """RMS error of predicting each point from the others at equal steps, by the Poisson kernel or by least squares."""
+    """Leave-one-out RMS error at uniform parameters, the smaller of Poisson kernel and least squares."""
     m = points.shape[-2]
     k = np.arange(1, m)
     # eigenvalues of the circulant matrix, up to a factor
@@ -319,12 +319,12 @@ def _kernel(t: Float[np.ndarray, "*pts"], places: Float[np.ndarray, " j"], m: in
     """The Poisson kernel Σ_k q^|k| exp 2πik(t − s) at t for places s, where q^(m/2) is `SPECTRAL_FALL`."""
     q = SPECTRAL_FALL ** (2 / m)
     here, there = (np.stack([np.cos(2 * np.pi * x), np.sin(2 * np.pi * x)], axis=-1) for x in (t, places))
-    # cos(t − s) from far fewer cosines
+    # cos(t − s) by the addition theorem, with far fewer cosines
     return np.asarray((1 - q * q) / (1 + q * q - 2 * q * (here @ there.T)))
 
 
 def _poisson(points: Vertices, breaks: Breaks) -> tuple[Vertices, float]:
-    """Weights of the kernels that interpolate points at given parameters, and the RMS error of each point left out."""
+    """Weights of the kernels that interpolate points at given parameters, and the leave-one-out RMS error."""
     m, t = len(points), breaks[:-1]
     matrix = _kernel(t, t, m)
     matrix.flat[:: m + 1] *= 1 + RIDGE

@@ -1,7 +1,7 @@
 """Intersections of triangle meshes with themselves and each other, and of closed polygons.
 
 Two faces cross if an inner point of one belongs to the other. Faces that touch at corners or sides, by index or by
-position, do not cross; nor do coplanar neighbours, nor faces without area.
+position, do not cross; nor do faces without area.
 """
 
 from collections.abc import Callable
@@ -24,10 +24,10 @@ Triangles = Float[np.ndarray, "k 3 3"]
 Sides = Int[np.ndarray, "k 3"]  # 1, −1, or 0
 Pairs = Int[np.ndarray, "k 2"]
 
-MEETING_PER_DIAGONAL = 1e-12  # distance of edges of a polygon that meet, per diagonal
-MIN_NORMAL_COSINE = 1e-3  # between the normals of a graph and its direction: beyond rounding
-SEPARATION = 1e-12  # volumes, per cubed extent of two triangles, whose sign needs no exact predicate
-# Of the edges of a star, seen from its centre: angle, and distance per radius; beyond `MEETING_PER_DIAGONAL`
+MEETING_PER_DIAGONAL = 1e-12  # largest distance of edges of a polygon that meet, per diagonal
+MIN_NORMAL_COSINE = 1e-3  # least cosine between the face normals and the direction of a graph, above rounding
+SEPARATION = 1e-12  # volume, per cubed extent of two triangles, above which rounding cannot change its sign
+# Least angle that an edge of a star subtends at its centre, and least distance from it per radius
 LEAST_ANGLE, LEAST_DISTANCE = 1e-4, 1e-6
 
 
@@ -64,7 +64,7 @@ def intersections_between(
 
 
 def is_graph(vertices: Points, faces: Faces, boundary_size: int) -> bool:
-    """Whether a mesh with one boundary is a graph over the plane normal to its vector area, so free of intersections.
+    """Whether a mesh with one boundary is a graph over the plane normal to its vector area, so without intersections.
 
     A projection that preserves the orientation of all faces and has a simple boundary is injective. Linear in the
     number of faces; the boundary's vertices come first, in order.
@@ -85,8 +85,8 @@ def is_graph(vertices: Points, faces: Faces, boundary_size: int) -> bool:
 def loop_crossings(points: Chain) -> Pairs:
     """Pairs i < j, sorted, of edges of a closed polygon (M, 3) that cross or touch; none for a simple polygon.
 
-    Edge i runs from point i to point i + 1 (mod M). Edges that are not neighbours meet if their distance is at most
-    1e-12 of the diagonal, neighbours if the polygon folds back onto itself.
+    Edge i runs from point i to point i + 1 (mod M). Edges without a common point meet if their distance is at most
+    1e-12 of the diagonal, adjacent edges if the polygon folds back onto itself.
     """
     if is_star(points):
         return np.zeros((0, 2), dtype=np.int64)
@@ -134,7 +134,7 @@ def _cross(u: Float[np.ndarray, "*k 3"], v: Float[np.ndarray, "*k 3"]) -> Float[
 
 
 def _neighbours_not_separated(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Pairs:
-    """Pairs of different faces with common vertices that are not surely separated by the plane of one of them."""
+    """Pairs of different faces with common vertices that are not clearly separated by the plane of one of them."""
     corners = (np.repeat(np.arange(len(faces)), 3), faces.reshape(-1))
     incidence = coo_array((np.ones(faces.size, dtype=np.int64), corners), shape=(len(faces), len(vertices))).tocsr()
     common = (incidence @ incidence.T).tocoo()
@@ -145,7 +145,7 @@ def _neighbours_not_separated(vertices: Float[np.ndarray, "n 3"], faces: Int[np.
 
 
 def _are_separated(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:
-    """Whether the plane of one triangle surely has the other on one side, apart from common corners."""
+    """Whether the other triangle, except common corners, is clearly on one side of the plane of one of them."""
     f, g = (np.ascontiguousarray(np.moveaxis(t, 0, 2)) for t in (f, g))  # sums over a short last axis are slow
     common = (f[:, None] == g).all(axis=2)
     limit = SEPARATION * np.ptp(np.concatenate([f, g]), axis=0).max(axis=0) ** 3
@@ -198,8 +198,8 @@ def _overlap_on_line(f: Triangles, g: Triangles, f_sides: Sides, g_sides: Sides)
 def _sides_through_plane(f: Triangles, sides: Sides) -> tuple[Points, Points, Points, Numbers]:
     """The corner of a triangle that is alone on its side of a plane, the two others, and that side.
 
-    Corners on the plane count for the side without others. The two others are ordered by where their sides cross the
-    common line of the planes, along n_f × n (n the normal of the plane).
+    Corners on the plane count as below it if a corner is above it, else as above it. The two others are ordered by
+    where their sides cross the common line of the planes, along n_f × n (n the normal of the plane).
     """
     filled = np.where(sides == 0, np.where((sides > 0).any(axis=1), -1, 1)[:, None], sides)
     alone = np.argmax(filled == -filled.sum(axis=1, keepdims=True), axis=1)
@@ -220,7 +220,7 @@ def _overlap_in_plane(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:
 
 
 def _has_separating_side(f: Float[np.ndarray, "k 3 2"], g: Float[np.ndarray, "k 3 2"]) -> Bool[np.ndarray, " k"]:
-    """Whether a side of one plane triangle has another one beyond it; always if the first has no area."""
+    """Whether a side of a plane triangle f separates it from g; True if f has no area."""
     turn = _turn(f[:, 0], f[:, 1], f[:, 2])
     separates = turn == 0
     for start in range(3):
@@ -239,14 +239,14 @@ def _turn(a: Float[np.ndarray, "k 2"], b: Float[np.ndarray, "k 2"], c: Float[np.
 def is_star(points: Float[np.ndarray, "*b m 3"]) -> Bool[np.ndarray, "*b"]:
     """Whether polygons are star-shaped about their centroids, projected along their vector areas, and so simple.
 
-    Most rims of holes are, and this is many times as fast as the general test.
+    Most boundary loops are, and this test is many times as fast as the general one.
     """
     spokes = points - points.mean(axis=-2, keepdims=True)
     doubled = _cross(spokes, np.roll(spokes, -1, axis=-2))
     area = doubled.sum(axis=-2, keepdims=True)
     size = np.linalg.norm(area, axis=-1, keepdims=True)
     normal = np.divide(area, size, out=np.zeros_like(area), where=size > 0)
-    # twice the areas of the triangles at the centroid, bounded by the least distances and angles of their sides
+    # twice the areas of the triangles at the centroid, and their lower bounds by least angle and distance
     sectors = (doubled * normal).sum(axis=-1)
     flat = spokes - (spokes * normal).sum(axis=-1, keepdims=True) * normal
     radius = np.linalg.norm(flat, axis=-1)

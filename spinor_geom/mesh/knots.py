@@ -12,7 +12,7 @@ Passed = Float[np.ndarray, " c"]  # positions of crossings: edge number plus sha
 # Where |Δ| is evaluated: Δ is defined up to powers of t, which have modulus 1 on the unit circle.
 PLACES = (-1.0 + 0.0j, np.exp(1.0j), np.exp(2.0j))
 ROUNDING = 1e-5  # of log |Δ|
-MOST_CROSSINGS = 1500  # the determinants cost its cube
+MOST_CROSSINGS = 1500  # the determinants take cubic time
 VIEW = (0.2357, -0.4142, 0.8790)  # direction of the projection, generic with respect to the axes
 
 
@@ -20,8 +20,8 @@ def knot_determinant(points: Float[np.ndarray, "m 3"]) -> float | None:
     """|Δ(−1)| of a simple closed polygon's Alexander polynomial Δ if Δ shows that the polygon is knotted, else None.
 
     A polygon of total curvature at most 4π is not knotted (Fáry and Milnor), nor is one with a projection of fewer than
-    three crossings. Otherwise it is knotted if |Δ| differs from 1 at one of three points of the unit circle. Not found
-    are knots with Δ = 1, which have at least 11 crossings, and polygons with more than 1,500 crossings.
+    three crossings. Otherwise it is knotted if |Δ| differs from 1 at one of three points of the unit circle. Knots with
+    Δ = 1, which have at least 11 crossings, and polygons with more than 1,500 crossings are not detected.
 
     Source: Alexander, "Topological invariants of knots and links", Trans. AMS 30 (1928); Milnor, "On the total
     curvature of knots", Ann. of Math. 52 (1950).

@@ -18,7 +18,7 @@ from spinor_geom.mesh.topology import HalfEdges
 Vertices = Float[np.ndarray, "v d"]
 Faces = Int[np.ndarray, "f 3"]
 
-# Lower bound of the circumcentric areas, which may be negative at obtuse corners, in barycentric areas.
+# Least circumcentric area, which may be negative at obtuse corners, per barycentric area.
 _LEAST_SHARE = 0.3
 _TINY = np.finfo(np.float64).tiny ** 0.5
 # Least excess of two sides of a mollified triangle over the third, per longest side: it bounds the cotangents.
@@ -47,7 +47,7 @@ def mollified_edge_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray
     Source: Sharp & Crane (2020), "A Laplacian for nonmanifold triangle meshes", for mollified lengths.
     """
     length = igl.edge_lengths(*igl_arrays(vertices, faces))
-    # areas are roots of fourth powers
+    # fourth powers of lengths in the areas must not underflow
     longest = np.maximum(length.max(axis=1), np.finfo(np.float64).tiny ** 0.2)
     slack = length.sum(axis=1) - 2 * length.max(axis=1)
     return np.asarray(length + np.maximum(_SLACK * longest - slack, 0.0)[:, None])
@@ -56,8 +56,8 @@ def mollified_edge_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray
 def delaunay_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
     """The cotangent Laplacian of the intrinsic Delaunay triangulation of a mesh, with non-negative weights.
 
-    Where two sides of a face exceed the third by less than 1e-4 of the mean edge, all edges of the mesh are increased
-    by the largest difference, so that an edge has one length in both of its faces.
+    Where two sides of a face exceed the third by less than 1e-4 of the mean edge, all edges of the mesh are lengthened
+    by the largest difference, so that an edge has the same length in both of its faces.
 
     Source: Sharp & Crane (2020), "A Laplacian for nonmanifold triangle meshes".
     """
@@ -92,12 +92,12 @@ def graph_laplacian(faces: Faces) -> csc_array:
 
 
 def factor_symmetric(matrix: csc_array) -> SuperLU:
-    """Sparse LU of a symmetric matrix, with its inertia on U's diagonal; raises a SingularMatrixError."""
+    """Sparse LU of a symmetric matrix, with its inertia in the signs of U's diagonal; raises a SingularMatrixError."""
     if not np.isfinite(matrix.data).all():
         raise SingularMatrixError(size=matrix.shape[0])
     try:
         return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    except RuntimeError as error:  # what SuperLU raises for an exactly singular matrix
+    except RuntimeError as error:  # for an exactly singular matrix
         raise SingularMatrixError(size=matrix.shape[0]) from error
 
 

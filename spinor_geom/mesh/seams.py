@@ -22,11 +22,11 @@ SAME_PLACE = 1e-6
 class Overlaps:
     """Which part of each edge of some rings coincides with other edges; edge i runs from entry i to the next one."""
 
-    own: Float[np.ndarray, " n"]  # share of its length on edges of its own ring, of opposite direction
+    own: Float[np.ndarray, " n"]  # share of its length on oppositely directed edges of its own ring
     other: Float[np.ndarray, " n"]  # share of its length on edges of other rings
     is_matched: Bool[np.ndarray, " n"]  # whether these edges have the same two ends
     distance: Float[np.ndarray, " n"]  # largest distance of its ends from those edges, in mesh units
-    junctions: Int[np.ndarray, "k 2"]  # T-junctions: an entry, and an edge that contains it and one of its edges
+    junctions: Int[np.ndarray, "k 2"]  # T-junctions: an entry, and the edge on which it and one of its own edges lie
 
 
 def find_overlaps(points: Points, successor: Numbers, ring: Numbers, size: float) -> Overlaps:
@@ -74,7 +74,7 @@ def find_overlaps(points: Points, successor: Numbers, ring: Numbers, size: float
 
 
 def _shared(start: Numbers, end: Numbers, ring: Numbers) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Which edges have the ends of another edge of their ring, of opposite direction, and which of another ring's."""
+    """Whether each edge has the ends of an oppositely directed edge of its ring, and of any edge of another ring."""
     forward = start < end
     count = int(max(start.max(initial=0), end.max(initial=0))) + 1
     pair = np.minimum(start, end) * count + np.maximum(start, end)
@@ -93,7 +93,7 @@ def _shared(start: Numbers, end: Numbers, ring: Numbers) -> tuple[Bool[np.ndarra
 def _points_on_edges(
     points: Points, successor: Numbers, edges: Numbers, place: Numbers, reach: Float[np.ndarray, " n"]
 ) -> tuple[Numbers, Numbers, Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Ends of some edges that lie inside others: the edge, the entry, its share along the edge, its distance."""
+    """Ends of edges in the interior of other edges: the edge, the entry, its share along the edge, its distance."""
     if not len(edges):
         return edges, edges, np.zeros(0), np.zeros(0)
     ends = successor[edges]

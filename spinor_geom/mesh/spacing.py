@@ -1,20 +1,21 @@
-"""Long edges of closed polygons: longer than the spacing of the neighbouring points suggests."""
+"""Detection and division of long edges of closed polygons, much longer than their neighbours."""
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 LARGEST_GROWTH = 2.0  # ratio of successive edges of a graded spacing
-# Length of the first part of a divided edge, in edges beside it, and growth of the parts per length. With half of each,
-# one ragged rim of a cut sphere does not converge; with twice, straight sides bulge by up to 8 % of the area.
+# Length of the first part of a divided edge, per length of the edges beside it, and growth of the parts per length.
+# With half of both, one ragged rim of a cut sphere does not converge; with twice, straight sides bulge by up to 8 % of
+# the area.
 _FIRST_PART, _GROWTH = 2.0, 1.0
 
 
 def graded_spacing(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b m"]:
-    """Upper bound at each edge of a closed polygon for the edges of a graded sampling, in the points' unit.
+    """Upper bound of the edge length of a graded sampling at each edge of a closed polygon, in the points' unit.
 
     The bound is the longest of three successive edges, reduced so that it at most doubles from one edge to the next,
-    and at least twice the median edge. So an edge exceeds it only if it is more than four times as long as three edges
-    beside it and more than twice as long as half of all edges.
+    and at least twice the median edge. So an edge exceeds it if it is more than four times as long as each of the next
+    three edges on one side and more than twice as long as the median edge.
     """
     length = edge_lengths(points)
     least = LARGEST_GROWTH * np.median(length, axis=-1, keepdims=True)
@@ -42,7 +43,7 @@ def edge_lengths(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b m
 def with_long_edges_divided(
     points: Float[np.ndarray, "m k"],
 ) -> tuple[Float[np.ndarray, "n k"], Bool[np.ndarray, " n"]]:
-    """A closed polygon with its long edges divided, and which of the new points are its own.
+    """A closed polygon with its long edges divided, and a mask of the original points.
 
     The parts of a long edge are about as long as its neighbours at both ends, and grow from there.
     """

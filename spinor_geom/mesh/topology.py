@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-# Vertices are never merged over more than this share of the edges there, so fine parts of large meshes are unchanged.
+# Vertices farther apart than this share of their edges are not merged, so fine parts of large meshes are unchanged.
 SHARE_OF_EDGE = 1e-2
 
 
@@ -108,7 +108,7 @@ def face_components(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:
 
 
 def linked(pairs: Int[np.ndarray, "k 2"], count: int) -> Int[np.ndarray, " {count}"]:
-    """The connected component of each of `count` nodes of a graph with some edges, from 0."""
+    """Connected component, from 0, of each of the `count` nodes of a graph with the edges `pairs`."""
     graph = coo_array((np.ones(len(pairs), dtype=bool), pairs.T), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
@@ -135,10 +135,10 @@ def coincident_vertices(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n
 def near_vertices(
     points: Float[np.ndarray, "n 3"], reach: Float[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"] | None = None
 ) -> Int[np.ndarray, " n"]:
-    """`coincident_vertices` for points no farther apart than the reach of both, in mesh units, (n,) int64.
+    """`coincident_vertices` to a tolerance: two points coincide within the smaller of their reaches, (n,) int64.
 
-    Groups are transitive. With `faces`, two different corners of a face are never in one group: while a group has two,
-    it is divided by half the distance.
+    Reaches are in mesh units; groups are transitive. With `faces`, no group has two different corners of a face: the
+    tolerance of such a group is halved until none has.
     """
     exact = coincident_vertices(points)
     unique, number = np.unique(exact, return_inverse=True)

@@ -17,14 +17,14 @@ from spinor_geom.shown import Shown, shortened
 
 Within: TypeAlias = float | Literal["rounding"]  # a distance in mesh units, or `rounding_reach`
 COLOR = "color"
-SMALLEST_EXTENT, LARGEST_EXTENT = 1e-70, 1e70  # fourth powers of lengths have to be numbers
+SMALLEST_EXTENT, LARGEST_EXTENT = 1e-70, 1e70  # fourth powers of lengths must neither overflow nor underflow
 
 
 @dataclass(frozen=True, eq=False, init=False)
 class TriangleMesh(Shown):
-    """Triangles over vertices in space, with values at the vertices; arrays become read-only copies.
+    """A triangle mesh in space with vertex attributes; arrays become read-only copies.
 
-    Faces are counter-clockwise seen from the side of their normals. Each vertex and face is checked on its own;
+    Faces are counter-clockwise seen from the side of their normals. Vertices and faces are checked one by one;
     `find_boundary_loops` reports inconsistent faces beside a loop. Unused vertices are allowed.
 
     Attributes:
@@ -37,7 +37,7 @@ class TriangleMesh(Shown):
     Raises:
         MeshShapeError: an array has the wrong shape or dtype.
         NonFiniteVertexError: a coordinate is NaN or infinite.
-        VertexIndexError: a face names a vertex that does not exist.
+        VertexIndexError: a vertex index of a face is out of range.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -103,7 +103,7 @@ class TriangleMesh(Shown):
 
 
 def rounding_reach(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " v"]:
-    """Largest distance of equal positions after rounding to single precision, in mesh units, (V,) float64.
+    """Largest distance between two single-precision roundings of one position, in mesh units, (V,) float64.
 
     Two roundings of a position differ by one unit in the last place along each axis, less than twice the precision
     times the largest coordinate. The distance is at most 1 % of the longest edge at a vertex.
@@ -143,7 +143,7 @@ class MeshExtension:
 
 
 def require_faces(mesh: TriangleMesh) -> None:
-    """Raises a NoFacesError for bare points, or a MeshExtentError for a mesh whose areas cannot be computed."""
+    """Raises a NoFacesError for vertices without faces, or a MeshExtentError if areas cannot be computed."""
     if not len(mesh.vertices):
         return
     if not len(mesh.faces):

@@ -79,11 +79,11 @@ class Patch(Shown):
         return float(face_areas(self.vertices, self.faces).sum())
 
     def relaxed(self) -> DiscreteMinimalSurface:
-        """The discrete minimal surface near this mesh: the same triangles, without discrete mean curvature.
+        """The discrete minimal surface near this mesh, with the same triangles and zero discrete mean curvature.
 
         On the exact surface the discrete mean curvature at a vertex is about 4 % of the principal curvatures, however
-        small the triangles: the cotangent formula converges pointwise only on regular triangles. Without it, vertices
-        are off the exact surface by some 0.5 % of an edge, or some 10 % if the surface is close to unstable.
+        small the triangles: the cotangent formula converges pointwise only on regular triangles. Removing it moves
+        vertices off the exact surface by about 0.5 % of an edge, or 10 % if the surface is nearly unstable.
 
         Source: Xu (2004), "Discrete Laplace–Beltrami operators and their convergence", CAGD 21, for the formula's
         pointwise error.
@@ -95,9 +95,9 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
     """Meshes a solved minimal surface; the points of its loops are the boundary vertices, bit for bit.
 
     The surface's domain is triangulated with edges of about target/λ, near the boundary as long as the loop's own
-    edges; the inner vertices are on the exact surface. The boundary vertices are not: the boundary residual of the
-    solution remains in the triangles at the boundary. Where chords between the loop's points in Ω cross or leave Ω,
-    inner vertices are inserted beside these edges.
+    edges; the inner vertices are on the exact surface. The boundary vertices deviate from it by the boundary residual
+    of the solution. Where chords between the loop's points in Ω cross or leave Ω, inner vertices are inserted beside
+    these edges.
 
     Args:
         solution: A solved Plateau problem.
@@ -120,7 +120,7 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
 def mesh_patches(
     solutions: Sequence[PlateauSolution], target_edge_length: float | Literal["auto"] = "auto"
 ) -> list[Patch | SpinorGeomError]:
-    """`mesh_patch` or its error for several surfaces, which are meshed together; bit for bit the same."""
+    """`mesh_patch` or its error for several surfaces, computed together with bit-equal results."""
 
     def made(some: Sequence[PlateauSolution]) -> list[Patch]:
         planes = triangulate_pieces([_piece(solution, target_edge_length) for solution in some])
@@ -149,7 +149,7 @@ def edge_length_over(loops: Sequence[BoundaryLoop], target: float | Literal["aut
 def _with_split_edges(
     solution: PlateauSolution, target_edge_length: float | Literal["auto"]
 ) -> Patch | SpinorGeomError:
-    """The mesh of a surface, or its error, where chords between the loop's points in Ω cross."""
+    """The mesh of a surface, or its error, if chords between the loop's points in Ω cross."""
     whole = _piece(solution, target_edge_length)
     try:
         plane = triangulated_with_split_edges(
@@ -208,14 +208,14 @@ def _rim(surface: SpinorSurface, boundary: Boundary, target: float) -> Complex[n
     speed = np.asarray(surface.conformal_factor(boundary.point(middle))) * np.abs(boundary.derivative(middle))
     length = np.append(0.0, np.cumsum(speed * width))
     starts = length[np.flatnonzero(boundary.corners) * _FINE] if boundary.corners.any() else length[:1]
-    # the last side may run past the end of the parameter
+    # the last side may wrap around the end of the parameter
     sides = zip(starts, np.append(starts[1:], starts[0] + length[-1]), strict=True)
     at = [np.linspace(a, b, max(_FEWEST, round((b - a) / target)), endpoint=False) for a, b in sides]
     return boundary.point(np.interp(np.concatenate(at) % length[-1], length, t))
 
 
 def remesh(patch: Patch, target: float) -> Patch:
-    """A patch remeshed with edges of a length in space: the same boundary, new inner vertices on its faces."""
+    """A patch remeshed to an edge length in space, with the same boundary and new inner vertices on its faces."""
     faces, m = np.asarray(patch.faces), patch.boundary_size
     flat = flat_coordinates(patch.points)
     areas = np.stack([face_areas(patch.vertices, faces), face_areas(flat, faces)])
@@ -236,10 +236,10 @@ def remesh(patch: Patch, target: float) -> Patch:
 
 
 def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target: float) -> Patch:
-    """A patch over the same loop, harmonic over a domain with given angles, in radians, at the loop's points.
+    """A harmonic patch over the same loop, on a domain with given interior angles, in radians, at the loop's points.
 
-    The domain has the loop's edge lengths, as far as a simple polygon can. The excess of the angles over those of a
-    closed polygon is distributed over its length; an overlapping domain is straightened with the patch's metric.
+    The domain has about the loop's edge lengths. The excess of the angles over those of a closed polygon is distributed
+    over its length; an overlapping domain is straightened with the patch's metric.
 
     Raises:
         DomainError: An angle is not finite, or no simple domain was found.
@@ -257,13 +257,13 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
 
 
 def over_own_domain(patch: Patch) -> Patch:
-    """The same mesh of one loop over a domain computed from its shape.
+    """The same mesh of one loop, with positions in a domain computed from its shape.
 
     The domain has the loop's edge lengths and the patch's angles, as in `over_domain_of_angles`; the inner vertices are
     placed by a harmonic map with positive weights.
 
     Raises:
-        DomainError: No simple domain was found, or the map folds triangles over.
+        DomainError: No simple domain was found, or the map flips triangles.
         SingularMatrixError: The patch's triangles are degenerate.
     """
     faces = np.asarray(patch.faces)
@@ -272,7 +272,7 @@ def over_own_domain(patch: Patch) -> Patch:
     points = harmonic_extension(laplacian, plane_coordinates(boundary)) @ [1.0, 1.0j]
     a, b, c = points[faces].T
     if not (cross(b - a, c - a) > 0).all():
-        raise DomainError("the harmonic map of the patch folds triangles over")
+        raise DomainError("the harmonic map of the patch flips triangles")
     return replace(patch, points=points)
 
 

@@ -1,8 +1,8 @@
 """Triangulations of Ω between the loop's points where chords cross: long edges are split.
 
 Ω is bounded by arcs. The chord of a long arc may cross other chords, or run far outside Ω, where p and q have poles.
-Points next to the arc, inside Ω, then divide it; the polygon through them is triangulated, and triangles between these
-points and the edge close the gap.
+Such an edge is divided at points near its arc, inside Ω; the polygon through them is triangulated, and a fan of
+triangles fills the gap to the edge.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ def require_few_points(area: float, target: float) -> None:
 
 
 def piece_of(surface: SpinorSurface, rims: Sequence[Complex[np.ndarray, " _"]], target: float, area: float) -> Piece:
-    """The part of Ω between boundaries, for edges of a length in space; raises a TooManyPointsError."""
+    """The part of Ω bounded by `rims`, for a target edge length in space; raises a TooManyPointsError."""
     require_few_points(area, target)
     mesh = surface.domain.triangulation
     factor = np.asarray(surface.conformal_factor(mesh.points))
@@ -81,7 +81,7 @@ def triangulate_pieces(pieces: Sequence[Piece]) -> list[PlaneTriangulation]:
 
 
 def size_field(pieces: Sequence[Piece]) -> RegionSizes:
-    """Edge lengths in Ω that are about `target` in space, and near the boundary its own.
+    """Size function in Ω: about `target` in space, near the boundary the length of the boundary edges.
 
     h(z) = target/λ(z), bounded by e + 0.35d and e − 0.5d at a distance d from a boundary vertex with edges of mean
     length e. log λ is averaged over the four nearest samples, weighted by the inverse squared distance. Returns a
@@ -130,7 +130,7 @@ def even_seeds(stretch: Float[np.ndarray, " n"], target: float, area: float) -> 
     much larger than the surface, which is then strongly curved.
     """
     n = len(stretch)
-    # twice as many nodes as samples hold the exponential
+    # twice as many nodes as samples resolve the exponential
     series = np.fft.fft(np.log(stretch), n) / n
     series = np.concatenate([series[:1], 2 * series[1 : n // 2]])
     slope = np.exp(np.fft.ifft(series, 2 * n) * 2 * n)
