@@ -1,4 +1,4 @@
-"""Minimum-area triangulations of closed curves, and their unfolding into the plane."""
+"""Minimum-area triangulations of closed curves, and their unfolding into the plane, the domain of the first fill."""
 
 import itertools
 import math
@@ -21,8 +21,8 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"]) -> Complex[np.ndarray, " m"]
     """A simple plane polygon with a vertex for each point of a closed curve, with nearly the same edge lengths.
 
     The minimum-area triangulation of the curve has no inner vertices, so it unfolds into the plane without distortion,
-    also for slits and folds. An overlapping unfolding is straightened (see `flatten`). Curves of more than 160 points
-    are thinned first, straight sides to their ends; the other points are placed on the polygon's edges.
+    also for slits and folds. An overlapping unfolding is straightened (see `flatten`). Points inside straight sides,
+    and others if more than 160 remain, are removed first and then placed on the polygon's edges.
 
     Raises:
         FirstFillError: no simple polygon was found.

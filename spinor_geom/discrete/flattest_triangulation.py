@@ -19,8 +19,8 @@ def flattest_triangulation(
 
     Args:
         points: The curve's points, in mesh units.
-        around: Unit normals of the faces on the other side of the edges from each point to the next; NaN for none.
-        forbidden_chords: Whether the pair i < j must not be an edge.
+        around: Unit normals of the mesh's faces beside the edges from each point to the next; NaN for none.
+        forbidden_chords: Whether points i < j must not be joined by an edge.
         forbidden_triangles: Whether i < j < k must not be a triangle.
 
     Returns:

@@ -201,13 +201,13 @@ def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, t
     faces = disk_without_inner_points(points)
     area = float(face_areas(points, faces).sum())
     if area < disk.areas[-1]:
-        why = "no inner vertices lowered its area"
+        why = "the triangulation without inner vertices has less area"
         return Disk(vertices=points, faces=faces, areas=(area,), converged=False, reason=why)
     return replace(disk, reason=disk.reason or failure)
 
 
 def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:
-    """A disk over a closed curve that is minimal to about three digits, accurate enough to flatten it.
+    """The first fill of a closed curve: a disk of minimal area to about three digits, accurate enough to flatten it.
 
     Raises:
         FirstFillError: the curve's least-area triangulation does not unfold.
@@ -257,7 +257,7 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
     tiny = np.finfo(np.float64).tiny
     area = np.maximum(face_areas(first.vertices, first.faces), tiny)
     stretch = np.sqrt(area / np.maximum(plane_area, tiny))
-    # the round domain of a tangled loop has an unbounded stretch
+    # on the round domain of a loop that does not unfold the stretch is unbounded
     stretch = np.minimum(stretch, _MOST_STRETCHED * np.sqrt(area.sum() / max(plane_area.sum(), tiny)))
     tree = cKDTree(flat[first.faces].mean(axis=1))
 
@@ -277,7 +277,7 @@ def remeshed(
     boundary triangles only is returned unchanged.
 
     Raises:
-        FirstFillError: MeshLab failed, moved the boundary or tore the disk.
+        FirstFillError: MeshLab failed, moved the boundary, or its result is not a disk.
     """
     import pymeshlab
 

@@ -53,7 +53,7 @@ def minimum_area_strip(first: Rim, second: OtherRim) -> tuple[Int[np.ndarray, "f
         a, b = i % m, int(around[start, l_])
         by_first = rows[i - 1, start, l_] + along_a[i - 1, b] if i else math.inf
         by_second = rows[i, start, l_ - 1] + along_b[a, edges[start, l_ - 1]] if l_ else math.inf
-        # back to the numbering of the second polygon
+        # b counts the second polygon's vertices in reverse
         if by_first <= by_second:
             faces.append(((i - 1) % m, a, m + n - 1 - b))
             i -= 1
@@ -64,7 +64,7 @@ def minimum_area_strip(first: Rim, second: OtherRim) -> tuple[Int[np.ndarray, "f
 
 
 def runs_back(first: Rim, second: OtherRim) -> bool:
-    """Whether the strip between two closed polygons has less area with the second one reversed."""
+    """Whether the least-area strip between two closed polygons is smaller with the second one reversed."""
     first, second = (points[_thinned(points)] for points in (first, second))
     return minimum_area_strip(first, second[::-1])[1] < minimum_area_strip(first, second)[1]
 
@@ -78,9 +78,9 @@ def discrete_annulus(
 ) -> tuple[PlaneTriangulation, Disk]:
     """A triangulated annulus of stationary area between two polygons, both with it on their left.
 
-    The strip of least area gives initial positions of the vertices on a round annulus, which is meshed and minimised.
-    Then the annulus is remeshed on the round annulus that it is conformal to: the harmonic function that is 0 on one
-    rim and 1 on the other, and its flux through the rims, give the positions of the vertices.
+    The strip of least area gives initial positions of the vertices on a round annulus, which is meshed and mapped to a
+    surface of stationary area. Then it is remeshed twice on the round annulus to which this surface is conformal: the
+    harmonic function that is 0 on one rim and 1 on the other, and its flux through the rims, give the positions.
 
     Raises:
         DomainError: no round annulus can be meshed with the rims' vertices.

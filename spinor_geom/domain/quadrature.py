@@ -76,7 +76,7 @@ class Panels:
 
     @classmethod
     def around(cls, domain: PlaneDomain, breaks: Sequence[Float[np.ndarray, " _"]], order: int) -> Panels:
-        """Panels on all of ∂Ω between given breaks, from 0 to 1, on each of its boundaries."""
+        """Panels on all of ∂Ω; `breaks` are the panel ends from 0 to 1 on each of its boundaries."""
         parts = [cls.on(boundary, ends, order) for boundary, ends in zip(domain.boundaries, breaks, strict=True)]
         return cls(
             order=order,

@@ -1,4 +1,4 @@
-"""Triangle meshes of solved surfaces, with the loops as boundary, and of any surface; remeshing of patches."""
+"""Triangulation of solved surfaces with the loops as boundary, and of any surface; remeshing of patches."""
 
 from __future__ import annotations
 
@@ -277,7 +277,7 @@ def over_own_domain(patch: Patch) -> Patch:
 
 
 def _boundary_of_angles(patch: Patch, angles: Float[np.ndarray, " m"]) -> Complex[np.ndarray, " m"]:
-    """A simple polygon with about the edge lengths of a patch's loop and given angles."""
+    """A simple polygon with about the edge lengths of a patch's loop and the given interior angles."""
     m = patch.boundary_size
     edge = edge_lengths(patch.vertices[:m])
     share = (edge + np.roll(edge, 1)) / (2 * edge.sum())
