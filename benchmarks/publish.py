@@ -166,7 +166,7 @@ def _range(values: Sequence[str] | Sequence[float]) -> str:
 
 
 def disk_table(disks: Sequence[Record]) -> Table:
-    """Our disks over smooth cases in three samplings, and their meshes beside uniform discrete surfaces."""
+    """Our disks over smooth cases in three samplings; their meshes compared with uniform discrete surfaces."""
     of = {(r["case"], r["n"], r["method"]): r for r in disks}
     rows = []
     for (case, n, method), mine in of.items():

@@ -20,7 +20,7 @@ from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 
 _FILES, _REFUSED = 3000, 300  # files of each batch; refused inputs, by which the driver's memory is measured
 _REPEATS = 4  # the first one is slower
-_LOOK_EVERY = 20  # files between two checks of the workers' memory
+_CHECK_EVERY = 20  # files between two checks of the workers' memory
 
 
 def smooth_loop(seed: int) -> BoundaryLoop:
@@ -66,17 +66,17 @@ def _watched(inputs: Path, count: int, **options: Any) -> dict[str, Any]:
 
     driver, peak, largest = psutil.Process(), 0.0, 0.0
 
-    def look(now: BatchProgress) -> None:
+    def record_memory(now: BatchProgress) -> None:
         # during the work only: the packages that the summary imports take more memory
         nonlocal peak, largest
         peak = max(peak, driver.memory_info().rss / 2**20)
-        if now.files % _LOOK_EVERY == 1:
+        if now.files % _CHECK_EVERY == 1:
             for child in driver.children(recursive=True):
                 with suppress(psutil.NoSuchProcess):  # it has ended
                     largest = max(largest, child.memory_info().rss / 2**20)
 
     start = perf_counter()
-    done = batch(str(inputs), inputs.parent / "out", **options, on_progress=look).progress
+    done = batch(str(inputs), inputs.parent / "out", **options, on_progress=record_memory).progress
     seconds = perf_counter() - start
     figures = {"files": count, "seconds": seconds, "rate": done.loops / seconds, "files_failed": done.files_failed}
     return {**figures, "worker_mib": largest, "driver_mib": peak}

@@ -72,8 +72,8 @@ def _tests_of_others() -> Iterator[Hole]:
     yield all_rims("holey-cube", box.vertices, box.faces[1:-1], "one triangle in each of two sides")
     # CGAL: a closed mesh without two neighbouring triangles
     ball = trimesh.creation.icosphere(2)
-    beside = (np.isin(ball.faces, ball.faces[0]).sum(axis=1) == 2).nonzero()[0][0]
-    yield all_rims("quad-hole", ball.vertices, np.delete(ball.faces, [0, beside], axis=0), "two triangles")
+    neighbour = (np.isin(ball.faces, ball.faces[0]).sum(axis=1) == 2).nonzero()[0][0]
+    yield all_rims("quad-hole", ball.vertices, np.delete(ball.faces, [0, neighbour], axis=0), "two triangles")
     # CGAL and trimesh: a plane hole in the shape of an S
     rows = [(x, y) for y in (4, 8, 12) for x in range(6, 18)]
     turns = [(x, y) for x, low in ((17, 5), (6, 9)) for y in range(low, low + 3)]

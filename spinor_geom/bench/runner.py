@@ -247,11 +247,11 @@ def run_isolated(
         for task in tasks:
             record: Record = {}
             try:
-                said = process.run(task, record.update, seconds=time_limit)
+                output = process.run(task, record.update, seconds=time_limit)
             except FaultError as fault:
                 record = {"status": "timed out" if fault.kind == "time" else "crashed", "reason": str(fault)}
-                said = fault.said
-            on_record(task, {**record, "said": said} if said else record)
+                output = fault.said
+            on_record(task, {**record, "said": output} if output else record)
     finally:
         process.end()
 

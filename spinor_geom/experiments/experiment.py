@@ -24,7 +24,7 @@ from spinor_geom.training import LevenbergMarquardt, RMSprop
 from spinor_geom.version import program_version
 
 REPORT, PAGE, DESCRIPTION = "report.md", "report.html", "data.json"
-TITLE = "The paper's experiments, measured anew"
+TITLE = "The paper's experiments, repeated"
 _SUFFIXES = (".png", ".pdf")  # of each picture
 _RESOLUTION = 160  # pixels per inch of the PNGs
 _STYLE = "h2 { border-top: 1px solid var(--faint); padding-top: 1.5rem } img { display: block; max-height: 40rem }"

@@ -64,7 +64,7 @@ def fast_sums(
     tree = _Sources.of(sources, strengths)
     cell, centre, radius = _cells(sources, targets)
     far, (near, _) = tree.pairs(centre, radius)
-    # targets in cells beside a source are summed one by one, like those without a cell (numbered −1)
+    # sums at targets in cells near a source are evaluated one by one, like those without a cell (numbered −1)
     has_series = np.ones(len(centre) + 1, dtype=bool)
     has_series[near] = has_series[-1] = False
     series = np.zeros((len(centre), strengths.shape[1], _TERMS), dtype=np.complex128)

@@ -22,9 +22,9 @@ ROUND_OFF = 1e-17  # smaller powers on a circle are neglected
 class LaurentSeries(torch.nn.Module):
     """p and q as Σ_{k ≥ 0} a_k z^k + Σ_j Σ_{k > 0} b_jk (r_j/(z − c_j))^k where |z| < 1 and all |z − c_j| > r_j.
 
-    Because of the scaling, the coefficients of series that converge on Ω are bounded. For each hole around which p and
-    q change their sign they have a factor √(z − c_j). Its sign jumps on the ray from c_j in the direction of the
-    negative real axis; p², q² and pq are continuous.
+    The first hole must be centred at 0. Because of the scaling, the coefficients of series that converge on Ω are
+    bounded. For each hole around which p and q change their sign they have a factor √(z − c_j). Its sign jumps on the
+    ray from c_j in the direction of the negative real axis; p², q² and pq are continuous.
 
     Shape:
         outward: (K, 2), complex, the a_k; column 0 is p, column 1 is q.

@@ -14,7 +14,7 @@ from spinor_geom.mesh.operators import winding_numbers
 # In a narrow gap the offset of a pole is halved until no part of ∂Ω is nearer than this share of it.
 _FREE_SHARE = 0.6
 _HALVINGS = 5
-# Offsets, in edges, that are tried for a pole beside an edge of a polygon, and its least distance from every edge, in
+# Offsets, in edges, that are tried for a pole at an edge of a polygon, and its least distance from every edge, in
 # lengths of that edge: nearer poles need more quadrature nodes, farther ones do not resolve sharp corners.
 _EDGE_OFFSETS, _EDGE_CLEARANCE = (0.5, 0.7, 1.0, 1.4), 0.35
 _BENT = np.radians(45.0)  # turning angle from which a vertex gets its own pole
