@@ -1,7 +1,7 @@
-"""Publishes a run of `spinor-geom bench` in this folder: CSV of the measurements, the page's tables, the picture.
+"""Publishes a run of `spinor-geom bench` in this folder: CSV files, the tables in README.md, and the picture.
 
 `python benchmarks/publish.py RUN` takes the folder of a run; its records replace those of the same suite, case, method
-and number of points. Without a run only the page's tables are written anew, from the CSV.
+and number of points. Without a run only the tables are written again, from the CSV files.
 """
 
 import argparse
@@ -74,7 +74,7 @@ def is_used(record: Record) -> bool:
 
 
 def key(record: Record) -> tuple[object, ...]:
-    """A value that is equal for records of the same measurement."""
+    """The identifier of a measurement, equal for records that replace each other."""
     return tuple(record.get(name) for name in ("suite", "case", "method", "n"))
 
 
@@ -113,7 +113,7 @@ def read(suite: str) -> list[Record]:
 
 
 def _value(text: str) -> object:
-    """The number or boolean that a cell shows, else its text."""
+    """A cell as a number or boolean if it is one, else as text."""
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError):
@@ -121,7 +121,7 @@ def _value(text: str) -> object:
 
 
 def page_tables(records: Sequence[Record]) -> list[Table]:
-    """The tables on the page."""
+    """The tables in `README.md`."""
     found = claims(records)
     missed: dict[tuple[str, str], list[Figure]] = defaultdict(list)
     for figure in found:
@@ -166,7 +166,7 @@ def _range(values: Sequence[str] | Sequence[float]) -> str:
 
 
 def disk_table(disks: Sequence[Record]) -> Table:
-    """Our disks over smooth cases in three samplings, and their meshes beside uniform discrete surfaces."""
+    """Our disks over smooth cases in three samplings; their meshes compared with uniform discrete surfaces."""
     of = {(r["case"], r["n"], r["method"]): r for r in disks}
     rows = []
     for (case, n, method), mine in of.items():

@@ -1,1 +1,1 @@
-"""The benchmark: exact minimal surfaces beside discrete ones and beside hole fillers, measured in one run."""
+"""The benchmark: exact minimal surfaces compared with discrete ones and with other hole fillers."""

@@ -20,7 +20,7 @@ from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 
 _FILES, _REFUSED = 3000, 300  # files of each batch; refused inputs, by which the driver's memory is measured
 _REPEATS = 4  # the first one is slower
-_LOOK_EVERY = 20  # files between two looks at the workers' memory
+_CHECK_EVERY = 20  # files between two checks of the workers' memory
 
 
 def smooth_loop(seed: int) -> BoundaryLoop:
@@ -61,29 +61,29 @@ def write_files(folder: Path, count: int, text: Callable[[int], str]) -> Path:
 
 
 def _watched(inputs: Path, count: int, **options: Any) -> dict[str, Any]:
-    """Figures of a batch; its memory is the peak of this process and of the largest one below it."""
+    """Runs a batch; its figures include the peak memory of this process and of its largest child process."""
     import psutil
 
     driver, peak, largest = psutil.Process(), 0.0, 0.0
 
-    def look(now: BatchProgress) -> None:
-        # during the work, because the packages of the summary take more memory than that
+    def record_memory(now: BatchProgress) -> None:
+        # during the work only: the packages that the summary imports take more memory
         nonlocal peak, largest
         peak = max(peak, driver.memory_info().rss / 2**20)
-        if now.files % _LOOK_EVERY == 1:
+        if now.files % _CHECK_EVERY == 1:
             for child in driver.children(recursive=True):
                 with suppress(psutil.NoSuchProcess):  # it has ended
                     largest = max(largest, child.memory_info().rss / 2**20)
 
     start = perf_counter()
-    done = batch(str(inputs), inputs.parent / "out", **options, on_progress=look).progress
+    done = batch(str(inputs), inputs.parent / "out", **options, on_progress=record_memory).progress
     seconds = perf_counter() - start
     figures = {"files": count, "seconds": seconds, "rate": done.loops / seconds, "files_failed": done.files_failed}
     return {**figures, "worker_mib": largest, "driver_mib": peak}
 
 
 def _rate(text: Callable[[int], str], files: float, work: Path, share: float, **options: Any) -> dict[str, Any]:
-    """Loops a second through files."""
+    """Batch rate over files, in loops per second."""
     count = round(files * share)
     figures = _watched(write_files(work / "in", count, text), count, **options)
     del figures["driver_mib"]
@@ -91,11 +91,11 @@ def _rate(text: Callable[[int], str], files: float, work: Path, share: float, **
 
 
 def _solved(solve: Callable[[list[BoundaryLoop]], object], count: int, _: Path, share: float) -> dict[str, Any]:
-    """Smooth loops a second that are solved only, at best of a few times."""
+    """Solve rate of smooth loops in memory, in loops per second; the best of a few runs."""
     loops = [smooth_loop(seed) for seed in range(max(1, round(count * share)))]
     seconds = []
     for _repeat in range(_REPEATS):
-        # loops cache what was computed of them
+        # loops cache computed properties
         fresh = [BoundaryLoop.from_points(loop.points, corners=()) for loop in loops]
         start = perf_counter()
         solve(fresh)
@@ -127,7 +127,7 @@ def _cluster(work: Path, share: float) -> dict[str, Any]:
 
 
 def _results(output: Path) -> dict[Path, bytes]:
-    """All files of results but the records, which contain seconds."""
+    """All result files except the records, which contain seconds."""
     found = (path for path in output.glob("files/**/*") if path.is_file() and path.suffix != ".json")
     return {path.relative_to(output): path.read_bytes() for path in found}
 

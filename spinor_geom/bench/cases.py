@@ -93,7 +93,7 @@ KNOWN: Mapping[str, tuple[Kind, Callable[[], KnownCurve | KnownSurface | KnownPa
     "schwarz-prism-tall": ("corners", lambda: gallery.schwarz_prism(1.5)),
     "schwarz-h": ("corners", lambda: gallery.schwarz_h(0.3)),
 }
-"""Kind and maker of the known cases; "random-SEED" makes more, of degree 4."""
+"""Kind and constructor of the known cases; "random-SEED" makes more, of degree 4."""
 
 SAMPLED = tuple(f"{name}@{how}" for name, (kind, _) in KNOWN.items() if kind == "smooth" for how in ("even", "uneven"))
 """The smooth cases with equal and with random edge lengths."""
@@ -107,7 +107,7 @@ def known_kind(name: str) -> Kind:
 
 @lru_cache(maxsize=4)
 def known_case(name: str) -> Case:
-    """The case of a name; a smooth one also as "NAME@even" and "NAME@uneven". Raises OptionError for other names."""
+    """A case by name; smooth ones also as "NAME@even" and "NAME@uneven". Raises OptionError for other names."""
     base, at, sampling = name.partition("@")
     head, _, seed = base.partition("-")
     if base in KNOWN:
@@ -122,7 +122,7 @@ def known_case(name: str) -> Case:
 
 
 def points_limit(case: Case, n: int) -> float | None:
-    """Least relative area error of minimal surfaces over common interpolants of a smooth case's points, if any.
+    """Smallest relative area error of minimal surfaces over interpolants of a smooth case's points, if any is found.
 
     The interpolants are the trigonometric polynomial, if the points are equal steps of a parameter, and the periodic
     splines of degree 7 and 5 by arc length. Each is solved by power series.

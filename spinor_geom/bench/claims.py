@@ -1,4 +1,4 @@
-"""What the project promises of a benchmark's records, and whether each promise is kept."""
+"""The limits that a benchmark's records should meet, the promises, and whether they do."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,7 +17,7 @@ from spinor_geom.bench.solves import Kind, Limit, solves
 # largest seconds of a whole fill per those of the reference, by points of the rim
 REFERENCE, REFERENCE_CASE, REFERENCE_SHARE = "meshlib-nicely", "enneper-0.8", {64: 4.0, 256: 1.0, 1000: 0.333}
 SAME_LOAD = 1.0  # seconds are compared if the loads differ by at most this
-LEAST_POINTS = 64  # of a loop that stands for a smooth curve
+LEAST_POINTS = 64  # of a loop that is compared with its smooth curve
 CAP_DISTANCES = dict(zip(HEIGHTS, (2e-3, 4e-3, 8e-3, 2e-2), strict=True))  # from unit spheres, by the caps' heights
 WORKER_MIB = 1536.0  # memory of a batch's largest process
 _ROUNDING = 1e-15  # smaller errors are rounding
@@ -33,16 +33,16 @@ _FASTER = (
     ("smooth loops", "one worker", "smooth loops, one worker", 1.8),
     ("solved only, 64 at once", "one by one", "solved only, one by one", 8.0),
 )
-# area errors of discrete surfaces and of other fillers per ours, and ours per those of the points' interpolants
+# least ratios of discrete surfaces' and other fillers' area errors to ours; largest ratio of ours to the limit error
 _CLOSER, _NEARER, _OF_LIMIT = 1e3, 1e4, 10.0
-_SLOWER = 3.0  # our seconds per those of discrete surfaces
+_SLOWER = 3.0  # largest ratio of our seconds to those of discrete surfaces
 _WITHIN = 1e-3  # residual per mean edge
 _SHARP = 130.0  # degrees; at sharper rims more than one vertex in ten turns by more than this
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A promise and what was measured; those of kind "time" are reported and do not count."""
+    """A promise and what was measured; those of kind "time" do not change the exit status."""
 
     suite: str
     case: str
@@ -86,7 +86,7 @@ def _by_case(records: Sequence[Record]) -> dict[str, list[Record]]:
 
 
 def _comparable(one: Record, other: Record) -> bool:
-    """Whether the seconds of two records were measured at similar loads; so if a load is unknown."""
+    """Whether the seconds of two records were measured at similar loads; true if a load is unknown."""
     loads = [load for r in (one, other) if (load := r.get("load")) is not None]
     return len(loads) < 2 or abs(loads[0] - loads[1]) <= SAME_LOAD
 
@@ -111,7 +111,7 @@ def _disks(case: str, here: list[Record]) -> Iterator[Figure]:
 
 
 def _beside(case: str, name: str, ours: list[Record], baseline: dict[int, Record]) -> Iterator[Figure]:
-    """Our area error and seconds at each number of points per those of a discrete surface."""
+    """Compares our area error and seconds at each number of points with those of a discrete surface."""
     pairs = [(r, baseline[r["n"]]) for r in ours if r["n"] >= LEAST_POINTS and r["n"] in baseline]
     if pairs:
         closer, n = min((o["area_error"] / max(m["area_error"], _ROUNDING), m["n"]) for m, o in pairs)
@@ -150,7 +150,7 @@ def _fills(case: str, here: list[Record]) -> Iterator[Figure]:
 
 
 def _nearer(suite: str, case: str, here: Sequence[Record]) -> Iterator[Figure]:
-    """The area errors of other fillers that close the hole per ours."""
+    """Compares our area error with those of the other fillers that close the hole."""
     known = [r for r in here if r.get("area_error") is not None and r["open_rim_edges"] == 0]
     ratios = [
         (other["area_error"] / max(mine["area_error"], _ROUNDING), other["method"])
@@ -242,7 +242,7 @@ def _meshes(ours: list[Record]) -> Iterator[Figure]:
 
 
 def _random(curves: list[Record]) -> Iterator[Figure]:
-    """The promises of all random curves together; a refused one counts as infinitely far."""
+    """The promises of all random curves together; the distance of a refused one counts as infinite."""
     rms = {r["case"]: math.inf if r.get("rms_per_edge") is None else r["rms_per_edge"] for r in curves}
     near, true = [value <= 1e-2 for value in rms.values()], [not r.get("untrue") for r in curves]
     yield from share("curves", "random curves", "within 1e-2 of an edge", near, 0.98)
@@ -275,7 +275,7 @@ def _batch(done: list[Record]) -> Iterator[Figure]:
 
 
 def judged(limit: Limit, record: Record) -> Figure:
-    """A limit and what was measured; a missing value or NaN misses it."""
+    """Compares a record with a limit; a missing value or NaN misses it."""
     exact = isinstance(limit.value, str | bool)
     found = record.get(limit.field) if record["status"] == "done" else record["status"]
     if exact or found is None or isinstance(found, str):
@@ -290,14 +290,14 @@ def judged(limit: Limit, record: Record) -> Figure:
 def at_most(
     suite: str, case: str, text: str, values: Sequence[float], limit: float, kind: Kind = "accuracy"
 ) -> Iterator[Figure]:
-    """An upper limit of all values, if there are any."""
+    """The promise that no value exceeds a limit; nothing without values."""
     if values:
         measured = f"{max(values):.3g}" + (f" at most, {median(values):.3g} in the median" if len(values) > 1 else "")
         yield Figure(suite, case, f"{text} at most {limit:.3g}", measured, max(values) <= limit, kind)
 
 
 def share(suite: str, case: str, text: str, met: Sequence[bool], least: float = 1.0) -> Iterator[Figure]:
-    """A condition that a share of all records has to meet, if there are any."""
+    """The promise that at least a share of the records meets a condition; nothing without records."""
     if met:
         text += "" if least == 1 else f", at least {least:.0%}"
         yield Figure(suite, case, text, f"{sum(met)} of {len(met)}", sum(met) >= least * len(met))

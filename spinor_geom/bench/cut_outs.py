@@ -50,7 +50,7 @@ class CutOut:
     hole: Hole
     vertices: Float[np.ndarray, "n 3"]  # of the whole mesh
     faces: Int[np.ndarray, "f 3"]  # of the removed piece
-    kept: Int[np.ndarray, " v"]  # ids in the whole mesh of the hole's vertices
+    kept: Int[np.ndarray, " v"]  # of each vertex of the hole's mesh, its id in the whole mesh
     exact: Distances | None = None  # from the known surface; None for scans
 
     @cached_property
@@ -132,7 +132,7 @@ SURFACES: Mapping[str, tuple[Callable[[], _Mesh], Distances]] = {
 CAPS: Mapping[str, tuple[Kind, str, Choice]] = {
     f"{name}-{height:g}": ("dome", name, _above(height)) for name in _SPHERES for height in HEIGHTS
 }
-"""Caps of unit spheres: kind, surface, and whether a face is removed, by its centroid."""
+"""Caps of unit spheres: kind, surface, and which centroids belong to removed faces."""
 
 WINDOWS: Mapping[str, tuple[Kind, str, Choice]] = {
     "plane-window": ("flat", "plane", _near(20, 20, 0, 10)),
@@ -162,7 +162,7 @@ def scan_names(folder: Path | None) -> tuple[str, ...]:
 
 
 def _scan_disk(name: str, folder: Path) -> CutOut:
-    """The faces within a random distance along edges from a random vertex; drawn again until they form a disk."""
+    """Removes the faces within a random edge distance of a random vertex; draws again until they form a disk."""
     stem, _, number = name.rpartition("-")
     scan = next(file for file in SCANS if Path(file).stem == stem)
     mesh, graph, edge = _read_scan(folder / scan)
@@ -194,7 +194,7 @@ def _read_scan(path: Path) -> tuple[_Mesh, csr_array, float]:
 
 @lru_cache(maxsize=128)  # every filler is run on all of them
 def named_cut_out(name: str, folder: Path | None = None) -> CutOut:
-    """The cut-out of a name; those of scans need the folder of the mesh files."""
+    """A cut-out by name; those of scans need the folder of the mesh files."""
     if name in CAPS or name in WINDOWS:
         kind, surface, chosen = {**CAPS, **WINDOWS}[name]
         make, exact = SURFACES[surface]

@@ -28,7 +28,7 @@ from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 
 _CURVATURE_POINTS = 100  # of the exact |H|, which takes some milliseconds a point
-_DISTANCE_SAMPLES, _SURFACE_TRIANGLES = 5_000, 2_000  # least points of a mesh; triangles of our surface
+_DISTANCE_SAMPLES, _SURFACE_TRIANGLES = 5_000, 2_000  # fewest samples of a mesh; triangles of our surface
 _MOST_FACES = 300_000  # intersections of more faces are not counted: the exact predicates take minutes
 _SAME = 1e-6  # vertices closer than this, per diagonal, are the same: some tools keep single precision
 _OVERSTATED = 2.0  # ratio of measured and reported distance that contradicts the report
@@ -67,7 +67,7 @@ def disk_figures(surface: Surface, mesh: Mesh, loop: BoundaryLoop, case: Case) -
 def mesh_figures(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], diameter: float, chart: Chart | None
 ) -> Record:
-    """The figures of a triangle mesh; lengths are per diameter."""
+    """The figures of a triangle mesh; lengths are divided by the diameter."""
     curvature = discrete_mean_curvature(vertices, faces)
     figures: Record = {
         "triangles": len(faces),
@@ -75,7 +75,7 @@ def mesh_figures(
         "curvature_max": curvature.max * diameter,
         "curvature_rms": curvature.rms * diameter,
         "min_angle": float(smallest_angles(vertices, faces).min()),
-        # a triangle without area counts as flat
+        # the angle of a degenerate face counts as 180°
         "max_angle": float(np.degrees(np.nan_to_num(internal_angles(vertices, faces), nan=np.pi).max())),
         "nonmanifold_edges": int((HalfEdges.of(faces).counts > 2).sum()),
         "crossings": len(self_intersections(vertices, faces)) if len(faces) <= _MOST_FACES else None,
@@ -88,7 +88,7 @@ def mesh_figures(
 
 
 def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Record:
-    """The figures of a filler's result; a case is the known disk that the hole was made from."""
+    """The figures of a filler's result; `case` is the known disk whose loop the hole has, if any."""
     old, of_patch, vertex_of = _parts(filled, hole)
     patch, known = filled.faces[of_patch], vertex_of >= 0
     step = np.abs(filled.vertices[known] - hole.vertices[vertex_of[known]]).max(initial=0.0)
@@ -128,7 +128,7 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Record:
 
 
 def cut_out_figures(filled: Filled, cut_out: CutOut) -> Record:
-    """The figures of a filled cut-out; lengths are per largest distance of two points of the rims."""
+    """The figures of a filled cut-out; lengths are divided by the largest distance of two rim points."""
     figures = hole_figures(filled, cut_out.hole, None) | {"diameter": cut_out.diameter, "kind": cut_out.kind}
     _, of_patch, vertex_of = _parts(filled, cut_out.hole)
     patch = filled.faces[of_patch]
@@ -143,7 +143,7 @@ def cut_out_figures(filled: Filled, cut_out: CutOut) -> Record:
     figures["surface_distance"] = math.sqrt((forward**2 + backward**2) / 2) / cut_out.diameter
     if len(new):
         figures["vertex_distance"] = _rms(cut_out.distances(filled.vertices[new])) / cut_out.diameter
-    # on a known surface the triangles' own distance is that of chords
+    # on a known surface the distance of the triangles is mostly that of their chords
     of_vertices = cut_out.exact is not None and len(new) > 0
     figures["distance"] = figures["vertex_distance" if of_vertices else "surface_distance"]
     figures["bend"] = rim_bend(filled.vertices, patch, filled.faces[~of_patch])
@@ -250,7 +250,7 @@ def rms_distance(solution: PlateauSolution, samples_per_edge: int = 8) -> float:
 
 
 def untrue(solution: PlateauSolution, rms_per_edge: float) -> str:
-    """A statement of the solution about itself that is false; empty if there is none."""
+    """The first reported property of a solution that measurement contradicts; empty if there is none."""
     reported = solution.boundary_residual.rms_per_edge
     if not rms_per_edge <= _OVERSTATED * max(reported, solution.tolerance):
         return f"its distance from Γ is {rms_per_edge:.1e} of an edge, not {reported:.1e}"
@@ -264,7 +264,7 @@ def untrue(solution: PlateauSolution, rms_per_edge: float) -> str:
 
 
 def null_error(solution: PlateauSolution) -> float:
-    """Largest |φ·φ| on the circle per largest |φ|²; φ belongs to the harmonic map with the same boundary values."""
+    """Largest |φ·φ| on the circle over largest |φ|², with φ of the harmonic map with the same boundary values."""
     x: Float[np.ndarray, "n 3"] = solution.curve.point(solution.matching[:, 1] % 1)
     n = len(x)
     k = np.arange(n // 2)[:, None]

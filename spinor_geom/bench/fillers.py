@@ -1,4 +1,4 @@
-"""Methods that span loops and tools that fill holes, by name, each with the options that serve it best."""
+"""Methods that compute surfaces over loops and tools that fill holes, by name, with their best options."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -28,7 +28,7 @@ SMOOTHEST = (
 CLEAREST = ("cgal", "cgal-fair", "pymeshfix", "pymeshfix-refined")  # fillers with the fewest intersections
 REPORTED = (*OUR_FILLERS, "meshlib-nicely", *CLEAREST)
 _ANY_SIZE = 1e6  # largest radius of a hole, for tools that select holes by it
-_CGAL_DENSITY = 2**0.5  # CGAL's default, which its bindings require before the continuity
+_CGAL_DENSITY = 2**0.5  # CGAL's default density factor, an argument before the continuity in its bindings
 
 Surface: TypeAlias = PlateauSolution | DiscreteMinimalSurface
 Mesh: TypeAlias = Patch | DiscreteMinimalSurface
@@ -36,7 +36,7 @@ Mesh: TypeAlias = Patch | DiscreteMinimalSurface
 
 @dataclass(frozen=True)
 class LoopMethod:
-    """Computes a surface over a loop and its mesh; with more than `most_points` points that takes minutes."""
+    """Computes a surface over a loop and its mesh; more than `most_points` points take minutes."""
 
     options: str
     most_points: int
@@ -73,17 +73,17 @@ class Filled:
     message: str = ""  # what the call returned, in words
     succeeded: bool | None = None  # as the tool reports; None if it reports nothing
     area: float | None = None  # of the surface that the patches approximate, if there is one
-    in_order: bool = False  # the mesh's vertices come first, in their order, even if they were moved
+    in_order: bool = False  # the input's vertices come first in their order, even if they were moved
     figures: Mapping[str, Any] = field(default_factory=dict)  # further figures of our fillers
 
 
-# the call that fills, which alone is timed, and the conversion of what it returns
+# the call that fills, which is timed, and the conversion of its result, which is not
 Prepared: TypeAlias = tuple[Callable[[], Any], Callable[[Any], Filled]]
 
 
 @dataclass(frozen=True)
 class Filler:
-    """A tool that fills holes: its package, its options in words, and what prepares a call for a hole."""
+    """A tool that fills holes: its package, a description of its options, and the function that prepares a call."""
 
     package: str
     options: str
@@ -96,29 +96,29 @@ def _filled(vertices: Any, faces: Any, **more: Any) -> Filled:
 
 
 def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
-    # if all loops are rims none is named: borders of sheets then stay open, as for any user
+    # if all loops are rims, none is selected: `fill_hole` then leaves borders of sheets open, as by default
     some = {} if len(hole.rim_indices) == len(hole.loops) else {"loop": hole.rim_indices}
     options: dict[str, Any] = {"bridge": hole.rim_indices} if hole.facing else some
     options |= {"islands": "join", "continuity": continuity, "return_report": True}
 
     def convert(result: Any) -> Filled:
         mesh, report = result
-        asked = [outcome for outcome in report.loops if outcome.requested]
-        filled = [outcome for outcome in asked if outcome.filled]
-        reasons = [outcome.reason for outcome in asked if outcome.reason]
-        reasons += [note for outcome in asked for note in outcome.notes]
+        requested = [outcome for outcome in report.loops if outcome.requested]
+        filled = [outcome for outcome in requested if outcome.filled]
+        reasons = [outcome.reason for outcome in requested if outcome.reason]
+        reasons += [note for outcome in requested for note in outcome.notes]
         solutions = [outcome.solution for outcome in filled if outcome.solution is not None]
         residuals = [solution.boundary_residual.rms_per_edge for solution in solutions]
         return _filled(
             *mesh,
-            message="; ".join([f"{len(filled)} of {len(asked)} filled", *dict.fromkeys(reasons)]),
-            succeeded=all(outcome.converged for outcome in asked) and report.intersection_free,
-            # a surface between two rims counts once, at the rim that its faces are counted at
-            area=sum(o.area for o in asked if o.area is not None and o.faces_added),
+            message="; ".join([f"{len(filled)} of {len(requested)} filled", *dict.fromkeys(reasons)]),
+            succeeded=all(outcome.converged for outcome in requested) and report.intersection_free,
+            # the area of a surface between two rims is counted once, at the rim with its faces
+            area=sum(o.area for o in requested if o.area is not None and o.faces_added),
             figures={
                 **{kind: sum(o.kind == kind for o in filled) for kind in ("minimal", "discrete", "smooth")},
-                "requested": len(asked),
-                "unexplained": sum(not outcome.filled and not outcome.reason for outcome in asked),
+                "requested": len(requested),
+                "unexplained": sum(not outcome.filled and not outcome.reason for outcome in requested),
                 "within_1e-2": sum(residual <= 1e-2 for residual in residuals),
                 "residual_per_edge": max(residuals, default=None),
             },
@@ -160,11 +160,11 @@ def _meshlib(hole: Hole, *, metric: str = "", fine: bool = False, natural: bool 
         """An edge of every open rim."""
         return [edge for edge in mesh.topology.findHoleRepresentiveEdges() if mesh.topology.org(edge).get() in rim]
 
-    asked = edges()
+    rims = edges()
 
     def fill() -> None:
         if metric:
-            for edge in asked:
+            for edge in rims:
                 parameters = mrmeshpy.FillHoleParams()
                 parameters.metric = getattr(mrmeshpy, metric)(mesh)
                 mrmeshpy.fillHole(mesh, edge, parameters)
@@ -175,9 +175,9 @@ def _meshlib(hole: Hole, *, metric: str = "", fine: bool = False, natural: bool 
             settings.subdivideSettings.maxEdgeSplits = 1_000_000
         settings.smoothSettings.naturalSmooth = natural
         if hole.facing:
-            mrmeshpy.stitchHolesNicely(mesh, *asked, settings)
+            mrmeshpy.stitchHolesNicely(mesh, *rims, settings)
             return
-        for edge in asked:
+        for edge in rims:
             mrmeshpy.fillHoleNicely(mesh, edge, settings)
 
     def convert(_: Any) -> Filled:
@@ -206,7 +206,7 @@ def _cgal(hole: Hole, *, function: str, outputs: int = 2, more: tuple[float, ...
     polyhedron = Polyhedron_3()
     polyhedron.delegate(modifier)
     if polyhedron.size_of_vertices() != len(hole.vertices):
-        raise ValueError("CGAL's Polyhedron_3 does not take this mesh")
+        raise ValueError("CGAL's Polyhedron_3 does not accept this mesh")
 
     def points() -> list[tuple[float, float, float]]:
         """Numbers the vertices and returns their positions."""

@@ -1,4 +1,4 @@
-"""Meshes with holes to close, and the pieces that they are built from."""
+"""Meshes with holes to close, and functions that build them."""
 
 import math
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ _COLLAR = math.sqrt(0.75)  # width of a collar per edge of the rim: the height o
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hole:
-    """A mesh with one or more boundary loops to close, its rims; its other, longer boundary loops stay open."""
+    """A mesh with boundary loops to close, its rims; its other, longer boundary loops must stay open."""
 
     name: str
     vertices: Float[np.ndarray, "n 3"]
@@ -56,9 +56,10 @@ class Hole:
 
     @cached_property
     def edge_limit(self) -> int:
-        """Largest number of edges of a boundary that a tool should close.
+        """Largest number of edges of a boundary loop that a tool should close.
 
-        That of all rims together, which some tools walk along as one; less if a longer boundary has as few.
+        It is that of all rims together, because some tools traverse rims that touch as one loop, or less to exclude the
+        outer boundaries.
         """
         inner = [len(self.loops[k]) for k in self.rim_indices]
         outer = [len(loop) for k, loop in enumerate(self.loops) if k not in self.rim_indices]
@@ -82,7 +83,7 @@ def hole_over(name: str, loop: BoundaryLoop, area: float | None = None) -> Hole:
 
 
 def collar(name: str, rim: Float[np.ndarray, "n 3"], outer: Float[np.ndarray, "n 3"], *, expected: str = "") -> Hole:
-    """Triangles between a rim and an outer curve, which gets one point more: tools tell the two by their lengths."""
+    """A triangle strip from a rim to an outer curve, which gets one more edge: tools distinguish them by length."""
     n = len(rim)
     outer = np.insert(outer, 1, (outer[0] + outer[1]) / 2, axis=0)
     i = np.arange(n)
@@ -98,7 +99,7 @@ def collar(name: str, rim: Float[np.ndarray, "n 3"], outer: Float[np.ndarray, "n
 def lattice(
     nx: int, ny: int, *, wrap_x: bool = False, wrap_y: bool = False
 ) -> tuple[Float[np.ndarray, "2 n"], Int[np.ndarray, "f 3"]]:
-    """A grid of nx × ny unit cells, two triangles each; a wrapped direction is closed to a ring."""
+    """A grid of nx × ny unit cells, two triangles each; a wrapped direction is periodic."""
     width, depth = nx + (not wrap_x), ny + (not wrap_y)
     points = np.stack(np.meshgrid(np.arange(width), np.arange(depth))).reshape(2, -1).astype(np.float64)
     i, j = (part.ravel() for part in np.meshgrid(np.arange(nx), np.arange(ny)))
@@ -135,14 +136,14 @@ def cut_hole(
     removed: Bool[np.ndarray, " f"],
     **known: Any,
 ) -> Hole:
-    """The mesh without the removed faces and the vertices that only they use; its rims are where they were."""
+    """The mesh without the removed faces and the vertices that only they use; its rims bound the removed faces."""
     used, rest = np.unique(faces[~removed], return_inverse=True)
     rim = np.flatnonzero(np.isin(used, faces[removed]))
     return Hole(name=name, vertices=vertices[used], faces=rest.reshape(-1, 3), rim=rim, **known)
 
 
 def mesh_files(folder: Path, patterns: Sequence[str] = ()) -> list[Path]:
-    """The mesh files of a folder that have faces and holes, if patterns are given those whose names match one."""
+    """The mesh files of a folder that have faces and boundary edges; with patterns, those whose names match one."""
     found = []
     for path in sorted(folder.iterdir()):
         named = not patterns or any(fnmatchcase(path.name, pattern) for pattern in patterns)

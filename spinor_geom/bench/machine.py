@@ -39,7 +39,7 @@ def _load() -> float | None:
 
 
 def is_older(record: Mapping[str, Any]) -> bool:
-    """Whether a record is of our methods and their code has changed since, or git cannot tell."""
+    """Whether a record is of our methods and their code has changed since, or cannot be compared by git."""
     return "spinor" in record["method"] and _changed_since(record["commit"])
 
 

@@ -1,4 +1,4 @@
-"""Holes that are hard or impossible to close, and loops where nothing is missing."""
+"""Holes that are hard or impossible to close, and boundary loops that are not holes."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -12,7 +12,7 @@ from spinor_geom import gallery
 from spinor_geom.bench.holes import Hole, all_rims, collar, cut_hole, lattice, plane_square
 
 LEFT_OPEN = "nothing is missing: left open, with a reason"
-_OFFSETS = (1e-16, 1e-12, 1e-8)  # between equal corners, per size of the mesh
+_OFFSETS = (1e-16, 1e-12, 1e-8)  # distance between coincident corners, per size of the mesh
 # names of the cases that are correctly left open
 NOTHING_MISSING = (*(f"near-seam-{offset:.0e}" for offset in _OFFSETS), "t-junctions", "ribbon")
 _GRID = 12  # cells along each side of the plane squares
@@ -20,7 +20,7 @@ _GRID = 12  # cells along each side of the plane squares
 
 @cache
 def odd_holes() -> Mapping[str, Hole]:
-    """Unusual rims, and those that test suites of other projects describe."""
+    """Unusual rims, and holes from the test suites of other projects."""
     return {hole.name: hole for hole in (*_unusual(), *_tests_of_others())}
 
 
@@ -58,22 +58,22 @@ def _tests_of_others() -> Iterator[Hole]:
     t, i = 2 * np.pi * np.arange(8) / 8, np.arange(8)
     cone = np.concatenate([np.stack([np.cos(t), np.sin(t), 0 * t], axis=1), [[0, 0, 1.5]]])
     yield all_rims("open-cone", cone, np.stack([i, (i + 1) % 8, np.full(8, 8)], axis=1), "one flat patch")
-    # MeshLib: a coarse torus less one triangle
+    # MeshLib: a coarse torus without one triangle
     ring = trimesh.creation.torus(2.0, 1.0, major_sections=10, minor_sections=10)
     yield all_rims("torus-window", ring.vertices, ring.faces[1:], "one triangle")
-    # MeshLib: a prism less three triangles: rims of three and four edges with two common vertices
+    # MeshLib: a prism without three triangles: rims of three and four edges with two common vertices
     corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
     ends, sides = [[0, 2, 1], [3, 4, 5]], [[0, 1, 3], [2, 5, 4], [2, 3, 5]]
     yield all_rims("prism", corners, ends + sides, "two patches of one and two triangles")
     # MeshLib: two triangles at distance 1, to be joined by a prism's sides
     yield replace(all_rims("facing-triangles", corners, ends, "the three sides of a prism, or refused"), facing=True)
-    # trimesh: a cube less its first and last triangle
+    # trimesh: a cube without its first and last triangle
     box = trimesh.creation.box()
     yield all_rims("holey-cube", box.vertices, box.faces[1:-1], "one triangle in each of two sides")
-    # CGAL: a closed mesh less two neighbouring triangles
+    # CGAL: a closed mesh without two neighbouring triangles
     ball = trimesh.creation.icosphere(2)
-    beside = (np.isin(ball.faces, ball.faces[0]).sum(axis=1) == 2).nonzero()[0][0]
-    yield all_rims("quad-hole", ball.vertices, np.delete(ball.faces, [0, beside], axis=0), "two triangles")
+    neighbour = (np.isin(ball.faces, ball.faces[0]).sum(axis=1) == 2).nonzero()[0][0]
+    yield all_rims("quad-hole", ball.vertices, np.delete(ball.faces, [0, neighbour], axis=0), "two triangles")
     # CGAL and trimesh: a plane hole in the shape of an S
     rows = [(x, y) for y in (4, 8, 12) for x in range(6, 18)]
     turns = [(x, y) for x, low in ((17, 5), (6, 9)) for y in range(low, low + 3)]
@@ -95,7 +95,7 @@ def _widening(name: str, points: Float[np.ndarray, "n 3"], expected: str) -> Hol
 
 
 def facing_rims(height: float, n: int = 48) -> Hole:
-    """Two unit circles at z = ±h with collars that lead away from each other."""
+    """Two unit circles at z = ±h, with collars on the sides away from each other."""
     t = 2 * np.pi * np.arange(n) / n
     circle = np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
     lift = np.array([0, 0, height])
@@ -129,7 +129,7 @@ def _pierced(name: str, cells: list[tuple[int, int]], expected: str, side: int =
 
 
 def nothing_missing() -> Iterator[Hole]:
-    """Meshes whose boundary loops are no holes."""
+    """Meshes whose boundary loops are not holes."""
     # a closed box whose lid has vertices of its own, displaced by rounding errors
     box = trimesh.creation.box((2.5, 1.2, 0.5))
     vertices, lid = np.array(box.vertices), (np.array(box.vertices)[box.faces][:, :, 0] > 0).all(axis=1)

@@ -1,4 +1,4 @@
-"""Ragged rims: bowls and tubes that people report as hard to close, noisy rims, and rims cut along triangles."""
+"""Ragged rims: bowls and tubes like those of public bug reports, noisy rims, and rims cut along triangles."""
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping
@@ -30,12 +30,12 @@ NOISY: Mapping[str, tuple[float, int]] = {
 
 @cache
 def reported_holes() -> Mapping[str, Hole]:
-    """The cases of the suite of reported holes by name."""
+    """The cases of the suite "reports" by name."""
     return {h.name: h for h in (*reported_bowls(), *reported_tubes(), *nothing_missing(), *moebius_and_lips())}
 
 
 def reported_bowls(count: int = 60, *, rim: Rim = "ragged") -> Iterator[Hole]:
-    """Bowls with openings of 45° to 85°, of all spheres and noises; both kinds of rim have the same seeds."""
+    """Bowls with openings of 45° to 85°, all spheres and noises in turn; both kinds of rim have the same seeds."""
     for k, opening in enumerate(np.linspace(45.0, 85.0, count).tolist()):
         yield bowl(opening, BALLS[k % len(BALLS)], rim=rim, noise=NOISES[k % len(NOISES)], seed=k)
 
@@ -49,7 +49,7 @@ def reported_tubes(count: int = 20) -> Iterator[Hole]:
 def bowl(opening: float, ball: str = "icosphere-4", *, rim: Rim = "ragged", noise: float = 0.0, seed: int = 0) -> Hole:
     """The part of a unit sphere within an angle, in degrees, of its lowest point; a flat lid meets it at that angle.
 
-    The sphere is turned at random; a ragged rim keeps whole triangles by their centroids, a smooth one cuts triangles.
+    The sphere is rotated at random; a ragged rim keeps whole triangles by their centroids, a smooth one cuts triangles.
     `noise` is the standard deviation of the vertices' displacements, per radius.
     """
     rng = np.random.default_rng(seed)
@@ -60,7 +60,7 @@ def bowl(opening: float, ball: str = "icosphere-4", *, rim: Rim = "ragged", nois
         slice_faces: Any = trimesh.intersections.slice_faces_plane
         below, level = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, height])
         points, faces, _ = slice_faces(points, faces, plane_normal=below, plane_origin=level)
-        # a cut edge has a point for each of its faces
+        # the cut has one copy of each point per face
         _, first, same = np.unique(points.round(9), axis=0, return_index=True, return_inverse=True)
         points, faces = points[first], same.reshape(-1)[faces]
     else:
@@ -70,7 +70,7 @@ def bowl(opening: float, ball: str = "icosphere-4", *, rim: Rim = "ragged", nois
 
 
 def cut_tube(tilt: float, around: int = 32, *, noise: float = 0.0, seed: int = 0) -> Hole:
-    """A tube of radius 1 whose ends are cut along whole triangles; the cuts lean to opposite sides, in degrees.
+    """A tube of radius 1 with ends cut along whole triangles, tilted in opposite directions by `tilt` degrees.
 
     `around` is the number of edges around the tube, `noise` as for `bowl`.
     """
@@ -94,7 +94,7 @@ def _reported(
     seed: int,
     rng: np.random.Generator,
 ) -> Hole:
-    """The largest connected piece of a mesh, with noise and turned at random."""
+    """The largest connected component of a mesh, with noise and rotated at random."""
     piece = face_components(faces)
     used, rest = np.unique(faces[piece == np.argmax(np.bincount(piece))], return_inverse=True)
     points = points[used]
@@ -107,7 +107,7 @@ def _turned(points: Float[np.ndarray, "n 3"], rng: np.random.Generator) -> Float
 
 
 def ragged_hole(name: str) -> Hole:
-    """The hole of a name in `NOISY`, a strip that goes down from a noisy ellipse, or in `CUT`."""
+    """A hole by its name in `NOISY` (a strip down from a noisy ellipse) or in `CUT`."""
     if name not in NOISY:
         return replace(_cut_rims()[CUT.index(name)], name=name)
     noise, points = NOISY[name]

@@ -185,8 +185,8 @@ def chosen_tasks(settings: Settings) -> list[Task]:
         if not any(fnmatchcase(name, pattern) for name in there):
             near = ", ".join(difflib.get_close_matches(pattern, there, 5, 0.4) or there[:5])
             raise OptionError(
-                f"there is no case {pattern!r} in the suites {', '.join(suites)}, of the mesh files "
-                f"in {settings.data or 'no folder'}; there are {near}, … (docs/benchmark.md has the names)"
+                f"there is no case {pattern!r} in the suites {', '.join(suites)} (folder of mesh files: "
+                f"{settings.data or 'none'}); choose from {near}, … (docs/benchmark.md lists the names)"
             )
     chosen = [task for task in found if task["method"] in methods]
     if settings.cases:
@@ -204,7 +204,7 @@ def measure(
     `on_record` is called after each task, with the numbers of finished tasks and of all.
 
     Raises:
-        OptionError: See `chosen_tasks`; or the folder holds a run on another machine or with other versions of peers.
+        OptionError: See `chosen_tasks`; or the folder holds a run on another machine or with other package versions.
     """
     place, tasks = Path(folder), chosen_tasks(settings)
     place.mkdir(parents=True, exist_ok=True)
@@ -227,31 +227,31 @@ def measure(
         if on_record is not None:
             on_record(record, next(finished), len(tasks))
 
-    # each method has its own process, so that it has only its own libraries; the short run saves their imports
+    # one process per method, so that it imports only its own libraries; one for all in the short run, to save time
     for _, group in itertools.groupby(todo, key=lambda task: None if settings.quick else task["method"]):
         run_isolated(group, module=TASKS, time_limit=settings.time_limit, on_record=keep)
     return Run(folder=place, description=description, records=[done[key(task)] for task in tasks])
 
 
 def key(task: Task) -> str:
-    """A text that is equal for equal tasks."""
+    """The identifier of a task's record; equal for equal tasks."""
     return json.dumps({name: value for name, value in task.items() if name != "view"}, sort_keys=True)
 
 
 def run_isolated(
     tasks: Iterable[Task], *, module: str, time_limit: float, on_record: Callable[[Task, Record], None]
 ) -> None:
-    """Runs tasks in a process that is replaced after a crash or a time-out; "said" is what it printed."""
+    """Runs tasks in a process that is replaced after a crash or a time-out; the field "said" is its printed output."""
     process = Process(module)
     try:
         for task in tasks:
             record: Record = {}
             try:
-                said = process.run(task, record.update, seconds=time_limit)
+                output = process.run(task, record.update, seconds=time_limit)
             except FaultError as fault:
                 record = {"status": "timed out" if fault.kind == "time" else "crashed", "reason": str(fault)}
-                said = fault.said
-            on_record(task, {**record, "said": said} if said else record)
+                output = fault.said
+            on_record(task, {**record, "said": output} if output else record)
     finally:
         process.end()
 
@@ -267,7 +267,7 @@ def read_records(folder: Path) -> list[Record]:
 
 
 def _description(settings: Settings, folder: Path) -> dict[str, Any]:
-    """Writes the settings and the machine, which has to be that of an earlier part of the run."""
+    """Writes the settings and the machine; the machine must be that of earlier parts of the run."""
     here, path = machine(), folder / DESCRIPTION
     if path.exists():
         before = json.loads(path.read_text(encoding="utf-8"))["machine"]

@@ -33,7 +33,7 @@ _SMOOTH_SECONDS, _ROUGH_SECONDS = {64: 0.05, 256: 0.08, 1000: 0.3, 5000: 2.0}, {
 
 @dataclass(frozen=True)
 class Limit:
-    """The largest value of a record's field, or, for text and booleans, its value; `name` is what readers see."""
+    """The upper limit of a record's field, or, for text and booleans, its required value; tables show `name`."""
 
     field: str
     name: str
@@ -51,7 +51,7 @@ class Solve:
     limits: tuple[Limit, ...]
     options: dict[str, Any] = field(default_factory=dict)
     disks: tuple[KnownDisk, ...] = ()  # the known disks over the curve, smallest area first
-    also: Literal["", "null error", "untrue"] = ""  # a figure that is not measured of all
+    also: Literal["", "null error", "untrue"] = ""  # an additional figure
 
 
 @cache
@@ -97,7 +97,7 @@ def _curves() -> Iterator[Solve]:
         curve = ellipse(ratio)
         name = f"{curve.name} at {n} points, 20% noise"
         yield Solve("curves", name, partial(_noisy, curve, n, 0.2, 0), _near(1e-3))
-    # the promises of random curves, every second of which has noise, are about all of them together
+    # every second random curve has noise; `claims` has limits for all of them together
     for seed in range(100):
         noise = 0.15 if seed % 2 else 0.0
         subject = partial(_noisy, gallery.random_curve(seed), 120, noise, seed)
@@ -150,7 +150,7 @@ def ring(
 def _sampled(
     pair: tuple[ClosedCurve, ClosedCurve], counts: tuple[int, int], *, noise: float = 0.0, tilt: float = 0.0
 ) -> tuple[BoundaryLoop, BoundaryLoop]:
-    """Points at equal parameter steps with noise in edges; the first rim is turned around the x axis."""
+    """Loops with points at equal parameter steps, and noise in edges; the first is rotated around the x axis."""
     turn = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(tilt), -np.sin(tilt)], [0.0, np.sin(tilt), np.cos(tilt)]])
     loops = []
     for seed, (curve, count) in enumerate(zip(pair, counts, strict=True)):
@@ -174,7 +174,7 @@ def _speed() -> Iterator[Solve]:
 
 
 def _paper() -> Iterator[Solve]:
-    """The paper's curves by power series and by networks of its kind; `reproduce` runs its trainings."""
+    """The paper's curves by power series and by networks of its kind; `experiments` has its trainings."""
     circle, tame, seam = gallery.twisted_circle(), gallery.tennis_seam(0.8), gallery.tennis_seam(0.75)
 
     def solve(name: str, curve: KnownCurve, *limits: Limit, **more: Any) -> Solve:

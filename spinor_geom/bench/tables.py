@@ -38,7 +38,7 @@ _short = partial(shorten, width=160, placeholder="…")
 
 
 def write(run: Run) -> None:
-    """Writes all files of a run beside its records, each whole or not at all."""
+    """Writes the files of a run into its folder, each atomically."""
     shown = [*tables(run.records), option_table()]
     text = "\n\n".join([machine_text(run.description["machine"]), *(table.markdown() for table in shown)])
     write_text(run.folder / TABLES, text + "\n")
@@ -47,7 +47,7 @@ def write(run: Run) -> None:
 
 
 def csv_text(records: Sequence[Record]) -> str:
-    """The records as CSV, one line each, without the local fields."""
+    """The records as CSV, one line each, without the fields `LOCAL`."""
     flat = [{k: v for k, v in r.items() if k not in LOCAL} for r in records]
     columns = list(dict.fromkeys(name for record in flat for name in record))
     buffer = io.StringIO()
@@ -69,7 +69,7 @@ def page_text(run: Run, shown: Sequence[Table]) -> str:
         f"<p>{'Quick' if run.description['settings']['quick'] else 'Full'} run, {len(run.records)} records. "
         f"{html.escape(machine_text(run.description['machine']))}</p>",
         "<p>Areas and distances are measured against exact formulas; the definition of every column is in "
-        "<code>docs/benchmark.md</code>. A row in red misses a promise, or leaves edges open without saying so.</p>",
+        "<code>docs/benchmark.md</code>. A row in red misses a promise, or leaves edges open without reporting it.</p>",
         *(table.html() for table in shown[:1]),
         *(["<h2>Cut-outs</h2><p>Drag to turn, wheel to zoom.</p>", *figures] if figures else []),
         "<h2>Figures</h2>",
@@ -118,7 +118,7 @@ def tables(records: Sequence[Record]) -> list[Table]:
 
 
 def suite_table(suite: str, records: Iterable[Record]) -> Table:
-    """One row for each record that is done."""
+    """One row for each record of status "done"."""
     shown = []
     for record in (r for r in records if r["status"] == "done"):
         message = _short(record.get("told") or record.get("said") or "")
@@ -144,7 +144,7 @@ def claim_table(found: Sequence[Figure]) -> Table:
     """The promises, missed ones marked."""
     rows = [(c.suite, c.case, c.text, c.measured, c.kind, "met" if c.met else "**missed**") for c in found]
     missed = frozenset(k for k, c in enumerate(found) if not c.met)
-    note = f"{len(found) - len(missed)} of {len(found)} are met. Those of time do not count." if found else ""
+    note = f"{len(found) - len(missed)} of {len(found)} are met; the exit status ignores times." if found else ""
     columns = ("suite", "case", "promise", "measured", "kind", "verdict")
     return Table(title="Promises", columns=columns, rows=rows, note=note, marked=missed)
 
@@ -219,7 +219,7 @@ def filler_table(records: Sequence[Record]) -> Table:
         )
     columns = ("filler", "closed", "crossing", "mesh kept", "nearest", "nearest on scans", f"{SMOOTH} nearer on scans")
     return Table(
-        title="Cut-outs: who puts back what was removed",
+        title="Cut-outs: fillers compared with what was removed",
         columns=(*columns, "bend", "seconds", "distance on scans", *kinds),
         rows=rows,
         note="Of patches that close their hole, figures are medians: the bend across the rim per the removed piece's; "

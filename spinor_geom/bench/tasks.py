@@ -113,7 +113,7 @@ _HOLES: Mapping[str, Callable[[Task], Hole]] = {
 
 
 def _timed(prepare: Callable[[], tuple[Callable[[], Any], Callable[[Any], Any]]], repeat: int) -> tuple[Record, Any]:
-    """Prepares and calls until `repeat` calls after the first, which does not count then, or until enough seconds.
+    """Times a first call, which counts only if it is alone, and up to `repeat` more, until they take 5 s together.
 
     Returns:
         The median seconds, all of them, and the peak memory; the converted result of the last call.

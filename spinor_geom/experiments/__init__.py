@@ -1,4 +1,4 @@
-"""The paper's experiments on data measured here, with our solvers beside its training."""
+"""The paper's experiments, repeated with its training and with our solvers."""
 
 NAMES = {
     **dict.fromkeys(("twisted-circle", "tennis-seam"), "forms"),
@@ -7,4 +7,4 @@ NAMES = {
     **dict.fromkeys(("tangents", "timing"), "trainings"),
     "branch-points": "forms",
 }
-"""The module of this package whose `EXPERIMENTS` has each experiment."""
+"""For each experiment, the module of this package that has it in `EXPERIMENTS`."""

@@ -1,4 +1,4 @@
-"""Experiments of the paper, and runs of them: data, pictures, and one report."""
+"""Definition and runs of the paper's experiments, with data, pictures and a report."""
 
 import importlib
 import json
@@ -24,7 +24,7 @@ from spinor_geom.training import LevenbergMarquardt, RMSprop
 from spinor_geom.version import program_version
 
 REPORT, PAGE, DESCRIPTION = "report.md", "report.html", "data.json"
-TITLE = "The paper's experiments, measured anew"
+TITLE = "The paper's experiments, repeated"
 _SUFFIXES = (".png", ".pdf")  # of each picture
 _RESOLUTION = 160  # pixels per inch of the PNGs
 _STYLE = "h2 { border-top: 1px solid var(--faint); padding-top: 1.5rem } img { display: block; max-height: 40rem }"
@@ -48,7 +48,7 @@ class Experiment:
     paper: str
     here: str
     measure: Callable[..., Outcome]
-    full: Mapping[str, Any]  # the arguments of `measure`: the paper's, where it names them
+    full: Mapping[str, Any]  # the arguments of `measure`, with the paper's values where it gives them
     quick: Mapping[str, Any]  # the changes for a run of a minute or two; "a.b" is the field b of the argument a
 
     def settings(self, *, quick: bool) -> dict[str, Any]:
@@ -60,20 +60,20 @@ class Experiment:
         return chosen
 
     def description(self, *, quick: bool) -> dict[str, Any]:
-        """The settings, JSON-ready: a run resumes only results that have the same."""
+        """The settings, JSON-ready; a run reuses results only if they have the same."""
         named = self.settings(quick=quick).items()
         return {name: finite(asdict(v) if isinstance(v, RMSprop | LevenbergMarquardt) else v) for name, v in named}
 
 
 def kept_as(name: str, options: RMSprop) -> RMSprop:
-    """The options with a file of this name as checkpoint, in the folder that they name as checkpoint, if any."""
+    """The options with `checkpoint`, a folder, replaced by a file of this name in it; unchanged without one."""
     if options.checkpoint is None:
         return options
     return replace(options, checkpoint=Path(options.checkpoint) / f"{name.replace(' ', '-')}.pt")
 
 
 def experiment(name: str) -> Experiment:
-    """The experiment of a name; raises OptionError if there is none."""
+    """An experiment by name. Raises OptionError for an unknown name."""
     if name not in NAMES:
         raise OptionError(f"there is no experiment {name!r}; choose from: {', '.join(NAMES)}")
     found: Experiment = importlib.import_module(f"spinor_geom.experiments.{NAMES[name]}").EXPERIMENTS[name]
@@ -82,7 +82,7 @@ def experiment(name: str) -> Experiment:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Done:
-    """The results of an experiment, as its folder holds them; pictures by name."""
+    """The results of an experiment that are in its folder."""
 
     name: str
     experiment: Experiment
@@ -102,8 +102,8 @@ def reproduce(
 ) -> tuple[Done, ...]:
     """Runs experiments one after the other and updates the report after each.
 
-    Results in the folder of the same version and settings are not measured again, and trainings resume from the states
-    that they keep there. `on_done` is called with the results of each experiment, resumed or not.
+    Complete results of the same version and settings in the folder are reused, and trainings resume from their
+    checkpoints there. `on_done` is called with the results of each experiment, resumed or not.
     """
     chosen, done = {name: experiment(name) for name in names}, list[Done]()
     for name, one in chosen.items():
@@ -116,10 +116,10 @@ def reproduce(
 
 
 def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Done:
-    asked = {"name": name, "quick": quick, "settings": one.description(quick=quick), "version": program_version()}
+    identity = {"name": name, "quick": quick, "settings": one.description(quick=quick), "version": program_version()}
     path, states = folder / DESCRIPTION, folder / "states"
     found = _finished(path)
-    if any(found.get(key) != value for key, value in asked.items()):
+    if any(found.get(key) != value for key, value in identity.items()):
         begin = time.perf_counter()
         states.mkdir(parents=True, exist_ok=True)
         resumable = {
@@ -128,7 +128,7 @@ def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Done:
         }
         outcome = one.measure(**resumable)
         found = {
-            **asked,
+            **identity,
             "rows": finite(list(outcome.rows)),
             "holds": outcome.holds,
             "verdict": outcome.verdict,
@@ -141,7 +141,7 @@ def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Done:
                     figure.savefig(temporary, dpi=_RESOLUTION, bbox_inches="tight")
         write_json(path, found)  # last, because it marks the results as complete
     shutil.rmtree(states, ignore_errors=True)
-    measured = {key: value for key, value in found.items() if key not in asked}
+    measured = {key: value for key, value in found.items() if key not in identity}
     return Done(name=name, experiment=one, **measured)
 
 
@@ -160,7 +160,7 @@ def report(done: Sequence[Done], *, quick: bool, shown: Callable[[str], str] | N
     start = [
         f"# {TITLE}",
         f"{'Quick' if quick else 'Full'} run: {len(done)} {'experiment' if len(done) == 1 else 'experiments'} in "
-        f"{sum(one.seconds for one in done):.0f} s; what the paper says was seen in {sum(one.holds for one in done)}.",
+        f"{sum(one.seconds for one in done):.0f} s; {sum(one.holds for one in done)} agree with the paper.",
     ]
     link = shown or (lambda path: f"![{Path(path).stem}]({path})")
     return "\n\n".join([*start, *(_section(one, quick, link) for one in done)]) + "\n"
@@ -187,6 +187,6 @@ def _section(done: Done, quick: bool, shown: Callable[[str], str]) -> str:
         *([f"**Shortened.** {'; '.join(shortened)}."] if quick and shortened else []),
         Table.of_records(done.rows).markdown(),
         *(shown(f"{done.name}/{name}.png") for name in done.pictures),
-        f"**{'Seen' if done.holds else 'Not seen'}.** {done.verdict}",
+        f"**{'Reproduced' if done.holds else 'Not reproduced'}.** {done.verdict}",
     ]
     return "\n\n".join(parts)

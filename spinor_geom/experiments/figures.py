@@ -60,7 +60,7 @@ def log_log(
 def surfaces(
     portraits: Mapping[str, Portrait], *, curves: Mapping[str, CurveFunction] | None = None, across: int = 4
 ) -> Figure:
-    """Surfaces by title, `across` in a row, with a scale for the first field of each.
+    """Pictures of surfaces by title, `across` in a row, with a colour bar for the first field of each.
 
     Args:
         portraits: the surfaces with their boundaries.
@@ -117,7 +117,7 @@ def disk_grid(circles: int, around: int) -> tuple[Complex[np.ndarray, " n"], Int
 
 
 def phases(rows: Mapping[str, Mapping[str, HolomorphicFunction]]) -> Figure:
-    """Functions on the unit disk by `domain_colours`: by name, in rows by title."""
+    """Domain colourings of functions on the unit disk, one row for each title, one column for each name."""
     across = max(len(row) for row in rows.values())
     figure = Figure(figsize=(_PHASE * across, _PHASE * len(rows)), layout="constrained")
     axes = figure.subplots(len(rows), across, squeeze=False)

@@ -1,4 +1,4 @@
-"""Spinors and the Weierstrass-Enneper form: the paper's training of both beside our solvers; branch points."""
+"""Spinors against the Weierstrass-Enneper form: the paper's training of both, and our solvers; branch points."""
 
 import itertools
 import time
@@ -32,7 +32,7 @@ NETWORK, SERIES = "Levenberg-Marquardt, spinor", "Douglas-Newton"
 LEFT, CAUCHY, ALONE = "Douglas-Newton, unstable left", "Cauchy network", "Levenberg-Marquardt, random start"
 KNOWN = "known disk"
 FORMS = ("spinor", "Weierstrass-Enneper")
-_PLACE = 0.2 + 0.1j  # the zeros of prescribed order
+_PLACE = 0.2 + 0.1j  # position of the zeros of prescribed order
 _FACTORS = ([1.0, 0.3j], [0.4, 0.5 - 0.2j])  # the polynomials that they are multiplied by
 _PERTURBATION = 0.15  # a constant that is added to p and removes a branch point
 _DEGREE, _SEED = 5, 0
@@ -70,7 +70,7 @@ def tennis_seam(*, parameters: Sequence[float], rmsprop: RMSprop, network: Leven
 
 
 def _compare(curve: KnownCurve, rmsprop: RMSprop, options: LevenbergMarquardt, *, name: str) -> Outcome:
-    """Trains and solves; it holds if the Weierstrass-Enneper form stays much farther from the curve."""
+    """Trains both forms and solves; holds if the Weierstrass-Enneper form stays much farther from the curve."""
     gamma = BoundaryCurve.from_formula(curve)
     forms = {SPINOR: rmsprop, ENNEPER: replace(rmsprop, representation="weierstrass-enneper")}
     paper = {
@@ -161,13 +161,13 @@ def lasting(*, orders: Sequence[int], random: int) -> Outcome:
     generator = np.random.default_rng(_SEED)
     shape = (random, 2, _DEGREE + 1)
     pairs = generator.normal(size=shape) + 1j * generator.normal(size=shape)
-    shares = {}
+    lasting_pairs = {}
     for form in FORMS:
         found = [branch_points(surface_of(form, *pair)) or () for pair in pairs]
         counts = [sum(not point.removable for point in points) for points in found]
-        shares[form] = sum(count > 0 for count in counts)
+        lasting_pairs[form] = sum(count > 0 for count in counts)
         name = f"{random} random, degree {_DEGREE}"
-        last = {"with branch points that last": shares[form], "such points": sum(counts)}
+        last = {"with branch points that last": lasting_pairs[form], "such points": sum(counts)}
         rows.append({"form": form, "pairs": name, **last})
     p, q = pair_with_zero(1)
     moved = p + np.array([_PERTURBATION, *[0.0] * (len(p) - 1)])
@@ -179,10 +179,10 @@ def lasting(*, orders: Sequence[int], random: int) -> Outcome:
     drawn = {title: marked(surface, surface.branch_points()) for title, surface in shown.items()}
     return Outcome(
         rows=rows,
-        holds=as_stated and shares[FORMS[0]] == 0 and shares[FORMS[1]] > 0,
+        holds=as_stated and lasting_pairs[FORMS[0]] == 0 and lasting_pairs[FORMS[1]] > 0,
         verdict=f"Branch points are removable {'exactly' if as_stated else 'not'} where the order of φ is even. Of "
-        f"{random} random pairs {shares[FORMS[1]]} have others in the Weierstrass-Enneper form, {shares[FORMS[0]]} as "
-        "spinors.",
+        f"{random} random pairs {lasting_pairs[FORMS[1]]} have others in the Weierstrass-Enneper form, "
+        f"{lasting_pairs[FORMS[0]]} as spinors.",
         pictures={"branch-points": surfaces(drawn)},
     )
 
@@ -228,8 +228,8 @@ EXPERIMENTS = {
         title="spinors against Weierstrass-Enneper on the twisted circle",
         paper="(R cos t, R sin t, α sin kt) with R = 1, k = 3, α = 0.2; networks of 10 layers of 20 units, RMSprop, "
         "800 epochs; the spinors come near to the curve, the Weierstrass-Enneper form fails.",
-        here="The same training from the same random numbers, then a network of ours and Douglas-Newton. Seen means "
-        "that the Weierstrass-Enneper form stays at least twice as far from the curve. Dots mark branch points.",
+        here="The same training from the same random numbers, then a network of ours and Douglas-Newton. Reproduced "
+        "if the Weierstrass-Enneper form stays at least twice as far from the curve. Dots mark branch points.",
         measure=twisted_circle,
         full=_TRAININGS,
         quick=_QUICK,
@@ -241,19 +241,19 @@ EXPERIMENTS = {
         here="(a cos t + b cos 3t, a sin t - b sin 3t, 2√(ab) sin 2t), b = 1 - a, on the unit sphere: at a = 0.8 one "
         "disk is known, at a = 0.75 the symmetric one is unstable and two mirror images of less area are stable. "
         f"'{SERIES}' keeps the symmetric disk; '{LEFT}' leaves it if it is unstable, and '{NETWORK}' starts from that. "
-        "A disk is found where the area is its own. Seen means that the Weierstrass-Enneper form stays at least twice "
-        "as far from every seam. Dots mark branch points.",
+        "A disk is found if the area is equal. Reproduced if the Weierstrass-Enneper form stays at least twice as far "
+        "from every seam. Dots mark branch points.",
         measure=tennis_seam,
         full={"parameters": (0.8, 0.75), **_TRAININGS},
         quick=_QUICK,
     ),
     "branch-points": Experiment(
-        title="branch points, and which of them last",
+        title="branch points, and which of them are removable",
         paper="A zero of φ of order m is a branch point that a small change of the surface removes if and only if m is "
         "even; p and q make even orders only, and a generic f has simple zeros.",
         here="Zeros by the argument principle, and the lift to SU(2) of the surface's frame along a circle around "
-        "each, for polynomials with a zero of known order and with random coefficients. Seen means that the lift "
-        "agrees with the order everywhere, and that only random f and g have branch points that last.",
+        "each, for polynomials with a zero of known order and with random coefficients. Reproduced if the lift "
+        "agrees with the order everywhere, and only random f and g have branch points that are not removable.",
         measure=lasting,
         full={"orders": (1, 2, 3, 4, 5), "random": 500},
         quick={"orders": (1, 2, 3, 4), "random": 50},

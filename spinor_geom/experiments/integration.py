@@ -113,7 +113,7 @@ def fitted_slope(steps: Sequence[int], errors: Sequence[float], floor: float) ->
 
 
 def by_rule(surface: SpinorSurface, rule_name: RuleName, n: int) -> SpinorSurface:
-    """The same p and q, integrated by another rule."""
+    """The surface of the same p and q with another quadrature rule."""
     constant, spinor_map = surface.constant.detach(), surface.spinor_map.detach()
     return SpinorSurface(surface.model, surface.domain, constant, spinor_map=spinor_map, quadrature=rule_name, order=n)
 
@@ -124,7 +124,7 @@ def surface_size(surface: SpinorSurface) -> float:
 
 
 def radial_mean_curvature(surface: SpinorSurface, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-    """H of the surface that its rule gives along the whole ray from 0 to each point; NaN at branch points."""
+    """H of the positions that the surface's rule gives on the ray from 0 to each point; NaN at branch points."""
     end = torch.tensor(z, device=surface.spinor_map.device).reshape(-1)
     with torch.no_grad():
         mean = mean_curvature_of_integrals(surface.integrate, torch.zeros_like(end), end, order=surface.order)
@@ -145,7 +145,7 @@ EXPERIMENTS = {
     "mean-curvature": Experiment(
         title="max |H| against the number of quadrature steps",
         paper="Four surfaces, networks of 10 layers of 20 units; trapezoidal rule; points of a 200 × 200 grid on "
-        "[-1, 1]² inside the disk; second order is seen (-2 in a log-log plot), fourth is said to be Simpson's.",
+        "[-1, 1]² inside the disk; second order is seen (-2 in a log-log plot); fourth order is stated for Simpson's.",
         here="Both rules on four surfaces of the same kinds, their networks trained by Levenberg-Marquardt; H by "
         "automatic differentiation, twice, of the position.",
         measure=mean_curvature,
@@ -157,7 +157,7 @@ EXPERIMENTS = {
         paper="Four surfaces after training, trapezoidal rule with N = 100; |H| by automatic differentiation is nearly "
         "zero everywhere.",
         here="The same rule on four surfaces of the same kinds, their networks trained by Levenberg-Marquardt, at "
-        f"points on circles. Seen means that |H| times the diagonal stays below {_NEARLY_ZERO:g}.",
+        f"points on circles. Reproduced if |H| times the diagonal stays below {_NEARLY_ZERO:g}.",
         measure=heat_maps,
         full={"grid": (32, 192), "steps": 100, "network": _NETWORK},
         quick={"grid": (12, 60), "network.depth": 3},

@@ -34,7 +34,7 @@ _DISTANCE = "largest distance from Γ / diagonal"
 _NEAR, _ALIKE = 1e-6, 1e-5  # largest errors of recovered positions, in diagonals, and of p and q, per their size
 Points: TypeAlias = Complex[np.ndarray, " n"]
 _POINTS, _RADII = 64, (1.0, 0.6, 0.25)  # spinors are compared at points of circles
-_STARTS = 12  # turns at which the fit of a Möbius map may start
+_STARTS = 12  # starting angles for the fit of a Möbius map
 
 
 def tangents(*, weights: Sequence[float], epochs: Sequence[int], rmsprop: RMSprop) -> Outcome:
@@ -73,7 +73,7 @@ def timing(*, curves: Sequence[str], rmsprop: RMSprop, tolerances: Sequence[floa
     """Measures the distance from Γ, in diagonals, against wall-clock time for every method and curve."""
     rows: list[dict[str, Any]] = []
     pictures, verdicts, holds = {}, [], True
-    solve_plateau(twisted_circle(), model="series")  # imports and compiles what the first solve needs
+    solve_plateau(twisted_circle(), model="series")  # warm-up: imports and compilation
     for name in curves:
         points = _time_and_distance(CURVES[name](), rmsprop, tolerances, depth)
         seconds, error = points[PAPER][-1]
@@ -116,7 +116,7 @@ def _time_and_distance(
 
 
 def prescribed(*, depth: int, network: LevenbergMarquardt, random: RMSprop, perturbed: RMSprop) -> Outcome:
-    """Recovers two surfaces from their boundaries: `random` and `perturbed` are the paper's trainings."""
+    """Recovers two surfaces from their boundaries; `random` and `perturbed` are options of the paper's trainings."""
     rows: list[dict[str, Any]] = []
     pictures: dict[str, Figure] = {}
     for name, truth, paper in (
@@ -233,7 +233,7 @@ EXPERIMENTS = {
         "with perturbed coefficients, 4,000 epochs; p, q, f, g are recovered up to a Möbius map, nearly a rotation.",
         here="Surfaces of the same kinds with unevenly parametrised boundaries; the paper's training, and ours from "
         "the boundary alone. The Möbius map and the common sign of p and q are fitted; the table has the residuals. "
-        f"Seen means that both of ours recover positions to {_NEAR:g} and p and q to {_ALIKE:g}.",
+        f"Reproduced if both of ours recover positions to {_NEAR:g} and p and q to {_ALIKE:g}.",
         measure=prescribed,
         full={
             "depth": 10,
@@ -246,7 +246,7 @@ EXPERIMENTS = {
     "tangents": Experiment(
         title="training without and with the tangents' term",
         paper="λ = 0 and λ = 0.5 from the same initialisation, epochs 0 to 10; the curve with tangents is nearer.",
-        here="The twisted circle, from the same random numbers, after the same epochs. Seen means that λ = 0.5 has the "
+        here="The twisted circle, from the same random numbers, after the same epochs. Reproduced if λ = 0.5 has the "
         "smaller largest distance after the last one.",
         measure=tangents,
         full={"weights": (0.0, 0.5), "epochs": (0, 2, 4, 6, 8, 10), "rmsprop": RMSprop()},
@@ -256,7 +256,7 @@ EXPERIMENTS = {
         title="boundary error against wall-clock time",
         paper="RMSprop (Algorithm 1), networks of 10 layers of 20 units, 800 epochs; the paper has no times.",
         here="The paper's training with its own settings; a network of 3 layers of 20 units by Levenberg-Marquardt, a "
-        "Cauchy network, and Douglas-Newton, on one thread. Every point of ours is a separate solve. Seen means that "
+        "Cauchy network, and Douglas-Newton, on one thread. Every point of ours is a separate solve. Reproduced if "
         "each of ours comes nearer in less time.",
         measure=timing,
         full={

@@ -1,4 +1,4 @@
-"""Known answers: surfaces and closed curves in exact formulas, with exact areas and sources. No solver imports it."""
+"""Minimal surfaces and closed curves in exact formulas, with exact areas and sources. No solver imports it."""
 
 from spinor_geom.gallery.chart import Chart as Chart
 from spinor_geom.gallery.curves import ellipse as ellipse

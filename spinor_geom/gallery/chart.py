@@ -1,4 +1,4 @@
-"""Charts: surfaces in exact formulas, and distances of points and meshes from them."""
+"""Charts: parametrised exact surfaces, and distances of points and meshes from them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from spinor_geom.measures import HausdorffDistance, SurfaceSamples, distances_to
 SurfaceFunction = Callable[[Complex[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 3"]]
 TangentFunction = Callable[[Complex[np.ndarray, "*pts"]], Float[np.ndarray, "*pts 2 3"]]
 
-_STARTS, _MOST_STEPS = 3000, 60  # of Gauss-Newton's method for the nearest point
+_STARTS, _MOST_STEPS = 3000, 60  # starting points and steps of Gauss-Newton's method for the nearest point
 _BLOCK = 1 << 14  # points that are projected together
 
 
@@ -22,7 +22,7 @@ _BLOCK = 1 << 14  # points that are projected together
 class Chart:
     """A piece of a surface over a polygon in the plane z = x + iy, and its images under some symmetries.
 
-    The formulas have to hold a little outside the polygon too.
+    The formulas must also be valid a little outside the polygon.
     """
 
     position: SurfaceFunction  # r(z)
@@ -31,7 +31,7 @@ class Chart:
     symmetries: tuple[Float[np.ndarray, "3 3"], ...] = (np.eye(3),)  # orthogonal matrices
 
     def samples(self, count: int) -> SurfaceSamples:
-        """About `count` points at equal distances in the plane, each with its share of the area in space."""
+        """About `count` points of the surface over a triangular lattice, each with its share of the surface area."""
         wanted = -(-count // len(self.symmetries))
         z, cell = self.lattice(wanted), self._spacing(wanted)
         points, areas, t = self.position(z), self.stretch(z), self.tangents(z)
@@ -45,7 +45,7 @@ class Chart:
     def hausdorff(
         self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], *, samples: int = 20_000
     ) -> HausdorffDistance:
-        """Symmetric Hausdorff distance of a mesh from the surface, forward from the mesh, as `hausdorff_distance`."""
+        """Symmetric Hausdorff distance as by `hausdorff_distance`; `forward` is from the mesh to the surface."""
         here, there = mesh_samples(vertices, faces, samples), self.samples(samples)
         backward = there.summary(distances_to_mesh(there.points, vertices, faces))
         return HausdorffDistance(forward=here.summary(self.distances(here.points)), backward=backward)
@@ -63,7 +63,7 @@ class Chart:
         return float((area / count * 2 / 3**0.5) ** 0.5)
 
     def stretch(self, z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """|r_x × r_y|: area in space per area in the plane."""
+        """Area element |r_x × r_y|: surface area per area in the plane."""
         t = self.tangents(z)
         return np.asarray(np.linalg.norm(np.cross(t[:, 0], t[:, 1]), axis=1))
 
@@ -78,7 +78,7 @@ class Chart:
 
     @cached_property
     def _starts(self) -> tuple[Complex[np.ndarray, " k"], cKDTree, Float[np.ndarray, "c 3"]]:
-        """Starting points, a tree of their positions, and the positions of corners without tangents."""
+        """Starting points, a k-d tree of their positions, and the positions of corners without tangents."""
         z = np.concatenate([self.lattice(_STARTS), self.outline])
         with np.errstate(all="ignore"):
             regular = np.isfinite(self.tangents(z)).all(axis=(1, 2))
@@ -93,7 +93,7 @@ class Chart:
             if not len(active):
                 break
             here = z[active]
-            with np.errstate(all="ignore"):  # a trial without a position is not nearer
+            with np.errstate(all="ignore"):  # NaN distances are never smaller
                 trial = here + share[active] * _gauss_newton_step(
                     self.tangents(here), points[active] - self.position(here)
                 )
@@ -103,7 +103,7 @@ class Chart:
             z[active] = np.where(nearer, trial, here)
             best[active] = np.where(nearer, reached, best[active])
             share[active] = np.where(nearer, np.minimum(2 * share[active], 1.0), share[active] / 4)
-            # it ends where a step gains nothing more, or no short step gains
+            # stop where the gain is rounding error, or the step became too short
             active = active[(share[active] > 1e-4) & ~(nearer & (gain <= 1e-15 * (1 + best[active])))]
         if len(corners):
             best = np.minimum(best, cKDTree(corners).query(points)[0])
@@ -111,16 +111,16 @@ class Chart:
 
 
 def _gauss_newton_step(
-    tangents: Float[np.ndarray, "n 2 3"], away: Float[np.ndarray, "n 3"]
+    tangents: Float[np.ndarray, "n 2 3"], residual: Float[np.ndarray, "n 3"]
 ) -> Complex[np.ndarray, " n"]:
-    """The step in the plane whose image under the tangents is nearest to a vector `away`."""
+    """The step in the plane whose image under the tangents is nearest to the residual."""
     x, y = tangents[:, 0], tangents[:, 1]
     xx, xy, yy = (np.einsum("nk,nk->n", a, b) for a, b in ((x, x), (x, y), (y, y)))
-    dx, dy = np.einsum("nk,nk->n", x, away), np.einsum("nk,nk->n", y, away)
+    dx, dy = np.einsum("nk,nk->n", x, residual), np.einsum("nk,nk->n", y, residual)
     det = xx * yy - xy**2
     return np.asarray(((yy * dx - xy * dy) + 1j * (xx * dy - xy * dx)) / det)
 
 
 def null_tangents(phi: Complex[np.ndarray, "*pts 3"]) -> Float[np.ndarray, "*pts 2 3"]:
-    """r_x = Re φ and r_y = −Im φ."""
+    """Tangents r_x = Re φ and r_y = −Im φ."""
     return np.stack([phi.real, -phi.imag], axis=-2)

@@ -45,7 +45,8 @@ def twisted_circle(radius: float = 1.0, k: int = 3, amplitude: float = 0.2) -> K
 def tennis_seam(a: float = 0.8) -> KnownCurve:
     """The seam of a tennis ball on the unit sphere: (a cos t + b cos 3t, a sin t − b sin 3t, 2√(ab) sin 2t), b = 1 − a.
 
-    The symmetric disk is stable down to a value between 0.78 and 0.76; below, two mirror images of less area are.
+    The symmetric disk is stable down to a value of a between 0.78 and 0.76. Below it, two mirror images of smaller area
+    are stable.
     """
     if not 0 < a < 1:
         raise OptionError(f"a tennis seam needs a in (0, 1), got {a}")
@@ -79,8 +80,8 @@ def ellipse(a: float = 2.0, height: float = 0.0) -> KnownCurve:
 def random_curve(seed: int) -> KnownCurve:
     """A random, strongly folded closed curve Σ a_k cos 2πkt + b_k sin 2πkt with 3 to 6 harmonics.
 
-    The components of a_k and b_k are normal with standard deviation 1/k, so that all harmonics turn the tangent alike.
-    Then x of the first harmonic is multiplied by an elongation uniform in [1, 10], which leaves the folds as deep.
+    The components of a_k and b_k are normal with standard deviation 1/k, so that all harmonics contribute equally to
+    the tangent. Then x of the first harmonic is multiplied by an elongation uniform in [1, 10].
     """
     random = np.random.default_rng(seed)
     harmonics = int(random.integers(3, 7))
@@ -121,9 +122,9 @@ def l_shape(rise: float = 0.0) -> KnownCurve:
 
 
 def zigzag_rim(sides: int = 20, height: float = 0.1) -> KnownCurve:
-    """The closed polygon over a regular one in the unit circle, with corners alternately at z = ±height."""
+    """A closed polygon with vertices equally spaced around the unit cylinder, alternately at z = ±height."""
     if sides < 4 or sides % 2:
-        raise OptionError(f"a zigzag rim needs an even number of sides from 4 on, got {sides}")
+        raise OptionError(f"a zigzag rim needs an even number of sides of at least 4, got {sides}")
     angle = 2 * np.pi * np.arange(sides) / sides
     vertices = np.stack([np.cos(angle), np.sin(angle), height * (-1.0) ** np.arange(sides)], axis=1)
     return polygon(vertices, name=f"zigzag rim of {sides} sides")
@@ -215,7 +216,7 @@ def _slope(function: SmoothMap, u: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts
 def slit(length: float = 50.0, width: float = math.sqrt(0.75), *, bend: float = 0.0) -> KnownCurve:
     """A rectangle, plane or with its longer sides rolled on a cylinder through an angle `bend` in radians.
 
-    By default it is the hole of a strip of 100 equilateral triangles of edge 1 that are removed from a mesh.
+    The default is the hole that a removed strip of 100 equilateral triangles of edge 1 leaves in a mesh.
     """
     require_positive("length", length)
     require_positive("width", width)
@@ -251,7 +252,7 @@ def helical_ramp(
 ) -> KnownCurve:
     """The outline of a helical ramp: two helices around an axis, and two straight ends.
 
-    The radius R is that of the middle line, h half the width, the pitch the rise in one turn, c that in a radian. The
+    R is the radius of the middle line, h half the width; the pitch is the rise per turn, c the rise per radian. The
     minimal disk is a helicoid, of area turn·½(ρ√(ρ² + c²) + c² asinh(ρ/c)) between ρ = R − h and R + h. It is stable at
     any length: its normal is nowhere horizontal, so the vertical shift is a positive Jacobi field.
     """
@@ -288,7 +289,7 @@ def _outline(
 
 
 def harmonics(coefficients: Complex[np.ndarray, "k 3"]) -> ClosedCurve:
-    """The curve Re Σ c_k e^{2πikt}, k from 0 on."""
+    """The curve Re Σ_{k ≥ 0} c_k e^{2πikt}."""
     waves = 2j * np.pi * np.arange(len(coefficients))
 
     def derivative(order: int) -> CurveFunction:

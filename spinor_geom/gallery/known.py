@@ -1,4 +1,4 @@
-"""Types of known answers: curves and surfaces in exact formulas with exact areas, and loops sampled from them."""
+"""Types for curves and surfaces with exact formulas and areas, and boundary loops sampled from them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ _OUTLINE = 512  # vertices of a chart's outline
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KnownDisk:
-    """A minimal disk that a curve is known to bound."""
+    """Area and stability of a known minimal disk over a curve."""
 
     area: float
     stable: bool | None = None  # whether it is a local minimum of the area; None: not known
@@ -30,7 +30,7 @@ class KnownDisk:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KnownCurve(ClosedCurve):
-    """A closed curve in exact formulas, with what is known of it."""
+    """A closed curve with an exact formula, and the known minimal disks that it bounds."""
 
     name: str  # for tables and messages
     disks: tuple[KnownDisk, ...] = ()  # the minimal disks it is known to bound, smallest area first
@@ -44,7 +44,7 @@ class KnownCurve(ClosedCurve):
     def sample(self, n: int) -> BoundaryLoop:
         """A loop of n points, with the corners, at equal steps of t on each side.
 
-        An n below 3 or the number of corners is an OptionError.
+        Raises OptionError for n below 3 or the number of corners.
         """
         t, corners = sample_parameters(n, self.corners)
         return BoundaryLoop.from_points(self.point(t), corners=corners.tolist())
@@ -52,7 +52,7 @@ class KnownCurve(ClosedCurve):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KnownSurface:
-    """A minimal surface in exact formulas."""
+    """A minimal surface with an exact formula."""
 
     name: str  # for tables and messages
     surface: SpinorSurface
@@ -82,7 +82,7 @@ class KnownSurface:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KnownPatch:
-    """A minimal disk in exact formulas, with the sides of its boundary as curves in the plane of its chart."""
+    """A minimal disk with an exact formula, with the sides of its boundary as curves in the plane of its chart."""
 
     name: str  # for tables and messages
     chart: Chart
@@ -126,7 +126,7 @@ def sample_parameters(n: int, corners: Sequence[float]) -> tuple[Float[np.ndarra
     """Parameters of n points on a closed curve with corners at increasing parameters, and the indices of the corners.
 
     The number of points on a side is proportional to its share of [0, 1), apart from its first corner. The parameters
-    begin at the first corner. An n below 3 or the number of corners is an OptionError.
+    begin at the first corner. Raises OptionError for n below 3 or the number of corners.
     """
     if n < (least := max(3, len(corners))):
         raise OptionError(f"a closed curve with {len(corners)} corners needs at least {least} points, got {n}")
@@ -161,7 +161,7 @@ def unevenly_sampled(curve: ClosedCurve | KnownSurface, n: int, *, seed: int, sp
 def noisy_loop(loop: BoundaryLoop, share: float, *, seed: int) -> BoundaryLoop:
     """A loop with points moved by normal random vectors of deviation `share` of the mean edge in each coordinate.
 
-    Its corners are detected anew.
+    Corners are detected again.
     """
     moves = share * loop.mean_edge_length * np.random.default_rng(seed).normal(size=loop.points.shape)
     return BoundaryLoop.from_points(loop.points + moves)
@@ -174,5 +174,5 @@ def _at_shares(curve: ClosedCurve | KnownSurface, shares: np.ndarray) -> Boundar
 
 
 def _lengths(points: np.ndarray) -> np.ndarray:
-    """Length of a chain of points up to each."""
+    """Arc length of a polyline up to each of its points."""
     return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))

@@ -1,4 +1,4 @@
-"""The surfaces of the gallery by name, as the command line takes them."""
+"""The surfaces of the gallery by their names on the command line."""
 
 from collections.abc import Callable
 from functools import partial
@@ -36,7 +36,7 @@ SURFACES: dict[str, Callable[[], KnownSurface | KnownCurve | KnownPatch]] = {
 def named_surface(name: str) -> SpinorSurface:
     """A surface of the gallery: from formulas of p and q if known, else the solution for its boundary.
 
-    A name that is not in `SURFACES` is an OptionError.
+    Raises OptionError for a name that is not in `SURFACES`.
     """
     if name not in SURFACES:
         raise OptionError(f"there is no surface {name!r} in the gallery; it has {', '.join(SURFACES)}")

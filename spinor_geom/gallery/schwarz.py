@@ -162,10 +162,10 @@ def schwarz_prism(stretch: float = 1.0) -> KnownCurve:
     surface = RootSurface(
         degree=1,
         roots=np.concatenate([quarters * root, quarters / root]),
-        cuts=np.array([-0.5, 0.5, 0, 0, 0, 0, 0, 0]) * np.pi,  # away from the quarter between the first two
+        cuts=np.array([-0.5, 0.5, 0, 0, 0, 0, 0, 0]) * np.pi,  # away from the quarter disk between the first two roots
     )
     outline = great_circles(np.array([0, root, 1, 1j, 1j * root]), 1)
-    # a quarter turn that exchanges above and below
+    # a quarter turn around the z axis with a reflection in the plane z = 0
     turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     chart = _chart(surface, outline, np.eye(3) / side)
     source = "Schwarz (1872), tetragonal relatives of D; area by complete elliptic integrals"
@@ -182,8 +182,8 @@ def schwarz_h(a: float = 0.3) -> KnownPatch:
     φ = (s⁴ − 1, −i(s⁴ + 1), 2s²)((1 − s⁶/a³)(1 − a³s⁶))^{−1/2} over the sector 0 < arg s < π/6 of the unit disk, with
     corners at 0, √a, 1 and e^{iπ/6}; a is the size of the triangles relative to the height between them. The flux
     ∫ Im φ ds through a straight side is orthogonal to it, that through a side in a mirror plane along the plane's
-    normal, so the area is ½ Σ r_j · Im(W_{j+1} − W_j) over the corners, W = ∫ φ ds. An a that is not in [0.2, 1) is an
-    OptionError: for smaller ones the paths of integration pass the roots.
+    normal, so the area is ½ Σ r_j · Im(W_{j+1} − W_j) over the corners, W = ∫ φ ds. Raises OptionError for
+    an a outside [0.2, 1): for smaller ones the paths of integration pass the roots.
     """
     if not 0.2 <= a < 1:
         raise OptionError(f"Schwarz's H surface needs a in [0.2, 1), got {a}")
@@ -218,7 +218,7 @@ def great_circles(corners: Complex[np.ndarray, " c"], degree: int) -> Complex[np
     for start, end, a, b in zip(normals, np.roll(normals, -1, axis=0), corners, np.roll(corners, -1), strict=True):
         image = _stereographic(geometric_slerp(start, end, fraction))
         size, turn = np.abs(image) ** (1 / degree), np.angle(image) / degree
-        # the root between the ends
+        # the branch of the root that is between the ends
         straight = np.angle(a + (b - a) * (fraction + 0.5 / _SIDE_POINTS))
         step = 2 * np.pi / degree
         side = size * np.exp(1j * (turn + step * np.round((straight - turn) / step)))

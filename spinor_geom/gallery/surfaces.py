@@ -24,8 +24,7 @@ _SIDE_VERTICES = 32  # vertices on the longer side of a rectangle in Ω
 def enneper(radius: float = 0.8) -> KnownSurface:
     """Enneper's surface p = 1, q = z over |z| < R, of area πR²(1 + R² + R⁴/3).
 
-    It is stable for R < 1, where the second variation first vanishes in a direction. Its boundary crosses itself from
-    R = √3 on.
+    It is stable for R < 1; at R = 1 the second variation is degenerate. Its boundary crosses itself for R ≥ √3.
     """
     require_positive("radius", radius)
     area = math.pi * radius**2 * (1 + radius**2 + radius**4 / 3)
@@ -40,7 +39,7 @@ def plane_disk(radius: float = 1.0) -> KnownSurface:
 
 
 def polynomial(p: ArrayLike, q: ArrayLike, *, radius: float = 1.0) -> KnownSurface:
-    """The surface of polynomials p and q, coefficients of low powers first, over |z| < R with r(0) = 0.
+    """The surface of polynomials p and q, coefficients in ascending powers, over |z| < R with r(0) = 0.
 
     Its area is π Σ_k R^{2k+2}(|[p²]_k|² + |[q²]_k|² + 2|[pq]_k|²)/(k + 1), because powers are orthogonal on the disk.
     """
@@ -132,10 +131,10 @@ def associate(angle: float = math.pi / 4, *, reach: float = 1.0, turn: float = m
 
 
 def catenoid(height: float = 0.5, *, turn: float = 2 * math.pi) -> KnownSurface:
-    """The stable catenoid between the unit circles z = ±h, cut open: a strip of a given angle about the axis.
+    """The stable catenoid between the unit circles at z = ±h, cut open: the part within an angle `turn` about the axis.
 
-    The neck c solves c·cosh(h/c) = 1; the area is turn·c²(U + sinh U cosh U) with U = h/c. An h above 0.66274…, for
-    which there is no catenoid, is an OptionError.
+    The neck c solves c·cosh(h/c) = 1; the area is turn·c²(U + sinh U cosh U) with U = h/c. Raises OptionError
+    for an h above 0.66274…, for which there is no catenoid.
     """
     # at the neck c = h/x* with x* tanh x* = 1 the stable and the unstable catenoid meet
     critical = brentq(lambda x: x * math.tanh(x) - 1, 1.0, 2.0, xtol=1e-15)
@@ -151,9 +150,9 @@ def catenoid(height: float = 0.5, *, turn: float = 2 * math.pi) -> KnownSurface:
 def helicoid(
     radius: float = 1.0, pitch: float = 1.0, *, turn: float = 2 * math.pi, both_sides: bool = False
 ) -> KnownSurface:
-    """The helicoid (ρ cos θ, ρ sin θ, −cθ), 0 < θ < turn, from the axis or, on both sides, ρ = −R to ρ = R.
+    """The helicoid (ρ cos θ, ρ sin θ, −cθ), 0 < θ < turn, 0 < ρ < R or, with `both_sides`, −R < ρ < R.
 
-    The pitch c is the rise in a radian. The area is turn·½(R√(R² + c²) + c² asinh(R/c)), or twice that.
+    The pitch c is the rise per radian. The area is turn·½(R√(R² + c²) + c² asinh(R/c)), with `both_sides` twice that.
     """
     for name, value in (("radius", radius), ("pitch", pitch), ("turn", turn)):
         require_positive(name, value)
@@ -199,6 +198,6 @@ def _rectangle(x0: float, x1: float, height: float) -> PlaneDomain:
 
 
 def _surface(model: PowerSeries, domain: PlaneDomain, position: SurfaceFunction) -> SpinorSurface:
-    """The surface of a model with the constant of the closed formula."""
+    """The surface of a model, translated to the position of the closed formula."""
     root = domain.triangulation.points[domain.root]
     return SpinorSurface(model, domain, position(np.asarray(root)))

@@ -15,9 +15,10 @@ _MOST_CANDIDATES = 600  # points from which Leja points are chosen
 def arnoldi_hessenberg(z: Complex[Tensor, " n"], weight: Float[Tensor, " n"], degree: int) -> Complex[Tensor, "d1 d"]:
     """Coefficients H of the recurrence z·Q_k = Σ_{j ≤ k+1} H_jk Q_j of the orthonormal polynomials.
 
-    ⟨f, g⟩ = Σ weight·conj(f)·g at more nodes than the degree, with weights of sum 1. H has a positive subdiagonal.
+    The inner product is ⟨f, g⟩ = Σ weight·conj(f)·g with weights of sum 1, on more nodes than the degree. The
+    subdiagonal of H is positive.
     """
-    # in numpy complex products take a tenth of torch's time; rows are multiplied by √weight
+    # complex products in numpy take a tenth of their time in torch; rows of the basis include the factor √weight
     nodes, root = z.cpu().numpy(), weight.sqrt().cpu().numpy()
     basis = np.empty((degree + 1, len(nodes)), dtype=np.complex128)
     basis[0] = root
@@ -34,7 +35,7 @@ def arnoldi_hessenberg(z: Complex[Tensor, " n"], weight: Float[Tensor, " n"], de
 
 
 def arnoldi_polynomials(z: Complex[Tensor, "*pts"], hessenberg: Complex[Tensor, "d1 d"]) -> Complex[Tensor, "*pts d1"]:
-    """The polynomials Q_0 = 1, …, Q_d at some points."""
+    """Values of the polynomials Q_0 = 1, …, Q_d at the points z."""
     points, recurrence = z.detach().cpu().numpy().ravel(), hessenberg.cpu().numpy()
     rows = np.ones((len(recurrence), len(points)), dtype=np.complex128)
     for k, h in enumerate(recurrence.T):
@@ -43,7 +44,7 @@ def arnoldi_polynomials(z: Complex[Tensor, "*pts"], hessenberg: Complex[Tensor, 
 
 
 def leja_points(z: Complex[Tensor, " n"], count: int) -> Complex[Tensor, " count"]:
-    """Leja points of a set: each maximises the product of its distances from those before."""
+    """Leja points of a set: each maximises the product of its distances from the previous ones."""
     candidates = z[:: max(1, len(z) // _MOST_CANDIDATES)]
     chosen = [candidates[(candidates - candidates.mean()).abs().argmax()]]
     product = torch.zeros(len(candidates), dtype=candidates.real.dtype, device=z.device)

@@ -8,14 +8,14 @@ from torch import Tensor
 
 from spinor_geom.errors import DtypeError
 
-# entries of the table of a block: on the CPU it fits the cache, on other devices the start of a kernel takes longest
+# temporary entries per block: on the CPU a block fits the cache, on other devices few large blocks save kernel launches
 _ENTRIES, _ENTRIES_ON_DEVICES = 1 << 17, 1 << 23
 
 
 def in_blocks(function: Callable[..., Tensor], *points: Complex[Tensor, "*pts"], width: int) -> Shaped[Tensor, "..."]:
-    """Values of a function of n points, or pairs of points, at points of any shape.
+    """Evaluates a function of one or more arrays of points, of any shape, block by block.
 
-    The function makes tables with `width` entries a point.
+    `width` is the number of temporary entries that the function needs per point.
     """
     entries = _ENTRIES if points[0].device.type == "cpu" else _ENTRIES_ON_DEVICES
     blocks = (torch.split(z.reshape(-1), max(1, entries // max(1, width))) for z in points)
@@ -24,7 +24,7 @@ def in_blocks(function: Callable[..., Tensor], *points: Complex[Tensor, "*pts"],
 
 
 def require_complex(**tensors: Tensor) -> None:
-    """Raises a DtypeError that names the first tensor that is not complex."""
+    """Raises DtypeError for the first tensor that is not complex."""
     for name, tensor in tensors.items():
         if not tensor.is_complex():
             raise DtypeError(f"{name} must be complex, got {tensor.dtype}; convert it by .to(torch.complex128)")

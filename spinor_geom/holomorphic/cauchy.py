@@ -19,8 +19,8 @@ class CauchyNetwork(torch.nn.Module):
 
     It is a complex-valued network with one hidden layer and activation σ(u) = 1/u. Its features are usually mixed so
     that they are orthonormal on ∂Ω; fits then converge in few steps. For each hole around which p and q change their
-    sign all features have a factor √(z − c), c in the hole. Its sign jumps where z − c is negative; p², q² and pq are
-    continuous.
+    sign all features have a factor √(z − c), c in the hole. Its sign jumps where z − c is real and negative; p², q²
+    and pq are continuous.
 
     Shape:
         hessenberg: (degree + 1, degree), recurrence of the polynomials.
@@ -76,7 +76,7 @@ class CauchyNetwork(torch.nn.Module):
         branch: complex | None = None,
         cutoff: float = 1e-8,
     ) -> CauchyNetwork:
-        """A network with features orthonormal in ⟨f, g⟩ = Σ weight·conj(f)·g and read-outs zero.
+        """A network with zero read-outs and features orthonormal in ⟨f, g⟩ = Σ weight·conj(f)·g.
 
         The nodes z are usually on ∂Ω, and the scales the distances of the poles from it; the positive weights are
         normalised to sum 1. `degree` is that of the polynomials, `branch` the point c if p and q change their sign
@@ -136,7 +136,7 @@ class CauchyNetwork(torch.nn.Module):
         polynomial, units = self._coefficients()
 
         def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
-            real, imag = _inverse_differences(self.poles, some)  # one row a pole: BLAS is slow on narrow columns
+            real, imag = _inverse_differences(self.poles, some)  # one row per pole: BLAS is slow on narrow columns
             a, b, c, d = by_real @ real + by_imag @ imag
             return torch.stack([torch.complex(a, b), torch.complex(c, d)], dim=-1)
 
@@ -161,7 +161,7 @@ class CauchyNetwork(torch.nn.Module):
         """Values of the polynomial parts of p and q at the Leja points, and their coefficients of 1/(z − ζ_k)."""
         raw = self.mixing @ self.readout
         split = len(self.leja)
-        # the recurrence takes O(degree²) operations a point, interpolation O(degree)
+        # the recurrence takes O(degree²) operations per point, interpolation O(degree)
         return self.at_leja @ raw[:split], self.scales[:, None] * raw[split:]
 
     def config(self) -> dict[str, Any]:

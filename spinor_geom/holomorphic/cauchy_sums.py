@@ -11,8 +11,8 @@ from scipy.special import comb
 
 from spinor_geom.domain.delaunay import plane_coordinates
 
-# Two clusters are far apart if the sum of their radii is at most this share of their distance; then this number of
-# terms of a series is accurate to 1e-12.
+# Two clusters are far apart if the sum of their radii is at most _APART times their distance; then _TERMS terms
+# of a series are accurate to 1e-12.
 _APART, _TERMS = 0.4, 32
 _SOURCES_PER_LEAF = 8
 # largest side of a cell of targets, as a share of its distance from the sources, and fewest targets in a cell
@@ -30,13 +30,13 @@ def cauchy_sums(
 ) -> Complex[np.ndarray, "m c"]:
     """Σ_j g_j/(ζ_j − z) at targets z, to 1e-12 of the sum of the absolute values; infinite or NaN at a source.
 
-    The sources ζ_j are in order along a curve; the strengths g_j are those of c sums.
+    The sources ζ_j are in order along a curve; the strengths g_j have one column for each sum.
     """
     if len(sources) * len(targets) > _FEW_PAIRS:
         return fast_sums(sources, strengths, targets)
     step = max(1, _AT_ONCE // max(1, len(sources)))
     parts = np.split(targets, np.arange(step, len(targets), step))
-    # real numbers, since complex division takes twice as long; one row a sum, since BLAS is slow on narrow columns
+    # real numbers, since complex division takes twice as long; one row per sum, since BLAS is slow on narrow columns
     by_x, by_y = (np.concatenate([g.real, g.imag], axis=1).T.copy() for g in (strengths, -1j * strengths))
     totals = []
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
@@ -64,7 +64,7 @@ def fast_sums(
     tree = _Sources.of(sources, strengths)
     cell, centre, radius = _cells(sources, targets)
     far, (near, _) = tree.pairs(centre, radius)
-    # targets in cells beside a source are summed one by one, like those without a cell (numbered −1)
+    # sums at targets in cells near a source are evaluated one by one, like those without a cell (numbered −1)
     has_series = np.ones(len(centre) + 1, dtype=bool)
     has_series[near] = has_series[-1] = False
     series = np.zeros((len(centre), strengths.shape[1], _TERMS), dtype=np.complex128)
@@ -91,7 +91,7 @@ _Pairs = tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]  # indices of targe
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Level:
-    """Segments of equal numbers of sources with their moments Σ g_j ((ζ_j − centre)/radius)^k."""
+    """A level of the tree: segments of equal numbers of sources, their moments Σ g_j ((ζ_j − centre)/radius)^k."""
 
     centre: Complex[np.ndarray, " s"]
     radius: Float[np.ndarray, " s"]
@@ -133,7 +133,7 @@ class _Sources:
         return cls(levels=levels, z=z.reshape(1 << depth, -1), g=g.reshape(1 << depth, -1, g.shape[1]))
 
     def pairs(self, centre: Complex[np.ndarray, " t"], radius: Float[np.ndarray, " t"]) -> tuple[list[_Pairs], _Pairs]:
-        """For each level, pairs of a target cluster and a segment far apart; and pairs of clusters and near leaves."""
+        """Pairs of target clusters and distant segments, for each level; and pairs of clusters and near leaves."""
         own, segment = np.arange(len(centre)), np.zeros(len(centre), dtype=np.int64)
         far: list[_Pairs] = []
         for level in self.levels:
@@ -148,7 +148,7 @@ class _Sources:
 def _cells(
     sources: Complex[np.ndarray, " n"], targets: Complex[np.ndarray, " m"]
 ) -> tuple[Int[np.ndarray, " m"], Complex[np.ndarray, " t"], Float[np.ndarray, " t"]]:
-    """Square cells of targets away from the sources: the cell of each target, −1 for none, and the cells' circles."""
+    """Square cells of distant targets: the cell of each target, −1 for none, and the cells' circumcircles."""
     tree = cKDTree(plane_coordinates(sources))
     cell, count = np.full(len(targets), -1), 0
     centres, radii = [np.zeros(0, dtype=np.complex128)], [np.zeros(0)]

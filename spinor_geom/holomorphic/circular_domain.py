@@ -1,4 +1,4 @@
-"""Circular domains: the unit disk less round holes. Every plane domain with holes is conformal to one."""
+"""Circular domains: the unit disk without round holes. Every plane domain with holes is conformal to one."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from torch import Tensor
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircularDomain:
-    """The unit disk less round holes, the first of them about 0; it is unique up to a rotation.
+    """The unit disk without round holes, the first of them centred at 0.
 
-    The coordinate ζ of the outer circle is z, that of the circle of a hole r/(z − c): |ζ| = 1 on it, less inside Ω.
+    Domains that are conformal to each other differ by a rotation only. The coordinate ζ of the outer circle is z, that
+    of the circle of a hole is r/(z − c): |ζ| = 1 on the circle, |ζ| < 1 in Ω.
     """
 
     centres: Complex[Tensor, " holes"]
@@ -55,12 +56,12 @@ class CircularDomain:
         return 1j * torch.cat([turn[None], -self.radii[:, None] * turn.conj()])
 
     def coordinates(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "m *pts"]:
-        """ζ of every circle at some points."""
+        """Coordinate ζ of every circle at the points z."""
         shape = (-1, *([1] * z.ndim))
         return torch.cat([z[None], self.radii.reshape(shape) / (z - self.centres.reshape(shape))])
 
     def coordinates_on_circles(self, n: int) -> Complex[Tensor, "m m n"]:
-        """ζ of every circle at the points of `circles`; on the circle itself without rounding."""
+        """Coordinate ζ of every circle at the points of `circles`; on its own circle without rounding error."""
         circles = self.circles(n)
         zeta = self.coordinates(circles)
         own = torch.arange(self.rims)
@@ -92,7 +93,7 @@ class CircularDomain:
 
     @cached_property
     def room(self) -> tuple[Float[Tensor, " holes"], Float[Tensor, " holes"]]:
-        """Width and modulus log(R/r) of the widest ring in Ω around each hole; the modulus is NaN if there is none."""
+        """Width and modulus log(R/r), NaN if there is none, of the widest concentric ring in Ω around each hole."""
         c, r = self.centres, self.radii
         far = (c[:, None] - c).abs() - r
         far.fill_diagonal_(1.0)
@@ -106,10 +107,10 @@ class CircularDomain:
         return torch.cat([(1 - self.centres.abs() - self.radii).min()[None], width])
 
     def moved(self, step: Float[Tensor, " p"]) -> CircularDomain:
-        """The domain after a step of the moduli.
+        """The domain after a step of its conformal moduli.
 
-        They are the log modulus of the first hole's ring (see `room`), then for each other hole the coordinates x and y
-        of its centre, divided by the width of its ring, and the log modulus of that ring.
+        The moduli are the logarithm of the modulus of the first hole's ring (see `room`), then for each other hole x
+        and y of its centre, divided by the width of its ring, and the logarithm of the modulus of that ring.
         """
         others = step[1:].reshape(-1, 3)
         width, modulus = self.room

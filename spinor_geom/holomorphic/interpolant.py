@@ -18,7 +18,7 @@ from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 Nodes = Complex[Tensor, " n"]
 Values = Complex[Tensor, "n 2"]  # of p and q at the nodes
 
-_MANY = 700  # from this number of nodes and points on the fast multipole method is faster
+_MANY = 700  # above this number of nodes and of points the fast multipole method is faster
 
 
 class CauchyInterpolant(torch.nn.Module):
@@ -82,7 +82,7 @@ class CauchyInterpolant(torch.nn.Module):
 
 def interpolated(z: Complex[Tensor, " m"], nodes: Nodes, weights: Nodes, values: Values) -> Complex[Tensor, "m 2"]:
     """Σ_j w_j f_j/(ζ_j − z) / Σ_j w_j/(ζ_j − z) for two functions with values f_j at the nodes ζ_j."""
-    inverse, hit = _inverse_distances(z, nodes)
+    inverse, hit = _inverse_differences(z, nodes)
     sums = inverse @ _strengths(weights, values)
     at_node = values.index_select(0, hit.to(torch.uint8).argmax(-1))
     return torch.where(hit.any(-1, keepdim=True), at_node, sums[:, :2] / sums[:, 2:])
@@ -93,7 +93,7 @@ def interpolated_slope(
 ) -> Complex[Tensor, "m 2"]:
     """Derivatives of the functions of `interpolated`."""
     # with N = Σ w f/(ζ − z), D = Σ w/(ζ − z): (N/D)' = (Σ w f/(ζ − z)² − (N/D) Σ w/(ζ − z)²)/D
-    inverse, hit = _inverse_distances(z, nodes)
+    inverse, hit = _inverse_differences(z, nodes)
     strengths = _strengths(weights, values)
     sums, slopes = inverse @ strengths, (inverse * inverse) @ strengths
     elsewhere = (slopes[:, :2] - sums[:, :2] / sums[:, 2:] * slopes[:, 2:]) / sums[:, 2:]
@@ -108,8 +108,8 @@ def _strengths(weights: Nodes, values: Values) -> Complex[Tensor, "n 3"]:
     return torch.cat([values, torch.ones_like(values[:, :1])], dim=-1) * weights[:, None]
 
 
-def _inverse_distances(z: Complex[Tensor, " m"], nodes: Nodes) -> tuple[Complex[Tensor, "m n"], Bool[Tensor, "m n"]]:
-    """1/(ζ_j − z), or 0 where z is the node ζ_j, and where it is."""
+def _inverse_differences(z: Complex[Tensor, " m"], nodes: Nodes) -> tuple[Complex[Tensor, "m n"], Bool[Tensor, "m n"]]:
+    """1/(ζ_j − z), or 0 where z is the node ζ_j, and the mask of these entries."""
     difference = nodes - z[:, None]
     square = difference.real.square() + difference.imag.square()
     hit = square < torch.finfo(square.dtype).tiny
@@ -118,7 +118,7 @@ def _inverse_distances(z: Complex[Tensor, " m"], nodes: Nodes) -> tuple[Complex[
 
 
 def _is_plain(t: Complex[Tensor, "*any"]) -> bool:
-    """Whether a tensor can go through numpy: finite, on the CPU, outside of gradients and transforms."""
+    """Whether numpy can evaluate a tensor: finite, complex128, on the CPU, without gradients or transforms."""
     return (
         not torch.is_grad_enabled()
         and t.device.type == "cpu"

@@ -1,4 +1,4 @@
-"""Laurent series on the unit disk less round holes."""
+"""Laurent series on the unit disk without round holes."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ ROUND_OFF = 1e-17  # smaller powers on a circle are neglected
 class LaurentSeries(torch.nn.Module):
     """p and q as Σ_{k ≥ 0} a_k z^k + Σ_j Σ_{k > 0} b_jk (r_j/(z − c_j))^k where |z| < 1 and all |z − c_j| > r_j.
 
-    Because of the scaling, the coefficients of series that converge on Ω are bounded. For each hole around which p and
-    q change their sign they have a factor √(z − c_j). Its sign jumps on the ray from c_j in the direction of the
-    negative real axis; p², q² and pq are continuous.
+    The first hole must be centred at 0. Because of the scaling, the coefficients of series that converge on Ω are
+    bounded. For each hole around which p and q change their sign they have a factor √(z − c_j). Its sign jumps on the
+    ray from c_j in the direction of the negative real axis; p², q² and pq are continuous.
 
     Shape:
         outward: (K, 2), complex, the a_k; column 0 is p, column 1 is q.
@@ -41,7 +41,7 @@ class LaurentSeries(torch.nn.Module):
         *,
         antiperiodic: Sequence[bool] = (),
     ) -> None:
-        """A series on Ω; `antiperiodic` says around which holes p and q change their sign, none by default.
+        """`antiperiodic` marks the holes around which p and q change their sign, none by default.
 
         Raises:
             DtypeError: coefficients are not complex, empty, or of another shape.
@@ -115,7 +115,7 @@ class LaurentSeries(torch.nn.Module):
         ahead = 2 * k - 1 + sum(self.antiperiodic)  # number of positive frequencies, with 0, on the outer circle
         lead, lag = max(ahead, 2 * j + 2), max(k, j)
         if len(self.inward) > 1:
-            # the powers of other circles' coordinates that are not negligible on a circle
+            # number of powers of another circle's coordinate that are not negligible on a circle
             lag = math.ceil(math.log(ROUND_OFF) / math.log(self.circles.nearness))
         n = next_fast_len(lead + 2 * lag + 2)
         p, q = self.on_circles(n).unbind(-1)
@@ -124,7 +124,7 @@ class LaurentSeries(torch.nn.Module):
         return spectra[0, :ahead], spectra[1:, 1 : 2 * (j + 1)]
 
     def on_circles(self, n: int) -> Complex[Tensor, "m n 2"]:
-        """P and q without the factors √(z − c_j), at the points of `CircularDomain.circles`."""
+        """Values of p and q without the factors √(z − c_j), at the points of `CircularDomain.circles`."""
         return sums_on_circles(self.circles, self.own, n).permute(1, 2, 0)
 
     @property
@@ -137,7 +137,7 @@ class LaurentSeries(torch.nn.Module):
         return torch.cat(rows, dim=1)
 
     def config(self) -> dict[str, Any]:
-        """Numbers of terms, holes, and around which of them p and q change their sign."""
+        """Numbers of terms, the holes, and which of them are antiperiodic."""
         domain = self.circles
         return {
             "outward": len(self.outward),
@@ -180,7 +180,7 @@ def parts_on_circles(
     spectrum = own.new_zeros(*own.shape[:-2], m, m, n)
     torch.diagonal(spectrum, dim1=-3, dim2=-2)[..., :count, :] = own.mT
     if m > 1:
-        # the first hole is concentric with the outer circle: powers of the one are frequencies on the other
+        # the first hole is concentric with the outer circle: powers of one coordinate are Fourier modes on the other
         k = torch.arange(count, dtype=own.real.dtype, device=own.device)
         for there, here in ((0, 1), (1, 0)):
             lagging = own[..., there, :] * domain.radii[0] ** k

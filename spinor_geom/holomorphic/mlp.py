@@ -17,11 +17,11 @@ from spinor_geom.holomorphic.blocks import in_blocks
 
 ActivationName = Literal["exp", "sin", "sinh"]
 
-# points of the circle |u| = 1 on which the initialisation measures: the units of ten layers have hundreds of waves
+# sample points on |u| = 1 for the initialisation: with ten layers the units have hundreds of oscillations
 _INITIAL_POINTS = 1024
-# The default gain is 1 + _BEND/depth: with few layers each has to be more nonlinear. From there fits by
-# Levenberg-Marquardt reach 1e-8 on the paper's curves with 2 to 10 layers, from half of it 1e-4. The largest moduli of
-# the units' arguments are spread between _LEAST and 1 gain: units of equal gain are too similar.
+# The default gain is 1 + _BEND/depth: with few layers each has to be more nonlinear. With it fits by
+# Levenberg-Marquardt reach 1e-8 on the paper's curves with 2 to 10 layers, with half of it 1e-4. The largest moduli of
+# the units' arguments are random between _LEAST and 1 gain: units of equal gain are too similar.
 _BEND, _LEAST = 5.0, 0.5
 # initial p and q: largest deviation from the mean, and root mean square of the mean
 _VARIATION, _MEAN = 0.5, 0.6
@@ -115,7 +115,7 @@ class ComplexMLP(torch.nn.Module):
         return self._at(slopes, z)
 
     def linearised(self, z: Complex[Tensor, " n"]) -> Linearisation:
-        """The linearisation of p and q at some points in the parameters."""
+        """Linearises p and q at the points z in the parameters."""
         with torch.no_grad():
             inputs, arguments = self._layers(self._scaled(z))
             sensitivity = torch.ones_like(inputs[-1][..., :1])

@@ -45,7 +45,7 @@ MODELS: dict[str, type[Model]] = {model.kind: model for model in get_args(Model)
 
 
 def rebuild(kind: str, config: Mapping[str, Any], state: Mapping[str, Tensor]) -> torch.nn.Module:
-    """A model from its kind, `config` and state; a StorageError if they do not fit together."""
+    """Rebuilds a saved model from its kind, `config` and state dict. Raises StorageError if they are inconsistent."""
     if kind not in MODELS:
         raise StorageError(f"unknown holomorphic model {kind!r}; known: {', '.join(sorted(MODELS))}")
     try:

@@ -14,12 +14,12 @@ from spinor_geom.mesh.operators import winding_numbers
 # In a narrow gap the offset of a pole is halved until no part of ∂Ω is nearer than this share of it.
 _FREE_SHARE = 0.6
 _HALVINGS = 5
-# Offsets, in edges, that are tried for a pole beside an edge of a polygon, and its least distance from every edge, in
-# lengths of that edge: nearer poles need more quadrature nodes, farther ones miss sharp teeth.
+# Offsets, in edges, that are tried for a pole at an edge of a polygon, and its least distance from every edge, in
+# lengths of that edge: nearer poles need more quadrature nodes, farther ones do not resolve sharp corners.
 _EDGE_OFFSETS, _EDGE_CLEARANCE = (0.5, 0.7, 1.0, 1.4), 0.35
-_BENT = np.radians(45.0)  # least turn of a vertex with a pole of its own
+_BENT = np.radians(45.0)  # turning angle from which a vertex gets its own pole
 _ROWS = 512  # rows of a table of distances
-# Poles at a corner for two tolerances, distances from Γ in edges.
+# Numbers of poles at a corner for two tolerances, distances from Γ in mean edges.
 _CORNER_POLES, _CORNER_TOLERANCES = (9, 16), (1e-3, 1e-4)
 # σ in the distances L·exp(−σ(√n − √k)) to a corner, for root-exponential convergence at corner singularities
 _CORNER_DECAY = 4.0
@@ -33,7 +33,7 @@ class Poles:
     scales: Lengths
 
     def __add__(self, other: Poles) -> Poles:
-        """Both sets."""
+        """The union of both sets."""
         return Poles(
             positions=np.concatenate([self.positions, other.positions]),
             scales=np.concatenate([self.scales, other.scales]),
@@ -46,7 +46,7 @@ def corner_poles(tolerance: float) -> int:
 
 
 def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _CORNER_POLES[-1]) -> Poles:
-    """Poles `edge_poles`, and a cluster of `at_corner` poles on the outer bisector of each corner.
+    """The poles of `edge_poles`, and a cluster of `at_corner` poles on the outer bisector of each corner.
 
     Source: Gopal & Trefethen, "Solving Laplace problems with corner singularities via rational functions", SIAM J.
     Numer. Anal. 57 (2019).
@@ -66,7 +66,7 @@ def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _C
 
 
 def edge_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
-    """One pole for each boundary vertex that is no corner, `offset` local edges away along the outward normal."""
+    """One pole for each boundary vertex that is not a corner, `offset` local edges away along the outward normal."""
     polygons = [boundary.vertices for boundary in domain.boundaries]
     local = np.concatenate([(np.abs(np.roll(w, -1) - w) + np.abs(w - np.roll(w, 1))) / 2 for w in polygons])
     outward = np.concatenate([_outward(w) for w in polygons])
@@ -99,7 +99,7 @@ def polygon_poles(vertices: Complex[np.ndarray, " n"]) -> Poles:
 
 
 def _distance_outside(vertices: Complex[np.ndarray, " n"], z: Places) -> tuple[Lengths, Lengths]:
-    """Least distances of points from a polygon's edges, absolute and in lengths of the edge; negative in Ω."""
+    """Smallest distances of points from a polygon's edges, absolute and in lengths of the edge; negative in Ω."""
     step = np.roll(vertices, -1) - vertices
     edge = np.abs(step)
     is_clockwise = np.imag(np.conj(vertices) * step).sum() < 0  # around a hole of Ω
@@ -116,7 +116,7 @@ def _distance_outside(vertices: Complex[np.ndarray, " n"], z: Places) -> tuple[L
 
 
 def refining_poles(domain: PlaneDomain, panels: Float[np.ndarray, "k 2"]) -> Poles:
-    """Poles that resolve panels of ∂Ω: half a length outside their middles, a third outside their ends."""
+    """Poles that resolve panels of ∂Ω: half a panel length outside their midpoints, a third outside their ends."""
     start, end = panels.T
     length = np.abs(domain.point(end) - domain.point(start))
     both = np.concatenate([start, end])

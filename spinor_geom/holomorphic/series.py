@@ -11,7 +11,7 @@ from torch import Tensor
 
 from spinor_geom.errors import DtypeError, require_positive
 
-# size of a table of powers of points, which then stays in the cache
+# rows and columns of a table of powers that fits the cache
 _POWERS, _POINTS = 32, 1 << 10
 
 
@@ -27,7 +27,7 @@ class PowerSeries(torch.nn.Module):
     kind: ClassVar[str] = "series"
 
     def __init__(self, coefficients: Complex[Tensor, "k 2"], *, center: complex = 0.0, radius: float = 1.0) -> None:
-        """A series; DtypeError: coefficients not complex or not (K, 2); OptionError: a radius that is not positive."""
+        """Raises DtypeError unless the coefficients are complex (K, 2), OptionError unless the radius is positive."""
         super().__init__()
         require_positive("the radius of a power series", radius)
         if not coefficients.is_complex() or coefficients.ndim != 2 or coefficients.shape[1] != 2:

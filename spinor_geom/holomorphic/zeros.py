@@ -29,12 +29,12 @@ RESOLUTION = 1e-4  # zeros nearer to each other than this share of the domain's 
 # does not change the sum.
 _LARGEST_STEP = np.pi / 3
 _FIRST_INTERVALS, _MOST_INTERVALS = 4, 1 << 12
-# Starting points per zero on each boundary, and the distance, in resolutions, up to which limits are the same zero: a
-# k-fold zero is only known to round-off^(1/k).
+# Starting points per zero on each boundary, and the distance, in resolutions, up to which two limits are one zero:
+# Newton's method finds a k-fold zero to round-off^(1/k) only.
 _ATTEMPTS = ((16, 1), (64, 10), (256, 1), (256, 100))
 _MOST_ITERATIONS = 300
 _DIFFERENCE, _LONGEST = 1e-6, 0.1  # difference for f′, and longest Newton step, as shares of the domain's diameter
-_CHECKED = 8  # iterations between two searches for points that have left Ω
+_CHECKED = 8  # iterations between checks for points that have left Ω
 _CIRCLE_NODES = 128
 
 
@@ -83,7 +83,7 @@ def find_zeros(
 
 
 def zero_inside(function: HolomorphicFunction, centre: complex, radius: float) -> Zero:
-    """The zeros inside a circle as one: their mean and total order, 0 where there is none.
+    """Mean and total order of the zeros inside a circle; order 0 if there are none or they cannot be counted.
 
     The error of the trapezoidal rule falls geometrically with the number of nodes, at a rate given by the distance of
     the circle from the nearest zero.
@@ -103,7 +103,7 @@ def zero_inside(function: HolomorphicFunction, centre: complex, radius: float) -
 def _newton_limits(
     function: HolomorphicFunction, domain: PlaneDomain, z: Complex[np.ndarray, " n"], tolerance: float
 ) -> Complex[np.ndarray, " k"]:
-    """Points of Ω where Newton's method, from the given points, makes a step shorter than the tolerance."""
+    """Points of Ω at which Newton's method, started from the given points, makes a step shorter than the tolerance."""
     h, longest, limits = _DIFFERENCE * domain.diameter, _LONGEST * domain.diameter, []
     for iteration in range(_MOST_ITERATIONS):
         value = _evaluate(function, z)

@@ -282,13 +282,13 @@ def test_a_run_leaves_report_data_and_pictures(tmp_path):
     text = (tmp_path / "new" / "report.md").read_text()
     assert "**Shortened.** steps (10, 20, 40, 80, 160) instead of (10, 20, 40, 80, 160, 320, 640)." in text
     assert "![catenoid](catenoid/catenoid.png)" in text
-    assert "**Seen.**" in text
+    assert "**Reproduced.**" in text
     page = (tmp_path / "new" / "report.html").read_text()
     # the page holds its pictures: it can be moved
     pictures = re.findall(r'<img alt="catenoid" src="data:image/png;base64,([^"]+)">', page)
     assert [base64.b64decode(data) for data in pictures] == [(folder / "catenoid.png").read_bytes()]
     assert "<td>trapezoid</td>" in page
-    assert "<strong>Seen.</strong>" in page
+    assert "<strong>Reproduced.</strong>" in page
     assert not re.search(r'(src|href)="(?!data:)', page)
 
 
@@ -363,9 +363,9 @@ def test_what_is_not_seen_is_said_and_gaps_in_the_table_stay_empty():
     text = report([one], quick=False)
     assert "| 1.235 | \\|x\\| |  |" in text
     assert "|  |  | yes |" in text
-    assert "**Not seen.** Slope 0." in text
+    assert "**Not reproduced.** Slope 0." in text
     assert "Shortened" not in text
-    assert "1 experiment in 2 s; what the paper says was seen in 0." in text
+    assert "1 experiment in 2 s; 0 agree with the paper." in text
 
 
 def test_an_unknown_name_is_refused_before_anything_runs(tmp_path, capsys):
