@@ -24,8 +24,8 @@ from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau
 
 MOST_CURVATURE_POINTS = 500  # second derivatives take some milliseconds per point
-# Number of vertices of the mesh that stands for the exact surface: per vertex of the patch, and its limits. With 16 its
-# triangles deviate from the surface by a sixteenth of what the patch's do.
+# Number of vertices of the fine mesh of the exact surface: per vertex of the patch, and its limits. With 16 its
+# deviation from the surface is a sixteenth of the patch's.
 _FINER, _FEWEST, _MOST = 16, 4_000, 40_000
 _SAME_RIM = 0.1  # largest distance of a baseline's boundary from the loops, in mean edges
 _TOLERANCE = 1e-3  # of the surfaces solved here, as in `fill_hole`
@@ -45,8 +45,8 @@ class Comparison:
     """An exact minimal surface, a mesh of it (the patch) and another mesh over the same loops (the baseline).
 
     Lengths are in mesh units. Distances to the exact surface are measured to `surface_mesh`, a fine mesh with all
-    vertices on it, and are right to about `surface_error`. Both meshes have less area than they approximate, because
-    of the chords of the loops: compare them with each other.
+    vertices on it, and have an error of about `surface_error`. Both meshes have less area than the exact surface,
+    because their boundaries are chords of the loops: compare their areas with each other.
     """
 
     method: str  # what made the baseline
@@ -123,15 +123,15 @@ def compare(
     target_edge_length: float | Literal["auto"] = "auto",
     patch: Patch | None = None,
 ) -> Comparison:
-    """Measures two meshes against an exact minimal surface and against each other.
+    """Measures the distances, areas and curvatures of an exact minimal surface, its mesh and a second mesh.
 
     Args:
         surface: a `PlateauSolution`, or what to solve first: a loop, a curve, (n, 3) points, a mesh of any known type
             or the path of a mesh file; a sequence of loops for a surface between several loops. A loop of a mesh is
             solved as by `fill_hole`.
         baseline: a `DiscreteMinimalSurface`, or a mesh of any known type whose boundary is the same loop, without the
-            mesh around it. None makes a `discrete_minimal_surface` of the same loop, with the patch's edge length;
-            between two loops its edges grow inwards, and between more it is `Patch.relaxed`.
+            mesh around it. None computes the `discrete_minimal_surface` of the same loop, with the patch's edge
+            length; between two loops its edges grow inwards, and between more it is `Patch.relaxed`.
         loop: index of a mesh's loop, as in `boundary_loops`; required if a mesh has several.
         target_edge_length: of the patch, as in `mesh_patch`, and of the baseline made here.
         patch: the solution's mesh of that edge length, if it exists already.
@@ -225,7 +225,7 @@ def _polylines(loops: Sequence[BoundaryLoop]) -> tuple[Float[np.ndarray, "n 3"],
 
 
 def _error(solution: PlateauSolution, fine: Patch) -> float:
-    """The largest distance of the surface from a mesh with all vertices on it, at the centres of the triangles."""
+    """The largest distance of the surface, at the triangles' centres, from a mesh with all vertices on it."""
     centres = solution.surface.positions_inside(fine.points[fine.faces].mean(axis=1))
     return float(distances_to_mesh(centres, fine.vertices, fine.faces).max())
 
@@ -238,7 +238,7 @@ def _discrete_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarra
 def exact_curvature(
     solution: PlateauSolution, points: Complex[np.ndarray, " n"], most: int = MOST_CURVATURE_POINTS
 ) -> Float[np.ndarray, " k"]:
-    """|H| at points of Ω by automatic differentiation, in 1/mesh units, without branch points.
+    """|H| at points of Ω by automatic differentiation, in 1/mesh units; branch points are left out.
 
     At most `most` of the points are used, evenly spread.
     """

@@ -20,7 +20,7 @@ MOST_SHOWN = 300  # characters of a description
 
 
 def shortened(text: str) -> str:
-    """A description cut to at most 300 characters, in the middle."""
+    """A description, shortened in the middle to at most 300 characters."""
     half = (MOST_SHOWN - 3) // 2
     return text if len(text) <= MOST_SHOWN else f"{text[:half]} … {text[-half:]}"
 
@@ -47,10 +47,10 @@ class Shown:
         import pyvista
 
         shape = self._shape()
-        made: pyvista.PolyData = pyvista.PolyData.from_regular_faces(np.array(shape.vertices), np.array(shape.faces))
+        mesh: pyvista.PolyData = pyvista.PolyData.from_regular_faces(np.array(shape.vertices), np.array(shape.faces))
         for name, values in shape.values.items():
-            made.point_data[name] = np.array(values)
-        return made
+            mesh.point_data[name] = np.array(values)
+        return mesh
 
     def to_trimesh(self) -> trimesh.Trimesh:
         """A `trimesh.Trimesh` with the same vertices and faces, and the values as vertex attributes."""
@@ -81,6 +81,6 @@ class Shown:
             path: `.glb` file, replaced as a whole.
 
         Raises:
-            MeshFileError: another suffix, or the file cannot be written.
+            MeshFileError: the suffix is not .glb, or the file cannot be written.
         """
         self._shape().write_gltf(path)

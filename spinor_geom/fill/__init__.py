@@ -1,1 +1,1 @@
-"""Fills the holes of meshes: chooses loops, solves each, meshes the surfaces, joins the patches to the mesh."""
+"""Fills the holes of meshes: chooses loops, solves for their surfaces, meshes these, joins the patches to the mesh."""

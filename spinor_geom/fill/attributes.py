@@ -17,12 +17,12 @@ NORMAL = "normal"
 def patch_attributes(
     mesh: TriangleMesh, rim: Int[np.ndarray, " m"], patch: Patch, surface: SpinorSurface | None, *, is_planned: bool
 ) -> dict[str, Float[np.ndarray, "n _"]]:
-    """Every attribute of a mesh at the inner vertices of a patch with the boundary vertices `rim`.
+    """The attributes of a mesh at the inner vertices of a patch; `rim` are the mesh vertices of its boundary.
 
     Attributes are interpolated harmonically. Labels, which must not be averaged, are those of the nearest rim vertex.
     "normal" is the unit normal of the surface, on the side of the patch's faces. A value on the rim that is not finite
     is replaced by the nearest finite one. The cotangent Laplacian is used for a patch that was triangulated in Ω
-    (`is_planned`), for others the graph Laplacian, as their triangles in Ω may have no area.
+    (`is_planned`), for others the graph Laplacian, as their triangles in Ω may be degenerate.
 
     Source: Pinkall & Polthier (1993), the discrete Dirichlet energy.
     """
@@ -49,7 +49,7 @@ def patch_attributes(
 
 
 def _finite(values: Float[np.ndarray, "m k"], points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m k"]:
-    """Values at points, each row that is not finite replaced by the finite one of the nearest point."""
+    """Replaces each row that is not finite by the finite row of the nearest point."""
     known = np.isfinite(values).all(axis=1)
     if known.all() or not known.any():
         return values

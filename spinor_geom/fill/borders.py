@@ -1,22 +1,22 @@
-"""Which boundary loops are borders of sheets: a patch over such a loop would lie on the mesh.
+"""Detects boundary loops that are borders of sheets: a patch over such a loop would lie on the mesh.
 
-The loop is averaged over the width of its hole, w = 2 · area / length, and a coarse minimal disk spans the average. The
-mesh beside it, within 0.1 w of the loop and at least all faces that touch it, is compared with both. The rules, in
-order:
+The loop is smoothed by a moving average over the width of its hole, w = 2 · area / length, and a coarse minimal disk is
+computed over the smoothed loop. Both are compared with the adjacent mesh: the faces within 0.1 w of the loop, and all
+that touch it. The turning of a loop is its total geodesic curvature in the mesh. The rules, in order:
 
-1. A loop that turns by less than −π within the mesh is a hole, at no cost. Around a hole in a plane it turns by −2π.
-2. So is one whose average turns by less than 0, as those with pinch vertices may do.
-3. It is a border if the mesh beside it rises over the disk by less than sin 25.5° on average, and lies inside the loop.
+1. A loop with a turning below −π is a hole; nothing else is computed. Around a hole in a plane the turning is −2π.
+2. A loop is a hole if the turning of the smoothed loop is negative; loops with pinch vertices come this far.
+3. A loop is a border if the mean rise of the adjacent mesh is below sin 25.5°, and the mesh lies inside the loop.
    Around bowls with an opening of 45° the angle is 28° and more, along terrains and range scans at most 24°.
-4. It is a border if the average turns by more than 0.89 of a turn within the mesh, whatever the rise. That is 0.9 to 1
+4. A loop is a border if the turning of the smoothed loop is above 0.89 of 2π, whatever the rise. It is 0.9 to 1 of 2π
    around half-pipes, roofs and twisted ribbons, at most 0.87 around bowls with an opening of 45°.
-5. For a loop that touches or crosses itself, rule 3 is left out, as the disk has no sides, and the loop itself must
-   turn by 0.89 to 1.11 of a turn: by 1 around a strip that is wound up, without stretching, until its turns touch.
+5. For a loop that touches or crosses itself, rule 3 is left out, as the disk has no sides, and the turning of the loop
+   itself must be 0.89 to 1.11 of 2π: it is 2π around a strip rolled up isometrically until its windings touch.
 
 The rise is the sine of the angle between the mesh and the disk: sin θ at the rim of a spherical cap of polar angle θ, 1
-at the end of a tube, 0 along a plane sheet. Slopes up and down cancel, so hilly sheets have a small one. The average
-turns by cos θ of a turn for the cap, by 0 at the end of a tube, and by a full turn around a flat sheet that is bent but
-not stretched. Both depend neither on how the faces are cut along the loop nor on their orientation.
+at the end of a tube, 0 along a plane sheet. Upward and downward slopes cancel, so hilly sheets have a small rise. The
+turning of the smoothed loop is 2π cos θ for the cap, 0 at the end of a tube, and 2π around a flat sheet that is bent
+isometrically. Rise and turning do not depend on the triangulation along the loop or the orientation of the faces.
 """
 
 from __future__ import annotations
@@ -39,50 +39,50 @@ from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.mesh.operators import face_areas, vertex_normals
 
 _LEAST_RISE = np.sin(np.radians(25.5))  # rule 3
-_LEAST_TURNING = 0.89  # rule 4, in turns
+_LEAST_TURNING = 0.89  # rule 4, in units of 2π
 _CLEARLY_NEGATIVE = -np.pi  # rule 1
-_COLLAR = 0.1  # w; with half of it half-pipes turn too little
-_POINTS_PER_WIDTH = 4  # of the averaged loop
-_MOST_WIDTHS = 40  # limits the averaged loop to 160 points, as the first fill takes no more
-_ROUNDS = 3  # for the width of a ragged hole; after one, rims of noisy UV spheres are still rough
+_COLLAR = 0.1  # in units of w; with half of it the turning around half-pipes is too small
+_POINTS_PER_WIDTH = 4  # of the smoothed loop
+_MOST_WIDTHS = 40  # limits the smoothed loop to 160 points, the maximum of the first fill
+_ROUNDS = 3  # iterations for w; after one, smoothed rims of noisy UV spheres are still rough
 
 
 def refuse_border(patched: PatchedMesh, loop: BoundaryLoop) -> None:
-    """Raises a SheetBorderError for a loop that is the border of a sheet, without solving anything."""
+    """Raises a SheetBorderError for a loop that is the border of a sheet; no surface is solved for."""
     if patched.turning(loop) < _CLEARLY_NEGATIVE and not patched.is_pinched(loop):
         return
-    beside = _Beside.of(patched, loop)
-    if beside.turning < 0:
+    surroundings = _Surroundings.of(patched, loop)
+    if surroundings.turning < 0:
         return
-    turning = beside.turning
+    turning = surroundings.turning
     if len(loop_crossings(loop.points)):
         turning = patched.turning(loop) / (2 * np.pi)
         if turning > 2 - _LEAST_TURNING:
             return
     else:
         try:
-            inward, rise = beside.mean_direction
+            inward, rise = surroundings.mean_direction
         except SpinorGeomError:
-            return  # there is no coarse disk
+            return  # no coarse disk was found
         if rise < _LEAST_RISE and rise < inward:
             angle, least = (np.degrees(np.arcsin(x)) for x in (rise, _LEAST_RISE))
             raise SheetBorderError(
-                evidence=f"the mesh lies at {angle:.0f}° to a disk over it on average (under {least:.1f}°)"
+                evidence=f"the mean angle between the mesh and a disk over it is {angle:.0f}° (below {least:.1f}°)"
             )
     if turning > _LEAST_TURNING:
-        evidence = f"it turns by {360 * turning:.0f}° within the mesh, as around a flat sheet (360°)"
+        evidence = f"its total geodesic curvature is {360 * turning:.0f}°, that of a flat sheet is 360°"
         raise SheetBorderError(evidence=evidence)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Beside:
-    """The faces beside a loop, and the averaged loop.
+class _Surroundings:
+    """The faces near a loop, and the smoothed loop.
 
     Attributes:
-        points: equidistant points of the averaged loop.
+        points: equidistant points of the smoothed loop.
         places: for each face the index of the nearest of these points.
         offsets: for each face the vector from the nearest point of the loop to its centroid, times its area; in
-            diagonals of the loop, so that powers do not underflow.
+            units of the loop's diagonal, so that powers do not underflow.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -90,7 +90,7 @@ class _Beside:
     offsets: Float[np.ndarray, "f 3"]
 
     @classmethod
-    def of(cls, patched: PatchedMesh, loop: BoundaryLoop) -> _Beside:
+    def of(cls, patched: PatchedMesh, loop: BoundaryLoop) -> _Surroundings:
         mesh = patched.mesh
         area = face_areas(loop.points, disk_without_inner_points(loop.points)).sum()
         points, width = _smoothed(loop, float(area))
@@ -106,9 +106,9 @@ class _Beside:
 
     @property
     def mean_direction(self) -> tuple[float, float]:
-        """How far the faces lie inside the coarse disk's boundary, and to one side of the disk; or a FirstFillError.
+        """Sums of the offsets along the coarse disk's inward conormals and, absolute, along its normals.
 
-        Each is a share of the sum of these distances without regard to signs.
+        Both are divided by the sum of the offsets' lengths. Raises a FirstFillError if there is no disk.
         """
         normals = _disk_normals(self.points)
         conormals = _unit(np.cross(normals, np.roll(self.points, -1, axis=0) - np.roll(self.points, 1, axis=0)))
@@ -119,9 +119,9 @@ class _Beside:
 
     @property
     def turning(self) -> float:
-        """Total geodesic curvature of the averaged loop within the mesh, in turns.
+        """Total geodesic curvature of the smoothed loop in the mesh, in units of 2π.
 
-        It is the sum over the points of how much the loop's direction changes towards the faces near the point.
+        It is the sum over the points of the change of the unit tangent, projected on the direction to the faces there.
         """
         n = len(self.points)
         ahead = _unit(np.roll(self.points, -1, axis=0) - self.points)
@@ -129,7 +129,7 @@ class _Beside:
         along = _unit(ahead + back)[self.places]
         across = self.offsets - np.einsum("fk,fk->f", self.offsets, along)[:, None] * along
         sums = np.stack([np.bincount(self.places, x, minlength=n) for x in across.T], axis=1)
-        # smoothed over the width of the hole, as there is not a face at every point
+        # averaged over the width of the hole, as some points have no face
         towards = _unit(uniform_filter1d(sums, _POINTS_PER_WIDTH + 1, axis=0, mode="wrap"))
         return float(np.sum((ahead - back) * towards)) / (2 * np.pi)
 
@@ -140,9 +140,9 @@ def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
 
 
 def _smoothed(loop: BoundaryLoop, area: float) -> tuple[Float[np.ndarray, "n 3"], float]:
-    """A loop averaged over the width of its hole, and that width, w = 2 · area / length of the averaged loop.
+    """A loop averaged over the width of its hole, and that width, w = 2 · area / length of the smoothed loop.
 
-    Teeth make a loop longer: the width by its own length is too small to average them out.
+    A ragged loop is much longer than the smoothed one, and w from its own length would be too small.
     """
     length = loop.perimeter
     for _ in range(_ROUNDS):
@@ -153,7 +153,7 @@ def _smoothed(loop: BoundaryLoop, area: float) -> tuple[Float[np.ndarray, "n 3"]
 
 
 def _averaged(loop: BoundaryLoop, width: float) -> Float[np.ndarray, "n 3"]:
-    """Equidistant points along a loop, each the mean of the loop over a length around it."""
+    """Equidistant points of the moving average of a loop over a given length."""
     fine = 16  # samples at each point
     count = fine * round(_POINTS_PER_WIDTH * loop.perimeter / width)
     along = np.cumsum(loop.edge_lengths) - loop.edge_lengths
@@ -172,7 +172,7 @@ def _disk_normals(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
 def _nearest_on(
     loop: BoundaryLoop, points: Float[np.ndarray, "k 3"]
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
-    """The nearest point on a loop, and the length of the loop up to it."""
+    """The nearest points on a loop, and the arc length up to each."""
     first = np.arange(len(loop))
     corners, edges = igl_arrays(loop.points, np.stack([first, np.roll(first, -1)], axis=1))
     _, edge, foot = igl.point_mesh_squared_distance(np.ascontiguousarray(points), corners, edges)
@@ -182,11 +182,11 @@ def _nearest_on(
 
 
 def _faces_within(patched: PatchedMesh, loop: BoundaryLoop, distance: float) -> Int[np.ndarray, " f"]:
-    """The mesh faces at a loop, and those reached from it over vertices up to a distance from it."""
+    """The mesh faces at a loop and at the vertices within a distance that are connected to it by edges."""
     tree = cKDTree(loop.points)
     reached = front = loop.vertex_ids
     while len(front):
-        beside = np.setdiff1d(patched.mesh.faces[patched.faces_at(front)], reached)
-        front = beside[tree.query(patched.mesh.vertices[beside])[0] <= distance]
+        neighbours = np.setdiff1d(patched.mesh.faces[patched.faces_at(front)], reached)
+        front = neighbours[tree.query(patched.mesh.vertices[neighbours])[0] <= distance]
         reached = np.concatenate([reached, front])
     return patched.faces_at(reached)

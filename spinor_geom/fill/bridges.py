@@ -1,4 +1,4 @@
-"""Which loops of a mesh are joined by one surface, as bridges or as islands in holes, and the patch between them.
+"""Joins several loops by one patch: a bridge between loops, or a hole with the islands in it.
 
 An island is a loose piece of the mesh that lies in a hole.
 """
@@ -22,9 +22,8 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau
 
-# An island is at most so far above or below its hole, in diagonals of the hole's box (of a long hole divided by its
-# elongation). For a round hole of radius 1 that is a height of 0.57; it has an annulus to pieces of radius 0.2, 0.4 and
-# 0.6 up to heights of 0.4, 0.7 and 0.85.
+# Largest height of an island above or below its hole, relative to diagonal / elongation of the hole: 0.57 for a round
+# hole of radius 1. There, annuli to islands of radius 0.2, 0.4 and 0.6 exist up to heights of 0.4, 0.7 and 0.85.
 _HEIGHT_PER_WIDTH = 0.2
 
 
@@ -35,19 +34,20 @@ def planned_joins(
     islands: Islands,
     bridge: Sequence[int] | None,
 ) -> tuple[dict[int, tuple[int, ...]], dict[int, str]]:
-    """The loops that are joined, by the first one's index, and sentences on islands, by the hole's index.
+    """The loops of a bridge, or the holes and islands among the `wanted` loops, that are to be joined.
 
-    Those are the loops of the bridge, or the islands in holes among the `wanted` loops.
+    Returns:
+        The other loops of each join, by the index of its first loop, and remarks on islands, by the hole's index.
 
     Raises:
-        OptionError: a bridge has one loop only, or the same one twice.
+        OptionError: a bridge has fewer than two loops, or one of them twice.
     """
     if bridge is not None:
         if len(bridge) < 2:
-            raise OptionError(f"a bridge joins two loops or more, got {len(bridge)}; name another, or fill it alone")
+            raise OptionError(f"a bridge joins two loops or more, got {len(bridge)}; add another, or use loop=")
         first, *others = sorted(bridge)
         if twice := [place for place in bridge if list(bridge).count(place) > 1]:
-            raise OptionError(f"a bridge joins different loops, got loop {twice[0]} twice; name another")
+            raise OptionError(f"a bridge joins different loops, got loop {twice[0]} twice; replace one")
         return {first: tuple(others)}, {}
     joins, notes = dict[int, tuple[int, ...]](), dict[int, str]()
     for hole, pieces in find_islands(mesh, loops).items():
@@ -65,10 +65,10 @@ def planned_joins(
 
 
 def find_islands(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> dict[int, tuple[int, ...]]:
-    """For the index of a hole those of the longest rims of the pieces that lie in it.
+    """The islands in holes: from a hole's index to the indices of the islands' longest loops.
 
-    Such a rim, projected to the hole's plane, lies inside the hole. It is shorter than that, and not far above or below
-    it. Of several holes around a piece the shortest counts.
+    Such a loop is shorter than the hole's and satisfies `lies_in`. Of several holes around an island the shortest
+    is taken.
     """
     if len(loops) < 2:
         return {}
@@ -94,21 +94,21 @@ def find_islands(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> dict[int,
 
 
 def lies_in(piece: BoundaryLoop, hole: BoundaryLoop) -> bool:
-    """Whether a loop lies inside another one, projected to its plane, and near to that plane."""
+    """Whether a loop, projected to the plane of a hole, lies inside the hole, and is near that plane."""
     plane = hole.plane
     inside, around = piece.points - plane.centroid, hole.points - plane.centroid
     limit = np.abs(around @ plane.normal).max() + _HEIGHT_PER_WIDTH * hole.diagonal / hole.elongation
     if np.abs(inside @ plane.normal).max() > limit:
         return False
     axes = np.linalg.svd(plane.normal[None])[2][1:]
-    # at a point of the hole itself, where the piece touches it and no gap is left, the winding number is a fraction
+    # ±1 inside, a fraction on the hole's boundary: there the piece touches it, and no gap is left
     return bool((np.abs(winding_numbers(around @ axes.T, inside @ axes.T)) > 0.9).all())
 
 
 def fill_between(
     patched: PatchedMesh, places: Sequence[int], loops: Sequence[BoundaryLoop], options: FillOptions
 ) -> tuple[list[LoopOutcome], LoopPatch | None]:
-    """Joins a patch between several loops to the mesh: the outcomes of all, and the patch or None."""
+    """Joins a patch between several loops to the mesh; returns the outcomes of all loops, and the patch or None."""
     first, *others = places
     options.on_stage(first, "exact surface")
     begin = perf_counter()
@@ -143,7 +143,7 @@ def fill_between(
 def _surface_between(
     patched: PatchedMesh, places: Sequence[int], loops: Sequence[BoundaryLoop], options: FillOptions
 ) -> PlateauSolution:
-    """The exact surface that joins some loops; an error with advice where there is none."""
+    """The exact surface between loops; raises a SurfaceError with advice if there is none."""
     rims = [loops[place] for place in places]
     solution = solve_plateau(
         rims, model=options.model, tolerance=options.tolerance, between="free", time_limit=options.time_limit
@@ -153,8 +153,8 @@ def _surface_between(
         if all(patched.turning(rim) > 0 for rim in rims):
             advice = (
                 "the loops are the outer borders of open sheets, and only parts of them face each other: join the "
-                "sheets by two triangles at each end of the gap, and fill the hole that this leaves, without "
-                "bridge= (--bridge)"
+                "sheets by two triangles at each end of the gap, and fill the remaining hole without bridge= "
+                "(--bridge)"
             )
         raise SurfaceError(f"{solution.reason}; {advice}")
     if solution.annulus is not None and solution.annulus.reversed:

@@ -1,7 +1,7 @@
-"""Moves the vertices of a patch that intersects the mesh around it to the patch's own side of the mesh.
+"""Moves the vertices of a patch off the adjacent mesh where the two intersect.
 
-Beside a ragged rim of a steep wall the patch runs along the wall, and its triangles, which are chords of the surface,
-intersect those of the wall. Triangles of the patch without a vertex that can move are split first.
+At a ragged rim of a steep wall the patch runs along the wall, and its triangles, which are chords of the surface,
+intersect those of the wall. Intersecting triangles with an inner edge between two rim vertices are split there first.
 """
 
 from __future__ import annotations
@@ -19,15 +19,16 @@ from spinor_geom.fill.patched_mesh import PatchedMesh, patch_chords, split_chord
 from spinor_geom.mesh.operators import face_normals, vertex_normals
 from spinor_geom.meshing.embed import Patch
 
-# figures: of 26 rims of noisy bowls and tubes 5 still intersect something after the moves, in 32 pairs of faces
-_CLEARANCE = 0.05  # height over the mesh's faces, in edges of the patch; half: 6 rims, twice: thinner triangles
-_FARTHEST = 1.0  # displacement of a vertex, in mean edges of the rim, at which the rounds end; half: 6 rims
+# Measured on 26 rims of noisy bowls and tubes: 5 keep intersections, 32 pairs of faces. The comments give the rims or
+# pairs that other values leave.
+_CLEARANCE = 0.05  # height over the mesh's faces, in edges of the patch; 0.025: 6 rims, 0.1: thinner triangles
+_FARTHEST = 1.0  # largest displacement of a vertex, in mean edges of the rim; 0.5: 6 rims
 _RINGS = 2  # over which normals of the mesh and positions of the patch are averaged; 1: 56 pairs, 4 and 6: 32
 _ROUNDS = 4  # 2: 9 rims, 50 pairs; 8: 5 rims, 26 pairs
 
 
 def cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
-    """The patch with the fewest intersections of some rounds of splits and moves; its boundary is not moved."""
+    """Splits edges and moves inner vertices in several rounds; the result with the fewest intersections."""
     patch, crossings, best = new.patch, new.crossings, new
     if not len(crossings.mesh):
         return new
@@ -73,7 +74,7 @@ class _Wall:
         faces = np.searchsorted(ids, mesh.faces[near])
         around = _averaging(unique_edges(faces, len(ids)), len(ids))
         self._ids, self._normals = ids, _averaged(vertex_normals(mesh.vertices[ids], faces), around)
-        # the side is the sign of the patch's averaged position from that of its rim, along the normals
+        # the sign, along the normals, of the displacement from the averaged rim to the averaged patch
         after = rim_successors(patch.rims)
         along = _averaging(np.stack([np.arange(len(after)), after], axis=1), len(after))
         inside = _averaging(unique_edges(np.asarray(patch.faces), len(patch.vertices)), len(patch.vertices))
@@ -83,7 +84,7 @@ class _Wall:
         self._rim = cKDTree(patch.vertices[: len(after)])
 
     def steps(self, patch: Patch, own: Int[np.ndarray, " k"], old: Int[np.ndarray, " k"]) -> Float[np.ndarray, "n 3"]:
-        """Displacements that move the vertices of patch faces `own` over the mesh faces `old`, which they intersect."""
+        """Displacements of the vertices of patch faces `own` to the patch's side of the mesh faces `old` they meet."""
         corners = self._mesh.faces[old]
         near = np.minimum(np.searchsorted(self._ids, corners), len(self._ids) - 1)
         known = self._ids[near] == corners
@@ -96,7 +97,7 @@ class _Wall:
         vertices = np.asarray(patch.faces)[own]
         clearance = _CLEARANCE * _edge_lengths(patch)[vertices]
         height = np.einsum("kcd,kd->kc", patch.vertices[vertices] - self._mesh.vertices[corners[:, :1]], normals)
-        # vertices that are high enough, and whose face intersects nevertheless, move by the clearance
+        # vertices that are high enough but whose face still intersects move by the clearance
         missing = np.where(height < clearance, clearance - height, clearance).ravel()
         # of several steps of a vertex the longest is written last
         order = np.argsort(missing, kind="stable")
@@ -116,7 +117,7 @@ def _moved(patch: Patch, steps: Float[np.ndarray, "n 3"], folded: Int[np.ndarray
 
 
 def _averaging(edges: Int[np.ndarray, "e 2"], count: int) -> csr_array:
-    """The matrix that takes the mean over each vertex and its neighbours."""
+    """The matrix of the mean over each vertex and its neighbours."""
     ends = np.concatenate([edges, edges[:, ::-1], np.repeat(np.arange(count)[:, None], 2, axis=1)])
     graph = coo_array((np.ones(len(ends)), ends.T), shape=(count, count)).tocsr()
     return csr_array(diags_array(1 / graph.sum(axis=1)) @ graph)

@@ -13,7 +13,7 @@ from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 
 CREASE = np.radians(40)  # curvature is not continued across an edge with a larger angle between its faces' normals
-_RINGS = 3  # rings of faces whose curvature is compared
+_RINGS = 3  # rings of faces from which the correlation of H is estimated
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,15 +38,15 @@ class Collar:
     vertices: Float[np.ndarray, "v 3"]  # (m + r, 3) positions
     faces: Int[np.ndarray, "f 3"]  # mesh faces at the boundary
     boundary_size: int  # m
-    bends: Bool[np.ndarray, " v"]  # which have a mean curvature: not those on another boundary, at creases, loose faces
-    curvature: Float[np.ndarray, " r"]  # H at the vertices beyond the boundary; 0 where they have none
-    length: float  # correlation length ℓ of H; 0 for noise, and where H is constant
-    roughness: float  # share of the variance of H between neighbours: 0 on a smooth mesh, 1 and more in noise
+    bends: Bool[np.ndarray, " v"]  # where H is defined: each edge at the vertex has two opposite faces and no crease
+    curvature: Float[np.ndarray, " r"]  # H at the vertices beyond the boundary; 0 where it is not defined
+    length: float  # correlation length ℓ of H, in mesh units; 0 for noise, and where H is constant
+    roughness: float  # variance of H between neighbours by its total: 0 on a smooth mesh, 1 and more in noise
     creased: int  # number of boundary vertices at creases
 
 
 def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
-    """The collar of a patch without chords on edges of the mesh; `rim` are the mesh's vertices on its boundary."""
+    """The collar of a patch, no inner edge of which is a mesh edge; `rim` are the mesh vertices of its boundary."""
     mesh, m = patched.mesh, len(rim)
     rings = [patched.faces_at(rim)]
     for _ in range(1, _RINGS):
@@ -100,7 +100,7 @@ def _numbered_after(patch: Patch, count: int) -> Int[np.ndarray, "f 3"]:
 def _correlation(
     bending: Bending, half_edges: HalfEdges, bends: Bool[np.ndarray, " n"], vertices: Float[np.ndarray, "n 3"]
 ) -> tuple[float, float]:
-    """The correlation length of H, and the share of its variance between neighbours."""
+    """The correlation length of H, and its roughness, as in `Collar`."""
     edges = np.stack([half_edges.origin, half_edges.target], axis=1)
     edges = edges[bends[edges].all(axis=1) & (edges[:, 0] < edges[:, 1])]
     if not len(edges):
@@ -118,5 +118,5 @@ def _correlation(
     correlation = 1 - between / variance
     if correlation <= 0:
         return 0.0, between / variance
-    # with so many edges, correlations nearer to 1 than that cannot be distinguished
+    # n edges cannot distinguish correlations nearer to 1 than about 1 − 1/n
     return edge / max(-float(np.log(correlation)), 1 / len(edges)), between / variance

@@ -1,4 +1,4 @@
-"""Smooth continuation: the patch that continues the mean curvature of the mesh, with a mesh of its own if necessary."""
+"""Smooth continuation: makes a patch continue the mean curvature of the mesh, and remeshes it if necessary."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from spinor_geom.fill.fairing import SMALLEST_ANGLE, Faired, Order, brought_to_r
 from spinor_geom.mesh.operators import vertex_angles
 from spinor_geom.meshing.embed import Patch, over_domain_of_angles, over_own_domain, remesh
 
-# Edges that become longer by more leave triangles too coarse for the bulge: with 4 the ends of two fingers bend by 7.6°
-# across the rim, not by 5.9°; 1.4 takes 14 % more steps for the same smallest angles.
+# A patch with edges stretched by more is remeshed, as its triangles are too coarse for the bulge: with 4 the ends of
+# two fingers bend by 7.6° across the rim instead of 5.9°; 1.4 takes 14 % more steps for the same smallest angles.
 _MOST_STRETCHED = 2.0
-_ROUNDS = 4  # of new meshes, which bound the time: two do as well on all holes
-MOST_AREA = 2.0  # times the film's: half a sphere over its disk; a larger patch is reported
+_ROUNDS = 4  # of remeshing, to bound the time: two give the same results on all test holes
+MOST_AREA = 2.0  # by the area before: a hemisphere by its disk; a larger patch is reported
 
 Start: TypeAlias = Literal["minimal", "discrete", "strip"]
 
@@ -29,21 +29,21 @@ class Continuation:
     """How a patch became the smooth continuation of the mesh around it.
 
     Attributes:
-        started_from: what the patch was before: a minimal surface, a discrete one, or straight lines between two rims.
-        before: its bend across the rim then.
-        after: its bend across the rim now.
-        order: what it minimises: "curvature" ∫H² + ℓ²|∇H|², "thin plate" ∫|Δx|² over the surface before.
-        lowered: why it is a thin plate; empty where it is not.
+        started_from: the surface before: a minimal one, a discrete one, or a strip of straight lines between two rims.
+        before: the bend across the rim before the continuation.
+        after: the bend across the rim after it.
+        order: the functional minimised: "curvature" ∫H² + ℓ²|∇H|², "thin plate" ∫|Δx|² over the surface before.
+        lowered: why the thin plate was used; empty if it was not.
         steps: number of Newton steps.
-        remeshed: whether it was meshed anew because its triangles were stretched.
-        converged: whether it is at rest: the next step would move no vertex by more than 0.01 of an edge.
+        remeshed: whether it was remeshed because it was folded, not converged, or had thin or stretched triangles.
+        converged: whether the next step would move no vertex by more than 0.01 of a mean edge of the patch.
         next_step: the largest displacement of a vertex in the next step, in mean edges of the patch.
-        area_ratio: its area by that of the surface before.
-        smallest_angle: of its triangles with an inner vertex, in degrees; None where it has none.
-        smallest_rim_angle: of all its triangles; those over three rim vertices cannot be improved.
+        area_ratio: the area divided by that of the surface before.
+        smallest_angle: of the triangles with an inner vertex, in degrees; None if there are none.
+        smallest_rim_angle: of all triangles; those of three rim vertices cannot be improved.
         correlation_length: ℓ, over which the mean curvature of the mesh around changes, in mesh units.
-        roughness: share of the variance of that curvature between neighbours: 0 on a smooth mesh, 1 and more in noise,
-            which is not continued.
+        roughness: variance of that curvature between neighbours, divided by its total variance: 0 on a smooth mesh, 1
+            and more in noise, which is not continued.
         creased: number of rim vertices at creases of the mesh, where the patch may bend freely.
     """
 
@@ -92,14 +92,14 @@ class Continuation:
 
     @property
     def reason(self) -> str:
-        """Why it is not at rest; empty where it is."""
+        """Why it has not converged; empty if it has."""
         if self.converged:
             return ""
-        return f"after {self.steps} steps the next would still move a vertex by {self.next_step:.2g} of an edge"
+        return f"after {self.steps} steps the next one would still move a vertex by {self.next_step:.2g} of an edge"
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences on a lowered order, a large area and thin triangles."""
+        """Remarks on a thin plate, a large area and thin triangles."""
         found = []
         if self.lowered:
             found.append(f"the patch is a thin plate, as the continuation of the mean curvature {self.lowered}")
@@ -117,15 +117,17 @@ class Continuation:
 def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal: bool) -> Faired:
     """Moves a patch's inner vertices to the smooth continuation of the mesh around it.
 
-    1. The patch is brought to rest.
-    2. If it is folded or not at rest, a patch over one loop starts again over a domain with the angles that the mesh
-       leaves at the loop. Those of a minimal surface are wrong where that turns back over the mesh.
-    3. A patch that is not at rest, has angles below 10° or edges more than twice as long is remeshed for edges of the
-       target length and brought to rest again.
-    4. If it is still folded or not at rest, the thin plate replaces it, if that has no such defect.
+    1. The curvature functional is minimised by Newton's method (`brought_to_rest`).
+    2. If the result is folded, has not converged or, from a discrete start, is stretched, a patch over one loop is
+       started again, over a domain whose angles at the loop complete those of the mesh to 2π. Those of a minimal
+       surface that turns back over the mesh are wrong.
+    3. A patch that has not converged, has angles below 10°, or edges more than twice as long as before is remeshed with
+       edges of the target length, and minimised again.
+    4. If it is still folded or has not converged, the thin plate replaces it, unless that is folded too.
 
     Raises:
         SingularMatrixError: triangles of the patch are degenerate.
+        TooManyPointsError: the target length needs too many vertices.
     """
     faired = brought_to_rest(patch, collar)
     is_poor = faired.defect or (faired.stretch > _MOST_STRETCHED and not is_conformal)
@@ -144,7 +146,7 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
 
 
 def _from_domain_of_angles(patch: Patch, collar: Collar, target: float) -> Faired | None:
-    """Starts from a domain with the angles that the mesh leaves at the loop; None where there is no simple one."""
+    """Starts again over a domain with angles 2π minus the mesh's at the loop; None if there is no simple domain."""
     beside = vertex_angles(collar.vertices, collar.faces)[: collar.boundary_size]
     try:
         start = over_domain_of_angles(patch, 2 * np.pi - beside, target)
@@ -154,7 +156,7 @@ def _from_domain_of_angles(patch: Patch, collar: Collar, target: float) -> Faire
 
 
 def _remeshed(faired: Faired, collar: Collar, target: float, *, is_conformal: bool) -> Faired:
-    """Remeshes a patch by its present shape and brings it to rest, as often as needed and while it gets better."""
+    """Remeshes a patch and minimises again, until it is good or no longer improves."""
     for _ in range(_ROUNDS):
         is_good = faired.converged and not faired.is_thin and faired.stretch <= _MOST_STRETCHED
         if is_good or is_out_of_time():
@@ -167,7 +169,7 @@ def _remeshed(faired: Faired, collar: Collar, target: float, *, is_conformal: bo
 
 
 def _remeshed_once(faired: Faired, collar: Collar, target: float, *, is_conformal: bool) -> Faired | None:
-    """The better one of new meshes over a domain of the present shape and over its own; None if neither is better."""
+    """The better of the meshes over a flattening of the current shape and over the patch's Ω; None if neither is."""
     domains = []
     if not faired.patch.hole_sizes:
         with suppress(DomainError, OutOfTimeError, SingularMatrixError):
@@ -180,7 +182,7 @@ def _remeshed_once(faired: Faired, collar: Collar, target: float, *, is_conforma
             finer = remesh(domain, target)
         except OutOfTimeError:
             break
-        except DomainError:  # chords between points of the rim intersect in this domain
+        except DomainError:  # the boundary polygon of this domain is not simple
             continue
         if len(finer.vertices) == finer.boundary_size:
             continue
@@ -196,6 +198,6 @@ def _remeshed_once(faired: Faired, collar: Collar, target: float, *, is_conforma
 
 
 def _rank(faired: Faired) -> tuple[bool, float, float]:
-    """Least is best: no folds, then at rest or nearer to it, then no thin triangles."""
+    """Sort key, smallest is best: folds, then the next step unless converged, then the smallest angle."""
     left = 0.0 if faired.converged else faired.next_step
     return bool(faired.folds), left, -min(faired.smallest_angles[1], SMALLEST_ANGLE)

@@ -17,7 +17,7 @@ from spinor_geom.meshing.triangulate import require_few_points
 def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tuple[Patch, str]:
     """The discrete minimal surface over a loop, or else a triangulation without inner vertices, and a description.
 
-    Edges are at most `target` long, in mesh units; a TooManyPointsError is raised where that is too short. The descent
+    Edges are at most `target` long, in mesh units; raises a TooManyPointsError if that is too short. The minimisation
     of the area stops after `seconds`.
     """
     faces = disk_without_inner_points(loop.points)
@@ -36,7 +36,7 @@ def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tupl
 def _over_disk(vertices: np.ndarray, faces: Int[np.ndarray, "f 3"], rim: int) -> Patch:
     """A patch over the unit disk; the first `rim` vertices are its boundary, in order.
 
-    The boundary lies on the circle by arc length, each other vertex in the middle of its neighbours.
+    The boundary lies on the circle by arc length, each other vertex at the mean of its neighbours.
 
     Source: Tutte, "How to draw a graph", Proc. London Math. Soc. 13 (1963).
     """

@@ -1,4 +1,4 @@
-"""Solves Plateau's problem for many loops, and meshes the surfaces, small ones together."""
+"""Solves Plateau's problem for many loops, and meshes the surfaces, several at once."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from spinor_geom.plateau.solve import solve_plateau_batch
 # RMS distance from the loop, in mean edges, beyond which a surface is not used: of 120 rough loops the surfaces of 78
 # miss less than 0.01, those of 16 more than 0.2, and none lies between.
 MAX_RESIDUAL_PER_EDGE = 0.1
-_WAITING = 1.0  # seconds for which a surface waits to be meshed with others; the meshes do not depend on it
+_WAITING = 1.0  # seconds of solving after which the surfaces so far are meshed together; the meshes do not depend on it
 
 Solved: TypeAlias = PlateauSolution | SpinorGeomError
 
 
 class SolvedLoop(NamedTuple):
-    """The exact surface over a loop and its mesh, or the error why there is none; seconds by stage."""
+    """The exact surface over a loop and its mesh, or the error instead; seconds by stage."""
 
     solution: PlateauSolution | None
     patch: Patch | SpinorGeomError
@@ -37,10 +37,10 @@ class SolvedLoop(NamedTuple):
 def minimal_patches(
     loops: Sequence[BoundaryLoop], options: FillOptions, *, is_rim: bool = True, device: str = "cpu"
 ) -> Iterator[SolvedLoop]:
-    """The exact surfaces over loops, which may be of several meshes, in their order.
+    """The exact surfaces over loops, in their order; the loops may be of several meshes.
 
-    Γ is free between the points of rough loops. Of rims of meshes (`is_rim`) detected corners are ignored, too, where
-    they are those of triangles.
+    Γ is free between the points of rough loops, as with `between="free"` of `solve_plateau`. From boundary loops of
+    meshes (`is_rim`) the corners that `free_rim` removes are removed first.
     """
     found = solve_plateau_batch(
         (free_rim(loop, tolerance=options.tolerance) for loop in loops) if is_rim else loops,
@@ -64,23 +64,23 @@ def minimal_patches(
 
 
 def exact_patches(solved: Sequence[tuple[BoundaryLoop, Solved, float]], options: FillOptions) -> list[SolvedLoop]:
-    """Meshes surfaces together; `solved` has the loop, its surface or error, and the seconds until that was found."""
+    """Meshes surfaces together; `solved` has the loop, its surface or error, and the seconds it took."""
     begin = perf_counter()
     usable = [_usable(loop, surface) for loop, surface, _ in solved]
     meshes = iter(_meshed([surface for surface in usable if isinstance(surface, PlateauSolution)], options))
     patches = [next(meshes) if isinstance(surface, PlateauSolution) else surface for surface in usable]
     share = (perf_counter() - begin) / max(1, len(solved))
-    answers = []
+    results = []
     for (_, surface, waited), patch in zip(solved, patches, strict=True):
         solution = surface if isinstance(surface, PlateauSolution) else None
         # a solution has its own share of the time of a common solve
         seconds = waited if solution is None else sum(solution.timings.values())
-        answers.append(SolvedLoop(solution, patch, {"solve": seconds, "mesh": share}))
-    return answers
+        results.append(SolvedLoop(solution, patch, {"solve": seconds, "mesh": share}))
+    return results
 
 
 def _usable(loop: BoundaryLoop, surface: Solved) -> Solved:
-    """A surface that can be meshed, or the error why it is not."""
+    """The surface, or an error if it does not follow the loop or has no area."""
     if isinstance(surface, SpinorGeomError):
         return surface
     if not surface.boundary_residual.rms_per_edge <= MAX_RESIDUAL_PER_EDGE:
@@ -93,7 +93,7 @@ def _usable(loop: BoundaryLoop, surface: Solved) -> Solved:
 
 
 def _meshed(solutions: Sequence[PlateauSolution], options: FillOptions) -> list[Patch | SpinorGeomError]:
-    """Meshes surfaces together; those that are not finished in time are tried again alone."""
+    """Meshes surfaces together; one that exceeds the time limit is meshed again alone."""
     if not solutions:
         return []
     with time_limit(options.time_limit * len(solutions)):

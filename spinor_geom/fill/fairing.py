@@ -1,7 +1,7 @@
-"""Moves the inner vertices of a patch until the mean curvature continues from the mesh around.
+"""Moves the inner vertices of a patch so that it continues the mean curvature of the mesh around it.
 
 A patch at rest is stationary for ∫H² + ℓ²|∇H|², with the metric held fixed, among the surfaces through the rim that
-have the mesh's tangents there: Δ(H − ℓ²ΔH) = 0. Spheres, cylinders and planes continue as themselves. It is the most
+have the mesh's tangents there: Δ(H − ℓ²ΔH) = 0. Spheres, cylinders and planes are continued exactly. It is the most
 likely surface if H is a random field with correlation length ℓ, which is measured around the hole: the curvature of a
 smooth mesh continues far into the patch, that of a rough one does not.
 
@@ -29,17 +29,16 @@ from spinor_geom.mesh.operators import (
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 
-# Figures here and in `continuation` are of 111 holes: 70 of generated kinds, and rims of scans and of meshes with known
-# trouble.
-AT_REST = 0.01  # largest displacement in the next step, in mean edges; half takes 12 % more steps
-SMALLEST_ANGLE = 10.0  # degrees; 20 takes half as long again, and as many patches keep angles below 10
-# Linear solves before Newton's method, at most. After one only a triangle of 4.9° is left on one scan, and one more rim
-# is not at rest; six bring one shredded rim to rest, for 13 % more steps.
+# Measured, here and in `continuation`, on 111 holes: 70 generated ones, and rims of scans and of defective meshes.
+AT_REST = 0.01  # convergence: largest displacement in the next step, in mean edges; 0.005 takes 12 % more steps
+SMALLEST_ANGLE = 10.0  # degrees; 20 takes 1.5 times as long, and as many patches keep angles below 10
+# Number of linear solves, each of which gives a start for Newton's method. With one, a scan keeps a triangle of 4.9°
+# and one more rim does not converge; with six, one more ragged rim converges, for 13 % more steps.
 _STARTS = 3
-_MOST_STEPS = 40  # 20 stop two rims that fold; none takes 80
-# A factorisation is used again while steps at least halve, where the simplified Newton method still converges (a
-# quarter takes 37 % more time). Below the least damping factor the linearisation is useless: half of it takes 14 % more
-# steps, twice 7 % fewer, for the same shapes.
+_MOST_STEPS = 40  # with 20 two more rims that fold do not converge; none takes 80
+# A factorisation is reused while steps at least halve, where the simplified Newton method still converges (0.25 takes
+# 37 % more time). Below the least damping factor the linearisation is useless: 0.025 takes 14 % more steps, 0.1 takes
+# 7 % fewer, for the same shapes.
 _QUICK, _LEAST_DAMPING = 0.5, 0.05
 
 Order: TypeAlias = Literal["curvature", "thin plate"]
@@ -60,17 +59,17 @@ class Faired:
 
     @property
     def converged(self) -> bool:
-        """Whether it is at rest."""
+        """Whether the next step is within the tolerance."""
         return self.next_step <= AT_REST
 
     @cached_property
     def folds(self) -> int:
-        """As `folded_sides`."""
+        """Number of half-edges as in `folded_sides`."""
         return folded_sides(self.patch)
 
     @cached_property
     def smallest_angles(self) -> tuple[float | None, float]:
-        """In degrees: of triangles with an inner vertex, None without any, and of all."""
+        """The smallest angle of the triangles with an inner vertex (None without any), and of all, in degrees."""
         faces = np.asarray(self.patch.faces)
         angles = np.degrees(internal_angles(self.patch.vertices, faces).min(axis=1))
         inner = angles[(faces >= self.patch.boundary_size).any(axis=1)]
@@ -83,9 +82,9 @@ class Faired:
 
     @property
     def defect(self) -> str:
-        """Why a thin plate would be better; empty if it would not."""
+        """Why the patch is not usable as it is: not converged or folded; else empty."""
         if not self.converged:
-            return f"did not come to rest: the next step would move a vertex by {self.next_step:.2g} of an edge"
+            return f"did not converge: the next step would move a vertex by {self.next_step:.2g} of an edge"
         return "is folded" if self.folds else ""
 
 
@@ -103,12 +102,12 @@ def thin_plate(patch: Patch, collar: Collar) -> Faired:
 
 
 def brought_to_rest(patch: Patch, collar: Collar) -> Faired:
-    """Minimises ∫H² + ℓ²|∇H|² by Newton's method from several starts; the one that is nearest to rest."""
+    """Minimises ∫H² + ℓ²|∇H|² by Newton's method from several starts; the result with the smallest next step."""
     equations, steps = _Equations(patch, collar), 0
     start = near = np.concatenate([patch.vertices[patch.boundary_size :], collar.vertices])
     best, least = near, np.inf
     for attempt in range(_STARTS + 1):
-        # the last start is the patch: a remeshed one is nearer to rest than the solutions of its linear problem
+        # the last start is the patch itself: a remeshed one is nearer to convergence than the linear solutions
         near = equations.smoothed(near) if attempt < _STARTS else start
         x, more, left = equations.solved(near)
         steps += more
@@ -128,7 +127,7 @@ def _faired(patch: Patch, inner: Float[np.ndarray, "k 3"], steps: int, next_step
 
 
 class _Equations:
-    """The equations of a patch's inner vertices, which are numbered before the collar's vertices."""
+    """The Euler–Lagrange equations at a patch's inner vertices, which come before the collar's in all arrays."""
 
     def __init__(self, patch: Patch, collar: Collar) -> None:
         m, self.inside = collar.boundary_size, len(patch.vertices)
@@ -139,7 +138,7 @@ class _Equations:
         self._bends = bends[: self.inside]
         self._beyond = collar.curvature
         self._squared_length = collar.length**2
-        # ∇H is known on faces with three curvatures
+        # ∇H is known on faces where H is defined at all three vertices
         known = bends[self._faces].all(axis=1)
         self._known = None if known.all() else self._faces[known]
 
@@ -172,7 +171,7 @@ class _Equations:
             there = Bending.of(moved, self._faces)
             following = -factor.solve(self._residual(moved, there))
             following_length = float(np.sqrt(np.mean(following**2)))
-            # a quarter of the decrease of the linear problem: an eighth does as well, a half loses 12 patches
+            # a quarter of the decrease of the linear problem: an eighth gives the same, with a half 12 patches fail
             if not following_length < (1 - damping / 4) * length:
                 damping /= 2
                 continue
@@ -189,7 +188,7 @@ class _Equations:
         return x, steps, left
 
     def _slope(self, bending: Bending) -> csc_array:
-        """L/A, from all inside vertices that bend to the free ones."""
+        """L/A, from the patch's vertices where H is defined (columns) to the free ones (rows)."""
         weight = diags_array(self._bends / bending.areas[: self.inside])
         return csc_array(bending.laplacian[: self.free, : self.inside] @ weight)
 
@@ -201,7 +200,7 @@ class _Equations:
         return form
 
     def _stiffness(self, x: Positions, bending: Bending) -> csc_array:
-        """Derivative of the residual by displacements along the normals, without terms of lower order."""
+        """Derivative of the residual with respect to displacements along the normals, without lower-order terms."""
         s, slope = self.inside, self._slope(bending)
         weight = diags_array(bending.areas[:s])
         if self._squared_length:

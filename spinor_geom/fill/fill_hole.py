@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 MeshT = TypeVar("MeshT")
 _Path: TypeAlias = str | os.PathLike[str]
-_MOST_WARNED = 5  # shortcomings in one warning
+_MOST_WARNED = 5  # shortcomings listed in one warning
 
 
 class _Rest(TypedDict, total=False):
@@ -79,45 +79,44 @@ def fill_hole(
     on_loop: Callable[[LoopOutcome, int], None] | None = None,
     on_stage: Callable[[int, str], None] | None = None,
 ) -> Any:
-    """Fills holes of a mesh, each with a minimal surface that its boundary loop bounds.
+    """Fills holes of a mesh with minimal surfaces bounded by their loops.
 
-    The input is not changed. Its vertices, faces and attributes come first in the result, as they were. The patches
+    The input is not changed. Its vertices, faces and attributes come first in the result, unchanged. The patches
     follow loop by loop, share the loop's vertices and are oriented like their neighbours. Vertex attributes are
-    interpolated harmonically, integers are those of the nearest rim vertex, normals are those of the surface.
+    interpolated harmonically; integer ones are taken from the nearest rim vertex, normals from the surface.
 
-    A loop without an exact surface that follows it, or without one in time, is closed by a discrete minimal surface.
-    Loops that bound nothing are left open: those of zero width, the outline of a lone face, edges that have several
-    faces already. Two more are left open unless `loop` names them: seams, which are loops with edges that lie on those
-    of another loop, and borders of sheets, over which a patch would lie on the mesh. A patch that intersects itself (as
-    every disk over a knotted loop), the mesh or another patch is kept. All of this is in the report; without one, a
-    warning says it.
+    If no exact surface is found for a loop, or not in time, the loop is closed by a discrete minimal surface. Loops
+    without a hole are left open: slits of zero width, outlines of single faces, loops with non-manifold edges. Seams
+    (loops with edges on those of another loop) and borders of sheets (over which a patch would lie on the mesh) are
+    left open unless `loop` names them. A patch that intersects itself (as every disk over a knotted loop), the mesh or
+    another patch is kept. The report contains all of this; without a report, a warning is issued.
 
-    The surface of a bridge determines which points of its rims are opposite. Rims too far from each other have no
-    surface between them and stay open, as do those of pieces that are inside out to each other.
+    The rims of a bridge need no matching points. Rims too far from each other have no surface between them and stay
+    open, as do rims of pieces with opposite orientations.
 
     Args:
         mesh: a path, a (vertices, faces) pair of arrays or tensors, or any mesh type that has an adapter.
-        loop: which holes: "all", a place in `boundary_loops(mesh)`, several places, or one of those loops.
-        bridge: two places or more; joins these loops by one minimal surface, and fills no other.
-        islands: "join" fills a hole with a loose piece in it by an annulus between both, "ignore" fills hole and piece
-            each by themselves; the report says which pieces lie in which holes.
+        loop: which holes: "all", an index of `boundary_loops(mesh)`, several indices, or one of those loops.
+        bridge: two or more indices; joins these loops by one minimal surface, and fills no other.
+        islands: "join" joins a hole and the loose pieces in it by one surface, "ignore" fills them separately; the
+            report lists the loose pieces in each hole.
         continuity: "C0" for the minimal surface over each rim; "C1" for a patch that continues the tangents and the
             curvature of the mesh around it, as the top of a sphere or, between two rims, as a tube.
-        merge: merges vertices first: True those of equal position up to rounding to single precision, a number those up
-            to that distance, in mesh units. The first of merged vertices stays, with its attributes; the result then
-            follows the merged mesh. Works for all types but trimesh's scenes.
+        merge: merges vertices first: with True those of equal position up to rounding to single precision, with a
+            number those up to that distance, in mesh units. The first of merged vertices is kept, with its attributes;
+            the result is the merged mesh with the patches. Not available for trimesh's scenes.
         keep_largest: leaves the loop of longest perimeter open, such as the outer border of a scan.
         max_perimeter: leaves loops longer than this open, in mesh units.
         target_edge_length: of the patches, in mesh units; "auto" takes each loop's mean edge length.
         model: the holomorphic model, as `solve_plateau` takes it.
         tolerance: root mean square distance between a patch's boundary and the curve through its loop, in mean edges of
-            the loop. A patch that exceeds it is kept and reported as not converged, and so is one that exceeds a
-            hundred times as much, in the edges there, in a part of the loop.
+            the loop. A patch that exceeds it is kept and reported as not converged, and so is one whose distance in a
+            part of the loop exceeds 100 times the tolerance, in edges there.
         time_limit: seconds for each of these stages of a loop: its exact surface, its mesh, its discrete surface where
             there is no exact one, and its continuation.
         return_report: also returns a `FillResult`.
         on_loop: is called after each requested loop with its outcome and the number of requested loops.
-        on_stage: is called before each stage of a loop with its place and the stage: "exact surface" (of small loops
+        on_stage: is called before each stage of a loop with its index and the stage: "exact surface" (of small loops
             several at once), "mesh", "discrete surface" where there is no exact one, "crossings", "continuation".
 
     Returns:
@@ -128,7 +127,7 @@ def fill_hole(
         UnknownMeshTypeError: no adapter knows the type.
         MeshFileError: the file is missing or malformed.
         MeshError: the mesh has no faces, or its faces do not share their vertices.
-        LoopIndexError: `loop` or `bridge` names a place that does not exist.
+        LoopIndexError: an index in `loop` or `bridge` is out of range.
         ForeignLoopError: `loop` is not a loop of this mesh.
         OptionError: an option has a value that is not allowed.
 
@@ -158,8 +157,8 @@ def fill_hole(
     result = filling.result(source, outcomes, patches, clock)
     if return_report:
         return result.mesh, result
-    if said := result.shortcomings:
-        more = f"; and {len(said) - _MOST_WARNED} more" if len(said) > _MOST_WARNED else ""
-        sentence = f"fill_hole: {'; '.join(said[:_MOST_WARNED])}{more} (return_report=True has all of it)"
-        warnings.warn(sentence, ImperfectFillWarning, stacklevel=2)
+    if found := result.shortcomings:
+        more = f"; and {len(found) - _MOST_WARNED} more" if len(found) > _MOST_WARNED else ""
+        message = f"fill_hole: {'; '.join(found[:_MOST_WARNED])}{more} (return_report=True lists all)"
+        warnings.warn(message, ImperfectFillWarning, stacklevel=2)
     return result.mesh

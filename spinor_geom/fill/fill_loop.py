@@ -1,4 +1,4 @@
-"""Fills one loop, or the gap between several, once their exact surface is known."""
+"""Makes the patch of one loop, or between several, from their solved surface."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from spinor_geom.plateau.solution import PlateauSolution
 
 
 class Stopwatch:
-    """Wall time by stage, added to the seconds of stages that were timed before."""
+    """Wall time by stage; starts from the seconds `before`."""
 
     def __init__(self, before: Mapping[str, float] | None = None) -> None:
         self._last = perf_counter()
@@ -63,13 +63,13 @@ def fill_loop(
     *,
     others: Mapping[int, BoundaryLoop] = MappingProxyType({}),
 ) -> tuple[LoopOutcome, LoopPatch | None]:
-    """Joins a patch over one loop, or from it to the others of a bridge, to the mesh.
+    """Makes the patch over a loop, or between it and the `others` of a bridge, and joins it to the mesh.
 
     Returns:
         The outcome, and the patch or None.
 
     Raises:
-        TooManyPointsError: the edge length asked for needs too many vertices.
+        TooManyPointsError: `target_edge_length` needs too many vertices.
     """
     joined_to = next(iter(others), None)
     clock = Stopwatch(solved.seconds)
@@ -117,7 +117,7 @@ def _new_patch(
     options: FillOptions,
     clock: Stopwatch,
 ) -> NewPatch:
-    """A patch over the loops that can be joined to the mesh: meshed, fitted, cleared or continued, in this order."""
+    """A patch that can be joined to the mesh: meshed, fitted, continued if `options` has C1, and cleared."""
     options.on_stage(place, "mesh")
     new = _first_patch(place, loops, solved, options)
     clock.lap("mesh")
@@ -137,7 +137,7 @@ def _new_patch(
 
 
 def _first_patch(place: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, options: FillOptions) -> NewPatch:
-    """The mesh of the exact surface, else a discrete patch or, between two loops, a strip that is to be continued."""
+    """The mesh of the exact surface, else a discrete patch or, between two loops, a strip to be continued."""
     solution, patch = solved.solution, solved.patch
     if solution is not None and isinstance(patch, Patch):
         rims = [match.loop for match in solution.rims]
@@ -157,14 +157,14 @@ def _first_patch(place: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, 
 
 
 def _cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
-    """Moves a patch off the mesh that it intersects, and retriangulates what still intersects something."""
+    """Moves a patch off the mesh where they intersect, and retriangulates it where it still intersects something."""
     return retriangulated(patched, cleared(patched, new))
 
 
 def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch:
-    """The smooth continuation of the mesh over the same rim, or the patch itself with the reason against it.
+    """The smooth continuation of a patch, or the patch with a remark on why it was not continued.
 
-    A patch without inner vertices stays as it is. `target` is the edge length for new meshes.
+    A patch without inner vertices is not changed. `target` is the edge length for new meshes.
     """
     if len(start.patch.vertices) == len(start.rim):
         return _not_continued(start)
@@ -176,8 +176,8 @@ def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch
     before, after = bend_across(collar, start.patch), bend_across(collar, faired.patch)
     ratio = faired.patch.area / start.patch.area
     reason_against = (
-        f": {faired.steps} steps left a bend of {after.rms:.3g}° (RMS) across the rim, where it has "
-        f"{before.rms:.3g}°, and {ratio:.2g} times its area"
+        f": after {faired.steps} steps the bend across the rim was {after.rms:.3g}° (RMS), before {before.rms:.3g}°, "
+        f"and the area {ratio:.2g} times as large"
     )
     is_second_best = bool(faired.lowered) or not faired.converged
     if is_second_best and (after.rms >= before.rms or ratio > MOST_AREA):
@@ -186,21 +186,21 @@ def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch
     smooth = replace(start, patch=faired.patch, continuation=continuation, reason=continuation.reason)
     smooth = replace(smooth, remarks=continuation.remarks).fitted(patched)
     if is_second_best and (after.rms >= 90 or faired.folds):
-        # it is folded or turns back over the mesh, which is justified by fewer intersections only
+        # a patch that is folded or turns back over the mesh is only kept if it has fewer intersections
         if len(smooth.crossings) == len(start.crossings) or not (before.rms >= 90 or folded_sides(start.patch)):
             return _not_continued(start, reason_against)
         remark = (
-            "the patch is folded or turns back over the mesh, and so is the surface it started from, which crosses "
-            f"{len(start.crossings)} pairs of faces, and the patch {len(smooth.crossings)}"
+            "the patch is folded or turns back over the mesh, like the surface it started from; the patch has "
+            f"{len(smooth.crossings)} pairs of intersecting faces, that surface {len(start.crossings)}"
         )
         smooth = replace(smooth, remarks=(*smooth.remarks, remark))
     return smooth
 
 
 def _cleared_continuation(patched: PatchedMesh, smooth: NewPatch, start: NewPatch) -> NewPatch:
-    """A continued patch or, if that has fewer intersections, the patch it started from; both cleared.
+    """A continued patch or, if that has fewer intersections, the patch it started from; both are cleared first.
 
-    Of two with as many, one with replaced faces is worse.
+    With equal numbers of intersections the one without replaced faces is taken.
     """
     notes = smooth.crossings.notes
     smooth = _cleared(patched, smooth)
@@ -208,11 +208,11 @@ def _cleared_continuation(patched: PatchedMesh, smooth: NewPatch, start: NewPatc
         return smooth
     start = _cleared(patched, start)
     ranks = [(len(new.crossings), bool(new.faces_replaced)) for new in (smooth, start)]
-    return smooth if ranks[0] <= ranks[1] else _not_continued(start, f", as then {', '.join(notes)}")
+    return smooth if ranks[0] <= ranks[1] else _not_continued(start, f", because then {', '.join(notes)}")
 
 
 def _not_continued(start: NewPatch, reason: str = "") -> NewPatch:
-    """The patch with a remark on why it stays; a SurfaceError for a strip, which is no surface to be kept."""
+    """The patch with a remark on why it was not continued; raises a SurfaceError for a strip, which is only a start."""
     remarks = (f"the patch was not continued smoothly{reason}",) if reason else ()
     if start.kind == "strip":
         raise SurfaceError("; ".join([start.reason, *remarks]))
@@ -220,7 +220,7 @@ def _not_continued(start: NewPatch, reason: str = "") -> NewPatch:
 
 
 def _without_area(patch: Patch) -> tuple[str, ...]:
-    """A sentence on faces without area, if there are some."""
+    """A remark on degenerate faces, if there are any."""
     count = int((face_areas(patch.vertices, patch.faces) <= 0).sum())
     return (f"faces of the patch without area: {count} of {len(patch.faces)}",) if count else ()
 

@@ -19,7 +19,7 @@ Islands: TypeAlias = Literal["join", "ignore"]
 
 CONTINUITY: tuple[Continuity, ...] = get_args(Continuity)
 ISLANDS: tuple[Islands, ...] = get_args(Islands)
-TIME_LIMIT = 20.0  # seconds for the exact surface of a loop
+TIME_LIMIT = 20.0  # seconds for each stage of a loop, see `fill_hole`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,7 @@ class Choice:
         if self.max_perimeter is not None:
             require_positive("max_perimeter", self.max_perimeter)
         if self.bridge is not None and (isinstance(self.bridge, str) or not isinstance(self.bridge, Iterable)):
-            raise OptionError(f"bridge must be several places, such as (0, 1), not {self.bridge!r}")
+            raise OptionError(f"bridge must be several loop indices, such as (0, 1), not {self.bridge!r}")
         if self.bridge is not None and not self._is_all:
             raise OptionError(
                 "bridge and loop exclude each other: a bridge fills no other loop; call again for the others"
@@ -50,7 +50,7 @@ class Choice:
 
     @property
     def names_loops(self) -> bool:
-        """Whether loops are named; then seams and the borders of sheets among them are filled, too."""
+        """Whether loops are named; named seams and borders of sheets are filled, too."""
         return not self._is_all or self.bridge is not None
 
 
@@ -78,7 +78,7 @@ class FillOptions:
 
 
 def require_merge(merge: Any) -> None:
-    """Raises an OptionError for what is neither a bool nor a distance."""
+    """Raises an OptionError unless `merge` is a bool or a distance."""
     is_number = isinstance(merge, Real)
     if not isinstance(merge, bool) and not (is_number and 0 <= merge < math.inf):
-        raise OptionError(f"merge must be True, False or a distance from 0 on, not {merge!r}")
+        raise OptionError(f"merge must be True, False or a distance of at least 0, not {merge!r}")

@@ -15,7 +15,7 @@ _CROSSINGS = ("self_intersections", "mesh_intersections", "patch_intersections")
 _STATES = {
     "minimal": "is not within the tolerance",
     "discrete": "is closed by a discrete surface",
-    "smooth": "is not a smooth continuation at rest",
+    "smooth": "is filled by a smooth continuation that has not converged",
 }
 
 
@@ -24,36 +24,35 @@ class LoopOutcome:
     """The result for one boundary loop.
 
     Attributes:
-        index: its place in `boundary_loops(mesh)`, longest perimeter first.
+        index: its index in `boundary_loops(mesh)`, longest perimeter first.
         loop: the loop itself.
-        requested: False where it was left open because of the caller's options, or as a border.
-        filled: whether the result has a patch on it.
-        reason: why it was left open, or why its patch is not an exact minimal surface within the tolerance or, if
-            continued, not at rest; empty for a patch that is.
+        requested: False if the caller's options exclude it, or if it is left open as a border.
+        filled: whether it has a patch.
+        reason: why it was left open, or why its patch has not `converged`; else empty.
         is_border: whether it was left open as the border of a sheet: its patch would lie on the mesh.
-        solution: the minimal surface that the patch is a mesh of, or that its continuation started from; for a loop
-            that is left open the one that was found.
-        patch: its mesh, with the places of its vertices in Ω; None if it is not filled. Ω is the unit disk for a
-            discrete patch, and a domain of its own for one that was meshed anew.
+        solution: the exact surface of which the patch is a mesh, or was before its continuation; for an open loop
+            the one that was found, if any.
+        patch: its mesh, with the positions of its vertices in Ω; None if it is not filled. Ω is the unit disk for a
+            discrete patch, and a new domain for one that was remeshed.
         continuation: how the patch was continued from the mesh around it; None if it was not.
-        joined_to: the place of the next loop that its surface is bounded by, for the last of a bridge that of the
-            first; None for a loop that is filled by itself. The figures of a bridge are in the first of its outcomes.
+        joined_to: the index of the next loop of its bridge, for the last loop that of the first; None for a loop that
+            is filled alone. The patch of a bridge, and what is counted on it, is in the first of its outcomes only.
         vertices_added: number of new vertices of its patch.
         faces_added: number of new faces of its patch.
-        first_face: the number of its patch's first face among the triangles of the filled mesh; None without a patch.
-        edges_split: number of patch edges with a new vertex in the middle, because they were edges of the mesh already
-            or chords of faces that intersected the mesh.
+        first_face: the index of its patch's first face among the triangles of the filled mesh; None without a patch.
+        edges_split: number of inner patch edges between two rim vertices that were split, because they were edges of
+            the mesh already, or because their faces intersected the mesh.
         displacement: the largest distance, in mesh units, by which a vertex of the patch was moved off the mesh, and so
-            off the surface; 0 where nothing was moved.
-        faces_replaced: number of faces that were triangulated anew, without inner vertices, because the surface's own
-            intersected something and moving their vertices did not help.
+            off the surface; 0 if none was moved.
+        faces_replaced: number of faces of retriangulated regions, without inner vertices, where the patch still
+            intersected something after its vertices were moved.
         self_intersections: pairs of faces of its patch that intersect.
         mesh_intersections: pairs of a face of its patch and one of the mesh that intersect.
         patch_intersections: pairs of a face of its patch and one of an earlier loop's patch that intersect.
-        remarks: sentences on these intersections, islands in the hole, and why a patch was not continued. Faces are
-            numbered as the triangles of the filled mesh.
+        remarks: sentences on these intersections, islands in the hole, and why a patch was not continued. Face indices
+            are those of the triangles of the filled mesh.
         timings: seconds by stage ("solve", "mesh", "crossings", "continuation", "clearance", "attributes", or "failed"
-            for the stage that was not finished).
+            for a stage that raised an error).
     """
 
     index: int
@@ -101,7 +100,7 @@ class LoopOutcome:
 
     @property
     def converged(self) -> bool:
-        """Whether the patch is an exact minimal surface within the tolerance, or a continuation at rest."""
+        """Whether the patch is an exact minimal surface within the tolerance, or a converged continuation."""
         if self.continuation is not None:
             return self.continuation.converged
         return self.kind == "minimal" and self.solution is not None and bool(self.solution.converged)
@@ -123,7 +122,7 @@ class LoopOutcome:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The remarks, and for a bridge whether disks have less area, which are solved on first use."""
+        """The remarks, and one on a bridge if disks over its rims have less area; the disks are solved on first use."""
         solution = self.solution
         if solution is None or solution.annulus is None or self.patch is None or self.kind == "smooth":
             return self.remarks
@@ -131,14 +130,14 @@ class LoopOutcome:
         if disk_area is None or solution.area < disk_area:
             return self.remarks
         note = (
-            f"the bridge is a local minimum of the area only: it has {solution.area:.6g}, "
+            f"the bridge is a local minimum of the area only: its area is {solution.area:.6g}, that of "
             f"{'two ' if len(solution.rims) == 2 else ''}disks over its rims {disk_area:.6g}"
         )
         return (*self.remarks, note)
 
     @property
     def intersections(self) -> int:
-        """Number of all pairs of intersecting faces of which one is the patch's."""
+        """Number of pairs of intersecting faces, at least one of them of the patch."""
         return self.self_intersections + self.mesh_intersections + self.patch_intersections
 
     def to_dict(self) -> dict[str, Any]:
@@ -183,8 +182,8 @@ class FillResult(Shown):
         original: the input as triangles.
         extension: the new vertices and faces.
         loops: one outcome for every boundary loop of the input, longest perimeter first.
-        notes: sentences on what was changed when a file was read, and on the whole mesh (closed, not orientable, with
-            loops that merging vertices would close).
+        notes: sentences on changes made while reading the file, and on the whole mesh (closed, not orientable, loops
+            that merging vertices would close).
         watertight: whether every edge of the filled mesh has exactly two faces, with opposite half-edges; computed from
             the faces.
         timings: seconds by stage ("read", "loops", "fill", "stitch", "total").
@@ -212,13 +211,13 @@ class FillResult(Shown):
 
     @property
     def complete(self) -> bool:
-        """Whether every requested loop is filled by an exact surface within the tolerance."""
+        """Whether every requested loop has `converged`."""
         return all(outcome.converged for outcome in self.loops if outcome.requested)
 
     @property
     def shortcomings(self) -> tuple[str, ...]:
         """The shortcomings of all loops."""
-        return tuple(said for outcome in self.loops for said in outcome.shortcomings)
+        return tuple(text for outcome in self.loops for text in outcome.shortcomings)
 
     @property
     def intersection_free(self) -> bool:

@@ -1,4 +1,4 @@
-"""Fills the chosen loops of one mesh: `fill_hole` without reading and solving, which batches do in another order."""
+"""Fills the chosen loops of one mesh: `fill_hole` without reading and solving, which batches do separately."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class Filling:
         loops: all of its boundary loops, longest perimeter first.
         mesh_notes: sentences on the whole mesh.
         patched: the mesh with the patches joined so far.
-        left_open: the outcomes of the loops that are not to be filled, by index.
-        rims: the loops that are to be filled one by one, in order.
+        left_open: outcomes of the loops that are not to be filled, by index.
+        rims: the loops that are to be filled one by one, without those of bridges, in order.
     """
 
     def __init__(self, mesh: TriangleMesh, choice: Choice, options: FillOptions) -> None:
@@ -82,7 +82,7 @@ class Filling:
     def filled(
         self, solved: Iterator[SolvedLoop], on_loop: Callable[[LoopOutcome, int], None] | None = None
     ) -> tuple[list[LoopOutcome], list[LoopPatch]]:
-        """Fills the loops: one outcome for every loop, and the patches; `solved` is of `rims`, in order."""
+        """Fills the loops: one outcome for every loop, and the patches; `solved` has one item for each of `rims`."""
         requested = len(self.loops) - sum(not _is_reported(outcome) for outcome in self.left_open.values())
         outcomes: dict[int, LoopOutcome] = {}
         patches: list[LoopPatch] = []
@@ -112,7 +112,7 @@ class Filling:
     def result(
         self, source: Any, outcomes: Sequence[LoopOutcome], patches: Sequence[LoopPatch], clock: Stopwatch
     ) -> FillResult:
-        """The filled mesh, in the type of the `source` that the mesh is from, and its report."""
+        """The report, with the filled mesh in the type of `source`, from which the mesh was made."""
         extension = stitch(self.mesh, patches)
         mesh = extend(source, extension)
         watertight = is_watertight(np.concatenate([self.mesh.faces, extension.faces]))

@@ -21,8 +21,8 @@ LoopChoice: TypeAlias = Literal["all"] | int | BoundaryLoop | Sequence[int]
 def boundary_loops(mesh: Any) -> list[BoundaryLoop]:
     """The boundary loops of a mesh of any known type, longest perimeter first.
 
-    A loop passes each vertex once: a boundary that passes a vertex twice is split there. It runs as the boundary of a
-    patch on it, against the half-edges of the faces beside the hole.
+    A loop passes each vertex once: a boundary that passes a vertex twice is split there. It is oriented as the boundary
+    of a patch on it, opposite to the half-edges of the adjacent faces.
 
     Args:
         mesh: a path, a (vertices, faces) pair of arrays or tensors, or any mesh type that has an adapter.
@@ -43,10 +43,10 @@ def boundary_loops(mesh: Any) -> list[BoundaryLoop]:
 
 
 def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
-    """A loop without the corners that were detected between triangles: Γ is free beside them.
+    """A loop without detected corners that only come from the triangulation, so that Γ is free there.
 
-    Given corners stay, and so do those between smooth sides, and those of a loop that is plane within the tolerance, in
-    mean edges, as its sides bound the plane region.
+    Corners given by the caller, between smooth sides, or of a loop that is plane within the tolerance, in mean edges,
+    are kept.
     """
     if loop.corners_given or not loop.corners.any() or shows_sides(loop):
         return loop
@@ -61,7 +61,7 @@ def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int
     A `BoundaryLoop` chooses the loop with the same vertices, in the same cyclic order, at the same positions.
 
     Raises:
-        LoopIndexError: a place does not exist.
+        LoopIndexError: an index is out of range.
         ForeignLoopError: the loop given is not one of the mesh's, or is reversed.
         OptionError: the choice is none of these.
     """
@@ -78,7 +78,7 @@ def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int
         several = choice if isinstance(choice, Iterable) and not isinstance(choice, str) else [choice]
         places = sorted({operator.index(place) for place in several})
     except TypeError:
-        raise OptionError(f"loop must be 'all', a place, several places or a BoundaryLoop, not {choice!r}") from None
+        raise OptionError(f"loop must be 'all', an index, several indices or a BoundaryLoop, not {choice!r}") from None
     for place in places:
         if not 0 <= place < len(loops):
             raise LoopIndexError(index=place, loops=len(loops))
@@ -88,7 +88,7 @@ def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int
 def reasons_to_leave_open(
     loops: Sequence[BoundaryLoop], places: Sequence[int], *, keep_largest: bool, max_perimeter: float | None
 ) -> dict[int, str]:
-    """Why the caller's options leave loops open, by index; `places` are the chosen loops."""
+    """Reasons for loops that the options leave open, by index; `places` are the chosen loops."""
     reasons: dict[int, str] = {}
     chosen = set(places)
     for place, loop in enumerate(loops):

@@ -1,4 +1,4 @@
-"""Merges vertices of a mesh of any type whose adapter can."""
+"""Merges vertices of a mesh of any type whose adapter supports it."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ def merged(mesh: Any, merge: bool | float) -> Any:
     """Merges vertices up to a distance apart, in mesh units, or with True those equal up to rounding.
 
     Raises:
-        OptionError: it is no distance, or vertices of this type cannot be merged here.
+        OptionError: `merge` is not a distance, or this type of mesh cannot be merged.
     """
     if merge is False:
         return mesh

@@ -24,7 +24,7 @@ def mesh_notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets
 def _notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets) -> Iterator[str]:
     half_edges = sheets.half_edges
     if not is_orientable(half_edges):
-        yield "the mesh is not orientable: it has one side only, so patches have no outside of their own"
+        yield "the mesh is not orientable: it has one side only, so the orientation of patches is arbitrary"
     elif len(sheets.face_ids) == len(mesh.faces) and (half_edges.counts == 2).all():
         pieces, genus = _pieces_and_genus(mesh.faces)
         name = f"genus {genus}" if pieces == 1 else f"{pieces} pieces of total genus {genus}"
@@ -59,7 +59,7 @@ def _pieces_and_genus(faces: Int[np.ndarray, "f 3"]) -> tuple[int, int]:
 
 
 def _merge_note(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> Iterator[str]:
-    """A sentence on merging near vertices of the boundary, if that would close loops."""
+    """A sentence on merging nearby boundary vertices, if that would close loops."""
     points = np.concatenate([loop.points for loop in loops])
     edge = np.concatenate([np.maximum(loop.edge_lengths, np.roll(loop.edge_lengths, 1)) for loop in loops])
     ids = np.concatenate([loop.vertex_ids for loop in loops])

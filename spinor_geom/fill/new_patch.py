@@ -1,4 +1,4 @@
-"""A patch on its way into the mesh."""
+"""A patch before it is joined to the mesh."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NewPatch:
-    """A patch, its loops, and what `LoopOutcome` reports of it."""
+    """A patch, its loops, and its values in `LoopOutcome`."""
 
     patch: Patch
     rims: Sequence[BoundaryLoop]
@@ -34,7 +34,7 @@ class NewPatch:
 
     @property
     def kind(self) -> Start:
-        """What the patch is, or was before its continuation."""
+        """The kind of the patch, before its continuation if it was continued."""
         if self.solution is not None:
             return "minimal"
         return "strip" if self.patch.hole_sizes else "discrete"
@@ -56,12 +56,12 @@ class NewPatch:
             return self.crossings.notes
         note = (
             f"{self.faces_replaced} faces of the patch are a triangulation of their outline without inner vertices, "
-            "because the surface's own crossed something there"
+            "because the faces of the surface intersected something there"
         )
         return (note, *self.crossings.notes)
 
     def fitted(self, patched: PatchedMesh) -> NewPatch:
-        """Splits edges that the mesh or another patch has, then looks for intersections."""
+        """Splits inner edges that are edges of the mesh or of another patch, then finds intersections."""
         patch, split = patched.fitted(self.patch, self.rim, self.surface)
         crossings = patched.crossings(patch)
         return replace(self, patch=patch, edges_split=self.edges_split + split, crossings=crossings)

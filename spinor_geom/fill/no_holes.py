@@ -1,4 +1,4 @@
-"""Boundary loops that enclose no hole, other than the borders of sheets: slits, lone faces, lines and seams."""
+"""Rejects boundary loops without a hole: slits, single faces, lines and seams; see `borders` for borders of sheets."""
 
 import math
 
@@ -14,13 +14,13 @@ from spinor_geom.errors import (
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 
-MIN_WIDTH_PER_EDGE = 1e-6  # of a loop's mean edge: far above round-off, far below any hole that was meant
+MIN_WIDTH_PER_EDGE = 1e-6  # in mean edges of the loop: far above round-off, far below real holes
 
 
 def refuse_what_is_no_hole(loop: BoundaryLoop, patched: PatchedMesh) -> None:
     """Raises a LoopError for a slit, the outline of one face or points on a line.
 
-    A NonManifoldEdgeError is raised where an edge has several faces already.
+    Raises the loop's `obstacle`, such as a NonManifoldEdgeError, if it has one.
     """
     if loop.obstacle is not None:
         raise loop.obstacle

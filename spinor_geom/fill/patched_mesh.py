@@ -1,4 +1,4 @@
-"""A mesh with the patches joined to it so far, and what a new patch would intersect or duplicate there."""
+"""A mesh with the patches joined to it so far; finds intersections and duplicate edges of a new patch."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class LoopPatch:
 class Crossings:
     """Pairs of intersecting faces, of which the first, or both, belong to one patch.
 
-    Faces are numbered as in the filled mesh. There is one sentence in `notes` for each kind that occurs.
+    Face indices are those of the filled mesh. `notes` has one sentence for each kind that occurs.
     """
 
     own: Int[np.ndarray, "i 2"]  # both faces are the patch's
@@ -97,7 +97,7 @@ class PatchedMesh:
         ends = np.stack([mesh.faces[sides // 3, sides % 3], mesh.faces[sides // 3, (sides + 1) % 3]], axis=1)
         self._edges = set(self._keys(ends))
         self._patches: list[_Piece] = []
-        # bounding boxes of the patches (low and high corner in a row), with spare rows
+        # bounding boxes of the patches, low and high corner in one row; the array has spare rows
         self._boxes = np.empty((1, 6))
 
     def _keys(self, edges: Int[np.ndarray, "e 2"]) -> list[int]:
@@ -110,7 +110,7 @@ class PatchedMesh:
         return np.array([key in self._edges for key in self._keys(edges)], dtype=bool)
 
     def face_on(self, loop: BoundaryLoop) -> int | None:
-        """The mesh face with the three vertices of a loop, which then is that face's outline; else None."""
+        """The mesh face of which a loop is the outline, or None."""
         faces = self.faces_at(loop.vertex_ids) if len(loop) == 3 else np.zeros(0, dtype=np.int64)
         on_loop = faces[np.isin(self.mesh.faces[faces], loop.vertex_ids).all(axis=1)]
         return int(on_loop[0]) if len(on_loop) else None
@@ -118,7 +118,7 @@ class PatchedMesh:
     def fitted(
         self, patch: Patch, rim: Int[np.ndarray, " m"], surface: SpinorSurface | None = None
     ) -> tuple[Patch, int]:
-        """Splits the chords of a patch that are edges already, as `split_chords`; returns their number, too."""
+        """Splits the chords of a patch that are edges already, by `split_chords`; the patch and the number split."""
         chords = patch_chords(patch)
         chords = chords[self.has_edges(rim[chords])]
         return (split_chords(patch, chords, surface) if len(chords) else patch), len(chords)
@@ -130,7 +130,7 @@ class PatchedMesh:
         return csr_array(entries, shape=(len(self.mesh.vertices), len(self.mesh.faces)))
 
     def faces_at(self, vertices: Int[np.ndarray, " k"]) -> Int[np.ndarray, " f"]:
-        """The mesh faces that have any of some vertices, ascending."""
+        """The mesh faces with at least one of the vertices, ascending."""
         return np.unique(self._faces_of_vertices[vertices].indices)
 
     @cached_property
@@ -191,14 +191,14 @@ class _Piece:
         self.low, self.high = self._lows.min(axis=1, initial=np.inf), self._highs.max(axis=1, initial=-np.inf)
 
     def meeting(self, lows: Float[np.ndarray, "3 k"], highs: Float[np.ndarray, "3 k"]) -> Int[np.ndarray, " _"]:
-        """Indices of those of some boxes that meet this piece's box."""
+        """Indices of the boxes that overlap this piece's bounding box."""
         found = np.flatnonzero((lows[0] <= self.high[0]) & (highs[0] >= self.low[0]))
         for axis in (1, 2):
             found = found[(lows[axis, found] <= self.high[axis]) & (highs[axis, found] >= self.low[axis])]
         return found
 
     def crossings(self, other: _Piece) -> Int[np.ndarray, "k 2"]:
-        """Pairs of a face of this and one of another piece that intersect."""
+        """Intersecting pairs of a face of this piece and a face of another."""
         near = self.meeting(other._lows, other._highs)
         corners = other.vertices[other.faces[near]].reshape(-1, 3)
         pairs = intersections_between(self.vertices, self.faces, corners, np.arange(len(corners)).reshape(-1, 3))
@@ -215,7 +215,7 @@ def _note(what: str, pairs: Int[np.ndarray, "k 2"], patch: _Piece) -> str:
 
 
 def stitch(mesh: TriangleMesh, patches: Sequence[LoopPatch]) -> MeshExtension:
-    """The new vertices and faces of some patches, in their order; rim vertices are the mesh's own."""
+    """The new vertices and faces of patches, in order; boundary vertices are shared with the mesh."""
     vertices, faces, face_loops = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.int64)], [np.empty(0, dtype=np.int64)]
     count = len(mesh.vertices)
     for part in patches:

@@ -1,4 +1,4 @@
-"""Replaces parts of a patch that intersect something by triangulations of their outlines that do not."""
+"""Removes intersections of a patch: triangulates the outlines of the regions around them, without inner vertices."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ from spinor_geom.mesh.operators import face_areas, face_normals
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components, is_disk
 from spinor_geom.meshing.embed import Patch
 
-# Rounds in which triangles are forbidden, for each region. Of 5 noisy rims with intersections 2 rounds leave 3, 4 and
-# 16 none; where the mesh intersects itself at the rim, 4 rounds leave 15 pairs, 8 and 16 leave 3.
+# Triangulations of each region; after each, intersecting triangles are forbidden. Of 5 noisy rims, 3 keep intersections
+# after 2 rounds, none after 4 or 16; where the mesh intersects itself at the rim, 4 rounds leave 15 pairs, 8 and 16
+# leave 3.
 _ROUNDS = 8
-# and for outlines of few points, whose rounds take little time: with 8 one noisy rim of 36 more keeps intersections
+# for outlines of few points, whose rounds take little time; with 8, one more of 36 noisy rims keeps intersections
 _MORE_ROUNDS, _FEW_POINTS = 30, 25
 
 
 def retriangulated(patched: PatchedMesh, new: NewPatch) -> NewPatch:
-    """Triangulates regions around the intersecting faces of a patch anew, without inner vertices.
+    """Retriangulates regions around the intersecting faces of a patch, without inner vertices.
 
-    The regions grow until nothing intersects, or the whole patch was tried. Those with outlines of more than 160 points
-    are left as they are.
+    The regions grow until nothing intersects or they cover the patch. Regions with outlines of more than 160 points are
+    not changed.
     """
     rings = 0
     while len(new.crossings):
@@ -45,7 +46,7 @@ def retriangulated(patched: PatchedMesh, new: NewPatch) -> NewPatch:
 def _with_new_triangles(patched: PatchedMesh, new: NewPatch, region: Bool[np.ndarray, " f"]) -> NewPatch:
     """The patch with new faces in a region, if it has fewer intersections, else the patch itself.
 
-    After each round, new triangles that intersect something are forbidden.
+    After each round, new triangles that intersect something are forbidden in the next ones.
     """
     faces, best = np.asarray(new.patch.faces), new
     component = face_components(faces[region])
@@ -88,7 +89,7 @@ class _Outline:
     """The closed polygon around some faces of a patch, with its forbidden edges and triangles."""
 
     def __init__(self, patched: PatchedMesh, new: NewPatch, piece: Int[np.ndarray, " k"]) -> None:
-        """Takes the faces of a patch that are to be replaced; they are a disk."""
+        """`piece` are the faces of the patch to be replaced, a topological disk."""
         patch, rim, mesh = new.patch, new.rim, patched.mesh
         self.faces, faces = piece, np.asarray(patch.faces)
         # mesh faces at the rim, with the patch's numbers for rim vertices and later numbers for the others
@@ -114,7 +115,7 @@ class _Outline:
     def _edges_outside(
         self, patched: PatchedMesh, rim: Int[np.ndarray, " m"], outside: Int[np.ndarray, "f 3"]
     ) -> Bool[np.ndarray, "n n"]:
-        """Which pairs of the polygon's points are edges of other faces."""
+        """Whether pairs of the polygon's points are edges of other faces."""
         n = len(self.ids)
         taken = np.zeros((n, n), dtype=bool)
         on_rim = np.flatnonzero(self.ids < len(rim))
@@ -128,11 +129,11 @@ class _Outline:
         return taken
 
     def triangles(self) -> Int[np.ndarray, "t 3"] | None:
-        """The flattest allowed triangulation, by the polygon's points; None if there is none."""
+        """The flattest allowed triangulation, as indices of the polygon's points; None if there is none."""
         return flattest_triangulation(self._points, self._around, self._chords, self._triangles)
 
     def forbid(self, triangles: Int[np.ndarray, "k 3"]) -> None:
-        """Forbids triangles from now on."""
+        """Excludes triangles from later triangulations."""
         self._triangles[tuple(triangles.T)] = True
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-_ALONG_Y = np.cos(np.pi / 4)  # views nearer to the y axis than 45° have the z axis upwards
+_ALONG_Y = np.cos(np.pi / 4)  # within 45° of the y axis the z axis points up or down instead
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,7 +42,7 @@ class Camera:
 
     @classmethod
     def facing(cls, points: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "3"]) -> Camera:
-        """The camera that shows all points and looks against a unit normal, the y axis (of most mesh files) upwards."""
+        """The camera that shows all points and looks against a unit normal; the y axis is up, as in most mesh files."""
         axis = np.array([0.0, 1.0, 0.0])
         if abs(normal[1]) > _ALONG_Y:
             axis = np.array([0.0, 0.0, -np.sign(normal[1])])

@@ -18,7 +18,7 @@ from spinor_geom.render.scene import MESH, PATCH, Faces, Layer, Lines, Scene
 
 UPWARDS = np.array([0.0, 0.0, 1.0])
 _MARGIN = 2.2  # radius shown around a small hole, in radii of the hole
-_CLOSE_UP = 0.5  # holes for which that is below this share of the mesh's radius are shown close up
+_CLOSE_UP = 0.5  # the close-up is used if its radius is below this share of the mesh's radius
 
 
 def fill_scene(result: FillResult) -> tuple[Scene, Scene]:
@@ -33,7 +33,7 @@ def fill_scene(result: FillResult) -> tuple[Scene, Scene]:
 
 
 def loops_scene(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> tuple[Scene, Scene]:
-    """A mesh's loops seen against the normal of the longest one and from behind, numbered on the visible side."""
+    """Two scenes of a mesh: against the longest loop's normal, and from behind. Loops are numbered where visible."""
     front = Camera.facing(used_vertices(mesh), loops[0].plane.normal if loops else UPWARDS)
     behind = Camera.around(used_vertices(mesh), -front.direction, front.up)
     nearest = [int(loop.vertex_ids[np.argmin(np.linalg.norm(loop.points - loop.centroid, axis=1))]) for loop in loops]
@@ -58,7 +58,7 @@ def mesh_layers(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], *, edges: boo
 
 
 def shown_loop(outcomes: Sequence[LoopOutcome]) -> LoopOutcome | None:
-    """The loop with the patch of largest area, else the longest open one; None for a closed mesh."""
+    """The filled loop of largest area, else the longest loop; None for a closed mesh."""
     filled = [outcome for outcome in outcomes if outcome.filled]
     if filled:
         return max(filled, key=lambda outcome: outcome.area or 0.0)

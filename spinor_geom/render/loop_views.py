@@ -1,4 +1,4 @@
-"""Layers of a filled loop for the report: its patch in space and in Ω, and its Gauss map; p and q on a grid."""
+"""Layers of a filled loop for the report: its patch in space and in Ω, its Gauss map, and p and q on a raster."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -41,7 +41,7 @@ class LoopViews:
     patch: Patch
     surface: SpinorSurface
     fields: Mapping[str, Float[np.ndarray, " n"]]  # at the patch's vertices, NaN where unknown
-    baseline_figures: dict[str, Any]  # of the discrete minimal surface, or why there is none
+    baseline_figures: dict[str, Any]  # of the discrete minimal surface, or the error instead
     normals: Float[np.ndarray, "n 3"]  # of the surface at the patch's vertices, on the side of the patch's faces
 
     @property
@@ -49,7 +49,7 @@ class LoopViews:
         return patch_faces(self.patch, self.fields)
 
     def _grid(self, vertices: Float[np.ndarray, "n 3"], *, switch: str | None = None) -> Lines:
-        """The image of a square grid in Ω on the patch with other vertices."""
+        """The image of a square grid in Ω, interpolated between the given positions of the patch's vertices."""
         points, edges = grid_lines(self.patch.points, self.patch.faces, vertices)
         return Lines(vertices=points, edges=edges, colour="#ffffff", halo=_GRID_COLOUR, width=1.6, switch=switch)
 
@@ -91,7 +91,7 @@ class LoopViews:
         )
 
     def sphere_scene(self, scales: Mapping[str, Scale]) -> Scene:
-        """The image of the Gauss map on the unit sphere, seen from its middle."""
+        """The image of the Gauss map on the unit sphere, seen along the mean normal."""
         known = np.nan_to_num(self.normals)
         faces = self.patch.faces[np.isfinite(self.normals).all(axis=1)[self.patch.faces].all(axis=1)]
         mean = np.nanmean(self.normals, axis=0)
@@ -140,7 +140,7 @@ def mean_curvature_field(patch: Patch) -> Float[np.ndarray, " n"]:
 
 
 def loop_views(outcome: LoopOutcome) -> LoopViews:
-    """Measures the patch of a loop that was filled with an exact surface, and solves the discrete one beside it."""
+    """Measures the patch of an exact surface, and computes the discrete minimal surface for comparison."""
     patch, solution = outcome.patch, outcome.solution
     assert patch is not None
     assert solution is not None
@@ -162,7 +162,7 @@ def loop_views(outcome: LoopOutcome) -> LoopViews:
     except SpinorGeomError as error:
         figures["discrete minimal surface"] = {"none": str(error)}
     normals = np.asarray(surface.normal(patch.points))
-    # the patch may be oriented against Ω; the normals shown point out of the mesh
+    # the patch may be oriented against Ω; the normals shown are on the side of the patch's faces
     side = np.nansum(vertex_normals(patch.vertices, patch.faces) * normals)
     gauss = np.asarray(surface.gauss_curvature(patch.points))
     return LoopViews(
@@ -176,7 +176,7 @@ def loop_views(outcome: LoopOutcome) -> LoopViews:
 
 
 def _poles(surface: SpinorSurface) -> Complex[np.ndarray, " k"]:
-    """The poles of the units that p and q are made of; only Cauchy networks and interpolants have any."""
+    """The poles of a Cauchy network or interpolant; empty for other models."""
     model = surface.model
     if isinstance(model, CauchyNetwork):
         return np.asarray(model.poles.detach().cpu().resolve_conj().numpy())
@@ -186,7 +186,7 @@ def _poles(surface: SpinorSurface) -> Complex[np.ndarray, " k"]:
 
 
 def _zeros(surface: SpinorSurface) -> list[Complex[np.ndarray, " k"]]:
-    """The zeros of p and those of q in Ω; none where p or q vanishes on ∂Ω, as on a plane."""
+    """The zeros of p and those of q in Ω; empty if p or q vanishes on ∂Ω, as on a plane, or zeros were not located."""
     try:
         return [np.array([zero.z for zero in zeros], dtype=np.complex128) for zeros in surface.spinor_zeros()]
     except (UnplacedZerosError, ZeroOnContourError):

@@ -19,8 +19,8 @@ from spinor_geom.surface import SpinorSurface
 SUFFIXES = (".gif", ".html", ".mp4")
 FRAMES = 72
 _PER_SECOND = 25
-_PAPER = 240
-_SIZE = (640, 640)  # MPEG-4 wants multiples of 16
+_PAPER = 240  # palette colours with all channels of at least this become white
+_SIZE = (640, 640)  # MPEG-4 requires multiples of 16
 
 
 def morph(surface: SpinorSurface, path: str | os.PathLike[str], *, frames: int = FRAMES) -> None:
@@ -35,7 +35,7 @@ def morph(surface: SpinorSurface, path: str | os.PathLike[str], *, frames: int =
         frames: number of pictures of an animation, at 25 per second.
 
     Raises:
-        OptionError: another suffix, or no frame.
+        OptionError: the suffix is not supported, or `frames` is less than 1.
         PeriodError: the surface has no associate family on its domain.
         MissingPackageError: what draws or encodes an animation is not installed.
         RenderError: the drawing failed.
@@ -55,7 +55,7 @@ def morph(surface: SpinorSurface, path: str | os.PathLike[str], *, frames: int =
 
 
 def checked_suffix(path: Path) -> str:
-    """The suffix of a file for a morph in lower case, after a check that its format is known and installed."""
+    """The suffix of a morph's file, in lower case; checks that the format is known and its packages are installed."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise OptionError(f"{path}: unknown format of a morph; use one of {', '.join(SUFFIXES)}")
@@ -81,7 +81,7 @@ def _write_gif(pictures: Sequence[Path], path: Path) -> None:
     # one palette for all frames: the surface would flicker with one for each
     palette = frames[0].quantize()
     colours = np.reshape(palette.getpalette() or [], (-1, 3))
-    colours[colours.min(axis=1) >= _PAPER] = 255  # a colour is the mean of several, so the white paper would be grey
+    colours[colours.min(axis=1) >= _PAPER] = 255  # palette colours are means: white would be grey
     palette.putpalette(colours.ravel().tolist())
     first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
     first.save(path, save_all=True, append_images=others, duration=1000 // _PER_SECOND, loop=0, optimize=True)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from spinor_geom.render.scene import UNKNOWN_COLOUR, VIRIDIS, Faces, Layer, Lines, Scene, overview
 
-_LONG = 60  # characters from which on a cell's text wraps
+_LONG = 60  # cells with more characters wrap
 _LESS = "\\u003c"  # "<" in JSON: "</script" or "<!--" in a text would end or hide the element
 
 
@@ -58,7 +58,7 @@ def cell(value: Any, digits: int = 4) -> str:
 
 
 def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """The same table in Markdown."""
+    """A Markdown table of plain text."""
     lines = [[text.replace("|", "\\|") for text in line] for line in (columns, ["---"] * len(columns), *rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
@@ -69,21 +69,21 @@ def picture(data: bytes, alt: str) -> str:
 
 
 class Views:
-    """The scenes of one page: `figure` gives the element of each, `script` the program, once at the end of the page."""
+    """The scenes of one page: `figure` adds one, `script` returns their data and program for the end of the page."""
 
     def __init__(self) -> None:
         self._views: list[dict[str, object]] = []
         self._arrays: dict[str, int] = {}  # the index of each array; arrays that layers share are stored once
 
     def figure(self, scene: Scene) -> str:
-        """The element in which the scene is shown."""
+        """Adds a scene and returns its HTML element."""
         place = f"view-{len(self._views)}"
         points = np.concatenate([layer.vertices for layer in scene.layers])
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         reach = max(farthest(layer, middle) for layer in scene.layers) or 1.0
 
         def scaled(points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
-            """Points of the unit ball, whose positions in single precision are good wherever the scene lies."""
+            """Points scaled to the unit ball, so that single precision suffices at any position of the scene."""
             return np.asarray((points - middle) / reach)
 
         cameras = {"": scene.camera or overview(scene.layers), **scene.loop_cameras}
@@ -107,7 +107,7 @@ class Views:
         return f'<figure class="view {scene.shape}" id="{place}"></figure>'
 
     def script(self) -> str:
-        """The data of all scenes, and the program that shows them."""
+        """The script elements: the data of all scenes, three.js and the viewer."""
         data = {
             "colours": {"stops": VIRIDIS, "unknown": UNKNOWN_COLOUR},
             "arrays": list(self._arrays),
@@ -143,7 +143,7 @@ class Views:
 
 
 def panel(*, colours: Iterable[str], switches: Iterable[str], loops: dict[str, str]) -> str:
-    """Controls for the scenes with `panel` and for elements with `data-loop`: fields, check boxes, labels by loop.
+    """Controls for the scenes with `panel` and for elements with `data-loop`: fields, check boxes, loops' labels.
 
     At first the patches have one colour, no box is checked and the first loop is selected.
     """

@@ -1,4 +1,4 @@
-"""Draws scenes as PNGs or in a window, by PyVista in a process of its own; run as a module, this is that process."""
+"""Draws scenes as PNGs or in a window, with PyVista in a subprocess that runs this module."""
 
 import os
 import pickle
@@ -59,7 +59,7 @@ def drawn(scenes: Sequence[Scene], *, size: tuple[int, int], angles: Sequence[fl
 
 
 def draw_apart(*job: Any, time_limit: float) -> None:
-    """Calls `draw` in a process of its own: without an OpenGL library VTK ends the process."""
+    """Calls `draw` in a subprocess, as VTK terminates the process if there is no OpenGL library."""
     without_display = sys.platform.startswith("linux") and not os.environ.get("DISPLAY")
     process = Process(DRAWING, {WINDOW: os.environ.get(WINDOW, "vtkEGLRenderWindow")} if without_display else {})
     try:
@@ -75,9 +75,9 @@ def draw_apart(*job: Any, time_limit: float) -> None:
 
 def _explanation(fault: FaultError) -> str:
     if "bad X server" in fault.said:
-        return "no window was opened: the display cannot be reached; check DISPLAY, or 'spinor-geom render' a picture"
+        return "no window was opened: the display cannot be reached; check DISPLAY, or use 'spinor-geom render'"
     if fault.crash == "SIGKILL":
-        return "no picture was drawn: its process was killed, as the system does when memory runs out; free some"
+        return "no picture was drawn: the drawing process was killed, probably for lack of memory; free some"
     if fault.crash or any(name in fault.said for name in ("libGL", "EGL", "OpenGL", "OSMesa")):
         advice = "install one (Debian, Ubuntu: apt-get install libgl1 libegl1 libgl1-mesa-dri)"
         if not sys.platform.startswith("linux"):
@@ -131,7 +131,7 @@ def draw(scenes: Sequence[Scene], size: tuple[int, int], angles: Sequence[float]
             _light(plotter, camera)
     if folder is None:
         if plotter.render_window.GetClassName() in _WITHOUT_WINDOW:
-            # VTK falls back to off-screen rendering if the display does not answer
+            # VTK falls back to off-screen rendering if the display cannot be reached
             sys.exit("bad X server")
         plotter.add_text(_KEYS, position="lower_left", font_size=8, color="black")
         plotter.show()
@@ -149,7 +149,7 @@ def draw(scenes: Sequence[Scene], size: tuple[int, int], angles: Sequence[float]
 
 
 def _add_faces(plotter: Any, layer: Faces, scales: dict[str, Scale], *, with_bar: bool) -> Callable[[Any], None]:
-    """Adds a surface; the returned function moves its vertices and keeps its normals, the same in a whole family."""
+    """Adds a surface; the returned function moves its vertices. All members of a family have the same normals."""
     import pyvista
 
     mesh: Any = pyvista.PolyData.from_regular_faces(layer.vertices, layer.faces)

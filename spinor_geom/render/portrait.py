@@ -37,11 +37,11 @@ class Portrait:
 
     @classmethod
     def of(cls, surface: SpinorSurface | PlateauSolution, *, vertices: int = VERTICES) -> Portrait:
-        """A surface, or that of a solution, with its boundary and the image of a grid in Ω.
+        """The picture of a surface or solution, with its boundary and the image of a grid in Ω.
 
         Args:
             surface: what to draw.
-            vertices: number of vertices of its mesh, approximately.
+            vertices: approximate number of vertices of its mesh.
 
         Raises:
             ArgumentTypeError: `surface` is neither a surface nor a solution.
@@ -70,7 +70,7 @@ class Portrait:
         return Portrait(layers=tuple(replace(one, vertices=one.vertices @ linear.T + by) for one in self.layers))
 
     def beside(self, *others: Portrait) -> Portrait:
-        """One picture of several, at their positions in space."""
+        """Combines pictures into one, at their positions in space."""
         return Portrait(layers=tuple(layer for one in (self, *others) for layer in one.layers))
 
     def write(self, path: str | os.PathLike[str], *, eye: Sequence[float] = EYE, size: tuple[int, int] = SIZE) -> None:

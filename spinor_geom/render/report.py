@@ -33,8 +33,8 @@ from spinor_geom.render.scene import Scene
 
 MOST_LOOPS = 8  # loops with exact surfaces, the longest first, whose Ω and functions are shown
 MOST_FACES = 120_000  # triangles of the mesh that are shown, the nearest to its loops
-_KEYS = "Drag to turn, with Shift to move, wheel or + and − to zoom, double click or 0 to start again."
-_MOST_REMARKS = 3  # more are folded
+_KEYS = "Drag to turn, with Shift to move, wheel or + and − to zoom, double click or 0 to reset."
+_MOST_REMARKS = 3  # a longer list is collapsed
 _PIXELS = 144  # of the longer side of a function's picture
 _PAGE_STYLE = "body { max-width: 90rem; margin: 1rem auto } h1 { font-size: 1.5rem; margin: 1rem 0 .5rem }"
 
@@ -45,13 +45,13 @@ def report(
     *,
     comparisons: Mapping[int, Comparison] | None = None,
 ) -> str:
-    """A page about a fill, in one file that loads nothing: open it in any browser.
+    """A self-contained HTML page about a fill.
 
-    It shows the mesh with its patches, to turn and to zoom, with switches for wireframe, grid lines and normals, and
-    for colours by |H|, by the distance to the discrete minimal surface and by Gauss curvature; beside it, for one loop
-    at a time, Ω with the poles of its network, the image of the Gauss map, p, q, f and g in colours; and the report's
-    figures. Lengths are in the mesh's own units. Of very large meshes only the part near the loops is shown, and only
-    the longest loops have details; the page says so.
+    It shows an interactive view of the mesh with its patches, with switches for wireframe, grid lines and normals, and
+    for colours by |H|, by the distance to the discrete minimal surface and by Gauss curvature; for one selected loop at
+    a time, Ω with the poles of its network, the image of the Gauss map, and p, q, f and g in colours; and the figures
+    of the report. Lengths are in mesh units. Of very large meshes only the part near the loops is shown, and only the
+    longest loops have details; the page then has a note.
 
     Args:
         result: from `fill_hole(..., return_report=True)`.

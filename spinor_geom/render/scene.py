@@ -1,4 +1,4 @@
-"""What a picture, a page or a notebook shows: layers of triangles, lines and points, and their colours."""
+"""Scenes for pictures, pages and notebooks: layers of triangles, lines and points, and their colours."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ VIRIDIS = (  # from low to high, perceptually uniform
     *("#22a884", "#44bf70", "#7ad151", "#bddf26", "#fde725"),
 )
 EYE = (1.0, -2.0, 1.3)  # direction from a surface to the eye: in front and above
-_ALONG = 0.999
+_ALONG = 0.999  # cosine from which on a view is along the third axis
 _TURNS = np.linspace(0, 2 * np.pi, 24, endpoint=False).tolist()
 _TAIL = 0.03  # quantile at each end of a colour scale, against outliers
 
@@ -30,8 +30,8 @@ _TAIL = 0.03  # quantile at each end of a colour scale, against outliers
 class Layer:
     """Part of a scene.
 
-    `conjugate` holds the vertices on the conjugate surface, both with the same mean. A page with such a layer has a
-    slider for the angle θ of the associate family.
+    `conjugate` holds the vertices on the conjugate surface, with the same mean as `vertices`. A page with such a layer
+    has a slider for the angle θ of the associate family.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -93,14 +93,14 @@ class Scale:
 class Scene:
     """Layers shown together: in a picture by `write_png`, in a page by `Views`.
 
-    A picture shows the first field of each layer. `loop_cameras` and what follows it are for pages.
+    A picture shows the first field of each layer. `loop_cameras` and the attributes after it are for pages.
     """
 
     layers: Sequence[Layer]
     title: str = ""
     camera: Camera | None = None  # None: see `overview`
     labels: Sequence[tuple[Float[np.ndarray, "3"], str]] = ()  # texts at points, in pictures only
-    scales: Mapping[str, Scale] = field(default_factory=dict)  # by field, where `Scale.of` its values is not wanted
+    scales: Mapping[str, Scale] = field(default_factory=dict)  # by field; replace the default, `Scale.of` the values
     loop_cameras: Mapping[str, Camera] = field(default_factory=dict)  # by the loop selected in the page's panel
     panel: bool = False  # whether the view follows the page's panel; else it shows the first field
     unit: str | None = None  # unit of lengths for a ruler; None: no ruler

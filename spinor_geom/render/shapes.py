@@ -37,11 +37,11 @@ class Shape:
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "f 3"]
     values: Mapping[str, np.ndarray]  # (n,) or (n, k), names as in `Shown`
-    colour_field: str = MEAN  # name of the values shown by colours
+    colour_field: str = MEAN  # name of the values shown as colours
 
     @property
     def curvature(self) -> Float[np.ndarray, " n"]:
-        """The values shown by colours."""
+        """The values shown as colours."""
         return self.values[self.colour_field]
 
     def portrait(self, *, curvature: bool) -> Portrait:
@@ -68,10 +68,10 @@ class Shape:
         MeshFile.of_contents(contents, path=None).write(target)
 
     def framed(self, *, title: str) -> str:
-        """An `iframe` with a page of its own, for a notebook; only the counts for more than `MOST_FACES` triangles."""
+        """An `iframe` with an interactive view, for a notebook; text only for more than `MOST_FACES` triangles."""
         facts = f"{title}: {len(self.vertices)} vertices, {len(self.faces)} triangles"
         if len(self.faces) > MOST_FACES:
-            return f"<p>{html.escape(facts)}; too many to show here, to_pyvista() gives an object to plot.</p>"
+            return f"<p>{html.escape(facts)}; too many to show here: plot the result of to_pyvista().</p>"
         views = Views()
         scene = Scene(title=facts, layers=self.portrait(curvature=True).layers, unit="units")
         page = document(facts, [views.figure(scene), views.script()], style=_FRAME_STYLE)

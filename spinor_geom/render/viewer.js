@@ -170,7 +170,7 @@
 
     build() {
       const turning = this.flat ? "drag to move" : "drag to turn, with Shift to move";
-      const label = `${this.title}: ${turning}, wheel or + and − to zoom, arrow keys, 0 to start again`;
+      const label = `${this.title}: ${turning}, wheel or + and − to zoom, arrow keys, 0 to reset`;
       make("figcaption", this.host, {}, this.title);
       const stage = make("div", this.host, { class: "stage" });
       this.canvas = make("canvas", stage, { tabindex: 0, role: "img", "aria-label": label });

@@ -246,7 +246,7 @@ def test_what_is_no_bridge_is_refused() -> None:
     with pytest.raises(OptionError, match="loop 1 twice"):
         fill_hole(island(), bridge=(1, 1))
     for place in (0, np.int64(0), "0"):
-        with pytest.raises(OptionError, match="several places"):
+        with pytest.raises(OptionError, match="several loop indices"):
             fill_hole(island(), bridge=place)
     with pytest.raises(OptionError, match="exclude each other"):
         fill_hole(island(), [2], bridge=(0, 1))

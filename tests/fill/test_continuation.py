@@ -260,7 +260,7 @@ def test_what_would_cross_where_the_film_does_not_is_left_a_film() -> None:
     new, outcome = continued(mesh, loop=rim)
     assert (outcome.kind, outcome.continuation, outcome.intersections) == ("minimal", None, 0)
     assert outcome.converged
-    assert "not continued smoothly, as then the patch crosses the mesh" in outcome.remarks[0]
+    assert "not continued smoothly, because then the patch crosses the mesh" in outcome.remarks[0]
     assert outcome.remarks[0] in outcome.shortcomings[0]
     assert new[:, 2].max() < 0.5
 
@@ -284,7 +284,7 @@ def test_a_continuation_that_is_not_found_leaves_the_film(monkeypatch: pytest.Mo
     def broken(*_: object, **__: object) -> Faired:
         raise SingularMatrixError(size=5)
 
-    for instead, told in ((stuck, "7 steps left a bend of"), (broken, "singular")):
+    for instead, told in ((stuck, "after 7 steps the bend"), (broken, "singular")):
         monkeypatch.setattr("spinor_geom.fill.fill_loop.continue_patch", instead)
         _, outcome = continued(mesh)
         assert (outcome.kind, outcome.continuation, outcome.converged) == ("minimal", None, True)
@@ -315,10 +315,10 @@ def test_of_two_patches_that_turn_back_the_one_that_crosses_less_is_kept(
     assert not outcome.intersections
     if is_crossed:
         assert (outcome.kind, outcome.converged) == ("smooth", False)
-        assert any("which crosses" in remark for remark in outcome.remarks)
+        assert any("folded or turns back" in remark for remark in outcome.remarks)
     else:
         assert (outcome.kind, outcome.converged) == ("minimal", True)
-        assert "7 steps left a bend of" in outcome.remarks[0]
+        assert "after 7 steps the bend" in outcome.remarks[0]
 
 
 def test_a_finer_mesh_without_inner_vertices_has_nothing_to_move(monkeypatch: pytest.MonkeyPatch) -> None:
