@@ -28,7 +28,7 @@ README, PICTURE = HERE / "README.md", HERE.parent / "docs" / "cut-outs.png"
 BEGIN, END = "<!-- tables: begin (written by publish.py) -->", "<!-- tables: end -->"
 COLOURS, SIDE, EYE, POINTS = 128, 220, (0.0, -2.0, 1.3), 64
 SAME = ("suite", "case", "method", "n")  # of two records makes them one measurement
-ADVISED = ("squiggle", "fin", "facing-triangles")  # odd rims for which docs/benchmark.md says which filler to take
+ADVISED = ("squiggle", "fin", "facing-triangles")  # odd rims that docs/choosing.md advises on
 LEFT_OUT = ("told", "expected", *LOCAL)  # too long for a table, or of this machine
 
 
