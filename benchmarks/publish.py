@@ -29,7 +29,7 @@ HERE = Path(__file__).parent
 README, PICTURE = HERE / "README.md", HERE.parent / "docs" / "cut-outs.png"
 BEGIN, END = "<!-- tables: begin (written by publish.py) -->", "<!-- tables: end -->"
 POINTS = 64  # of the loops in the table of disks
-ADVISED = ("squiggle", "fin", "facing-triangles")  # odd rims for which docs/benchmark.md recommends a filler
+ADVISED = ("squiggle", "fin", "facing-triangles")  # odd rims for which docs/choosing.md recommends a filler
 LEFT_OUT = ("told", "expected", *LOCAL)  # fields that are too long for a table, or of this machine
 
 

@@ -1,7 +1,7 @@
-"""What the site's build does besides: runs the pages' code, takes the pictures that it makes, and sets formulas.
+"""Hooks of the site's build: pictures from the code of the pages, and formulas as MathML.
 
-Every page that shows `pictures/NAME.png` has its Python blocks run one after the other, in an empty folder; the
-pictures are what they write there. Formulas become MathML, which browsers show themselves.
+The Python blocks of every page that shows `pictures/NAME.png` run one after the other in an empty folder and write the
+pictures there.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from sybil.parsers.markdown import PythonCodeBlockParser
 ROOT = Path(__file__).parents[1]
 _PICTURE = re.compile(r"\]\((pictures/[\w.-]+\.png)\)")
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
-# a white point, for builds that only check pages
+# one white pixel, for builds that only check pages
 _EMPTY = bytes.fromhex(
     "89504e470d0a1a0a0000000d4948445200000001000000010802000000907753de0000000c49444154789c63f8ffff3f0005fe02fe0def46b8"
     "0000000049454e44ae426082"
@@ -32,12 +32,12 @@ _EMPTY = bytes.fromhex(
 
 
 def pictures_of(page: Path) -> list[str]:
-    """The pictures of a page that its code makes."""
+    """The pictures of a page that its code writes."""
     return _PICTURE.findall(page.read_text(encoding="utf-8"))
 
 
 def run_blocks(page: Path) -> None:
-    """Runs the Python blocks of a page one after the other, in the present folder."""
+    """Runs the Python blocks of a page in order, in the working directory."""
     document = Sybil(parsers=[PythonCodeBlockParser()]).parse(page)
     document.namespace["__name__"] = "__main__"
     for example in document.examples():
@@ -46,11 +46,11 @@ def run_blocks(page: Path) -> None:
 
 @contextlib.contextmanager
 def workplace() -> Iterator[Path]:
-    """An empty folder as the present one, with what the pages' code finds in a clone: `data/`, `pictures/`, `out/`."""
+    """A temporary working directory with `data/`, `pictures/` and `out/`, as the code of the pages expects."""
     before = Path.cwd()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        shutil.copytree(ROOT / "data", folder / "data")  # not every system lets everybody make links
+        shutil.copytree(ROOT / "data", folder / "data")  # some systems restrict links
         (folder / "pictures").mkdir()
         (folder / "out").mkdir()
         os.chdir(folder)
@@ -61,7 +61,7 @@ def workplace() -> Iterator[Path]:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Adds the pictures to the site; with SPINOR_GEOM_PICTURES=none empty ones, and no code is run."""
+    """Adds the pictures to the site. With SPINOR_GEOM_PICTURES=none they are empty and no code runs."""
     target = Path(tempfile.mkdtemp())
     config.extra["made_pictures"] = str(target)
     (target / "pictures").mkdir()
@@ -82,14 +82,14 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """Sets the formulas."""
-    return _FORMULA.sub(_set, content)
+    """Converts the formulas to MathML."""
+    return _FORMULA.sub(_mathml, content)
 
 
 def on_post_build(config: Any) -> None:
-    """Removes the folder of the pictures."""
+    """Removes the temporary folder of the pictures."""
     shutil.rmtree(config.extra["made_pictures"])
 
 
-def _set(found: re.Match[str]) -> str:
-    return convert(html.unescape(found[2]), display="block" if found[1] == "div" else "inline")
+def _mathml(match: re.Match[str]) -> str:
+    return convert(html.unescape(match[2]), display="block" if match[1] == "div" else "inline")

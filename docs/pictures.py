@@ -1,6 +1,6 @@
-"""Makes the README's pictures anew: `python docs/pictures.py`, from a clone, with the extra `dev` installed.
+"""Writes the README's pictures: `python docs/pictures.py`, in a clone with the extra `dev` installed.
 
-The first is a fill of both kinds, the other pictures of the site, made by the code on its pages.
+One shows a film and a smooth continuation, the other the pictures of the gallery page.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from PIL import Image
 DOCS = Path(__file__).parent
 CONTINUATION, GALLERY = "continuation.png", "gallery.png"
 WIDTH = 1200
-# the crown above this height is cut off, and looked at from here, so far around
+# the crown above this height is cut off; direction, radius and offset of the view
 _CROWN, _EYE, _RADIUS, _BELOW = 1.93, np.array([-0.75, 0.35, 0.45]), 0.85, 0.28
 _TITLES = 0.05  # share of a drawing's height
 _ACROSS = 6
@@ -25,7 +25,7 @@ _COLOURS = 128
 
 
 def gallery_strip(pictures: Sequence[Path]) -> Image.Image:
-    """Pictures of one size, six in a row."""
+    """Pictures of equal size in rows of six."""
     shown = [Image.open(picture).convert("RGB") for picture in pictures]
     width = WIDTH // _ACROSS
     height = width * shown[0].height // shown[0].width
@@ -37,7 +37,7 @@ def gallery_strip(pictures: Sequence[Path]) -> Image.Image:
 
 
 def continuation_picture(folder: Path) -> Image.Image:
-    """A head without its crown: open, under a film, and continued."""
+    """A head without its crown: open, under a film, and smoothly continued."""
     import spinor_geom
     from spinor_geom.render.camera import Camera
     from spinor_geom.render.fill_scene import fill_scene
@@ -66,7 +66,7 @@ def continuation_picture(folder: Path) -> Image.Image:
 
 
 def main() -> None:
-    """Writes both."""
+    """Writes both pictures."""
     with hooks.workplace() as folder:
         _save(continuation_picture(folder), CONTINUATION)
     page = DOCS / "gallery.md"

@@ -1,6 +1,6 @@
-"""Fills holes and solves Plateau's problem with exact minimal surfaces from two holomorphic functions.
+"""Fills holes of meshes and solves Plateau's problem with exact minimal surfaces from two holomorphic functions.
 
-The names below are the public ones; each is imported on first use, so `import spinor_geom` is quick.
+The public names are imported on first use, so that `import spinor_geom` is fast.
 """
 
 import importlib

@@ -1,4 +1,4 @@
-"""Every command and code block of the README does what the README says."""
+"""Every command and code block of the README runs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sybil.parsers.markdown import PythonCodeBlockParser
 from spinor_geom.adapters import read_mesh
 from spinor_geom.cli.main import main
 from spinor_geom.fill.loop_choice import boundary_loops
-from tests.docs.test_pages import not_measured
+from tests.docs.test_pages import not_measured, require_printed
 from tests.likeness import SAME, difference
 
 ROOT = Path(__file__).parents[1]
@@ -24,7 +24,7 @@ MESH = "data/trimesh_reference.obj"
 
 @pytest.fixture
 def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder that looks like a clone with nothing made in it yet."""
+    """A working directory with the data of a clone."""
     shutil.copytree(ROOT / "data", tmp_path / "data")
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -37,7 +37,7 @@ def shell_commands() -> list[list[str]]:
 
 
 def test_two_blocks_do_everything() -> None:
-    """The first installs and fills, the second installs and tests: .ci/run takes them from here."""
+    """The first installs and fills, the second installs and tests: .ci/run runs both."""
     assert [command[0] for command in shell_commands()] == ["python", "spinor-geom", "python", "pytest"]
 
 
@@ -63,7 +63,7 @@ def test_commands_in_the_text_run(clone: Path, monkeypatch: pytest.MonkeyPatch) 
     inline = re.findall(r"`spinor-geom ([^`]+)`", " ".join(README.read_text(encoding="utf-8").split()))
     (clone / "scans").mkdir()
     shutil.copy(ROOT / "data" / "squiggle_on_sphere.obj", clone / "scans" / "curve.obj")
-    # a window, and what takes minutes or a day
+    # no window, and nothing that takes minutes
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr("spinor_geom.cli.pictures.draw_apart", lambda *_, **__: None)
     monkeypatch.setattr("spinor_geom.bench.runner.run_isolated", not_measured)
@@ -82,6 +82,7 @@ def test_python_blocks_run_one_after_the_other(clone: Path, capsys: pytest.Captu
     assert len(examples) >= 2
     for example in examples:
         example.evaluate()
+    require_printed(README, capsys.readouterr().out)
     assert read_mesh(clone / "out" / "filled.ply").path is not None
 
 

@@ -23,12 +23,6 @@ def test_the_example_fills_a_mesh_of_its_own_type() -> None:
     assert done.stdout == "Cloth: 10 triangles, 12 when filled\nwatertight: True\n"
 
 
-def test_the_page_on_architecture_shows_the_example() -> None:
-    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    example = (ROOT / "adapters" / "example.py").read_text(encoding="utf-8")
-    assert f"```python\n{example}```\n" in page
-
-
 def test_the_table_has_every_adapter_and_where_it_is() -> None:
     rows = re.findall(r"^\|.*\| `(\w+Adapter)` \| `(\w+)\.py` \|$", README, re.MULTILINE)
     ours = {type(one) for one in _adapters.values() if type(one).__module__.startswith(adapters.__name__)}

@@ -1,4 +1,4 @@
-"""The page on architecture tells the layers that the import contract holds."""
+"""The page on architecture lists the layers of the import contract."""
 
 import re
 from pathlib import Path

@@ -1,6 +1,6 @@
-"""Every code block of the documentation runs: Python, and the commands of shell blocks.
+"""Every Python block and every command of the documentation runs.
 
-Pictures are drawn where the site is built (`test_site.py`), and are left out here.
+Portraits are not drawn here; the build of the site draws them (`test_site.py`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from spinor_geom.render.portrait import Portrait
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-# its Python blocks are scripts, whose workers import them: they run as such
+# its Python blocks are scripts, as their workers import them
 SCRIPTS = "batch.md"
 SLOW = ("batch.md", "gallery.md", "plateau.md")
 PAGES = [
@@ -38,9 +38,9 @@ STUBS = {
     "dask_jobqueue.py": "SLURMCluster",
     "dask_kubernetes/operator.py": "KubeCluster",
 }
-# commands of a job's script: its queue gives one worker, on this machine
+# commands of the job script, with one worker on this machine
 COMMANDS = {"srun": 'exec "$@"', "spinor-geom": f'exec {sys.executable} -m spinor_geom.cli.main "$@"'}
-# in the place of a queue's cluster: a worker on this machine, whatever is asked for
+# replaces the cluster of a queue by one worker on this machine
 STUB = """from distributed import LocalCluster
 
 class {name}(LocalCluster):
@@ -55,7 +55,7 @@ class {name}(LocalCluster):
 
 @pytest.fixture
 def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with what the pages' code finds in a clone, and files for the inputs that they name."""
+    """A working directory with the data of a clone and the inputs that the pages name."""
     shutil.copytree(ROOT / "data", tmp_path / "data")
     for name in ("pictures", "out", "scans", "frames"):
         (tmp_path / name).mkdir()
@@ -70,7 +70,7 @@ def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def run_shell(block: Any) -> None:
-    """Runs the commands of a block, or a script; the extras that are to be installed have to be there."""
+    """Runs the commands or the script of a block; extras to be installed must exist."""
     if block.parsed.startswith("#!"):
         if os.name == "nt":
             pytest.skip("a job's script is for a shell of POSIX")
@@ -99,7 +99,7 @@ def run_job(script: str) -> None:
     path = os.pathsep.join([str(stub.parent.absolute()), str(Path(sys.executable).parent), os.environ["PATH"]])
     environment = {**os.environ, "PATH": path, "SLURM_JOB_ID": "1", "OMP_NUM_THREADS": "1"}
     command = ["bash", "-euc", script.replace("--nworkers 16", "--nworkers 1")]
-    # a queue ends what a job leaves running
+    # a queue stops the processes that a job leaves
     with subprocess.Popen(command, env=environment, start_new_session=True) as job:
         try:
             assert job.wait(timeout=240) == 0
@@ -108,13 +108,22 @@ def run_job(script: str) -> None:
 
 
 def not_measured(tasks: Iterable[Task], *, on_record: Callable[[Task, Record], None], **_: object) -> None:
-    """In the place of minutes of measuring: every task of a benchmark takes too long."""
+    """Replaces minutes of measuring: every task of a benchmark times out."""
     for task in tasks:
         on_record(task, {"status": "timed out", "reason": "not measured"})
 
 
+def require_printed(page: Path, output: str) -> None:
+    """Checks that the numbers in the comments of print calls are in the output."""
+    for comment in re.findall(r"^ *print\(.*\)  # ([^:\n]*)", page.read_text(encoding="utf-8"), re.MULTILINE):
+        for number in re.findall(r"\d[\d.]*", comment):
+            assert number in output, (number, comment)
+
+
 @pytest.mark.parametrize("name", PAGES)
-def test_the_blocks_of_a_page_run_one_after_the_other(name: str, clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_blocks_of_a_page_run_in_order(
+    name: str, clone: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     drawn = []
     monkeypatch.setattr(Portrait, "write", lambda self, path, **options: drawn.append(path))
     monkeypatch.setattr("spinor_geom.bench.runner.run_isolated", not_measured)
@@ -123,6 +132,7 @@ def test_the_blocks_of_a_page_run_one_after_the_other(name: str, clone: Path, mo
     document.namespace["__name__"] = "__main__"
     for example in document.examples():
         example.evaluate()
+    require_printed(DOCS / name, capsys.readouterr().out)
     shown = re.findall(r"\]\((pictures/[\w.-]+)\)", (DOCS / name).read_text(encoding="utf-8"))
     assert set(shown) == {*drawn, *(f"pictures/{path.name}" for path in (clone / "pictures").iterdir())}
 
@@ -158,9 +168,9 @@ def test_commands_and_extras_named_in_the_text_exist(page: Path, capsys: pytest.
     for words in map(shlex.split, re.findall(r"`spinor-geom ([^`]+)`", text)):
         with pytest.raises(SystemExit, match="0"):
             main([words[0], "--help"])
-        told = capsys.readouterr().out
+        shown = capsys.readouterr().out
         for option in (word for word in words if word.startswith("-")):
-            assert re.search(rf"(?<!\S){option}\b", told), (words, option)
+            assert re.search(rf"(?<!\S){option}\b", shown), (words, option)
 
 
 def test_the_reference_has_every_public_name() -> None:
@@ -176,15 +186,15 @@ def test_every_function_of_the_reference_has_an_example_that_calls_it() -> None:
         assert re.search(rf"^```python\n(.*\n)*.*\b{name}\(", shown, re.MULTILINE), name
 
 
-def test_the_gallery_has_twelve_surfaces_each_with_its_code_and_its_picture() -> None:
+def test_each_surface_of_the_gallery_has_code_that_draws_its_picture() -> None:
     sections = re.split(r"^## ", (DOCS / "gallery.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
-    assert len(sections) == 12
+    assert sections
     for section in sections:
         (picture,) = re.findall(r"\]\((pictures/[\w.-]+)\)", section)
         (code,) = re.findall(r"^```python\n(.*?)^```$", section, re.MULTILINE | re.DOTALL)
         assert f'"{picture}"' in code
 
 
-def test_no_page_asks_for_anything_from_elsewhere() -> None:
+def test_no_page_loads_pictures_from_other_servers() -> None:
     for page in DOCS.glob("*.md"):
         assert not re.search(r"!\[[^\]]*\]\(https?:", page.read_text(encoding="utf-8")), page

@@ -10,6 +10,7 @@ import pytest
 from spinor_geom.errors import ImperfectFillWarning, SheetBorderError
 from spinor_geom.fill.borders import refuse_border
 from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.fill.shapes import tube

@@ -29,8 +29,8 @@ def spiral(points: int) -> BoundaryLoop:
 
 def moved(loop: BoundaryLoop, seed: int, scale: float) -> BoundaryLoop:
     rotation = Rotation.random(random_state=seed).as_matrix()
-    corners = np.flatnonzero(loop.corners)
-    return BoundaryLoop.from_points(scale * (loop.points @ rotation.T) + [1, -2, 3], corners=corners)
+    points = scale * (loop.points @ rotation.T) + [1, -2, 3]
+    return BoundaryLoop.from_points(points, corners=np.flatnonzero(loop.corners) if loop.corners_given else "auto")
 
 
 @pytest.mark.parametrize("corners", [CONVEX, L_SHAPE, STAR], ids=["convex", "L", "star"])
@@ -97,8 +97,8 @@ def test_a_spline_that_crosses_itself_goes_elsewhere():
     points = np.array(
         [(0, 0, 0), (10, 0.02, 0), (10, 0.03, 0), (0.1, 0.05, 0), (10, 0.07, 0), (10, 0.08, 0), (0, 0.1, 0)]
     )
-    solution = solve_plateau(BoundaryLoop.from_points(points))
-    assert solution.route != "plane"
+    assert solve_plateau(BoundaryLoop.from_points(points), between="smooth").route != "plane"
+    assert solve_plateau(BoundaryLoop.from_points(points, corners=())).route != "plane"
 
 
 def test_loops_of_high_degree_are_read_again(tmp_path):

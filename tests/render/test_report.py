@@ -263,7 +263,7 @@ def test_the_page_of_a_scan_is_small(tmp_path: Path) -> None:
 
 def test_a_bridge_is_shown_with_both_rims_and_its_discrete_annulus() -> None:
     hole = facing_rims(0.4, 24)
-    first, second = hole.places
+    first, second = hole.rim_indices
     _, report = spinor_geom.fill_hole((hole.vertices, hole.faces), bridge=(first, second), return_report=True)
     views = loop_views(report.loops[first])
     (rim,) = (layer for layer in views.plane_scene({}).layers if type(layer).__name__ == "Lines" and layer.width == 2.5)
