@@ -24,7 +24,7 @@ FAILURES = (DomainError, FirstFillError, SingularMatrixError, SurfaceError)
 
 @dataclass(frozen=True, kw_only=True)
 class RimsResult:
-    """Figures of a surface between several loops."""
+    """Properties of a surface between several loops."""
 
     order: tuple[int, ...]  # numbers of the loops in the order of the boundaries of Ω, the outer boundary first
     back: tuple[bool, ...]  # in that order: whether the loop runs against the boundary of the surface
@@ -55,7 +55,7 @@ class RouteResult:
 
 
 class NoConnectedSurfaceError(Exception):
-    """No connected minimal surface spans several loops; the text says how that is known."""
+    """No connected minimal surface spans several loops; the message gives the reason."""
 
 
 @contextmanager

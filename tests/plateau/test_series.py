@@ -54,7 +54,7 @@ def test_series_stay_series_where_the_unit_disk_has_no_room_for_a_stable_one():
     solution = solve_plateau(gallery.tennis_seam(0.6), model="series")
     assert isinstance(solution.surface.model, PowerSeries)
     assert solution.stability.verdict == "unstable"
-    assert "no better one was found in power series; model='auto' searches further" in solution.reason
+    assert "no better one was found among power series; model='auto' searches further" in solution.reason
 
 
 @pytest.mark.parametrize(
