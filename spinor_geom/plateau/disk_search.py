@@ -108,11 +108,11 @@ class ThinnedLoop:
 def leave_unstable(
     solution: PlateauSolution, lower: Callable[[PlateauSolution], PlateauSolution | None], where: str
 ) -> PlateauSolution:
-    """Replaces an unstable disk by disks of less area until one is stable; `reason` reports them.
+    """Replaces an unstable surface by surfaces of less area until one is stable; `reason` reports them.
 
     Args:
-        solution: a disk.
-        lower: finds a disk of less area than an unstable one, or None.
+        solution: a disk or an annulus.
+        lower: returns a surface of less area than an unstable one, or None if it finds none.
         where: where `lower` searches, as the end of a sentence.
     """
     left: list[float] = []
@@ -131,9 +131,9 @@ def leave_unstable(
         solution = better
     reason = solution.reason
     if left:
-        reason += "; left an unstable disk of area " + ", then one of ".join(f"{area:.6g}" for area in left)
+        reason += "; replaces an unstable surface of area " + ", then one of ".join(f"{area:.6g}" for area in left)
     if solution.stability.verdict == "unstable":
-        reason += f"; the disk is unstable, and no better one was found {where}"
+        reason += f"; the surface is unstable, and no better one was found {where}"
     return solution if reason == solution.reason else replace(solution, reason=reason)
 
 
@@ -169,7 +169,7 @@ def find_disks(rim: ThinnedLoop, solve: Solve) -> tuple[PlateauSolution, ...]:
         Different disks, all converged; if none converged, only the one nearest to Γ.
 
     Raises:
-        DomainError, FirstFillError, SingularMatrixError: no start led to a solution; it is the error of the first.
+        DomainError, FirstFillError, SingularMatrixError: no start gave a solution; the error of the first start.
 
     Source: Dierkes, Hildebrandt & Tromba, Global Analysis of Minimal Surfaces (2010), for the sum over the indices.
     """
@@ -279,7 +279,7 @@ class _Search:
     def result(self) -> tuple[PlateauSolution, ...]:
         """The solutions by area."""
         different: list[_Entry] = []
-        # compared again, smallest residual first: poor fits of one disk may have counted as different
+        # compared again, smallest residual first: poor fits of one disk may have been kept as different disks
         for entry in sorted(self.entries, key=lambda entry: entry.residual):
             if not any(self._are_one(entry, other) for other in different):
                 different.append(entry)

@@ -16,7 +16,7 @@ from spinor_geom.plateau.curve_tensors import CurveTensors
 # Largest allowed distance in local edges, as a multiple of the tolerance: 0.1 for a tolerance of 1e-3. Good fits of
 # noisy and narrow loops stay below half of it; where the boundary skips a finger of Γ the distance is several edges.
 LOCAL_TOLERANCES = 100.0
-_SKIPPED = 1.5  # the boundary skips a piece of Γ that is longer than this many steps of the boundary beside it
+_SKIPPED = 1.5  # the boundary skips a piece of Γ that is longer than this multiple of its own step there
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,10 +175,10 @@ def _on_skipped(
     share = (torch.arange(SAMPLES_PER_PIECE, dtype=step.dtype, device=step.device) + 0.5) / SAMPLES_PER_PIECE
     parameters = (slide[over, None] + step[:, None] * share).flatten()
     point, tangent = curve.point_and_derivative(parameters)
-    beside = (end - start)[:, None]
-    away = point.reshape(len(over), SAMPLES_PER_PIECE, 3) - start[:, None]
-    # a boundary of length 0 has no direction
-    along = (away * beside).sum(-1) / beside.square().sum(-1).clamp_min(torch.finfo(step.dtype).tiny)
-    missed = (away - along.clamp(0, 1)[..., None] * beside).norm(dim=-1)
+    chord = (end - start)[:, None]
+    offset = point.reshape(len(over), SAMPLES_PER_PIECE, 3) - start[:, None]
+    # the chord may have length 0
+    along = (offset * chord).sum(-1) / chord.square().sum(-1).clamp_min(torch.finfo(step.dtype).tiny)
+    missed = (offset - along.clamp(0, 1)[..., None] * chord).norm(dim=-1)
     arcs = step[:, None] / SAMPLES_PER_PIECE * tangent.norm(dim=-1).reshape(len(over), SAMPLES_PER_PIECE)
     return parameters, missed.flatten(), arcs.flatten()

@@ -1,4 +1,4 @@
-"""Which routes solve a Plateau problem, in which order, and how they are run."""
+"""The routes to try for a Plateau problem, their order, and the functions that run them."""
 
 from __future__ import annotations
 
@@ -100,9 +100,9 @@ def _plan_between(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tuple
 
 
 def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
-    """Whether the points of a loop without corners show no smooth curve."""
+    """Whether the points of a loop without corners do not look like samples of a smooth curve."""
     n = len(loop)
-    # Γ bulges at corners that were removed, whatever its degree
+    # Γ overshoots at corners that were removed, for any degree
     if not loop.corners_given and detect_corners(loop.points).any():
         return True
     if curve.kind != "cubic":

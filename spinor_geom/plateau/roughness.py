@@ -33,7 +33,7 @@ def is_rough(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
 
 
 def shows_sides(loop: BoundaryLoop) -> bool:
-    """Whether the points between the corners of a loop lie on smooth sides: straight, or many that turn little."""
+    """Whether the sides between the corners of a loop are smooth: straight, or of many points with small turns."""
     corners = np.count_nonzero(loop.corners)
     turn, points_of_a_side = turning_angles(loop.points)[~loop.corners].max(initial=0.0), len(loop) / corners + 1
     return bool((points_of_a_side > FEW_POINTS and turn <= ROUGH_TURN) or (points_of_a_side > 2 and turn <= _STRAIGHT))

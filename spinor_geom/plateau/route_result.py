@@ -1,4 +1,4 @@
-"""The result of a route to a minimal surface, and the errors of routes that do not lead to one."""
+"""The result of a route to a minimal surface, and the errors of routes that find none."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.stability import Curvature
 from spinor_geom.surface.spinor_surface import SpinorSurface, Vector
 
-# The errors of a route that does not lead to a surface.
+# The errors of a route that finds no surface.
 FAILURES = (DomainError, FirstFillError, SingularMatrixError, SurfaceError)
 
 

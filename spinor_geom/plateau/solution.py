@@ -200,7 +200,7 @@ class Annulus:
         return self.rim_disks.partitions
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures, JSON-ready."""
+        """The values as types that JSON supports."""
         return {
             "modulus": self.modulus,
             "spin": self.spin,
@@ -328,7 +328,7 @@ class PlateauSolution(Shown):
         return np.concatenate([rim.points_in_domain() for rim in self.rims])
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures, JSON-ready."""
+        """The values as types that JSON supports."""
         residual = self.boundary_residual
         return {
             "vertices": sum(len(rim.loop) for rim in self.rims),
@@ -397,7 +397,7 @@ class NoConnectedSurface:
         return None if self.disks is None else sum(disk.area for disk in self.disks)
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures, JSON-ready."""
+        """The values as types that JSON supports."""
         return {
             "vertices": sum(map(len, self.loops)),
             "disk_area": self.area,

@@ -68,8 +68,8 @@ def assess_stability(surface: SpinorSurface) -> Stability:
 
     If the total curvature ∫|K| dA, an integral along ∂Ω, is below 2π, the surface is stable. Otherwise the eigenvalues
     μ of −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated; the surface
-    is stable if the smallest is above 1. If the two meshes do not decide, finer ones are tried. Wrinkles far below the
-    size of the mesh, which fits have in corners, do not count.
+    is stable if the smallest is above 1. If the two meshes do not decide, finer ones are tried. Wrinkles much
+    smaller than the mesh size, which fits have in corners, are ignored.
 
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976).
     """

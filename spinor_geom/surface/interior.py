@@ -1,4 +1,4 @@
-"""Integrals of φ to points inside Ω: by Cauchy's formula on ∂Ω, and the vertices from which segments lead to them."""
+"""Integrals of φ to points inside Ω by Cauchy's formula on ∂Ω; vertices connected to points by segments in Ω."""
 
 from __future__ import annotations
 

@@ -317,9 +317,9 @@ class SpinorSurface(Shown, torch.nn.Module):
             return self.constant + (integral[:-1] - integral[-1:]).reshape(*z.shape, 3)
         end = z.reshape(-1)
         index, start = self._anchors(end)
-        beside = (start != end).nonzero()[:, 0]  # a vertex is its own anchor
-        displacement = self._integrate(start[beside], end[beside])
-        return self._anchor_positions(index)[index].index_add(0, beside, displacement).reshape(*z.shape, 3)
+        moved = (start != end).nonzero()[:, 0]  # a vertex is its own anchor
+        displacement = self._integrate(start[moved], end[moved])
+        return self._anchor_positions(index)[index].index_add(0, moved, displacement).reshape(*z.shape, 3)
 
     def _anchors(self, z: Complex[Tensor, " n"]) -> tuple[Int[np.ndarray, " n"], Complex[Tensor, " n"]]:
         """Vertices of the triangulation connected to points by segments in Ω: indices and positions in Ω."""

@@ -66,11 +66,11 @@ class PointEquations:
 
         With `away`, the difference of the read-outs from given ones, the new read-outs are the nearest to those.
         """
-        wanted = error
+        right = error
         if away is not None:
             (pp, pq), (qp, qq) = (self.by_p.mH @ away).T, (self.by_q.mH @ away).T
-            wanted = error - torch.stack([pp - qq, -1j * (pp + qq), qp + pq], dim=1).real
-        x, y, z = torch.cholesky_solve(wanted.T.reshape(-1, 1), self.factor).reshape(3, -1)
+            right = error - torch.stack([pp - qq, -1j * (pp + qq), qp + pq], dim=1).real
+        x, y, z = torch.cholesky_solve(right.T.reshape(-1, 1), self.factor).reshape(3, -1)
         xy, z = torch.complex(x, y), torch.complex(z, torch.zeros_like(z))
         p, q = self.by_p, self.by_q
         change = -torch.stack([p @ xy + q @ z, p @ z - q @ xy.conj()], dim=1)

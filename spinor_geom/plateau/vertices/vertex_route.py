@@ -161,7 +161,7 @@ def surface_through(
     readout = nearest_through(here, start, start=start, allowed=allowed, steps=steps)
     here = here.at(here.at(readout).closed(readout))
     if not np.isfinite(here.distance):
-        raise SurfaceError("p and q of the surface over averages of the rims overflow beside their points")
+        raise SurfaceError("p and q of the surface over averages of the rims overflow near their points")
     surface = SpinorSurface(basis.network(here.raw), domain).to(here.raw.device)
     # differences from the points, by integrals along ∂Ω with twice as many nodes
     rims = surface.rim_primitives(2 * NODES)
@@ -267,13 +267,13 @@ def _misfit_at_points(curve: BoundaryCurve, error: Float[np.ndarray, "n 3"]) -> 
     """The misfit of a boundary with given errors at the points, linear between them."""
     points = curve.coefficients[-1]
     length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-    after, beside = np.roll(error, -1, axis=0), (length + np.roll(length, 1)) / 2
+    after, local_edge = np.roll(error, -1, axis=0), (length + np.roll(length, 1)) / 2
     distance = np.linalg.norm(error, axis=1)
     squares = (error * error + error * after + after * after).sum(axis=1) / 3
     return Misfit(
         rms=float(np.sqrt(length @ squares / length.sum())),
         max=float(distance.max()),
-        max_per_local_edge=float((distance / beside).max()),
+        max_per_local_edge=float((distance / local_edge).max()),
         length=curve.length(),
     )
 
