@@ -1,16 +1,16 @@
-"""Plateau's problem for one loop or several: solver, solutions and their evidence.
+"""Plateau's problem for one or several boundary loops: the solver, its solutions and their checks.
 
 A solve goes through these modules, in this order:
 
 - `solve`: the public functions
-- `problem`: the loops, simple and at unit size, the curves Γ through them, the options; and what a `Route` is
+- `problem`: `PlateauProblem` (loops scaled to unit size, curves Γ through them, options) and the type `Route`
 - `plan`: which routes are tried, in which order; the first surface within the tolerance is the solution
 - the routes, each from a problem to a `RouteResult`:
   `plane_route` (plane loops), `harmonic` (Douglas's method for loops without corners), `vertices` (through the points
   of rough loops), `network` (Cauchy networks, also for corners), `rims` (several loops)
 - `misfit`: the distance between boundary and Γ, defined once for all routes
 - `solution`: the surface in the caller's coordinates, with `evidence` computed on first use
-- `disk_search`: better disks beside unstable ones, and all disks of a loop
+- `disk_search`: disks of less area near unstable ones, and the search for all disks of a loop
 
 A new route is a module with a `Route`, and a line in `plan`.
 """

@@ -17,9 +17,9 @@ from spinor_geom.mesh.curve import BoundaryCurve
 class CurveTensors:
     """A piecewise polynomial curve as tensors, or a padded batch of curves."""
 
-    breaks: Float[Tensor, "*batch m1"]  # padded with 2
+    breaks: Float[Tensor, "*batch m1"]  # in [0, 1], padded with 2
     coefficients: Float[Tensor, "d1 *batch m 3"]  # highest power first, padded with 0
-    slopes: Float[Tensor, "d1 *batch m 3"] | None = None  # those of Γ′, if it comes from formulas for all curves
+    slopes: Float[Tensor, "d1 *batch m 3"] | None = None  # of Γ′, if all curves are given by formulas
 
     @classmethod
     def of(cls, curve: BoundaryCurve, device: torch.device) -> CurveTensors:
@@ -116,19 +116,19 @@ class CurveTensors:
 
 
 def _taken(values: Float[Tensor, " k"], which: Int[Tensor, "*pts"]) -> Float[Tensor, "*pts"]:
-    # a third of the time that indexing takes
+    # takes a third of the time of indexing
     return values.index_select(0, which.flatten()).reshape(which.shape)
 
 
 def _side_by_side(parts: Sequence[Float[Tensor, "_ _ 3"]]) -> Float[Tensor, "d1 b m 3"]:
-    """Coefficients of several curves, padded with 0."""
+    """Coefficients of several curves, padded with 0 and stacked."""
     highest, most = (max(part.shape[axis] for part in parts) for axis in (0, 1))
     filled = [torch.nn.functional.pad(part, (0, 0, 0, most - part.shape[1], highest - len(part), 0)) for part in parts]
     return torch.stack(filled, dim=1)
 
 
 def _by_piece(coefficients: Float[Tensor, "d1 *batch m 3"]) -> Float[Tensor, "d3 k"]:
-    """Coefficients of all pieces of all curves, those of one power and coordinate side by side."""
+    """Coefficients of all pieces of all curves, one row for each power and coordinate."""
     return coefficients.flatten(1, -2).transpose(1, 2).flatten(0, 1)
 
 
@@ -136,7 +136,7 @@ def _horner(
     pieces: Float[Tensor, "d3 k"], piece: Int[Tensor, "*pts"], h: Float[Tensor, "*pts"]
 ) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
     """Value, first and second derivative of polynomials at h."""
-    # coordinates stay apart: with three numbers in a row everything is far slower
+    # one array for each coordinate: a last axis of length 3 is far slower
     local = pieces.gather(1, piece.flatten().expand(len(pieces), -1)).reshape(-1, 3, *piece.shape)
     value, first = torch.addcmul(local[1], local[0], h), local[0].clone()
     second = torch.zeros_like(value)

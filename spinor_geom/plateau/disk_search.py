@@ -1,4 +1,4 @@
-"""The search for several minimal disks of one loop, and for better ones beside unstable disks.
+"""The search for several minimal disks of one loop, and for disks of less area near unstable ones.
 
 The solver is an argument: a function from a discrete disk to a solution. It must converge to the nearest minimal disk,
 stable or not, as Gauss-Newton on the boundary does.
@@ -31,7 +31,7 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.stability import AMPLITUDES, lowest_modes
 from spinor_geom.plateau.steps import Steps
 
-_GROWTH = 0.1  # growth of triangles inwards, finer than in a first fill, so that the area has the surface's descents
+_GROWTH = 0.1  # growth of triangles inwards; in coarser meshes the area may not decrease where that of the surface does
 # RMS difference of the normals along Γ, in radians, up to which disks of equal area are the same: a minimal surface is
 # determined by its normal along a curve. Twins over the tennis seam a = 0.76 differ by 0.18, one disk found twice by
 # 3e-4.
@@ -44,7 +44,7 @@ Solve: TypeAlias = Callable[[Disk], PlateauSolution]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ThinnedLoop:
-    """A loop and the points of it that are the boundary of discrete disks."""
+    """A loop and the subset of its points that bounds discrete disks."""
 
     loop: BoundaryLoop
     indices: Int[np.ndarray, " m"]  # ascending
@@ -65,7 +65,7 @@ class ThinnedLoop:
 
     @cached_property
     def round_mesh(self) -> PlaneTriangulation:
-        """A mesh of the disk with the rim's perimeter, the rim's points on its circle by arc length."""
+        """A mesh of the round disk with the loop's perimeter; boundary vertices are placed by arc length."""
         length = self._edges.sum()
         along = np.append(0.0, np.cumsum(self._edges)[:-1]) / length
         circle = length / (2 * np.pi) * np.exp(2j * np.pi * along)
@@ -76,7 +76,7 @@ class ThinnedLoop:
         return _disk(_harmonic(self.round_mesh, self.points), self.round_mesh)
 
     def mean(self, values: Float[np.ndarray, " m"]) -> float:
-        """Mean of values at the points by arc length, without corners, where normals may not exist."""
+        """Mean of values at the points, weighted by arc length, without corners, where normals may not exist."""
         smooth = ~self.loop.corners[self.indices]
         counted = smooth if smooth.any() else ~smooth
         weight = self._edges + np.roll(self._edges, 1)
@@ -98,7 +98,7 @@ class ThinnedLoop:
         mesh, target = self.domain_mesh(solution), self.round_mesh
         m = mesh.boundary_size
         circle = target.points[:m]
-        # one to one: harmonic onto a convex domain, with positive weights
+        # injective: harmonic onto a convex domain, with positive weights
         plane = _harmonic(mesh, plane_coordinates(circle))
         x = self.positions(solution, mesh)
         moved = LinearNDInterpolator(plane, x)(target.points[m:].real, target.points[m:].imag)
@@ -108,16 +108,18 @@ class ThinnedLoop:
 def leave_unstable(
     solution: PlateauSolution, lower: Callable[[PlateauSolution], PlateauSolution | None], where: str
 ) -> PlateauSolution:
-    """Replaces an unstable disk by disks of less area until one is stable; the reason reports it.
+    """Replaces an unstable surface by surfaces of less area until one is stable; `reason` reports them.
 
     Args:
-        solution: a disk.
-        lower: finds a disk of less area than an unstable one, or None.
+        solution: a disk or an annulus.
+        lower: returns a surface of less area than an unstable one, or None if it finds none.
         where: where `lower` searches, as the end of a sentence.
     """
     left: list[float] = []
     if is_out_of_time():
-        return replace(solution, reason=f"{solution.reason}; time was over before its stability was examined")
+        return replace(
+            solution, reason=f"{solution.reason}; the time limit was reached before its stability was computed"
+        )
     while solution.stability.verdict == "unstable" and len(left) < _MOST_STARTS:
         try:
             better = lower(solution)
@@ -129,17 +131,17 @@ def leave_unstable(
         solution = better
     reason = solution.reason
     if left:
-        reason += "; left an unstable disk of area " + ", then one of ".join(f"{area:.6g}" for area in left)
+        reason += "; replaces an unstable surface of area " + ", then one of ".join(f"{area:.6g}" for area in left)
     if solution.stability.verdict == "unstable":
-        reason += f"; the disk is unstable, and no better one was found {where}"
+        reason += f"; the surface is unstable, and no better one was found {where}"
     return solution if reason == solution.reason else replace(solution, reason=reason)
 
 
 def lower_beside(solution: PlateauSolution, rim: ThinnedLoop, solve: Solve, steps: Steps) -> PlateauSolution | None:
-    """The first disk of less area beside an unstable one, no farther from Γ; None if no start leads to one.
+    """The first disk found of less area than an unstable one, no farther from Γ; None if no start leads to one.
 
-    The disk is moved along an eigenvector of its second variation to the least area; area descent from there gives the
-    discrete disk that the solver starts from.
+    The unstable disk is displaced along an eigenvector of its second variation to the least area; area descent from
+    there gives the discrete disk from which the solver starts.
     """
     for direction in _departures(solution, rim):
         for disk in direction:
@@ -164,10 +166,10 @@ def find_disks(rim: ThinnedLoop, solve: Solve) -> tuple[PlateauSolution, ...]:
     is larger, averages of pairs of stable disks are starts too, because there is a saddle between two minima.
 
     Returns:
-        Different disks, all converged; only the nearest one if none converged.
+        Different disks, all converged; if none converged, only the one nearest to Γ.
 
     Raises:
-        DomainError, FirstFillError, SingularMatrixError: no start led to a solution; the error of the first start.
+        DomainError, FirstFillError, SingularMatrixError: no start gave a solution; the error of the first start.
 
     Source: Dierkes, Hildebrandt & Tromba, Global Analysis of Minimal Surfaces (2010), for the sum over the indices.
     """
@@ -181,7 +183,9 @@ def find_disks(rim: ThinnedLoop, solve: Solve) -> tuple[PlateauSolution, ...]:
     found = search.result()
     if not is_out_of_time():
         return found
-    return tuple(replace(one, reason=f"{one.reason}; time was over before all starts were tried") for one in found)
+    return tuple(
+        replace(one, reason=f"{one.reason}; the time limit was reached before all starts were tried") for one in found
+    )
 
 
 @dataclass(kw_only=True, eq=False)
@@ -242,7 +246,7 @@ class _Search:
         return apart <= _area_error(a.solution, b.solution) and turned <= _SAME_NORMAL
 
     def leave_all(self) -> None:
-        """Starts from displacements of every unstable disk, also of those that this finds."""
+        """Starts from displacements of every unstable disk, including those that this search finds."""
         while waiting := [e for e in self.entries if not e.searched and e.solution.stability.verdict == "unstable"]:
             waiting[0].searched = True
             unstable = waiting[0].solution
@@ -275,7 +279,7 @@ class _Search:
     def result(self) -> tuple[PlateauSolution, ...]:
         """The solutions by area."""
         different: list[_Entry] = []
-        # compared again, the best first: poor fits of one disk may have counted as different
+        # compared again, smallest residual first: poor fits of one disk may have been kept as different disks
         for entry in sorted(self.entries, key=lambda entry: entry.residual):
             if not any(self._are_one(entry, other) for other in different):
                 different.append(entry)
@@ -288,7 +292,7 @@ class _Search:
 
 
 def _departures(solution: PlateauSolution, rim: ThinnedLoop) -> Iterator[Iterator[Disk]]:
-    """Discrete disks beside an unstable disk, for each unstable eigenvector and direction, the best ones first."""
+    """Discrete disks near an unstable disk, for each unstable eigenvector and direction, the best ones first."""
     try:
         mesh = rim.domain_mesh(solution)
     except DomainError:  # points of the boundary coincide
@@ -330,7 +334,7 @@ def _beside(
 
 
 def _is_lower(solution: PlateauSolution, other: PlateauSolution) -> bool:
-    """Whether its area is less by more than the error."""
+    """Whether the area of a solution is less than that of another by more than the error."""
     return solution.area < other.area - _area_error(solution, other)
 
 

@@ -1,4 +1,4 @@
-"""Checks of a solution that its solver did not use, computed on first use."""
+"""Checks of a solution that are independent of its solver, computed on first use."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -82,7 +82,7 @@ def crossing_faces(surface: SpinorSurface) -> int | None:
 
 
 def _on_triangles(corners: Complex[np.ndarray, "f 3"]) -> tuple[Complex[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Nodes and weights on triangles: a square folded to a triangle at its first corner."""
+    """Nodes and weights on triangles, by the Duffy transformation at the first corner."""
     gauss = rule("gauss", _ORDER)
     u, v = np.meshgrid(gauss.nodes, gauss.nodes, indexing="ij")
     folded = (gauss.weights[:, None] * gauss.weights * u).ravel()

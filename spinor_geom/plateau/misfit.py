@@ -13,18 +13,18 @@ from torch import Tensor
 from spinor_geom.mesh.curve import SAMPLES_PER_PIECE
 from spinor_geom.plateau.curve_tensors import CurveTensors
 
-# Largest local distance, in tolerances of the local edges: a tenth of an edge at 1e-3. Noisy and narrow loops that are
-# followed everywhere stay below half of it; a finger that the boundary skips is missed by several edges.
+# Largest allowed distance in local edges, as a multiple of the tolerance: 0.1 for a tolerance of 1e-3. Good fits of
+# noisy and narrow loops stay below half of it; where the boundary skips a finger of Γ the distance is several edges.
 LOCAL_TOLERANCES = 100.0
-_SKIPPED = 1.5  # the boundary skips a piece of Γ that is longer than this many steps of the boundary beside it
+_SKIPPED = 1.5  # the boundary skips a piece of Γ that is longer than this multiple of its own step there
 
 
 @dataclass(frozen=True, kw_only=True)
 class Misfit:
     """Distance between a surface's boundary and Γ.
 
-    The mean is by arc length, of Γ or of the boundary, whichever is longer beside each point. So a boundary that skips
-    a part of Γ is far from it, like one that runs away from Γ.
+    The mean is weighted by the arc length of Γ or of the boundary, whichever is longer near each point, so that a
+    boundary that skips a part of Γ has a large misfit, like one that departs from Γ.
     """
 
     rms: float  # root of the mean squared distance
@@ -36,7 +36,7 @@ class Misfit:
     def of(cls, r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: CurveTensors) -> Misfit:
         """The misfit of points r of the boundary, in order, and the nearby points Γ(slide).
 
-        Where Γ is much longer than the boundary, points of Γ in between count too.
+        Where Γ is much longer than the boundary, points of Γ between these are included.
         """
         point, tangent = curve.point_and_derivative(slide)
         known = r, slide, (r - point).norm(dim=-1), tangent.norm(dim=-1), curve.local_edge(slide)
@@ -102,7 +102,7 @@ class Misfit:
         )
 
     def excess(self, *, allowed: float, tolerance: float) -> float:
-        """Distance over the allowed distance, as RMS or in local edges: the tolerance is met up to 1."""
+        """Ratio of distance to allowed distance, RMS or in local edges: at most 1 if the tolerance is met."""
         return max(self.rms / allowed, self.max_per_local_edge / (LOCAL_TOLERANCES * tolerance))
 
     def enlarged(self, scale: float) -> Misfit:
@@ -110,7 +110,7 @@ class Misfit:
         return replace(self, rms=scale * self.rms, max=scale * self.max, length=scale * self.length)
 
     def and_astray(self, distance: float) -> Misfit:
-        """The misfit of a surface whose own boundary has an RMS distance from the measured one."""
+        """The misfit of a surface whose boundary has a given RMS distance from the measured curve."""
         return replace(self, rms=float(np.hypot(self.rms, distance)), max=max(self.max, distance))
 
 
@@ -121,7 +121,7 @@ class BoundaryResidual:
     Attributes:
         rms: root of the mean squared distance by arc length.
         max: largest distance.
-        max_per_local_edge: largest ratio of the distance to the mean length of the loop's three edges beside it.
+        max_per_local_edge: largest ratio of the distance to the mean length of the three nearest loop edges.
         mean_edge: mean edge length of the loop.
         diagonal: diagonal of the loop's bounding box.
     """
@@ -133,13 +133,13 @@ class BoundaryResidual:
     diagonal: float
 
     def verdict(self, tolerance: float, *, steps: int, limit: str) -> tuple[bool, str]:
-        """Whether a tolerance is met, and a sentence that says by how much or, ending with `limit`, why not."""
+        """Whether a tolerance is met, and a sentence with the residual; it ends with `limit` if it is not met."""
         reached = f"residual {self.rms_per_edge:.1e} of the mean edge after {steps} steps"
         if not self.rms_per_edge <= tolerance:
             return False, f"{reached}, above the tolerance {tolerance:.1e}: {limit}"
         local = LOCAL_TOLERANCES * tolerance
         if not self.max_per_local_edge <= local:
-            missed = f"a part of the loop is missed by {self.max_per_local_edge:.1e} of its own edges"
+            missed = f"the largest distance is {self.max_per_local_edge:.1e} of the edges there"
             return False, f"{reached}, but {missed}, above {local:.1e}: {limit}"
         return True, reached
 
@@ -175,10 +175,10 @@ def _on_skipped(
     share = (torch.arange(SAMPLES_PER_PIECE, dtype=step.dtype, device=step.device) + 0.5) / SAMPLES_PER_PIECE
     parameters = (slide[over, None] + step[:, None] * share).flatten()
     point, tangent = curve.point_and_derivative(parameters)
-    beside = (end - start)[:, None]
-    away = point.reshape(len(over), SAMPLES_PER_PIECE, 3) - start[:, None]
-    # a boundary of length 0 has no direction
-    along = (away * beside).sum(-1) / beside.square().sum(-1).clamp_min(torch.finfo(step.dtype).tiny)
-    missed = (away - along.clamp(0, 1)[..., None] * beside).norm(dim=-1)
+    chord = (end - start)[:, None]
+    offset = point.reshape(len(over), SAMPLES_PER_PIECE, 3) - start[:, None]
+    # the chord may have length 0
+    along = (offset * chord).sum(-1) / chord.square().sum(-1).clamp_min(torch.finfo(step.dtype).tiny)
+    missed = (offset - along.clamp(0, 1)[..., None] * chord).norm(dim=-1)
     arcs = step[:, None] / SAMPLES_PER_PIECE * tangent.norm(dim=-1).reshape(len(over), SAMPLES_PER_PIECE)
     return parameters, missed.flatten(), arcs.flatten()

@@ -36,11 +36,11 @@ class Cauchy:
 
 @dataclass(frozen=True, kw_only=True)
 class Laurent:
-    """p and q between two loops as Laurent series on a round annulus, or between more on a disk with round holes.
+    """Options of Laurent series: p and q on a round annulus for two loops, on a disk with round holes for more.
 
     Attributes:
-        modulus: of all surfaces found (only the stable ones with `unstable="leave"`), the one whose modulus (see
-            `Annulus`) is nearest to this by ratio is returned. None for the stable surface of least area.
+        modulus: selects the surface whose modulus (see `Annulus`) is nearest by ratio, of all that are found, or of the
+            stable ones with `unstable="leave"`. None for the stable surface of least area.
 
     Raises:
         OptionError: the modulus is not positive.
@@ -70,7 +70,7 @@ def usable_device(name: str | torch.device) -> torch.device:
         device = torch.device(name)
         float(torch.zeros(1, device=device))
     except (RuntimeError, AssertionError, TypeError) as error:
-        raise OptionError(f"device {name} cannot be used ({str(error).splitlines()[0]}); name another") from error
+        raise OptionError(f"device {name} cannot be used ({str(error).splitlines()[0]}); choose another") from error
     return device
 
 
@@ -79,7 +79,7 @@ class Trainer(Protocol):
 
     @property
     def takes_start(self) -> bool:
-        """Whether the network can take over the p and q of a solution."""
+        """Whether training can start from p and q of a solution."""
 
     def disk(
         self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps
@@ -116,11 +116,11 @@ class Options:
         _ = self.trainer  # checks the optimizer
 
     def require_rims(self, count: int) -> None:
-        """Checks that the model has surfaces over this number of loops."""
+        """Checks that the model supports this number of loops."""
         if count == 1 and self.laurent is not None:
-            raise OptionError("Laurent series span two loops; use model='auto' or 'series' for one")
+            raise OptionError("Laurent series need two loops or more; use model='auto' or 'series' for one")
         if count > 1 and self.trainer is not None:
-            raise OptionError("no network is trained between two loops; use model='auto', 'series' or 'cauchy'")
+            raise OptionError("no network is trained between several loops; use model='auto', 'series' or 'cauchy'")
         if count > 2 and not self.is_automatic and not self.is_series:
             raise OptionError("no Cauchy network is fitted between three loops or more; use model='auto' or 'series'")
 
@@ -160,15 +160,15 @@ class Options:
 
     @property
     def is_automatic(self) -> bool:
-        """Whether the model depends on the loop."""
+        """Whether the routes are chosen by the shape of the loops."""
         return self.model == "auto" or isinstance(self.model, Laurent)
 
     @property
     def is_series(self) -> bool:
-        """Whether the model is a power series."""
+        """Whether the model is a power series, or a Laurent series for several loops."""
         return self.model == "series"
 
     @property
     def leaves_unstable(self) -> bool:
-        """Whether unstable disks are left for better ones."""
+        """Whether unstable surfaces are replaced by ones of less area."""
         return self.unstable == "leave"

@@ -1,4 +1,4 @@
-"""Which routes solve a Plateau problem, in which order, and how they are run."""
+"""The routes to try for a Plateau problem, their order, and the functions that run them."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution, Ri
 from spinor_geom.plateau.steps import SPENT, Clock
 from spinor_geom.plateau.vertices.vertex_route import THROUGH_POINTS
 
-# A loop longer than this many times its width crowds on the unit disk: at 2.4 the boundary is met to 1e-8 of an edge,
-# at 4 not to the tolerance.
+# Elongation above which the nodes crowd on the unit disk: the residual is 1e-8 of an edge at 2.4, and above the
+# tolerance at 4.
 _DISK_ELONGATION = 2.5
 
 
@@ -100,14 +100,14 @@ def _plan_between(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tuple
 
 
 def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
-    """Whether the points of a loop without corners show no smooth curve."""
+    """Whether the points of a loop without corners do not look like samples of a smooth curve."""
     n = len(loop)
-    # Γ bulges at corners that were removed, whatever its degree
+    # Γ overshoots at corners that were removed, for any degree
     if not loop.corners_given and detect_corners(loop.points).any():
         return True
     if curve.kind != "cubic":
         return False
-    # any loop of few points turns as much as this, and no analytic curve is looked for
+    # every loop of few points has such turning angles, and no analytic curve is fitted to it
     turn = roughness(loop) - (roundest(n) if n < MIN_POINTS_FOR_HIGH_DEGREE else 0.0)
     if n <= FEW_POINTS or turn > ROUGH_TURN:
         return True
@@ -115,9 +115,9 @@ def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
 
 
 def _trained(problem: PlateauProblem) -> RouteResult:
-    """A complex-valued network, trained; a warm start takes over a minimal disk first."""
+    """The disk of a trained complex-valued network; with a warm start it first fits p and q of a minimal disk."""
     start, trainer = None, problem.options.trainer
-    assert trainer is not None  # this route is planned with a trainer only
+    assert trainer is not None  # only planned with a trainer
     if problem.options.warm_start and trainer.takes_start:
         first = replace(problem, options=replace(problem.options, model="auto", optimizer=None))
         start = minimal_disk(first, plan(first))
@@ -129,15 +129,15 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
     """The surface of the first route that meets the tolerance, or else the surface nearest to Γ.
 
     Raises:
-        OutOfTimeError: the time is over, and no surface was found.
-        DomainError, FirstFillError, SingularMatrixError, SurfaceError: no route leads to a surface; the first
+        OutOfTimeError: no surface was found within the time limit.
+        DomainError, FirstFillError, SingularMatrixError, SurfaceError: no route finds a surface; the first
             SurfaceError, or else the error of the last route.
         NoConnectedSurfaceError: a route shows that there is no surface.
     """
     best: RouteResult | None = None
     error: SpinorGeomError | None = None
     for route in routes:
-        if is_out_of_time() and route is not PLANE:  # which needs no time
+        if is_out_of_time() and route is not PLANE:  # PLANE takes no time
             break
         try:
             with typed_failures():
@@ -147,7 +147,7 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
         except OutOfTimeError:
             break
         except FAILURES as failure:
-            # a SurfaceError says more than that there is no domain
+            # a SurfaceError is more specific than the others
             error = error if isinstance(error, SurfaceError) else failure
             continue
         if best is None or found.misfit.rms < best.misfit.rms:
@@ -161,17 +161,17 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
 
 
 def minimal_disk(problem: PlateauProblem, routes: tuple[Route, ...]) -> PlateauSolution:
-    """The disk that the routes lead to, or a disk of less area where it is unstable and may be left."""
+    """The disk that the routes find; an unstable one is replaced by a disk of less area if the options allow it."""
     if routes == (NETWORK,) and problem.loop.corners.all():
         return _on_divided_sides(problem)
     solution = _solution(routes, problem)
     if not problem.options.leaves_unstable:
         return solution
     if problem.options.is_series:
-        where = "in power series; model='auto' searches further"
+        where = "among power series; model='auto' searches further"
         solution = leave_unstable(solution, partial(_lower_on_disk, problem), where)
     # plane disks are stable; disks through points lie next to a discrete minimum; trained ones are kept as they are.
-    # The stability of a disk far from Γ says nothing about disks over Γ.
+    # The stability of a disk far from Γ does not determine that of disks over Γ.
     elif solution.route in ("disk", "flattened", "network") and solution.converged:
         is_harmonic = problem.options.is_automatic and not problem.loop.corners.any()
         downhill = (FLATTENING, NETWORK) if is_harmonic else (NETWORK,)
@@ -188,7 +188,7 @@ def minimal_disk(problem: PlateauProblem, routes: tuple[Route, ...]) -> PlateauS
 
 
 def surface_between(problem: PlateauProblem) -> PlateauSolution | NoConnectedSurface:
-    """The connected surface between several loops, or the answer that there is none."""
+    """The connected minimal surface between several loops, or `NoConnectedSurface`."""
     try:
         routes = plan(problem)
         solution = _solution(routes, problem)
@@ -200,11 +200,11 @@ def surface_between(problem: PlateauProblem) -> PlateauSolution | NoConnectedSur
     except NoConnectedSurfaceError as verdict:
         are_two = len(problem.loops) == 2
         kind = "annulus" if are_two else "surface of one piece"
-        left = "two disks" if are_two else "surfaces of fewer rims each"
+        left = "two disks" if are_two else "several surfaces of fewer rims each"
         return NoConnectedSurface(
             loops=problem.loops,
             rim_disks=_rim_disks(problem),
-            reason=f"no {kind}: {verdict}; what is left are {left}",
+            reason=f"no {kind}: {verdict}; the rims bound {left} instead",
             history=tuple(problem.steps.history),
             solve_timings=dict(problem.clock.seconds),
         )
@@ -223,7 +223,7 @@ def all_surfaces(problem: PlateauProblem) -> tuple[PlateauSolution, ...]:
     if problem.is_disk:
 
         def solve(disk: Disk) -> PlateauSolution:
-            # each has its own steps and time
+            # each solution has its own history and timings
             anew = replace(problem.starting_from(disk), steps=replace(problem.steps, history=[]), clock=Clock())
             return _solution((NETWORK,), anew)
 
@@ -231,7 +231,7 @@ def all_surfaces(problem: PlateauProblem) -> tuple[PlateauSolution, ...]:
     disks = _rim_disks(problem)
     solutions = []
     for placed in RimsSolver(problem=problem).all_critical():
-        # each has the steps and the time of the search, and its own
+        # the history and timings of each solution are those of the search and of its own fit
         own = replace(problem, steps=problem.steps.copied(), clock=problem.clock.copied())
         solutions.append(own.solution(RimsSolver(problem=own).fitted(placed), disks))
     return tuple(sorted(solutions, key=lambda solution: solution.area))
@@ -242,7 +242,7 @@ def _solution(routes: tuple[Route, ...], problem: PlateauProblem) -> PlateauSolu
 
 
 def _rim_disks(problem: PlateauProblem) -> RimDisks:
-    """Disks over single loops and surfaces over some of them, by whatever model suits each."""
+    """Minimal surfaces over each loop and over subsets of the loops, with the given model or "auto"."""
     options = problem.options if problem.options.laurent is None else replace(problem.options, model="auto")
     return RimDisks(
         count=len(problem.loops), surface_over=partial(_surface_over, problem.loops, problem.curves, options)
@@ -257,7 +257,7 @@ def _surface_over(
         with typed_failures():
             part = PlateauProblem.over([loops[k] for k in numbers], [curves[k] for k in numbers], options)
             solution = minimal_disk(part, plan(part)) if part.is_disk else surface_between(part)
-            require_time()  # a result that a time limit cut short is not kept
+            require_time()  # a result interrupted by the time limit is not kept
     except OutOfTimeError:
         raise
     except SpinorGeomError:
@@ -273,7 +273,7 @@ def _lower_on_disk(problem: PlateauProblem, solution: PlateauSolution) -> Platea
 
 
 def _on_divided_sides(problem: PlateauProblem) -> PlateauSolution:
-    """The disk over a polygon that is given by its corners alone: without points on the sides Γ is not followed."""
+    """The disk over a polygon given by its corners alone; the fit needs points on the sides, which are added."""
     loop = problem.loop
     share = np.arange(PARTS_OF_A_SIDE)[:, None] / PARTS_OF_A_SIDE
     points = loop.points[:, None] + share * (np.roll(loop.points, -1, axis=0) - loop.points)[:, None]

@@ -26,7 +26,7 @@ _FLOAT32 = float(np.finfo(np.float32).epsneg)
 
 
 def lie_in_plane(loops: Sequence[BoundaryLoop], *, allowed: float) -> bool:
-    """Whether loops lie in one plane, but for rounding: of float32 where so much of their diagonal is allowed."""
+    """Whether loops are coplanar to rounding error: of float32 if that is `allowed`, a share of the diagonal."""
     first, *others = loops
     plane, diagonal = first.plane, first.diagonal
     away = [plane.rms_distance]
@@ -39,8 +39,8 @@ def lie_in_plane(loops: Sequence[BoundaryLoop], *, allowed: float) -> bool:
 def plane_region(problem: PlateauProblem) -> RouteResult:
     """The plane region inside one loop and outside the others: p and q are constant, the region itself is Ω.
 
-    It is the only minimal surface over the loops. It lies on the left of the first one. Free loops whose curves cross
-    between the points are bounded by the polygons through the points.
+    It is the only minimal surface over the loops. It lies on the left of the first one. If the curves of free loops
+    cross between the points, the polygons through the points are used instead.
 
     Raises:
         DomainError: the curves cross between the points, or bound no such region.
@@ -64,15 +64,15 @@ def _region(problem: PlateauProblem, curves: Sequence[BoundaryCurve]) -> RouteRe
         outer = _outermost([curve.point(_parameters(curve)) for curve in curves], plane)
         if outer is None:
             raise DomainError(
-                "the curves through plane loops cross between the points, or none has all others inside",
+                "the curves through plane loops cross between the points, or none encloses all others",
                 vertices=sum(map(len, loops)),
             )
-        # the first loop has the surface on its left from one side
+        # the surface lies on the left of the first loop, seen from the tip of this normal
         normal = -plane.normal if outer else plane.normal
         axis = _axis(normal)
         order = (outer, *(number for number in range(len(curves)) if number != outer))
         back = tuple(bool(loops[k].area_vector @ normal > 0) != (k == outer) for k in order)
-        rims = tuple(curves[k].reversed() if way else curves[k] for k, way in zip(order, back, strict=True))
+        rims = tuple(curves[k].reversed() if is_back else curves[k] for k, is_back in zip(order, back, strict=True))
         boundaries = []
         for curve in rims:
             coefficients = curve.coefficients.copy()
@@ -106,7 +106,7 @@ def _region(problem: PlateauProblem, curves: Sequence[BoundaryCurve]) -> RouteRe
             misfit=Misfit.together(misfits),
             area=float(surface.area()),
             route="plane",
-            limit="it is at rounding error",
+            limit="the distance is rounding error",
             between=between,
         )
 
@@ -115,15 +115,15 @@ PLANE = Route("plane", plane_region)
 
 
 def lie_beside(loops: Sequence[BoundaryLoop]) -> bool:
-    """Whether loops lie in one plane, and are not one with the others inside it, beside each other.
+    """Whether loops are coplanar, but not one loop that encloses all others, which lie side by side.
 
-    Then no minimal surface of one piece spans them: it would lie in that plane.
+    Then they bound no connected minimal surface, because it would lie in their plane.
     """
     return lie_in_plane(loops, allowed=np.inf) and _outermost([loop.points for loop in loops], loops[0].plane) is None
 
 
 def _outermost(rims: Sequence[Float[np.ndarray, "_ 3"]], plane: Plane) -> int | None:
-    """The polygon of several in a plane that has all others inside, where these lie beside each other."""
+    """Index of the coplanar polygon that encloses all others, which lie side by side; None if there is none."""
     axis = _axis(plane.normal)
     flat = [(points - plane.centroid) @ axis for points in rims]
     areas = [np.imag(np.conj(z) * np.roll(z, -1)).sum() for z in flat]
@@ -133,11 +133,11 @@ def _outermost(rims: Sequence[Float[np.ndarray, "_ 3"]], plane: Plane) -> int | 
 
 
 def _axis(normal: Float[np.ndarray, "3"]) -> Complex[np.ndarray, "3"]:
-    """U + iv for coordinates x·u + i x·v in a plane, counter-clockwise about its normal."""
+    """Complex vector u + iv of an orthonormal basis (u, v) of a plane, counter-clockwise about its normal."""
     u, v = normals_of(torch.tensor(normal))
     return torch.complex(u, v).numpy()
 
 
 def _parameters(curve: BoundaryCurve) -> Float[np.ndarray, " n"]:
-    """Four from every vertex to the next."""
+    """Four parameters on each piece of a curve."""
     return (curve.breaks[:-1, None] + np.diff(curve.breaks)[:, None] * np.arange(4) / 4).ravel()

@@ -1,4 +1,4 @@
-"""Plateau's problem: boundary loops, the curves through them, options; and the routes that solve it."""
+"""Plateau's problem (boundary loops, curves through them, options), and the type of the routes that solve it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.solution import Annulus, PlateauSolution, RimDisks, RimMatch, RouteName
 from spinor_geom.plateau.steps import Clock, Iteration, Steps
 
-# The first disk, Ω and the poles of a longer loop are made from this many of its points; Γ passes through all of them.
+# Most points of a loop for the first disk, Ω and the poles; longer loops are thinned for them. Γ uses all points.
 _MOST_START_POINTS = 240
 
 # Loops at unit size, their centre and their scale: see `PlateauProblem`.
@@ -39,14 +39,14 @@ class PlateauProblem:
 
     Attributes:
         loops: the loops in the caller's coordinates.
-        units: the loops at unit size: common centre 0, common diagonal 1. All tolerances are ratios there.
+        units: the loops at unit size: common centre 0, diagonal of the common bounding box 1.
         curves: Γ through each loop, at unit size.
         centre: centre of the loops, in the caller's coordinates.
         scale: common diagonal of the loops, in mesh units.
         options: options of the call.
         steps: the steps of all routes.
         clock: the time of their stages.
-        parts: number of pieces that each edge of the given loop was divided into; residuals count in whole edges.
+        parts: number of pieces that each edge of the given loop was divided into; residuals are per undivided edge.
         start: a discrete surface to start from, at unit size; None for a first fill.
     """
 
@@ -71,7 +71,7 @@ class PlateauProblem:
         """The problem for loops, or for curves given by formulas.
 
         Raises:
-            OptionError: the model has no surfaces over this number of loops.
+            OptionError: the model does not support this number of loops.
             SelfCrossingLoopError: a loop crosses or touches itself.
             LoopsMeetError: two loops cross or touch each other.
             RepeatedPointError: two neighbouring points of a loop are equal.
@@ -91,7 +91,7 @@ class PlateauProblem:
         options: Options,
         on_iteration: Callable[[Iteration], None] | None = None,
     ) -> PlateauProblem:
-        """The problem for loops that are known to be simple and apart; where a curve is None it is `from_loop`."""
+        """The problem for loops known to be simple and disjoint; a curve that is None is `BoundaryCurve.from_loop`."""
         units, centre, scale = _at_unit_size(loops)
         return cls(
             loops=tuple(loops),
@@ -165,7 +165,7 @@ class PlateauProblem:
 
     @cached_property
     def pinned(self) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
-        """Points of a disk's loop at unit size, with more on long edges, and which of them are points of the loop."""
+        """The points of the loop at unit size, with points added on long edges; and a mask of the loop's own points."""
         return with_long_edges_divided(self.unit.points)
 
     @property
@@ -174,11 +174,11 @@ class PlateauProblem:
         return self.options.tolerance * _mean_edge(self.units)
 
     def excess(self, misfit: Misfit) -> float:
-        """Distance from Γ over the allowed distance: the tolerance is met up to 1."""
+        """Distance from Γ divided by the allowed distance: at most 1 if the tolerance is met."""
         return misfit.excess(allowed=self.allowed, tolerance=self.options.tolerance)
 
     def solution(self, found: RouteResult, rim_disks: RimDisks | None = None) -> PlateauSolution:
-        """The solution in the caller's coordinates; `rim_disks` are what a surface between loops is compared with."""
+        """The solution in the caller's coordinates; a surface between loops is compared with `rim_disks`."""
         scale, history, between = self.scale, tuple(self.steps.history), found.between
         misfit = found.misfit.enlarged(scale)
         residual = BoundaryResidual(
@@ -227,12 +227,12 @@ class PlateauProblem:
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """A way to solve a problem.
+    """A method to solve a Plateau problem.
 
     Attributes:
-        name: the name that `PlateauSolution.route` has for one loop.
-        solve: returns the surface at unit size. It raises one of `FAILURES` where it finds none, and
-            NoConnectedSurfaceError where there is none.
+        name: the value of `PlateauSolution.route` for one loop.
+        solve: returns the surface at unit size. It raises one of `FAILURES` if it finds none, and
+            NoConnectedSurfaceError if none exists.
     """
 
     name: RouteName
@@ -243,7 +243,7 @@ class Route:
 
 
 def start_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
-    """Indices of a loop's points on the boundary of a discrete disk to start from: all corners, all of few points."""
+    """Indices of the points that bound the first discrete disk: all, or of long loops the corners and even samples."""
     if len(loop) <= _MOST_START_POINTS:
         return np.arange(len(loop))
     along = np.concatenate([[0.0], np.cumsum(loop.edge_lengths)[:-1]])
@@ -252,7 +252,7 @@ def start_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
 
 
 def _each_at_unit_size(given: Sequence[BoundaryLoop | SpinorGeomError]) -> list[UnitLoops | SpinorGeomError]:
-    """Each loop at unit size by itself, or the error why it has no surface."""
+    """Each loop scaled to unit size by itself, or the error of a loop that is not valid."""
     scaled: dict[int, UnitLoops | SpinorGeomError] = {}
     loops: dict[int, BoundaryLoop] = {}
     by_length: dict[int, list[int]] = defaultdict(list)
@@ -277,7 +277,7 @@ def _each_at_unit_size(given: Sequence[BoundaryLoop | SpinorGeomError]) -> list[
 
 
 def _single_loop(curve: Any) -> BoundaryLoop | SpinorGeomError:
-    """The loop of one entry of a batch, or the error why it has none."""
+    """The loop of one entry of a batch, or the error if it is not a single loop."""
     try:
         rims = to_rims(curve)
     except SpinorGeomError as error:
@@ -299,7 +299,7 @@ def _error_of(check: Callable[[BoundaryLoop], None], loop: BoundaryLoop) -> Spin
 def _at_unit_size(loops: Sequence[BoundaryLoop]) -> UnitLoops:
     """Loops moved to their common centre and scaled to diagonal 1."""
     lengths = np.array([loop.perimeter for loop in loops])
-    # relative to the first centre: no digits are lost far from the origin
+    # relative to the first centre, to lose no digits far from the origin
     first = loops[0].centroid
     centre = first + lengths @ np.stack([loop.centroid - first for loop in loops]) / lengths.sum()
     scale = _diagonal(np.concatenate([loop.points for loop in loops]))
@@ -308,7 +308,7 @@ def _at_unit_size(loops: Sequence[BoundaryLoop]) -> UnitLoops:
 
 
 def _moved(loop: BoundaryLoop, points: Float[np.ndarray, "m 3"]) -> BoundaryLoop:
-    """A loop with other positions, without what is known of the mesh beside it."""
+    """A loop with other positions, without the data of the adjacent mesh."""
     return BoundaryLoop(
         points=points, vertex_ids=loop.vertex_ids, corners=loop.corners, corners_given=loop.corners_given
     )

@@ -5,10 +5,10 @@ import numpy as np
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
 from spinor_geom.mesh.curve import BoundaryCurve
 
-ROUGH_TURN = np.radians(12.0)  # turn of one point in ten of a rough loop: noise of a twentieth of an edge
+ROUGH_TURN = np.radians(12.0)  # a tenth of a rough loop's turning angles exceed it: noise of 0.05 edges
 _STRAIGHT = 1e-4  # largest turn on a straight side, for coordinates in float32
-FEW_POINTS = 8  # a loop of at most this many points is a polygon, no sample of a curve
-ROUGH_GRADIENT = 3e-2  # relative gradient at which slides on rough loops stop, as a share of the tolerance
+FEW_POINTS = 8  # a loop of at most this many points is a polygon, not samples of a curve
+ROUGH_GRADIENT = 3e-2  # relative gradient to stop at on rough loops, as a share of the tolerance
 
 
 def roughness(loop: BoundaryLoop) -> float:
@@ -33,7 +33,7 @@ def is_rough(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
 
 
 def shows_sides(loop: BoundaryLoop) -> bool:
-    """Whether the points between the corners of a loop lie on smooth sides: straight, or many that turn little."""
+    """Whether the sides between the corners of a loop are smooth: straight, or of many points with small turns."""
     corners = np.count_nonzero(loop.corners)
     turn, points_of_a_side = turning_angles(loop.points)[~loop.corners].max(initial=0.0), len(loop) / corners + 1
     return bool((points_of_a_side > FEW_POINTS and turn <= ROUGH_TURN) or (points_of_a_side > 2 and turn <= _STRAIGHT))

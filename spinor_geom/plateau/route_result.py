@@ -1,4 +1,4 @@
-"""The result of a route to a minimal surface, and the errors of routes that do not lead to one."""
+"""The result of a route to a minimal surface, and the errors of routes that find none."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.stability import Curvature
 from spinor_geom.surface.spinor_surface import SpinorSurface, Vector
 
-# The errors of a route that does not lead to a surface.
+# The errors of a route that finds no surface.
 FAILURES = (DomainError, FirstFillError, SingularMatrixError, SurfaceError)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RimsResult:
-    """Figures of a surface between several loops."""
+    """Properties of a surface between several loops."""
 
     order: tuple[int, ...]  # numbers of the loops in the order of the boundaries of Ω, the outer boundary first
     back: tuple[bool, ...]  # in that order: whether the loop runs against the boundary of the surface
@@ -55,7 +55,7 @@ class RouteResult:
 
 
 class NoConnectedSurfaceError(Exception):
-    """No connected minimal surface spans several loops; the text says how that is known."""
+    """No connected minimal surface spans several loops; the message gives the reason."""
 
 
 @contextmanager

@@ -36,8 +36,8 @@ class RimMatch:
         loop: the loop, in the direction of the surface's boundary.
         curve: Γ, through all points of the loop.
         boundary: the boundary of Ω.
-        matching: (n, 2) increasing pairs (t, s): the boundary point at parameter t belongs to Γ(s). One turn of both; s
-            may exceed [0, 1).
+        matching: (n, 2) increasing pairs (t, s): the boundary point at parameter t corresponds to Γ(s). One period of
+            both; s may exceed [0, 1).
     """
 
     loop: BoundaryLoop
@@ -54,11 +54,11 @@ class RimMatch:
         return self.curve.bulge()
 
     def points_in_domain(self) -> Complex[np.ndarray, " m"]:
-        """The points of ∂Ω that belong to the loop's points, in loop order."""
+        """The points of ∂Ω that correspond to the loop's points, in loop order."""
         return self.boundary.point(self._parameters(self.curve.at_loop))
 
     def points_between(self, edge: int, count: int) -> Complex[np.ndarray, " count"]:
-        """Points inside Ω beside the part of ∂Ω between two neighbouring points of the loop, in order.
+        """Points inside Ω next to the part of ∂Ω between two neighbouring points of the loop, in order.
 
         They divide the edge's part of Γ evenly. Their distance from ∂Ω is a parabola, in the middle a quarter of their
         spacing, so that edge and points form a convex polygon.
@@ -72,9 +72,9 @@ class RimMatch:
         return np.asarray(self.boundary.point(t) + share * (1 - share) * length * inwards)
 
     def _parameters(self, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Parameters on ∂Ω that belong to Γ(s), −1 < s < 2."""
+        """Parameters on ∂Ω that correspond to Γ(s), −1 < s < 2."""
         t, s = self.matching.T
-        # three turns, so that every vertex parameter lies well inside; equal s are one knot
+        # three periods, so that the parameters are not extrapolated; equal s are one knot
         s = np.concatenate([s - 1, s, s + 1])
         t = np.concatenate([t - 1, t, t + 1])
         keep = np.append(True, np.diff(np.maximum.accumulate(s)) > 0)
@@ -92,7 +92,7 @@ class RimDisks:
 
     Attributes:
         count: number of the rims.
-        surface_over: finds the surface of least area over the rims of given numbers; None if there is none.
+        surface_over: returns the surface of least area over the rims of given numbers, or None if there is none.
         clock: time of the stage "disks".
     """
 
@@ -149,14 +149,14 @@ def _partitions(count: int) -> list[Partition]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Annulus:
-    """Figures of a surface between two rims or more.
+    """Properties of a surface between two rims or more.
 
     Attributes:
         modulus: logarithm of the ratio of the radii of the round annulus that Ω is conformal to; for m ≥ 3 rims the
             mean modulus 2πm/T, with T the sum of the capacities of the rims, each against all others. None if the
             solver did not need it.
         antiperiodic: for each hole of Ω, whether p and q change sign around it.
-        period: the largest |Re ∮ φ dz| around a hole, in mesh units: the gap by which the surface does not close.
+        period: the largest |Re ∮ φ dz| around a hole, in mesh units: the gap of the surface there.
         backward: for each given loop, whether it runs against the boundary of the surface; never the first of two.
         order: the numbers of the given loops in the order of the rims.
         rim_disks: the minimal disks over the loops.
@@ -200,7 +200,7 @@ class Annulus:
         return self.rim_disks.partitions
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures, JSON-ready."""
+        """The values as types that JSON supports."""
         return {
             "modulus": self.modulus,
             "spin": self.spin,
@@ -222,12 +222,12 @@ class PlateauSolution(Shown):
         area: ½∮ r·Im(φ dz), in squared mesh units.
         route: how it was found.
             "plane": the region inside the plane loop is Ω; p and q are constant.
-            "disk", "flattened": Douglas's slide on the unit disk, or on a smooth domain next to a flattened discrete
+            "disk", "flattened": Douglas's method on the unit disk, or on a smooth domain near a flattened discrete
             disk; p and q are a power series or Cauchy's formula.
             "vertices": the surface through the points of rough loops that is nearest to a discrete minimal disk, or to
             the surface over averages of several loops; Γ between the points is the surface's own boundary.
             "network", "annular network": Gauss-Newton for a Cauchy network on a flattened discrete disk or annulus.
-            "annulus", "circles": Douglas's slides of two loops, or of more, on a disk with round holes; p and q are
+            "annulus", "circles": Douglas's method for two loops, or for more, on a disk with round holes; p and q are
             Laurent series.
             "trained": a complex-valued network.
         history: the steps.
@@ -236,8 +236,8 @@ class PlateauSolution(Shown):
         converged: whether `boundary_residual.rms_per_edge` is within the tolerance, and `max_per_local_edge` within a
             hundred times as much.
         reason: one sentence: why the solver stopped.
-        evidence: the surface and its checks, computed on first use; the properties below read it.
-        annulus: figures of a surface over several rims; None for disks.
+        evidence: the surface and its checks, computed on first use.
+        annulus: properties of a surface over several rims; None for disks.
     """
 
     rims: tuple[RimMatch, ...]
@@ -313,8 +313,8 @@ class PlateauSolution(Shown):
     def is_area_minimum(self) -> bool:
         """Whether the surface is stable and, over several rims, meets Douglas's condition.
 
-        The condition is that its area is below all `Annulus.partition_areas`; it counts as not met if the disks are not
-        known.
+        The condition is that its area is below all `Annulus.partition_areas`; it counts as not met if a disk was not
+        found.
         """
         if self.stability.verdict != "stable":
             return False
@@ -324,11 +324,11 @@ class PlateauSolution(Shown):
         return bool(areas) and self.area < min(areas)
 
     def loop_points_in_domain(self) -> Complex[np.ndarray, " m"]:
-        """The points of ∂Ω that belong to the loops' points, in loop order, rim after rim."""
+        """The points of ∂Ω that correspond to the loops' points, in loop order, rim after rim."""
         return np.concatenate([rim.points_in_domain() for rim in self.rims])
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures, JSON-ready."""
+        """The values as types that JSON supports."""
         residual = self.boundary_residual
         return {
             "vertices": sum(len(rim.loop) for rim in self.rims),
@@ -359,9 +359,9 @@ class NoConnectedSurface:
     """The result that no connected minimal surface spans several rims.
 
     Attributes:
-        loops: all of them.
-        rim_disks: the minimal disks over them.
-        reason: one sentence: how that is known.
+        loops: the loops of all rims.
+        rim_disks: the minimal surfaces over some of them.
+        reason: one sentence: why there is none.
         history: the steps.
         solve_timings: wall time of each stage of the search, in seconds.
     """
@@ -397,7 +397,7 @@ class NoConnectedSurface:
         return None if self.disks is None else sum(disk.area for disk in self.disks)
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures, JSON-ready."""
+        """The values as types that JSON supports."""
         return {
             "vertices": sum(map(len, self.loops)),
             "disk_area": self.area,

@@ -1,4 +1,4 @@
-"""Plateau's problem for one loop or many, from the first fill to the verdict."""
+"""The functions `solve_plateau` and `solve_plateau_batch`."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 
 _Planned: TypeAlias = tuple[PlateauProblem, tuple[Route, ...]]
 
-# Points of rough loops whose first disks are made side by side: those of longer ones would take as long, and memory.
+# Most points of a rough loop whose first disk is computed in a batch; for longer ones a batch saves no time.
 _SHORT = 500
 
 
 class _Rest(TypedDict, total=False):
-    """The options of `solve_plateau` on which its type does not depend."""
+    """The options of `solve_plateau` on which its return type does not depend."""
 
     model: Model
     optimizer: Optimizer | None
@@ -53,7 +53,7 @@ class _Rest(TypedDict, total=False):
     on_iteration: Callable[[Iteration], None] | None
 
 
-# what is neither a loop nor several is a curve of points, or a mesh with one
+# one curve: a loop, formulas, points, or the path of a mesh with one loop
 _Curve: TypeAlias = "Rim | np.ndarray | str | os.PathLike[str]"
 
 
@@ -84,64 +84,63 @@ def solve_plateau(
     device: str | torch.device = "cpu",
     on_iteration: Callable[[Iteration], None] | None = None,
 ) -> PlateauSolution | NoConnectedSurface | tuple[PlateauSolution, ...]:
-    """A minimal disk over a closed curve, or a connected minimal surface between several curves.
+    """A minimal disk bounded by a closed curve, or a connected minimal surface bounded by several curves.
 
-    The surface is exactly minimal; its boundary lies on Γ as nearly as the model allows. Γ is the curve through all
-    points of the loop, with its corners (`BoundaryCurve`). Of a plane loop the inside is returned exactly. Loops
-    without corners are solved by Douglas's method. Loops with corners, and those that it does not bring near to Γ, are
-    solved as Cauchy networks by Gauss-Newton. `spinor_geom.plateau` describes the steps and `plateau.plan` the order.
-    Minimal disks need not be minima of the area: an unstable disk is left along an eigenvector of its second variation
-    for one of less area.
+    The surface is exactly minimal; its boundary approximates Γ, the curve through all points of the loop with its
+    corners (`BoundaryCurve`). For a plane loop the result is exactly the plane region inside it. Loops without corners
+    are solved by Douglas's method. Loops with corners, and loops for which that method does not converge, are solved by
+    Gauss-Newton for a Cauchy network. `spinor_geom.plateau` describes the steps and `plateau.plan` the order. A minimal
+    disk need not minimise area: an unstable one is displaced along an eigenvector of its second variation, and a disk
+    of less area is computed from there.
 
-    Several curves are solved by Douglas's method on the unit disk less round holes, with p and q as Laurent series;
-    curves in one plane, one with the others inside it, bound the plane region between them. Where that takes too many
-    nodes, as for a small hole near the end of a long one, a Cauchy network on a flattened annulus is used. The
-    directions of the curves and their alignment are found by the energy and do not depend on the order of the points.
-    The area is compared with that of the disks: see `PlateauSolution.annulus` and `is_area_minimum`. Curves that are
-    too far from each other have no connected surface; then `NoConnectedSurface` is returned.
+    Several curves are solved by Douglas's method on the unit disk with round holes, with p and q as Laurent series. If
+    that takes too many nodes, as for a small hole near the end of an elongated outer curve, a Cauchy network on a
+    flattened annulus is used. Plane curves, one of which encloses all others, bound the plane region between them.
+    Orientation and alignment of the curves minimise the energy; they do not depend on the order of the points. The area
+    is compared with that of the disks: see `PlateauSolution.annulus` and `is_area_minimum`. If the curves are too far
+    apart for a connected surface, `NoConnectedSurface` is returned.
 
     Args:
-        loop: the curve: a `BoundaryLoop`, (m, 3) points in order, a mesh of any known type or its path where it has one
-            loop, or a `ClosedCurve` in formulas, which no sampling limits: the loop then consists of the endpoints of
-            the polynomials that represent it. A sequence of loops, curves or arrays of points for a surface between
-            several.
-        model: "auto" for what suits the loop; "cauchy" for a Cauchy network whatever the loop, or its options; "series"
-            for power series on the unit disk, to rounding error: for smooth loops that are not too long for their
-            width; "mlp" for the paper's complex-valued network, trained.
-        optimizer: of "mlp": "levenberg-marquardt", which it takes by default, or "rmsprop" for the paper's Algorithm 1
-            with the paper's settings, both on networks of any size by `LevenbergMarquardt` and `RMSprop` of
-            `spinor_geom.training`. RMSprop starts from random parameters on the unit disk, or goes on from a
-            checkpoint among its options.
-        warm_start: whether Levenberg-Marquardt hands the network the p and q of the solution that "auto" finds, with
-            its Ω, before it polishes; else it starts from random parameters on the unit disk.
-        tolerance: RMS distance of the surface's boundary from Γ, in mean loop edges, below which the result counts as
-            converged, if no part of the loop is missed by more than a hundred times as many of its own edges.
-        max_iterations: limit on steps in all; with `all_solutions` on those from each start; between two curves on
-            those after the first annulus is found. Training has limits of its own among the optimizer's options.
-        unstable: "keep" returns an unstable surface, which is only a critical point of the area, as it was found;
-            between several curves with the start that `Laurent(modulus=...)` gives.
-        between: what Γ is between the points of a loop. "smooth" is the curve that `BoundaryCurve` makes. With "free",
-            points that show no smooth curve, as those of most mesh holes, are met by a surface whose own boundary runs
-            between them: the one nearest to a discrete minimal disk, or for several loops to the surface between
-            averages of them. That takes hundredths of a second for tens of points and seconds for several loops. It
-            has no effect with a model other than "auto".
-        all_solutions: look for several disks over the loop, as Cauchy networks, or for annuli, as Laurent series,
-            unstable ones too; see `find_disks`. It takes several times as long, and more may exist than are found.
-        time_limit: seconds after which the best surface so far is returned: `converged` and `reason` say what it lacks,
-            and with `all_solutions` others may be missing. A step that is under way is finished first.
+        loop: the curve: a `BoundaryLoop`; (m, 3) points in order; a mesh of any supported type with one boundary loop,
+            or its path; or a `ClosedCurve` given by formulas, which is represented by polynomials to rounding error
+            (their endpoints are the points of the loop). A sequence of loops, curves or arrays of points for a surface
+            between several.
+        model: "auto" chooses by the loop. "cauchy" or `Cauchy(...)`: a Cauchy network. "series": power series on the
+            unit disk, to rounding error, for smooth loops of small elongation, or Laurent series. `Laurent(...)`: as
+            "auto", with a choice of the modulus. "mlp": the paper's complex-valued network, trained.
+        optimizer: for "mlp": "levenberg-marquardt" (default), or "rmsprop" for the paper's Algorithm 1 with its
+            settings; `LevenbergMarquardt(...)` or `RMSprop(...)` of `spinor_geom.training` for other settings. RMSprop
+            starts from random parameters on the unit disk, or resumes from the checkpoint in its options.
+        warm_start: whether Levenberg-Marquardt first fits the network to p and q of the solution of "auto", on its Ω;
+            otherwise it starts from random parameters on the unit disk.
+        tolerance: largest RMS distance of the surface's boundary from Γ, in mean loop edges, for convergence. The
+            largest distance, in mean lengths of the three nearest edges, must be within a hundred times this value.
+        max_iterations: largest number of steps in all; with `all_solutions` from each start; between two curves after
+            the first annulus is found. Training is limited by the optimizer's options instead.
+        unstable: "leave" replaces an unstable surface by one of less area. "keep" returns it, a critical point of the
+            area; between several curves `Laurent(modulus=...)` selects it.
+        between: Γ between the points of a loop. "smooth": the curve of `BoundaryCurve`. "free": if the points show no
+            smooth curve, as in most mesh holes, Γ is the boundary of a minimal surface through the points, the one
+            nearest to a discrete minimal disk, or for several loops nearest to the surface between averages of them.
+            That takes hundredths of a second for tens of points and seconds for several loops. It has no effect with a
+            model other than "auto".
+        all_solutions: search for several disks over the loop, as Cauchy networks, or for annuli, as Laurent series,
+            unstable ones too; see `find_disks`. It takes several times as long, and may miss some.
+        time_limit: seconds after which the best surface so far is returned; `converged` and `reason` report what it
+            lacks, and with `all_solutions` others may be missing. A step in progress is finished first.
         device: where the linear algebra runs; the surface is returned there.
         on_iteration: called after each step.
 
     Returns:
-        The solution, or `NoConnectedSurface` where none spans several curves; with `all_solutions` all that were found,
+        The solution, or `NoConnectedSurface` if none spans several curves; with `all_solutions` all that were found,
         sorted by area, each with its Morse index.
 
     Raises:
-        OptionError: an unknown model or optimizer, a value out of range, options that exclude each other, or what is no
-            curve.
+        OptionError: an unknown model or optimizer, a value out of range, incompatible options, or an argument that is
+            not a curve.
         FirstFillError: no discrete disk over the loop was found.
         DomainError: no simple plane domain was found; with "series", the loop crowds on the disk or has corners.
-        CurveError: the formulas of a curve are not those of a smooth closed one.
+        CurveError: the formulas do not define a smooth closed curve.
         SelfCrossingLoopError: the loop crosses or touches itself.
         LoopsMeetError: two loops cross or touch each other.
         RepeatedPointError: two neighbouring points of the loop are equal.
@@ -175,7 +174,7 @@ def solve_plateau(
 
 
 def _require_model_for_all(model: Model, *, is_disk: bool) -> None:
-    """Checks that the search for all disks, or all annuli, knows a model."""
+    """Checks that the search for all disks, or all annuli, supports a model."""
     if model == "mlp":
         raise OptionError("a network is trained for one disk only; use all_solutions with model='auto'")
     if is_disk and model == "series":
@@ -195,27 +194,27 @@ def solve_plateau_batch(
     time_limit: float = math.inf,
     device: str | torch.device = "cpu",
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
-    """`solve_plateau` for many loops, which are not held in memory together.
+    """`solve_plateau` for an iterable of loops, of which a limited number is in memory at a time.
 
-    Loops that take the unit disk are solved side by side, those with as many nodes as one batch. On the CPU each
-    solution is the same to the last bit in bundles of any size.
+    Loops on the unit disk are solved in batches of equal node count. On the CPU each solution is bitwise independent of
+    the size of the batch.
 
     Args:
-        loops: any number of them, each as for `solve_plateau`, but for curves in formulas and several rims.
+        loops: any number, each as for `solve_plateau`, except curves given by formulas and sequences of curves.
         model: as for `solve_plateau`.
         tolerance: as for `solve_plateau`.
         max_iterations: limit on the steps of each.
         unstable: as for `solve_plateau`.
         between: as for `solve_plateau`.
-        time_limit: seconds for each loop after which the best surface so far counts, or `OutOfTimeError` without one;
-            a loop may take a step longer.
+        time_limit: seconds for each loop, after which the best surface so far is yielded, or `OutOfTimeError` without
+            one; a loop may exceed it by one step.
         device: as for `solve_plateau`.
 
     Yields:
         For each loop in order its solution, or the error that `solve_plateau` raises for it.
 
     Raises:
-        OptionError: an unknown model or a value out of range, or a single curve in the place of several.
+        OptionError: an unknown model or a value out of range, or a single curve instead of several.
     """
     if not isinstance(loops, Iterable) or isinstance(loops, (str, os.PathLike, np.ndarray)):
         takes = "several loops, arrays of points or meshes, such as boundary_loops(mesh)"
@@ -252,7 +251,7 @@ def _planned(problem: PlateauProblem | SpinorGeomError) -> _Planned | SpinorGeom
 
 
 def _begin_together(planned: list[_Planned | SpinorGeomError], seconds: float) -> None:
-    """Replaces problems and routes by those that are begun together: fits on the unit disk, first discrete disks."""
+    """Computes fits on the unit disk and first discrete disks in batches, and puts them into `planned`."""
     solvable = [(place, *one) for place, one in enumerate(planned) if not isinstance(one, SpinorGeomError)]
     smooth = [(place, problem, routes) for place, problem, routes in solvable if routes[0] is UNIT_DISK]
     rough = [
@@ -270,7 +269,7 @@ def _begin_together(planned: list[_Planned | SpinorGeomError], seconds: float) -
         planned[place] = problem, (route, *routes[1:])
     for (place, problem, routes), disk in zip(rough, disks, strict=True):
         problem.clock.add("first fill", share)
-        # without a disk, or with one whose descent was cut short, the route makes its own
+        # if there is no disk, or its descent was interrupted, the route computes its own
         planned[place] = replace(problem, start=disk if are_whole and isinstance(disk, Disk) else None), routes
 
 

@@ -68,8 +68,8 @@ def assess_stability(surface: SpinorSurface) -> Stability:
 
     If the total curvature ∫|K| dA, an integral along ∂Ω, is below 2π, the surface is stable. Otherwise the eigenvalues
     μ of −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated; the surface
-    is stable if the smallest is above 1. If the two meshes do not decide, finer ones are tried. Wrinkles far below the
-    size of the mesh, which fits have in corners, do not count.
+    is stable if the smallest is above 1. If the two meshes do not decide, finer ones are tried. Wrinkles much
+    smaller than the mesh size, which fits have in corners, are ignored.
 
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976).
     """
@@ -120,7 +120,7 @@ def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
 def lowest_modes(
     surface: SpinorSurface, mesh: PlaneTriangulation, count: int
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "n k"]]:
-    """The smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary of a mesh, ascending, and the columns u, at most 1.
+    """The smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary of a mesh, ascending, and u as columns, |u| ≤ 1.
 
     Along u·n the second variation of area is (1 − 1/μ)∫|∇u|², negative for μ < 1. There are at most as many as inner
     vertices.
@@ -152,8 +152,8 @@ def _inner(a: Complex[np.ndarray, "n 2"], b: Complex[np.ndarray, "n 2"]) -> Comp
 def curvature_within(rims: Sequence[Complex[Tensor, "*b _ 2"]]) -> Float[Tensor, "2 *b"]:
     """Total curvature of surfaces from p and q at points along each boundary of Ω, and a bound of its error.
 
-    By Δ log λ = −Kλ², ∫|K| dA is ∮ ∂_ν log λ |dz|, the area enclosed by the normals along ∂Ω, and 4π more for each
-    branch point. The number of points is even; every second point gives the error.
+    By Δ log λ = −Kλ², ∫|K| dA is ∮ ∂_ν log λ |dz|, the area enclosed by the normals along ∂Ω. Each branch point in Ω
+    adds 4π to the result. The number of points is even; every second point gives the error.
     """
     fine, coarse = (torch.stack([_polygon_area(one[..., ::step, :]) for one in rims]).sum(0) for step in (1, 2))
     return torch.stack([(4 * fine - coarse) / 3, (fine - coarse).abs()])
@@ -185,9 +185,9 @@ def _boundary_curvature(surface: SpinorSurface) -> Curvature:
 
 
 def _turning(surface: SpinorSurface, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """2|(p, q)′|/|(p, q)|: a bound of the turning of the normal per length in Ω.
+    """2|(p, q)′|/|(p, q)|: an upper bound of the rotation of the normal, in radians per length in Ω.
 
-    Values alone do not show it: equal steps may sample a high power as a constant.
+    It uses derivatives because equidistant samples of a high power can be constant.
     """
     spinors, slopes = surface.spinors(z), surface.spinor_derivatives(z)
     size = np.maximum(np.linalg.norm(spinors, axis=1), TINY)
@@ -206,8 +206,8 @@ class _Mesh:
     surface: SpinorSurface
     points: Complex[np.ndarray, " n"]
     faces: Int[np.ndarray, "f 3"]
-    spinors: Complex[np.ndarray, "n 2"]  # p and q there
-    parameter: Float[np.ndarray, " n"]  # parameters of boundary vertices on ∂Ω; NaN inside
+    spinors: Complex[np.ndarray, "n 2"]  # p and q at the points
+    parameter: Float[np.ndarray, " n"]  # of boundary vertices, see `PlaneDomain.arcs`; NaN inside
 
     @classmethod
     def of(cls, surface: SpinorSurface, mesh: PlaneTriangulation, rim: Float[np.ndarray, " m"]) -> _Mesh:
@@ -234,7 +234,7 @@ class _Mesh:
         return np.flatnonzero(np.isnan(self.parameter))
 
     def refined(self) -> _Mesh:
-        """Every triangle in four; new boundary points on ∂Ω, or on the side where ∂Ω would flip a triangle."""
+        """Divides triangles into four; new boundary vertices lie on ∂Ω, or on the edge if ∂Ω would flip a triangle."""
         n = len(self.points)
         codes, sides = np.unique(edge_codes(self.faces, n), return_inverse=True)
         edges = np.stack([codes // n, codes % n], axis=1)
@@ -243,8 +243,8 @@ class _Mesh:
         uses = np.bincount(sides)
         rim = np.flatnonzero(uses == 1)
         a, b = self.parameter[edges[rim]].T
-        gap = np.mod(b - a + 0.5, 1.0) - 0.5  # the short way around
-        start = 2 * (a // 2)  # first parameter of the edge's boundary
+        gap = np.mod(b - a + 0.5, 1.0) - 0.5  # the shortest difference modulo 1
+        start = 2 * (a // 2)  # boundary number k has parameters from 2k to 2k + 1
         parameter[rim] = start + np.mod(a - start + gap / 2, 1.0)
         ab, bc, ca = (sides + n).reshape(-1, 3).T
         i, j, k = self.faces.T

@@ -11,16 +11,16 @@ from threadpoolctl import OpenBLASController, ThreadpoolController, threadpool_l
 
 @cache
 def _blas() -> ThreadpoolController:
-    """The loaded libraries: looking for them takes milliseconds, once a process."""
+    """Controllers of the loaded BLAS libraries, cached because the search for them takes milliseconds."""
     return ThreadpoolController().select(user_api="blas")
 
 
 class _Limits:
-    """What Python threads that solve at the same time share.
+    """Thread limits, shared by all Python threads that solve at the same time.
 
-    BLAS has one setting for the process: the first thread inside limits it, the last one that leaves restores it.
-    threadpoolctl takes OpenBLAS's from one thread only, so that these have to release it. torch has one for each
-    thread; a thread that starts during a solve inherits the solve's.
+    The limit of BLAS holds for the whole process: the first thread to enter sets it, the last one to leave restores it.
+    threadpoolctl lets only one controlling thread change OpenBLAS's limit, so each change releases this control. The
+    limit of torch holds for one thread; a thread that starts during a solve inherits it.
     """
 
     def __init__(self) -> None:
@@ -31,7 +31,7 @@ class _Limits:
         self.own = local()
 
     def enter(self) -> int:
-        """Sets one thread, and returns the number of torch's that the calling thread is to have again."""
+        """Limits BLAS and torch to one thread; returns the number of torch threads for `leave` to restore."""
         with self.lock:
             depth, threads = getattr(self.own, "depth", 0), torch.get_num_threads()
             if self.blas is None:
@@ -46,7 +46,7 @@ class _Limits:
             return threads
 
     def leave(self, threads: int) -> None:
-        """Restores torch's threads, and those of BLAS where nobody else is inside."""
+        """Restores the limit of torch, and that of BLAS if no other thread is inside."""
         with self.lock:
             torch.set_num_threads(threads)
             self.inside, self.own.depth = self.inside - 1, self.own.depth - 1
@@ -62,7 +62,7 @@ _limits = _Limits()
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Runs linear algebra on one thread inside, and restores the caller's setting after, in any number of threads.
+    """Limits linear algebra to one thread in a `with` block; safe in any number of Python threads.
 
     On matrices of a few hundred rows several threads are up to a hundred times slower than one.
     """

@@ -1,8 +1,8 @@
 """Branch points, the zeros of φ, and whether a small change of the surface removes them.
 
 At a common zero of p and q φ has a zero of twice the order. The frame along a small circle around a zero of φ of order
-m turns m + 1 times. For odd m it lifts to SU(2), as around no regular point, and no change nearby removes the branch
-point. Spinors have zeros of even order m only.
+m turns m + 1 times. For odd m it lifts to SU(2), which it does around no regular point, so no local change removes
+the branch point. The zeros of φ of spinors have even order m only.
 
 Source: Sun & Chern (2026), theorems on removable branch points and on the existence of p and q.
 """
@@ -24,8 +24,8 @@ Functions = Callable[[Complex[Tensor, " n"]], Complex[Tensor, "n _"]]
 
 # a generic unit vector (a, b) of ℂ²: a·p + b·q and −b̄·p + ā·q have common zeros only where p and q vanish
 _A, _B = complex(0.552, 0.235), complex(-0.282, 0.749)
-_RADIUS = 0.3  # of the circle around a branch point, as a share of the distance to the next one or ∂Ω
-_SAMPLES_PER_TURN = 32  # of the frame along that circle
+_RADIUS = 0.3  # radius of the circle around a branch point, as a share of the distance to the next one or to ∂Ω
+_SAMPLES_PER_TURN = 32  # samples along that circle for each turn of the frame
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,10 +43,10 @@ class BranchPoint:
 
 
 def branch_points(spinors: Functions, phi: Functions, domain: PlaneDomain) -> tuple[BranchPoint, ...]:
-    """Common zeros of p and q in Ω, from z ↦ (p, q) and z ↦ φ.
+    """Common zeros of p and q in Ω, from the functions z ↦ (p, q) and z ↦ φ.
 
-    They are the common zeros of two generic combinations, u = a·p + b·q and v = −b̄·p + ā·q, up to a distance of 1e-4 of
-    the domain's diameter.
+    They are computed as common zeros of two generic combinations, u = a·p + b·q and v = −b̄·p + ā·q; zeros up to 1e-4 of
+    the domain's diameter apart count as common.
     """
     u, v = torch.tensor([[_A, _B], [-_B.conjugate(), _A.conjugate()]], dtype=torch.complex128)
     common = []
@@ -59,7 +59,7 @@ def branch_points(spinors: Functions, phi: Functions, domain: PlaneDomain) -> tu
 
 
 def with_invariants(zeros: Sequence[Zero], phi: Functions, domain: PlaneDomain) -> tuple[BranchPoint, ...]:
-    """Branch points at all zeros of φ in Ω."""
+    """Branch points at the given zeros, which are all zeros of φ in Ω."""
     z = np.array([zero.z for zero in zeros])
     apart = np.abs(z[:, None] - np.concatenate([z, domain.vertices]))
     np.fill_diagonal(apart, np.inf)

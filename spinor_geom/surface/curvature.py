@@ -1,6 +1,6 @@
 """Mean curvature of any parametrised surface, by automatic differentiation of its position.
 
-Nothing is assumed of the surface, so a surface that is not minimal shows the mean curvature that it has.
+The formula holds for any surface and does not assume H = 0.
 """
 
 import warnings
@@ -15,7 +15,7 @@ from spinor_geom.holomorphic.blocks import in_blocks
 
 Points = Complex[Tensor, " n"]
 Position = Callable[[Float[Tensor, " n"], Float[Tensor, " n"]], Float[Tensor, "n 3"]]
-_ENTRIES_PER_NODE = 4  # the node and its derivatives
+_ENTRIES_PER_NODE = 4  # numbers in memory: the node and its derivatives
 
 
 def mean_curvature(position: Position, x: Float[Tensor, " n"], y: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
@@ -23,7 +23,7 @@ def mean_curvature(position: Position, x: Float[Tensor, " n"], y: Float[Tensor, 
 
     The position is differentiated twice in forward mode, at all points at once.
     """
-    # points do not mix, so one tangent for all of them gives the derivative of each
+    # points are independent, so one tangent vector for all of them gives the derivative of each
     along_x, along_y = (torch.ones_like(x), torch.zeros_like(y)), (torch.zeros_like(x), torch.ones_like(y))
 
     def slope(x: Float[Tensor, " n"], y: Float[Tensor, " n"]) -> Float[Tensor, "n 3"]:

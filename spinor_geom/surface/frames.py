@@ -23,7 +23,7 @@ from spinor_geom.errors import OptionError
 from spinor_geom.holomorphic.blocks import require_complex
 
 _ORTHOGONAL = 1e-8  # largest deviation of R·Rᵀ from the identity: matrices with 9 digits pass
-_LEAST_OVERLAP = 0.5**0.5  # of the spinors of neighbours on a closed curve whose frames differ by less than 90°
+_LEAST_OVERLAP = 0.5**0.5  # least |inner product| of spinors of neighbours whose frames differ by less than 90°
 
 
 def phi_from_frames(
@@ -51,8 +51,8 @@ def spinors_from_phi(
     """Spinors p, q at the samples of a curve, with signs that make them continuous along the sequence.
 
     One is the root of the larger of p² = (φ₁ + iφ₂)/2 and q² = −(φ₁ − iφ₂)/2, the other follows from φ₃ = 2pq: no
-    division by a small number. The first sample has the principal root. φ is null and not 0; between samples whose
-    frames differ by a turn of 180° the sign is ambiguous.
+    division by a small number. The first sample has the principal root. φ has to be null and not 0; between samples
+    whose frames differ by a rotation of 180° the sign is ambiguous.
     """
     require_complex(phi=phi)
     p_squared = (phi[..., 0] + 1j * phi[..., 1]) / 2
@@ -74,8 +74,8 @@ def loop_invariant(phi: Complex[Tensor, "n 3"], direction_in_omega: Complex[Tens
     """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
 
     The frame is the curve's unit tangent, the surface's normal, and their cross product. Around a circle in an immersed
-    disk it turns once, and does not lift; around a zero of φ of order m it turns m + 1 times. An OptionError reports
-    neighbours whose frames differ by 90° or more.
+    disk it turns once, and does not lift; around a zero of φ of order m it turns m + 1 times. It raises an OptionError
+    if the frames of neighbours differ by 90° or more.
 
     Source: Sun & Chern (2026), on branch points; Pinkall, "Regular homotopy classes of immersed surfaces" (1985).
     """
@@ -83,7 +83,7 @@ def loop_invariant(phi: Complex[Tensor, "n 3"], direction_in_omega: Complex[Tens
     normal = torch.linalg.cross(phi.real, -phi.imag)
     one = torch.ones_like(direction_in_omega)  # with τ = λ = 1 φ is the frame itself
     p, q = spinors_from_phi(phi_from_frames(tangent, normal, one, one.real))
-    # as unit quaternions, their product is the cosine of half the angle between the frames
+    # the inner product of unit quaternions is the cosine of half the angle between the frames
     overlap = (p * p.roll(1).conj() + q * q.roll(1).conj()).real.abs()
     if not float(overlap.min()) > _LEAST_OVERLAP:
         k = int(overlap.argmin())

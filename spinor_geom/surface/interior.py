@@ -1,4 +1,4 @@
-"""Integrals of φ to points inside Ω: from ∂Ω by Cauchy's formula, or from a vertex of the triangulation."""
+"""Integrals of φ to points inside Ω by Cauchy's formula on ∂Ω; vertices connected to points by segments in Ω."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class RimPrimitive:
 
     def inside(self, z: Places) -> Complex[np.ndarray, "k 3"]:
         """∫ φ dz from the start to points inside a boundary without holes."""
-        # divided by Cauchy's formula for 1, which has nearly the same error near ∂Ω
+        # normalised by Cauchy's formula for 1, which has nearly the same relative error near ∂Ω
         strengths = np.column_stack([self.primitive, np.ones(len(self.primitive))])
         strengths *= (self.panels.weights * self.panels.dz)[:, None]
         sums = cauchy_sums(self.panels.z, strengths, z)
@@ -80,7 +80,7 @@ def breaks_for(boundary: Boundary, z: Places) -> Breaks:
 
 
 def require_finite(z: Complex[np.ndarray, "*pts"]) -> None:
-    """Raises a DomainError that names the first point of Ω with a NaN or infinite part."""
+    """Raises a DomainError with the index of the first point that is NaN or infinite."""
     if not np.isfinite(z).all():
         raise DomainError(f"points of Ω must be finite, point {int(np.argmin(np.isfinite(z)))} is not")
 

@@ -34,8 +34,8 @@ _CLOSED = 1e-9  # largest period of a surface that closes, as a share of the squ
 class SpinorSurface(Shown, torch.nn.Module):
     """The minimal surface r(z) = c + Re ∫ φ dz, φ = (p² − q², −i(p² + q²), 2pq), of two holomorphic functions p, q.
 
-    The integral starts at `root`, where r = c. (p, q) is the output of a model times a constant matrix, which changes
-    with rotations, scales and associates. The parameters of the model and c can be trained by any torch optimiser.
+    The integral starts at `root`, where r = c. (p, q) is the output of a model times a constant matrix for rotation,
+    scaling and associates. The parameters of the model and c can be trained by any torch optimiser.
 
     Methods take complex points of any shape (*pts) inside Ω, as an array or as a tensor, and return the same kind.
     Tensors are differentiable by the parameters and by z. x and y are the coordinates of Ω, z = x + iy.
@@ -46,7 +46,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         constant: c, shape (3,), the position of `root`.
         spinor_map: (2, 2) complex; (p, q) = spinor_map · model.value(z).
         quadrature: name of the rule on each straight piece of a path.
-        order: its nodes ("gauss") or intervals ("trapezoid", "simpson").
+        order: number of its nodes ("gauss") or intervals ("trapezoid", "simpson").
 
     Source: Sun & Chern (2026); the sign conventions are those of `formulas`.
     """
@@ -67,7 +67,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         quadrature: RuleName = "gauss",
         order: int = PATH_ORDER,
     ) -> None:
-        """Raises OptionError for an unknown rule, an order it does not have, or a constant that is not one point."""
+        """Raises OptionError for an unknown rule, an unsupported order, or a constant not of shape (3,)."""
         super().__init__()
         rule(quadrature, order)
         position = torch.as_tensor(constant, dtype=torch.float64).detach().clone()
@@ -112,7 +112,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         """Positions r(z), shape (*pts, 3).
 
         The integral is in closed form if the model has one and the rule is "gauss"; else by quadrature along edges of
-        the triangulation to a vertex near z, and from there straight to z; a NaN or infinity raises a DomainError.
+        the triangulation to a vertex near z, and along the segment to z. Raises DomainError for NaN or infinite z.
         """
         if not isinstance(z, Tensor):
             z = _complex(z)
@@ -122,7 +122,7 @@ class SpinorSurface(Shown, torch.nn.Module):
     def positions_inside(self, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """`position` of many points not on ∂Ω, by few evaluations of p and q.
 
-        Without holes and a closed form it uses Cauchy's formula with p and q on ∂Ω, to 1e-10 of the surface's size.
+        Without holes and without a closed form it uses Cauchy's formula on ∂Ω, to 1e-10 of the surface's size.
         """
         if self.has_closed_positions or self.domain.holes or len(z) == 0:
             return np.asarray(self.position(z))
@@ -163,8 +163,8 @@ class SpinorSurface(Shown, torch.nn.Module):
     def mean_curvature(self, z: Points) -> Points:
         """H in 1/length, shape (*pts), measured by automatic differentiation of the position.
 
-        It shows the error of the quadrature and of rounding, and whether the model is holomorphic. Positive where the
-        surface bends towards n; NaN at branch points.
+        It is 0 up to errors of quadrature and rounding if the model is holomorphic. Positive where the surface bends
+        towards n; NaN at branch points.
         """
         return self._evaluate(self._mean_curvature, z)
 
@@ -198,20 +198,20 @@ class SpinorSurface(Shown, torch.nn.Module):
     def branch_points(self) -> tuple[branch.BranchPoint, ...]:
         """Common zeros of p and q in Ω, where the surface is not an immersion.
 
-        It raises the errors of `find_zeros`: ZeroOnContourError and UnplacedZerosError.
+        Raises the errors of `find_zeros`: ZeroOnContourError and UnplacedZerosError.
         """
         return branch.branch_points(self._on_cpu(self._single_valued), self._on_cpu(self._phi), self.domain)
 
     def spinor_zeros(self) -> tuple[tuple[Zero, ...], tuple[Zero, ...]]:
         """The zeros in Ω of p, where n = −e₃, and of q, where n = e₃ and the Gauss map has poles.
 
-        It raises the errors of `find_zeros`; ZeroOnContourError also where p or q vanishes everywhere.
+        Raises the errors of `find_zeros`; ZeroOnContourError also if p or q vanishes identically.
         """
         p, q = (lambda z: self._single_valued(z)[:, 0]), (lambda z: self._single_valued(z)[:, 1])
         return find_zeros(self._on_cpu(p), self.domain), find_zeros(self._on_cpu(q), self.domain)
 
     def _single_valued(self, z: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
-        """(p, q) times the model's factor that changes its sign around holes, and has no zeros in Ω."""
+        """(p, q) times the model's factor that changes sign around holes, which has no zeros in Ω."""
         values = self._spinors(z)
         if isinstance(self.model, (CauchyNetwork, LaurentSeries)):
             values = values * self.model.sign_changing(z)[:, None]
@@ -221,7 +221,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
 
         It is 0 for simple curves, since branch points of spinors are removable. The samples are in order, without the
-        first at the end. An OptionError reports that neighbours' frames differ by 90° or more.
+        first at the end. Raises OptionError if the frames of neighbours differ by 90° or more.
         """
         closed = torch.from_numpy(np.array(z, dtype=np.complex128))
         return frames.loop_invariant(self._on_cpu(self._phi)(closed), closed.roll(-1) - closed.roll(1))
@@ -230,8 +230,8 @@ class SpinorSurface(Shown, torch.nn.Module):
         """The associate surface with e^{i·angle}φ, the angle in radians, on a copy of the model.
 
         It is isometric to this one and has the same normals and position of `root`; the angle π/2 gives the conjugate
-        surface (a helicoid for the catenoid). A PeriodError reports a hole of Ω around which it does not close, because
-        the flux is not 0; see `periods`.
+        surface (a helicoid for the catenoid). Raises PeriodError if it does not close around a hole of Ω, because the
+        flux is not 0; see `periods`.
         """
         if self.domain.holes:
             moved = (np.exp(1j * angle) * self.periods()).real
@@ -247,7 +247,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         """The surface scale·R·r + translation, on a copy of the model.
 
         Args:
-            rotation: R, a (3, 3) rotation matrix; none for the identity.
+            rotation: R, a (3, 3) rotation matrix; None for the identity.
             scale: a positive factor.
             translation: (3,), in the units of the result.
 
@@ -257,7 +257,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         require_positive("scale", scale)
         matrix = _real("rotation", np.eye(3) if rotation is None else rotation, 3, 3).to(self.constant.device)
         shift = _real("translation", translation, 3).to(self.constant.device)
-        # without a rotation p and q are only scaled, to the last bit
+        # without a rotation p and q are scaled without rounding errors of a matrix product
         turned = self.spinor_map if rotation is None else frames.su2_from_rotation(matrix) @ self.spinor_map
         return self._over(copy.deepcopy(self.model), scale**0.5 * turned, scale * (matrix @ self.constant) + shift)
 
@@ -267,16 +267,16 @@ class SpinorSurface(Shown, torch.nn.Module):
         return self._over(self.model, scale**0.5 * self.spinor_map, scale * self.constant + shift)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the surface and its domain to a .safetensors file with a JSON description, or replaces it.
+        """Writes the surface and its domain to a .safetensors file with a JSON description; overwrites the file.
 
-        A StorageError reports another suffix, a path that cannot be written, or a kind of model or boundary that cannot
-        be loaded again.
+        Raises StorageError for another suffix, a path that cannot be written, or a kind of model that cannot be loaded
+        again.
         """
         storage.write(self, path)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> SpinorSurface:
-        """The surface that `save` wrote, bit for bit; a StorageError if there is none of this version in the file."""
+        """The surface that `save` wrote, bit for bit. Raises StorageError if the file holds none of this version."""
         return cls(**storage.read(path))
 
     def _evaluate(self, function: Callable[..., Tensor], *points: Points) -> Points:
@@ -317,12 +317,12 @@ class SpinorSurface(Shown, torch.nn.Module):
             return self.constant + (integral[:-1] - integral[-1:]).reshape(*z.shape, 3)
         end = z.reshape(-1)
         index, start = self._anchors(end)
-        beside = (start != end).nonzero()[:, 0]  # a vertex is its own anchor
-        displacement = self._integrate(start[beside], end[beside])
-        return self._anchor_positions(index)[index].index_add(0, beside, displacement).reshape(*z.shape, 3)
+        moved = (start != end).nonzero()[:, 0]  # a vertex is its own anchor
+        displacement = self._integrate(start[moved], end[moved])
+        return self._anchor_positions(index)[index].index_add(0, moved, displacement).reshape(*z.shape, 3)
 
     def _anchors(self, z: Complex[Tensor, " n"]) -> tuple[Int[np.ndarray, " n"], Complex[Tensor, " n"]]:
-        """Vertices of the triangulation from which segments in Ω lead to points: indices and positions in Ω."""
+        """Vertices of the triangulation connected to points by segments in Ω: indices and positions in Ω."""
         index = find_anchors(z.detach().cpu().resolve_conj().numpy(), self.domain)
         return index, torch.tensor(self.domain.triangulation.points[index]).to(z.device)
 

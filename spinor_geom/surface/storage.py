@@ -78,13 +78,13 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
     name = os.fspath(path)
     try:
         with safetensors.safe_open(name, framework="pt") as file:
-            # clones, because the memory of the file is released, and not aligned for complex numbers (torch crashes)
+            # cloned: the file's memory is released, and its alignment crashes torch's complex numbers
             tensors = {key: file.get_tensor(key).clone() for key in file.keys()}  # noqa: SIM118 - not a mapping
             description = json.loads((file.metadata() or {}).get("description", "{}"))
     except (OSError, ValueError, safetensors.SafetensorError) as error:
         raise StorageError(f"{name} cannot be read as a saved surface: {error}", path=name) from error
     if not isinstance(description, dict) or description.get("format") != FORMAT:
-        raise StorageError(f"{name} is not a saved surface: its header does not say {FORMAT!r}", path=name)
+        raise StorageError(f"{name} is not a saved surface: its header has no format {FORMAT!r}", path=name)
     if (version := description.get("version")) != VERSION:
         raise StorageError(
             f"{name} has format version {version}, this program reads version {VERSION}; "
@@ -126,7 +126,7 @@ def _read_domain(description: Mapping[str, Any], data: Mapping[str, Tensor]) -> 
     hole_sizes = tuple(len(hole.vertices) for hole in holes)
     size = len(boundary.vertices) + sum(hole_sizes)
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.min() < 0 or faces.max() >= len(points):
-        raise ValueError("its faces name points that do not exist")
+        raise ValueError("its faces have indices out of range")
     if len(points) < size:
         raise ValueError("its triangulation does not fit its boundary")
     return PlaneDomain(

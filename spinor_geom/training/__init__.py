@@ -1,4 +1,4 @@
-"""Training of complex-valued networks on Plateau's problem: the paper's algorithm, and Levenberg-Marquardt."""
+"""Training of complex-valued networks for Plateau's problem: the paper's algorithm, and Levenberg-Marquardt."""
 
 from spinor_geom.training.levenberg_marquardt import LevenbergMarquardt, train_by_levenberg_marquardt
 from spinor_geom.training.rmsprop import RMSprop, train_by_rmsprop

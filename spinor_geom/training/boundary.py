@@ -23,7 +23,7 @@ from spinor_geom.surface.weierstrass import weierstrass_phi
 
 _PANEL_ORDER = 4  # fewest Gauss-Legendre nodes on a panel of an ∂Ω with corners
 _CONSTANT_STEPS = 5  # alternations between the constant of r and the nearest points of Γ
-_POINTS = 1024  # of a curve, for its bounding box
+_POINTS = 1024  # samples of a curve for its bounding box
 
 
 def as_boundary_curve(curve: BoundaryCurve | ClosedCurve) -> BoundaryCurve:
@@ -43,7 +43,7 @@ class BoundaryNodes:
     t: Float[Tensor, " n"]
     z: Complex[Tensor, " n"]
     dz: Complex[Tensor, " n"]  # dz/dt
-    weights: Float[Tensor, " n"]  # of the mean over t, of sum 1
+    weights: Float[Tensor, " n"]  # of the mean over t; their sum is 1
     integral: Float[Tensor, "n n"]  # from values f at the nodes to ∫ f dt there, up to a constant
 
     @classmethod
@@ -72,9 +72,9 @@ class BoundaryNodes:
     def matched(
         self, spinors: Complex[Tensor, "n 2"], slide: Float[Tensor, " n"], curve: CurveTensors, *, held: bool = False
     ) -> MatchedBoundary:
-        """The boundary of the surface of p and q, translated to Γ.
+        """The boundary of the surface with spinors p and q, translated to Γ.
 
-        Nearest points of Γ are searched from those at the parameters `slide`, or these are kept if they are held.
+        The search for nearest points of Γ starts at the parameters `slide`; with `held` these parameters are kept.
         """
         position = self.positions(spinors)
         position = position - self.weights @ (position - curve.point_and_derivative(slide)[0])
@@ -86,7 +86,7 @@ class BoundaryNodes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MatchedBoundary:
-    """The boundary of a surface beside Γ, at the nodes."""
+    """The boundary of a surface and the corresponding points of Γ, at the nodes."""
 
     position: Float[Tensor, "n 3"]  # r
     slide: Float[Tensor, " n"]  # parameters of the corresponding points of Γ
@@ -94,7 +94,7 @@ class MatchedBoundary:
 
 
 def move_to(surface: SpinorSurface, z: Complex[Tensor, " n"], position: Float[Tensor, "n 3"]) -> None:
-    """Translates a surface so that the mean of its positions at some points is that of given ones."""
+    """Translates a surface in place so that its mean position at points z is the mean of `position`."""
     found = surface.position(z.cpu().numpy())
     with torch.no_grad():
         surface.constant.add_((position - torch.as_tensor(found).to(position)).mean(0))
@@ -119,7 +119,7 @@ class RayBoundary(torch.nn.Module):
             self.register_buffer(name, torch.tensor(values), persistent=False)
 
     def point_and_velocity(self, s: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
-        """Positions r and dr/ds at given s, differentiable by the network's parameters."""
+        """Positions r and derivatives dr/ds, differentiable with respect to the network's parameters."""
         z = _circle(s)
         # the last point is z itself, for the velocity
         null = self._null(torch.cat([z[:, None] * self.nodes, z[:, None]], dim=1))
@@ -129,7 +129,7 @@ class RayBoundary(torch.nn.Module):
     def differentiable_point_and_velocity(
         self, s: Float[Tensor, " n"]
     ) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
-        """Positions r and dr/ds at given s, differentiable by s; the derivative of r is exact, not the quadrature's."""
+        """Positions r and dr/ds, differentiable with respect to s; the gradient of r is the exact dr/ds."""
         with torch.no_grad():
             position, velocity = self.point_and_velocity(s)
         z = _circle(s)

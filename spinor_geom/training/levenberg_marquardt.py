@@ -39,8 +39,7 @@ from spinor_geom.training.trained import Trained, TrainingStep
 _NEAR, _FAR, _LEAST_DAMPING = 1e-6, 1e-1, 1e-16
 _LESS, _MORE = 0.2, 4.0  # factors of the damping after a good and a bad step
 _PATIENCE, _GAIN = 12, 0.1  # the distance stagnates if this number of steps reduces it by less than this share
-# The distance is measured at this number of points per node; if it is this many times that at the nodes, they are
-# doubled.
+# Points per node at which the distance is measured; nodes are doubled if it is larger than at them by this factor.
 _POINTS_PER_NODE, _BETWEEN = 4, 3.0
 _MOST_NODES = 512
 # networks deeper than this that start from random parameters have the gain _GAIN_ALONE/depth
@@ -54,14 +53,14 @@ class LevenbergMarquardt:
     """Second-order training of a `ComplexMLP`.
 
     Attributes:
-        depth: hidden layers; 10 for the paper's network.
-        width: units in each; 20 for the paper's network.
+        depth: number of hidden layers; 10 for the paper's network.
+        width: units in each layer; 20 for the paper's network.
         activation: an entire function.
         seed: of the initial parameters.
         nodes: initial number of nodes on ∂Ω.
         tolerance: largest distance from Γ, in diagonals of its bounding box.
-        distillation_steps: most steps towards the p and q of a given surface.
-        polishing_steps: most steps to reduce the distance from Γ, for each number of nodes.
+        distillation_steps: largest number of steps to fit p and q of a given surface.
+        polishing_steps: largest number of steps to reduce the distance from Γ, for each number of nodes.
     """
 
     depth: int = 3
@@ -109,7 +108,7 @@ def train_by_levenberg_marquardt(
     device: str | torch.device = "cpu",
     on_step: Callable[[TrainingStep], None] | None = None,
 ) -> Trained:
-    """A network whose surface has its boundary on a curve Γ, from the p and q of a surface or random parameters.
+    """A surface with a network for p and q and its boundary near a curve Γ, trained by Levenberg-Marquardt.
 
     Args:
         curve: Γ.
@@ -117,7 +116,7 @@ def train_by_levenberg_marquardt(
         matching: (n, 2), increasing pairs (t, s) of parameters of the ∂Ω of `start` and of Γ; by default s = t.
         options: of the network and the training.
         device: for the linear algebra and the returned surface.
-        on_step: is called after each step.
+        on_step: called after each step.
 
     Returns:
         The surface and its distance from Γ, measured at four points a node.
@@ -162,7 +161,7 @@ class _Training:
         self.history: list[TrainingStep] = []
 
     def run(self, matching: Float[np.ndarray, "n 2"]) -> Trained:
-        """Distils and polishes, and doubles the nodes while the boundary is far from Γ between them."""
+        """Distils and polishes; doubles the nodes while the boundary is farther from Γ between them than at them."""
         count = self.options.nodes
         while True:
             nodes = BoundaryNodes.on(self.domain, count, self.device)
@@ -282,7 +281,7 @@ class Polish:
 
     @cached_property
     def boundary(self) -> MatchedBoundary:
-        """The boundary beside Γ."""
+        """The boundary and the corresponding points of Γ."""
         return self.nodes.matched(self.linear.value, self.slide, self.curve, held=self.held)
 
     @property
@@ -328,9 +327,10 @@ def descend(
     max_steps: int,
     on_step: Callable[[float], None] | None = None,
 ) -> Fit:
-    """Solves a least-squares problem by damped steps of a network's parameters, in place; returns it at the last ones.
+    """Solves a least-squares problem by damped steps of a network's parameters, which change in place.
 
-    The initial damping is relative to the mean diagonal entry of J Jᴴ; `on_step` gets the RMS residual of each step.
+    Returns the problem at the final parameters. The initial damping is relative to the mean diagonal entry of J Jᴴ;
+    `on_step` receives the RMS residual after each step.
     """
     reference, since = rms(fit), 0
     shares = torch.full_like(fit.losses, damping)

@@ -37,9 +37,9 @@ from spinor_geom.training.trained import Status, Trained, TrainingStep
 
 _FORMAT = "spinor_geom.training 2"  # of checkpoints
 _REMOVE = "remove it to train from the start"
-_GROWTH = 1e3  # a loss this many times that of the first epoch has diverged
+_GROWTH = 1e3  # training has diverged if the loss exceeds that of the first epoch by this factor
 _BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192  # points of ∂Ω and of Γ for the boundary error
-_DIAGONAL = 2 * math.sqrt(2)  # of curves from the solver: that of the unit circle, for which the learning rate is made
+_DIAGONAL = 2 * math.sqrt(2)  # of the unit circle; the solver's curves are scaled to it to suit the learning rate
 # points of Γ in a checkpoint, and the largest distance, in diagonals, between those of the same curve
 _COMPARED_POINTS, _SAME_CURVE = 32, 1e-9
 PointsAndVelocities: TypeAlias = tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]  # of a closed curve
@@ -49,21 +49,21 @@ _FREE = ("epochs", "checkpoint", "checkpoint_every")  # options that may change 
 
 @dataclass(frozen=True, kw_only=True)
 class RMSprop:
-    """The paper's training; the defaults are its settings.
+    """Options of the paper's Algorithm 1; the defaults are its settings.
 
     Attributes:
         representation: "spinor" for p and q; "weierstrass-enneper" for f and g, the paper's baseline.
         depth: hidden layers of each of the two networks.
-        width: units in each.
+        width: units in each layer.
         activation: an entire function.
         gain: of the initial networks, see `ComplexMLP`; the paper does not give its initialisation.
         learning_rate: of RMSprop.
         batch: samples of [0, 1] in each update.
         points: samples in each epoch, for the surface and for the homeomorphism.
         epochs: number of epochs; the paper takes 800, and 2,000 or 4,000 for prescribed surfaces.
-        tangent_weight: λ.
+        tangent_weight: λ of the loss, see `boundary_loss`.
         quadrature: rule on the ray from 0 to a point.
-        order: its intervals ("trapezoid", "simpson") or nodes ("gauss").
+        order: number of its intervals ("trapezoid", "simpson") or nodes ("gauss").
         seed: of all random numbers.
         checkpoint: file for the state; if it exists training resumes from it, on a CPU bit for bit.
         checkpoint_every: epochs between two writes of the file; the last epoch is written too.
@@ -117,10 +117,10 @@ def train_by_rmsprop(
 ) -> Trained:
     """A minimal surface over the unit disk with a boundary close to Γ, by the paper's Algorithm 1.
 
-    Each epoch draws samples of [0, 1]. For each batch of them RMSprop makes one step of the networks and the constant c
-    with the loss between r(e^{2πit}) and Γ(Φ(t)), then one of the homeomorphism with that between r(e^{2πiΦ⁻¹(t)}) and
-    Γ(t). c starts at the centre of Γ. The paper's learning rate moves each parameter by a few hundredths in 800 epochs,
-    which suits curves of size 1. `on_epoch` is called after each epoch.
+    Each epoch draws samples of [0, 1]. For each batch RMSprop makes one step of the networks and the constant c for the
+    loss between r(e^{2πit}) and Γ(Ψ⁻¹(t)), then one of the homeomorphism Ψ (`CircleHomeomorphism`) with that between
+    r(e^{2πiΨ(t)}) and Γ(t). c starts at the centre of Γ. With the paper's learning rate each parameter changes by a few
+    hundredths in 800 epochs, which suits curves of size 1. `on_epoch` is called after each epoch.
 
     Returns:
         The surface, a `WeierstrassSurface` for the baseline, and the history. Divergence is a `status`, not an error.
@@ -169,14 +169,14 @@ class _Training:
         seconds = self.history[-1].seconds if self.history else 0.0
         for index in range(len(self.history) + 1, options.epochs + 1):
             if is_out_of_time():
-                return self._result("stopped", "the time was up", seconds)
+                return self._result("stopped", "the time limit was reached", seconds)
             begin = time.perf_counter()
             before = copy.deepcopy(self.modules.state_dict())
             loss = self._epoch()
             seconds += time.perf_counter() - begin
             if self._diverged(loss):
                 self.modules.load_state_dict(before)
-                reason = "the loss became infinite, NaN or far larger than at first; take a smaller learning rate"
+                reason = "the loss became infinite, NaN or far larger than at first; use a smaller learning rate"
                 return self._result("diverged", f"{reason} (the surface is that of the epoch before)", seconds)
             error = self._misfit().max
             step = TrainingStep(index=index, method="RMSprop", loss=loss, boundary_error=error, seconds=seconds)
@@ -190,7 +190,7 @@ class _Training:
     def _epoch(self) -> float:
         """Trains with new samples; returns the mean loss of the surface."""
         options = self.options
-        # the two updates have different samples
+        # different samples for the two updates
         drawn = torch.rand(2, options.points, dtype=torch.float64, generator=self.random).to(self.device)
         losses = []
         for t, s in zip(*(torch.split(row, options.batch) for row in drawn), strict=True):
@@ -246,7 +246,7 @@ class _Training:
             torch.save(state, temporary)
 
     def restore(self, path: Path) -> None:
-        """Reads the state from a checkpoint; a StorageError if it has other options or another curve."""
+        """Reads the state from a checkpoint. Raises StorageError if it has other options or another curve."""
         state = _read_state(path)
         own = self._fixed_options()
         different = sorted(name for name in own if own[name] != state["options"].get(name))
@@ -254,7 +254,7 @@ class _Training:
         if not different and float((state["curve"] - self._curve_samples()).abs().max()) > _SAME_CURVE * self.diagonal:
             other = "another curve"
         if other:
-            raise StorageError(f"{path} is of a training with {other}; {_REMOVE}", path=str(path))
+            raise StorageError(f"{path} is a checkpoint with {other}; {_REMOVE}", path=str(path))
         self.modules.load_state_dict(state["modules"])
         for name, optimizer in self.optimizers.items():
             optimizer.load_state_dict(state["optimizers"][name])
@@ -306,7 +306,7 @@ def boundary_loss(
 
 def _read_state(path: Path) -> dict[str, Any]:
     try:
-        # a zip file, as torch writes it; without weights_only it could run code
+        # torch writes zip files; without weights_only loading could run code
         state = torch.load(path, map_location="cpu", weights_only=True) if zipfile.is_zipfile(path) else None
     except (OSError, RuntimeError, pickle.UnpicklingError) as error:
         raise StorageError(f"{path} cannot be read as a checkpoint: {error}", path=str(path)) from error
@@ -316,7 +316,7 @@ def _read_state(path: Path) -> dict[str, Any]:
 
 
 def _arcs(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Arc length of a closed polygon that belongs to each point."""
+    """Half the length of the two edges at each point of a closed polygon."""
     chords = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
     return np.asarray((chords + np.roll(chords, 1)) / 2)
 
@@ -334,7 +334,7 @@ class CircleHomeomorphism(torch.nn.Module):
         """Random parameters, uniform in ±1/√fan-in, on the CPU; b = 0."""
         super().__init__()
         pairs = itertools.pairwise(_SIZES)
-        # without use of torch's global generator
+        # built empty, not to draw from torch's global generator
         linear = [torch.nn.Linear(*pair, dtype=torch.float64, device="meta").to_empty(device="cpu") for pair in pairs]
         for name in ("weight", "bias"):
             for layer in linear:
@@ -350,7 +350,7 @@ class CircleHomeomorphism(torch.nn.Module):
         return output[:, 0].exp()
 
     def forward(self, t: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-        """Ψ(t); differentiable by t and the parameters."""
+        """Ψ(t), differentiable with respect to t and the parameters."""
         slopes, values = self._table()
         turns = t.detach().floor()
         piece = ((t.detach() - turns) * _PIECES).long().clamp(0, _PIECES - 1)
@@ -359,7 +359,7 @@ class CircleHomeomorphism(torch.nn.Module):
         return turns + values[piece] + part * (left + (right - left) * part / 2) / _PIECES + self.shift
 
     def inverse(self, s: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-        """The t with Ψ(t) = s, a root of a quadratic; differentiable by s and the parameters."""
+        """Ψ⁻¹(s), a root of a quadratic, differentiable with respect to s and the parameters."""
         slopes, values = self._table()
         wanted = s - self.shift
         turns = wanted.detach().floor()

@@ -39,16 +39,16 @@ class Trained:
     """A surface from training.
 
     Attributes:
-        surface: the surface, a `WeierstrassSurface` for that representation; after a divergence that of the last good
-            epoch.
+        surface: the surface, a `WeierstrassSurface` for that representation; if training diverged, that of the epoch
+            before.
         matching: (n, 2), increasing pairs (t, s) of parameters of ∂Ω and of Γ.
-        misfit: distance between the boundary and Γ, at points that were not trained on.
-        diagonal: of the bounding box of Γ.
+        misfit: distance between the boundary and Γ, at points that were not used in training.
+        diagonal: diagonal of the bounding box of Γ.
         history: the steps.
         status: "converged" to the tolerance; "finished" all epochs; "stopped" without progress or out of time;
             "diverged": the loss became infinite, NaN or far larger than at the start.
         reason: the status as a sentence with figures.
-        seconds: of training.
+        seconds: time of training.
     """
 
     surface: SpinorSurface | WeierstrassSurface
@@ -71,7 +71,7 @@ class Trained:
         return self.misfit.rms / self.diagonal
 
     def as_disk(self, curve: BoundaryCurve, *, scale: float = 1.0) -> RouteResult:
-        """The disk over a curve at unit size, `scale` times as large as Γ."""
+        """The surface scaled by `scale` as the result for a curve at unit size."""
         assert isinstance(self.surface, SpinorSurface)  # the options exclude the other representation
         surface = self.surface.transform(scale=scale)
         return RouteResult(

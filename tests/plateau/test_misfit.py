@@ -89,7 +89,7 @@ def test_a_local_miss_is_no_convergence_and_the_reason_says_so():
     residual = BoundaryResidual(rms=9e-4, max=0.041, max_per_local_edge=2.0, mean_edge=1.0, diagonal=64.0)
     converged, reason = residual.verdict(1e-3, steps=7, limit="more units bring it no nearer")
     assert not converged
-    assert "missed by 2.0e+00 of its own edges, above 1.0e-01: more units bring it no nearer" in reason
+    assert "the largest distance is 2.0e+00 of the edges there, above 1.0e-01: more units bring it no nearer" in reason
     everywhere = BoundaryResidual(rms=9e-4, max=0.041, max_per_local_edge=0.05, mean_edge=1.0, diagonal=64.0)
     assert everywhere.verdict(1e-3, steps=7, limit="") == (True, "residual 9.0e-04 of the mean edge after 7 steps")
     assert "above the tolerance 1.0e-04" in everywhere.verdict(1e-4, steps=7, limit="")[1]

@@ -47,14 +47,14 @@ def test_an_unstable_disk_is_left_for_the_known_one():
     assert isinstance(solution.surface.model, PowerSeries)
     assert solution.boundary_residual.max_per_diagonal < 1e-13
     assert abs(solution.area / curve.disks[0].area - 1) < 1e-13
-    assert "left an unstable disk of area 4.66976" in solution.reason
+    assert "replaces an unstable surface of area 4.66976" in solution.reason
 
 
 def test_series_stay_series_where_the_unit_disk_has_no_room_for_a_stable_one():
     solution = solve_plateau(gallery.tennis_seam(0.6), model="series")
     assert isinstance(solution.surface.model, PowerSeries)
     assert solution.stability.verdict == "unstable"
-    assert "no better one was found in power series; model='auto' searches further" in solution.reason
+    assert "no better one was found among power series; model='auto' searches further" in solution.reason
 
 
 @pytest.mark.parametrize(

@@ -168,7 +168,7 @@ def test_a_time_that_was_up_is_said_to_be_the_reason():
     with deadline.time_limit(1e-9):
         result = train_by_rmsprop(CURVE, options=SMALL)
     assert (result.status, result.history) == ("stopped", ())
-    assert "the time was up" in result.reason
+    assert "the time limit was reached" in result.reason
 
 
 @pytest.mark.parametrize("learning_rate", [0.5, 1e3])

@@ -1,7 +1,7 @@
 """Newton's method for surfaces through given points: features of p and q, integrals along polygons in Ω.
 
-p and q are sums of features. With δr = Re ∫ (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)) dz two complex matrices
-contain the derivatives of all points.
+p and q are sums of features. Since δr = Re ∫ (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)) dz, the derivatives of all
+points follow from two complex matrices, ∫ 2pf dz and ∫ 2qf dz for all features f.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class PointEquations:
     """Linearised distances of n points from their targets, as functions of orthonormal read-outs."""
 
     by_p: Complex[Tensor, "k n"]  # conjugates of ∫ 2pf dz to each point for all features f
-    by_q: Complex[Tensor, "k n"]  # of ∫ 2qf dz
+    by_q: Complex[Tensor, "k n"]  # likewise of ∫ 2qf dz
     factor: Float[Tensor, "n3 n3"]  # of the Gram matrix of the 3n functions
 
     @classmethod
@@ -62,15 +62,15 @@ class PointEquations:
         return cls(by_p=by_p, by_q=by_q, factor=torch.linalg.cholesky(matrix))
 
     def step(self, error: Float[Tensor, "n 3"], away: Complex[Tensor, "k 2"] | None) -> Complex[Tensor, "k 2"]:
-        """The shortest change of the read-outs that removes an error.
+        """The change of least norm of the read-outs that removes an error.
 
-        With `away`, the difference of the read-outs from others, the result is the solution nearest to those others.
+        With `away`, the difference of the read-outs from given ones, the new read-outs are the nearest to those.
         """
-        wanted = error
+        right = error
         if away is not None:
             (pp, pq), (qp, qq) = (self.by_p.mH @ away).T, (self.by_q.mH @ away).T
-            wanted = error - torch.stack([pp - qq, -1j * (pp + qq), qp + pq], dim=1).real
-        x, y, z = torch.cholesky_solve(wanted.T.reshape(-1, 1), self.factor).reshape(3, -1)
+            right = error - torch.stack([pp - qq, -1j * (pp + qq), qp + pq], dim=1).real
+        x, y, z = torch.cholesky_solve(right.T.reshape(-1, 1), self.factor).reshape(3, -1)
         xy, z = torch.complex(x, y), torch.complex(z, torch.zeros_like(z))
         p, q = self.by_p, self.by_q
         change = -torch.stack([p @ xy + q @ z, p @ z - q @ xy.conj()], dim=1)
@@ -125,7 +125,7 @@ class Basis:
     scales: Float[Tensor, " m"]
     branches: Complex[Tensor, " b"]
     rims: tuple[OnRim, ...]
-    ways: tuple[tuple[Complex[Tensor, "_ k"], Complex[Tensor, "_"]], ...]  # features on the way to each rim, and dz
+    ways: tuple[tuple[Complex[Tensor, "_ k"], Complex[Tensor, "_"]], ...]  # features on a path to each rim, and dz
 
     @classmethod
     def on(
@@ -151,7 +151,7 @@ class Basis:
         hessenberg = arnoldi_hessenberg(
             nodes_on_edges(outer, nodes).flatten(), weight.flatten(), min(DEGREE, max(2, len(outer) // 2))
         )
-        # the polynomials belong to the outer rim
+        # polynomials count as features of the outer rim
         ends = [0, *(len(hessenberg) + np.cumsum([len(each.positions) for each in poles])).tolist()]
         rims = []
         for number, polygon in enumerate(polygons):
@@ -163,7 +163,7 @@ class Basis:
             own = slice(*ends[number : number + 2])
             root = _norm_of_edge(nodes, outer.device).to(features) * shares(polygon).sqrt()[:, None, None]
             matrix = gram((root @ features[..., own]).flatten(0, 1))
-            # units with neighbouring poles are nearly dependent
+            # units with neighbouring poles are nearly linearly dependent
             matrix.diagonal().add_(torch.finfo(root.real.dtype).eps ** 0.5 * matrix.diagonal().real.mean())
             rims.append(
                 OnRim(
@@ -214,7 +214,7 @@ class Basis:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Passing:
-    """A surface that is fitted to the points of all rims."""
+    """A surface of given read-outs, and the points of all rims that it has to pass through."""
 
     basis: Basis
     points: tuple[Float[Tensor, "_ 3"], ...]
@@ -243,7 +243,7 @@ class Passing:
 
     @cached_property
     def error(self) -> Float[Tensor, "n 3"]:
-        """Distances of the points, with mean 0, followed by the periods of r around each hole."""
+        """Differences from the points, with mean 0, followed by the periods of r around each hole."""
         rows = [step.cumsum(0) - step - points for step, points in zip(self._steps, self.points, strict=True)]
         for row, values, (_, steps) in zip(rows, self._on_ways, self.basis.ways, strict=False):
             row += (phi(*values.unbind(-1)) * steps[:, None]).sum(0).real
@@ -260,7 +260,7 @@ class Passing:
         return replace(self, raw=self.basis.raw(readout))
 
     def linearised(self) -> PointEquations:
-        """The derivative of the error by the read-outs."""
+        """The derivative of the error with respect to the read-outs."""
         by_points, by_gaps = [], []
         for over_edge in self._changes:
             by_points.append(over_edge.cumsum(1).sub_(over_edge))
@@ -273,7 +273,7 @@ class Passing:
         return PointEquations.of(*map(self.basis.orthonormal, rows))
 
     def closed(self, readout: Complex[Tensor, "k 2"]) -> Complex[Tensor, "k 2"]:
-        """The nearest read-outs without periods, to first order."""
+        """The nearest read-outs whose periods are 0, to first order."""
         rows = torch.stack([over_edge.sum(1) for over_edge in self._changes[1:]], dim=1)
         return readout + PointEquations.of(*map(self.basis.orthonormal, rows)).step(torch.stack(self._gaps), None)
 
@@ -296,7 +296,7 @@ def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
 def nearest_through(
     here: Passing, readout: Complex[Tensor, "k 2"], *, start: Complex[Tensor, "k 2"], allowed: float, steps: Steps
 ) -> Complex[Tensor, "k 2"]:
-    """Read-outs nearest to a start whose surface meets all points, by Newton's method, to allowed/2.
+    """Read-outs nearest to `start` whose surface passes through all points, to allowed/2, by Newton's method.
 
     Raises:
         OutOfTimeError: time ran out.

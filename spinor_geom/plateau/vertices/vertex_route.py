@@ -94,7 +94,7 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
         bulge = found.curves[0].bulge() / loop.mean_edge_length
         if not bulge <= _FAR:
             raise SurfaceError(
-                f"the surface through the loop's points goes {bulge:.1f} edges away from the edges between them"
+                f"the surface through the loop's points is up to {bulge:.1f} edges away from the loop's edges"
             )
         return found
 
@@ -105,7 +105,7 @@ THROUGH_POINTS = Route("vertices", disk_through_points)
 def _fitted(
     basis: Basis, spinors: Complex[Tensor, "n 2"], raw: Complex[Tensor, "k 2"] | None, problem: PlateauProblem
 ) -> Complex[Tensor, "k 2"]:
-    """Read-outs that meet all points, nearest to spinors at the midpoints of the edges; from `raw` if given."""
+    """Read-outs of the surface through all points nearest to spinors at edge midpoints; `raw` is an initial guess."""
     (rim,) = basis.rims
     start = rim.nearest_between(spinors)
     readout = start if raw is None else rim.norm.mH @ raw
@@ -114,8 +114,8 @@ def _fitted(
     in_edges = here.distance / problem.unit.mean_edge_length
     if not in_edges <= _FAR:
         raise SurfaceError(
-            "the flattened discrete disk over the loop is too far from conformal: p and q of its frames lead "
-            f"{in_edges:.0f} edges away from the points"
+            "the flattened discrete disk over the loop is too far from conformal: p and q of its frames give "
+            f"a surface {in_edges:.0f} edges away from the points"
         )
     return basis.raw(nearest_through(here, readout, start=start, allowed=problem.allowed, steps=problem.steps))
 
@@ -161,9 +161,9 @@ def surface_through(
     readout = nearest_through(here, start, start=start, allowed=allowed, steps=steps)
     here = here.at(here.at(readout).closed(readout))
     if not np.isfinite(here.distance):
-        raise SurfaceError("p and q of the surface over averages of the rims overflow beside their points")
+        raise SurfaceError("p and q of the surface over averages of the rims overflow near their points")
     surface = SpinorSurface(basis.network(here.raw), domain).to(here.raw.device)
-    # distances from the points, by integrals along ∂Ω with twice as many nodes
+    # differences from the points, by integrals along ∂Ω with twice as many nodes
     rims = surface.rim_primitives(2 * NODES)
     places = surface.position(np.array([boundary.vertices[0] for boundary in domain.boundaries]))
     off = [place + rim.at_breaks[:-1].real - each for place, rim, each in zip(places, rims, points, strict=True)]
@@ -224,7 +224,7 @@ def _passed(
     area: float,
     near: str,
 ) -> RouteResult:
-    """The result for a surface whose boundary misses the points of each rim by `errors`."""
+    """The result for a surface whose boundary differs from the points of each rim by `errors`."""
     curves, misfits = [], []
     for rim, own, error in zip(rims, points, errors, strict=True):
         velocity = rim.velocity.real.reshape(len(own), -1, 3) * np.diff(rim.panels.breaks)[:, None, None]
@@ -241,14 +241,14 @@ def _passed(
         misfit=Misfit.together(misfits),
         area=area,
         route="vertices",
-        limit=f"no minimal surface near {near} passes through the points more nearly",
+        limit=f"no minimal surface near {near} is closer to the points",
     )
 
 
 def _curve_through(
     points: Float[np.ndarray, "n 3"], velocity: Float[np.ndarray, "n g 3"], error: Float[np.ndarray, "n 3"]
 ) -> BoundaryCurve:
-    """Γ: a surface's boundary less its errors at the points, interpolated linearly between them.
+    """Γ: a surface's boundary minus its errors at the points, which are interpolated linearly between them.
 
     `velocity` is the derivative of r by the share of each edge, at Gauss-Legendre nodes.
     """
@@ -267,22 +267,22 @@ def _misfit_at_points(curve: BoundaryCurve, error: Float[np.ndarray, "n 3"]) -> 
     """The misfit of a boundary with given errors at the points, linear between them."""
     points = curve.coefficients[-1]
     length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-    after, beside = np.roll(error, -1, axis=0), (length + np.roll(length, 1)) / 2
+    after, local_edge = np.roll(error, -1, axis=0), (length + np.roll(length, 1)) / 2
     distance = np.linalg.norm(error, axis=1)
     squares = (error * error + error * after + after * after).sum(axis=1) / 3
     return Misfit(
         rms=float(np.sqrt(length @ squares / length.sum())),
         max=float(distance.max()),
-        max_per_local_edge=float((distance / beside).max()),
+        max_per_local_edge=float((distance / local_edge).max()),
         length=curve.length(),
     )
 
 
 def _polygon_through(vertices: Complex[np.ndarray, " n"]) -> SplineBoundary:
-    """The closed polygon through vertices; they are no corners, because p and q are regular there."""
+    """The closed polygon through vertices, which are not marked as corners because p and q are regular there."""
     step = np.roll(vertices, -1) - vertices
     if not step.all():
-        raise DomainError("two neighbouring points of the flattened disk's boundary are one", vertices=len(vertices))
+        raise DomainError("two neighbouring points of the flattened disk's boundary coincide", vertices=len(vertices))
     along = np.append(0.0, np.cumsum(np.abs(step)) / np.abs(step).sum())
     along[-1] = 1.0
     return SplineBoundary(along, np.stack([step / np.diff(along), vertices]), np.zeros(len(vertices), dtype=bool))
