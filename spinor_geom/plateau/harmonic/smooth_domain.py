@@ -59,7 +59,7 @@ class NodeDensity:
 
     @property
     def is_narrow(self) -> bool:
-        """Whether a place of the loop needs more than twice the usual density of nodes, and a fine ∂Ω."""
+        """Whether the loop has a place that needs more than twice the usual density of nodes, and thus a fine ∂Ω."""
         return self.narrowest > 2
 
     def parameter(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
@@ -81,7 +81,7 @@ def has_narrow_place(curve: BoundaryCurve, points: int) -> bool:
     along, whole, gap = np.cumsum(lengths) - lengths, float(lengths.sum()), 1.2 * float(lengths.max())
     arc = np.abs(along[:, None] - along)
     arc = np.minimum(arc, whole - arc)
-    # Γ comes nearer to itself than its vertices by at most their spacing, and is hardly longer than the polygon
+    # bounds: Γ is nearer to itself than its vertices by at most `gap`, and at most 1.2 times as long as the polygon
     distance = np.maximum(np.linalg.norm(vertices[:, None] - vertices, axis=-1) - gap, 0.0)
     may_face = (distance < 0.6 * whole / points) & (1.2 * arc + gap > _FACING * distance) & (arc > 2 * gap)
     return bool(may_face.any()) and NodeDensity(curve, points).is_narrow

@@ -320,7 +320,7 @@ def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[SpinorSurface, fl
         boundary = (stage.problem.positions(network.readout.detach()) + fit.constant)[some]
         with torch.no_grad():
             offset = boundary - surface.position(torch.as_tensor(stage.panels.z, device=device)[some])
-            # the median is right even if some paths come too near to a pole
+            # the median ignores paths that come too near to a pole
             constant = offset.median(0).values
             surface.constant.copy_(constant)
         astray = float(weight @ (offset - constant).square().sum(1)) ** 0.5

@@ -28,7 +28,7 @@ MOST_MODULUS = 20.0  # beyond it rims influence each other by less than 1e-9: th
 _HELD = 1e26  # second derivative in moduli that are held fixed, over the energy
 DENSE = 512  # number of nodes on all rims up to which matrices are factored
 
-_LARGEST_STEP = 0.5  # largest step of a log modulus, or of a centre in distances to the next circle
+_LARGEST_STEP = 0.5  # largest step of a log modulus, or of a centre in widths of the gap
 _LARGE_PART = 0.5  # largest spacing of nodes, as a share of the curve; stricter than `CROWDED` for few nodes
 
 

@@ -107,7 +107,7 @@ class RimsSolver:
         """The surface through the points of rough rims."""
         placed = self._descended
         if placed is None:
-            raise SurfaceError("no minimal surface was found between averages of the rims")
+            raise SurfaceError("no minimal surface was found between the smoothed rims")
         problem = self._problem(placed)
         with self.problem.clock.stage("lift"):
             smooth = lifted_between(placed.surface, problem.curves, allowed=self.problem.allowed)
