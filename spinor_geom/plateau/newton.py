@@ -1,4 +1,4 @@
-"""Newton's method for Douglas's energy of slides, and of the moduli of Ω where it has holes."""
+"""Newton's method for Douglas's energy, in the slides and, where Ω has holes, its moduli."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -11,11 +11,11 @@ from torch import Tensor
 from spinor_geom.deadline import is_out_of_time
 
 MOST_STEPS = 60  # default limit on Newton steps, and on conjugate gradient steps in each
-# A step may raise the energy up to the highest of this many last values: valleys of the energy are bent, and Newton's
-# method follows them faster if it may climb their sides.
+# A step may raise the energy up to the maximum of this many last values: in curved valleys of the energy a nonmonotone
+# line search allows longer steps.
 _REMEMBERED = 6
-# Relative curvature and step length that count as 0, and relative gradient below which the energy has no digits left.
-# With the root of the rounding error rough curves take 4 % more steps.
+# Relative curvature and step length treated as 0, and relative gradient below which changes of the energy are rounding
+# errors. With the root of `ROUNDING` rough curves take 4 % more steps.
 SMALL = 1e-6
 ROUNDING = 1e-13  # relative rounding error of gradients and energies; with 3e-15 series take more steps
 # Factor by which damping changes (with 2 smooth loops take a third more steps, with 8 hardly fewer), and its least
@@ -27,7 +27,7 @@ Rows: TypeAlias = Callable[[Float[Tensor, "b k"]], Float[Tensor, "b k"]]  # a li
 
 
 class Energies(Protocol):
-    """Energies of b independent surfaces, with k displacements each: along Γ, and of the moduli."""
+    """Energies of b independent surfaces, with k unknowns each: displacements along Γ, and changes of the moduli."""
 
     @property
     def energy(self) -> Float[Tensor, " b"]:
@@ -39,7 +39,7 @@ class Energies(Protocol):
 
     @property
     def is_over(self) -> Bool[Tensor, " b"]:
-        """Whether more steps are useless."""
+        """Whether the surfaces degenerate, so that the iteration ends."""
 
     def at(self: E, which: Int[Tensor, " j"]) -> E:
         """The selected surfaces."""
@@ -50,7 +50,7 @@ class Energies(Protocol):
     def direction(
         self, damping: Float[Tensor, " b"] | None, forcing: Float[Tensor, " b"]
     ) -> tuple[Float[Tensor, "b k"], Bool[Tensor, " b"]]:
-        """Newton's step, and whether the damped energy has a direction of negative curvature.
+        """Newton's step, and whether the damped Hessian has a direction of negative curvature.
 
         Newton's equations are solved to the relative residual `forcing`. Without damping the step leads to critical
         points of any index.
@@ -72,20 +72,20 @@ def stationary(
 ) -> list[tuple[list[int], E]]:
     """Critical points of energies, by damped Newton steps with a nonmonotone line search.
 
-    Where the energy has negative curvature Newton's equations are damped; far from a solution they are from the start.
+    Newton's equations are damped where the energy has negative curvature, and, unless `near`, from the first step.
 
     Args:
         here: b starts.
         tolerances: relative gradient at which each stops.
         max_steps: limit on steps of each.
-        negligible: decrease of the least energy over several steps at which each stops.
+        negligible: each stops when its least energy decreases by less than this over several steps.
         near: whether the starts are near solutions: the first steps are not damped.
         saddles: whether saddles are sought too: steps are never damped, and each must halve the gradient.
         on_step: for each surface, or empty: called with the relative gradient at the start of a step.
 
     Returns:
-        Groups (numbers of the starts, surfaces) in the order of finishing. Surfaces that a time limit cuts short are
-        missing.
+        Groups (indices of the starts, surfaces) in the order of finishing. Surfaces that have not finished when time
+        runs out are missing.
 
     Source: Grippo, Lampariello & Lucidi, "A nonmonotone line search technique for Newton's method", SIAM J. Numer.
     Anal. 23 (1986).
@@ -106,12 +106,12 @@ def stationary(
     lowest[:, -1] = energy
     for steps in itertools.count():
         size = here.size
-        # a small gradient that does not change is rounding error
-        stays = (size < SMALL) & (size > recent.amin(-1) / 2)
-        # near a solution the energy does not change in its last digits
-        level = energies.amax(-1) - energies.amin(-1) < ROUNDING * here.energy
-        still = (size > SMALL) & (level | (lowest[:, 0] - lowest[:, -1] < falls))
-        finished = (size <= limits) | stays | (still & (not saddles)) | stuck | here.is_over | (steps >= most)
+        # a small gradient that is no longer halved is rounding error
+        at_rounding = (size < SMALL) & (size > recent.amin(-1) / 2)
+        # the energy changes by rounding errors only
+        unchanged = energies.amax(-1) - energies.amin(-1) < ROUNDING * here.energy
+        is_flat = (size > SMALL) & (unchanged | (lowest[:, 0] - lowest[:, -1] < falls))
+        finished = (size <= limits) | at_rounding | (is_flat & (not saddles)) | stuck | here.is_over | (steps >= most)
         if finished.any():
             over = finished.nonzero()[:, 0]
             found.append((number[over].tolist(), here.at(over)))
@@ -128,10 +128,10 @@ def stationary(
                 on_step[i](value)
         recent = torch.cat([recent[:, 1:], size[:, None]], dim=1)
         recent[damping != 0] = torch.inf
-        # rough loops take many steps, of which the first need not be exact
+        # rough loops take many steps; the first ones are solved inexactly
         forcing = torch.where(falls > 0, size.sqrt(), size).clamp(max=0.1)
         direction, downwards = here.direction(None if saddles else damping, forcing)
-        here, lengths = _halved(here, direction) if saddles else _line_search(here, direction, energies.amax(-1))
+        here, lengths = _full_step(here, direction) if saddles else _line_search(here, direction, energies.amax(-1))
         moved = lengths > 0
         energies = torch.cat([energies[:, 1:], here.energy[:, None]], dim=1)
         lowest = torch.cat([lowest[:, 1:], torch.minimum(lowest[:, -1], here.energy)[:, None]], dim=1)
@@ -149,31 +149,31 @@ def stationary(
 def conjugate_gradients(
     hessian: Rows, gradient: Float[Tensor, "b k"], precondition: Rows, forcing: Float[Tensor, " b"]
 ) -> tuple[Float[Tensor, "b k"], Bool[Tensor, " b"]]:
-    """`Energies.direction` by conjugate gradients; each stops at a direction of negative curvature and reports it."""
-    rest = -gradient
-    x, z = torch.zeros_like(rest), precondition(rest)
-    along, metric, size = z, rest, _dot(rest, z)
+    """`Energies.direction` by preconditioned conjugate gradients, which stop at a direction of negative curvature."""
+    residual = -gradient
+    x, z = torch.zeros_like(residual), precondition(residual)
+    search, metric, size = z, residual, _dot(residual, z)
     enough = forcing[:, None] ** 2 * size
     unfinished = torch.ones_like(size, dtype=torch.bool)
     downwards = torch.zeros_like(unfinished)
     for step in range(MOST_STEPS):
-        image = hessian(along)
-        curvature, scale = _dot(along, image), _dot(along, metric)
+        image = hessian(search)
+        curvature, scale = _dot(search, image), _dot(search, metric)
         flat = unfinished & (curvature <= SMALL * scale)
         downwards |= flat & (curvature < -SMALL * scale)
         unfinished &= ~flat
         if step == 0:
             x = torch.where(flat, z, x)
         length = torch.where(unfinished, size / curvature, 0.0)
-        x = x + length * along
-        rest = rest - length * image
-        z = precondition(rest)
-        before, size = size, _dot(rest, z)
+        x = x + length * search
+        residual = residual - length * image
+        z = precondition(residual)
+        before, size = size, _dot(residual, z)
         unfinished &= ~(size < enough)
         if not unfinished.any():
             break
         ratio = torch.where(unfinished, size / before, 0.0)
-        along, metric = z + ratio * along, rest + ratio * metric
+        search, metric = z + ratio * search, residual + ratio * metric
     return x, downwards[:, 0]
 
 
@@ -183,17 +183,17 @@ def factored(
     gradient: Float[Tensor, "1 k"],
     damping: Float[Tensor, "1"],
 ) -> tuple[Float[Tensor, "1 k"], Bool[Tensor, "1"]]:
-    """`Energies.direction` of one surface by Cholesky factors, with more damping until the matrix is definite."""
-    share = damping
+    """`Energies.direction` of one surface by a Cholesky factor; damping increases until the matrix is definite."""
+    tried = damping
     while True:
-        factor, info = torch.linalg.cholesky_ex(matrix + torch.diag(share * metric))
-        if int(info) == 0 or float(share) > 1 / ROUNDING:
-            return torch.cholesky_solve(-gradient.T, factor).T, share > damping
-        share = (_MORE_DAMPING * share).clamp(min=10 * _LEAST_DAMPING)
+        factor, info = torch.linalg.cholesky_ex(matrix + torch.diag(tried * metric))
+        if int(info) == 0 or float(tried) > 1 / ROUNDING:
+            return torch.cholesky_solve(-gradient.T, factor).T, tried > damping
+        tried = (_MORE_DAMPING * tried).clamp(min=10 * _LEAST_DAMPING)
 
 
-def _halved(here: E, direction: Float[Tensor, "b k"]) -> tuple[E, Float[Tensor, " b"]]:
-    """The surfaces after the full step where it halves the gradient, and the length of the step or 0."""
+def _full_step(here: E, direction: Float[Tensor, "b k"]) -> tuple[E, Float[Tensor, " b"]]:
+    """The surfaces after a full step where that halves the gradient; and the step lengths, 1 or 0."""
     trial = here.stepped(direction, 1.0)
     lower = trial.size < here.size / 2
     taken = lower.nonzero()[:, 0]
@@ -203,7 +203,7 @@ def _halved(here: E, direction: Float[Tensor, "b k"]) -> tuple[E, Float[Tensor, 
 def _line_search(
     here: E, direction: Float[Tensor, "b k"], highest: Float[Tensor, " b"]
 ) -> tuple[E, Float[Tensor, " b"]]:
-    """The surfaces after the longest step 1, ½, ¼, … with an energy of at most `highest`, and its length or 0."""
+    """The surfaces after the longest step 1, ½, ¼, … with an energy of at most `highest`; its lengths, 0 if none."""
     start, trial, length = here, here.stepped(direction, 1.0), 1.0
     highest = highest + ROUNDING * highest.abs()
     lower = trial.energy <= highest

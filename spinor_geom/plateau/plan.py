@@ -193,10 +193,7 @@ def surface_between(problem: PlateauProblem) -> PlateauSolution | NoConnectedSur
         routes = plan(problem)
         solution = _solution(routes, problem)
         if problem.options.leaves_unstable and solution.route == "annular network":
-            on_circles = tuple(route for route in routes if route.name == "circles")
-            if not on_circles:
-                on_circles = (Route("circles", lambda own: RimsSolver(problem=own).on_circles()),)
-            solution = leave_unstable(solution, lambda _: _solution(on_circles, problem), "over a round annulus")
+            solution = leave_unstable(solution, partial(_lower_on_circles, problem), "over a round annulus")
     except NoConnectedSurfaceError as verdict:
         are_two = len(problem.loops) == 2
         kind = "annulus" if are_two else "surface of one piece"
@@ -262,7 +259,19 @@ def _surface_over(
         raise
     except SpinorGeomError:
         return None
-    return solution if isinstance(solution, PlateauSolution) else None
+    # a surface between rims that misses them bounds something else
+    is_found = isinstance(solution, PlateauSolution) and (part.is_disk or solution.converged)
+    return solution if is_found else None
+
+
+def _lower_on_circles(problem: PlateauProblem, solution: PlateauSolution) -> PlateauSolution | None:
+    """A surface of less area than an unstable annulus, as Laurent series; None if none is found."""
+    on_circles = Route("circles", lambda own: RimsSolver(problem=own).on_circles())
+    try:
+        lower = _solution((on_circles,), problem)
+    except FAILURES:
+        return None
+    return lower if lower.area < solution.area else None
 
 
 def _lower_on_disk(problem: PlateauProblem, solution: PlateauSolution) -> PlateauSolution | None:

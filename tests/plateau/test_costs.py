@@ -42,7 +42,7 @@ def test_slides_and_domains_have_at_most_16_nodes_a_point(n: int) -> None:
 
 def test_narrow_domains_are_left_to_other_routes_before_they_are_made() -> None:
     circle = FourierBoundary.circle(1.0, 28)
-    with pytest.raises(DomainError, match="asks for 2688 steps around it, at most 1024"):
+    with pytest.raises(DomainError, match="needs 2688 steps around it, at most 1024"):
         resolved_form(circle, 2688, torch.device("cpu"), most=1024)
 
 

@@ -94,7 +94,7 @@ def test_plans(loop, options, routes):
 
 
 def test_rims_that_a_cone_parts_have_no_plan():
-    with pytest.raises(NoConnectedSurfaceError, match="a cone parts them"):
+    with pytest.raises(NoConnectedSurfaceError, match="opposite halves of a cone"):
         plan(problem_of(coaxial(1.0)))
 
 

@@ -1,1 +1,1 @@
-"""Minimal disks by Douglas's method on smooth plane domains."""
+"""Minimal disks by Douglas's method on the unit disk and smooth plane domains."""

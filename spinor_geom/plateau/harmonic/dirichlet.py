@@ -1,4 +1,4 @@
-"""The Dirichlet-to-Neumann map of plane domains: one analytic boundary, or a disk with round holes."""
+"""The Dirichlet-to-Neumann map of plane domains with one analytic boundary, and of disks with round holes."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ class DirichletForm:
     ½ ∫ x·Λx dθ is the Dirichlet energy of the harmonic function with boundary values x; it does not depend on the
     parameter of ∂Ω. On the disk Λ multiplies Fourier coefficients by |k|. On an analytic ∂Ω it differs from that by an
     operator with a smooth kernel, which acts on low frequencies only, so that a small matrix suffices for any number of
-    samples. The kernel is that of the Cauchy integral less a cotangent, by the trapezoidal rule.
+    samples. That operator comes from the Cauchy kernel without its singular part, a cotangent, by the trapezoidal rule.
 
     Source: Kress, "Linear Integral Equations" (2014), sections 7 and 12, for the integral equation.
     """
 
     boundary: FourierBoundary  # ∂Ω
-    # smooth part of the Cauchy integral on c equal steps, with the factor 1/n, and Λ − |k|; None on the disk
+    # smooth part of the Cauchy kernel on c equal steps, with the weight 1/c; and Λ − |k|. None on the disk
     kernel: Complex[Tensor, "c c"] | None
     correction: Float[Tensor, "c c"] | None
-    # the larger of two errors: of Λ z against −i dz/dθ, relative to the largest |dz/dθ|, which misses far parts of ∂Ω
-    # that come near each other; and the asymmetry of the correction, relative to the largest entry of |k|, which is 0
-    # on symmetric domains such as ellipses
+    # the larger of two errors: of Λz = −i dz/dθ, relative to the largest |dz/dθ|, which does not detect parts of ∂Ω
+    # that face each other closely; and the asymmetry of the correction, relative to the largest entry of |k|, which is
+    # 0 on symmetric domains such as ellipses
     error: float
 
     @classmethod
@@ -70,7 +70,7 @@ class DirichletForm:
     def __call__(self, x: Float[Tensor, "*batch n k"]) -> Float[Tensor, "*batch n k"]:
         """Λ applied to columns of samples at t = j/n."""
         n = x.shape[-2]
-        # along rows: some processors round a column differently when other columns are beside it
+        # transformed as rows: on some processors the rounding of a column depends on the number of columns
         spectrum = torch.fft.rfft(x.movedim(-1, 0).contiguous())
         result = spectrum * frequencies(n, x.device)
         if self.correction is not None:
@@ -90,7 +90,7 @@ def frequencies(n: int, device: torch.device) -> Float[Tensor, " k"]:
 
 
 def _smooth_kernel(z: Complex[Tensor, " n"], dz: Complex[Tensor, " n"]) -> Complex[Tensor, "n n"]:
-    """Cauchy's kernel z'(τ)/(z(τ) − z(t)) less ½cot(π(τ − t)), over 2π, at equal steps; the diagonal is undefined."""
+    """z'(τ)/(2π(z(τ) − z(t))) − ½cot(π(τ − t)) at equal steps, the smooth part of the Cauchy kernel; no diagonal."""
     step = torch.arange(len(z)).to(dz.real) / len(z)
     turn = step - step[:, None]
     same = turn == 0
@@ -120,7 +120,7 @@ class CirclesForm:
 
     @classmethod
     def of(cls, domain: CircularDomain, n: int, *, negligible: float = ROUND_OFF) -> CirclesForm:
-        """Λ on n equal steps of every circle, n even; powers below `negligible` on the other circles are left out."""
+        """Λ on n equal steps of every circle, n even; powers below `negligible` on other circles are omitted."""
         if domain.rims == 2:
             own, other = multipliers(domain.log_radii.new_tensor(domain.modulus), n)
             return cls(domain=domain, steps=n, own=own, other=other, correction=None, error=0.0)
@@ -173,8 +173,8 @@ class CirclesForm:
 def multipliers(modulus: Float[Tensor, "*m"], n: int) -> tuple[Float[Tensor, "*m f"], Float[Tensor, "*m f"]]:
     """Multipliers of the Dirichlet-to-Neumann map of cylinders of modulus m, on n equal steps of both rims.
 
-    Both rims have the cylinder on their left, as the boundary of an annulus has. For k = 0 … n/2 the multiplier of a
-    rim's own spectrum is |k| coth |k|m, that of the other rim's conjugate spectrum −|k| / sinh |k|m (for k = 0: ±1/m).
+    Both rims are oriented with the cylinder on their left. For k = 0 … n/2 the multiplier of a rim's own spectrum is
+    |k| coth |k|m, that of the other rim's conjugate spectrum −|k| / sinh |k|m (for k = 0: ±1/m).
     """
     m = modulus[..., None]
     k = torch.arange(n // 2 + 1, dtype=m.dtype, device=m.device)
@@ -189,8 +189,8 @@ def multipliers(modulus: Float[Tensor, "*m"], n: int) -> tuple[Float[Tensor, "*m
 def _coupling(domain: CircularDomain, n: int) -> Float[Tensor, "mn mn"]:
     """Λ − |k| by collocation of harmonic functions at n equal steps of every circle.
 
-    The functions of a circle are the powers of its coordinate, and 1 (outer circle) or log(|z − c|/r) (holes). Of the
-    highest power, n equal steps resolve the real part only.
+    The functions of a circle are the powers of its coordinate, and 1 (outer circle) or log(|z − c|/r) (holes). Only the
+    real part of the highest power is used: its imaginary part is 0 at n equal steps.
     """
     m, zeta = domain.rims, domain.coordinates_on_circles(n)
     powers = torch.cumprod(zeta[:, None].expand(-1, n // 2, *zeta.shape[1:]), dim=1)
@@ -198,11 +198,11 @@ def _coupling(domain: CircularDomain, n: int) -> Float[Tensor, "mn mn"]:
     first[0] = 1
     values = torch.cat([first, powers.real, powers.imag[:, :-1]], dim=1)  # coordinate, function, circle, step
     circle = torch.arange(m)
-    lagging = values.clone()
-    lagging[circle, :, circle] = 0
-    spectrum = torch.fft.rfft(lagging)
+    of_others = values.clone()
+    of_others[circle, :, circle] = 0
+    spectrum = torch.fft.rfft(of_others)
     frequency = torch.arange(spectrum.shape[-1], dtype=values.dtype, device=values.device)
-    # the normal derivative of own powers is |k|, of all others −|k|
+    # the normal derivative multiplies own powers by |k|, all others by −|k|
     change = torch.fft.irfft(-2 * frequency * spectrum, n=n)
     # the flux of a logarithm: out of Ω at the outer circle, into it at its hole
     change[1:, 0, 0] += 1
@@ -212,17 +212,17 @@ def _coupling(domain: CircularDomain, n: int) -> Float[Tensor, "mn mn"]:
 
 
 def derivative(x: Float[Tensor, "*m n c"]) -> Float[Tensor, "*m n c"]:
-    """dx/dτ of columns at n equal steps of every circle; the highest frequency contributes 0 at the steps."""
+    """dx/dτ of columns at n equal steps of every circle; that of the highest frequency is 0 there."""
     n = x.shape[-2]
     k = 1j * torch.arange(n // 2 + 1, dtype=x.dtype, device=x.device)
     k[-1] = 0
-    # along rows: see `DirichletForm.__call__`
+    # transformed as rows: see `DirichletForm.__call__`
     values: Tensor = torch.fft.irfft(k * torch.fft.rfft(x.mT.contiguous()), n=n).mT
     return values
 
 
 def without_highest(x: Float[Tensor, "*m n c"]) -> Float[Tensor, "*m n c"]:
-    """Columns at n equal steps of every circle without their highest frequency, whose sine is 0 at the steps."""
+    """Columns at n equal steps of every circle, without their highest frequency."""
     n = x.shape[-2]
     values: Tensor = torch.fft.irfft(torch.fft.rfft(x, dim=-2)[..., : n // 2, :], n=n, dim=-2)
     return values

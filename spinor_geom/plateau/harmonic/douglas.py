@@ -1,4 +1,4 @@
-"""Douglas's variational problem: the map from ∂Ω to Γ whose harmonic surface has the least Dirichlet energy.
+"""Douglas's variational problem: maps from ∂Ω to Γ whose harmonic surfaces have stationary Dirichlet energy.
 
 Such a map is called a slide. The harmonic surface of a stationary slide is conformal, hence minimal.
 """
@@ -20,15 +20,15 @@ from spinor_geom.plateau.harmonic.dirichlet import DirichletForm, frequencies
 from spinor_geom.plateau.newton import SMALL, Rows, conjugate_gradients, stationary
 from spinor_geom.plateau.stability import AMPLITUDES
 
-# Largest distance of neighbouring nodes on Γ, in mean distances: beyond it the other nodes crowd.
+# Largest spacing of neighbouring nodes on Γ, over the mean spacing: beyond it the other nodes crowd.
 CROWDED = 40.0
-# Stiffness against conformal maps of Ω onto itself, which leave the energy as it is, where they are not known exactly.
+# Stiffness against conformal maps of Ω onto itself, which do not change the energy, where Ω is not the disk.
 _GAUGE_STIFFNESS = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicDisk:
-    """A harmonic surface over Ω whose boundary lies on Γ at equal steps of ∂Ω's parameter."""
+    """A harmonic surface over Ω with its boundary values on Γ, sampled at equal steps of ∂Ω's parameter."""
 
     slide: Float[Tensor, " n"]  # curve parameter s at each node, increasing
     points: Float[Tensor, "n 3"]  # Γ(s)
@@ -46,22 +46,22 @@ def minimise_dirichlet_energies(
     near: bool = False,
     on_step: Sequence[Callable[[float], None]] = (),
 ) -> tuple[HarmonicDisk | None, ...]:
-    """Stationary slides of several curves on one Ω, by Newton's method; None where time ran out.
+    """Harmonic disks of stationary slides of several curves on one Ω, by Newton's method; None where time ran out.
 
     The energy E(s) = π/n Σ Γ(s)·ΛΓ(s) is evaluated by fast Fourier transforms. Conformal maps of Ω onto itself (the
     gauge) do not change it. On the disk, steps are orthogonal to the gauge; on other Ω a small stiffness against slow
     displacements keeps the Hessian regular and does not change the solution. Steps scale the increments of s, so that
-    s keeps increasing.
+    s stays increasing.
 
     Args:
         curves: b curves.
         form: Λ of Ω.
         slides: starts at t = j/n, increasing.
-        tolerances: as for `stationary`, like all that follow.
-        max_steps: see there.
-        negligible: see there.
-        near: see there.
-        on_step: see there.
+        tolerances: as for `stationary`.
+        max_steps: as for `stationary`.
+        negligible: as for `stationary`.
+        near: as for `stationary`.
+        on_step: as for `stationary`.
 
     Source: Douglas, "Solution of the problem of Plateau", Trans. AMS 33 (1931).
     """
@@ -81,7 +81,7 @@ def minimise_dirichlet_energies(
 
 
 def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Tensor, " n"]) -> Float[Tensor, " n"] | None:
-    """A slide of less energy beside a stationary one; None beside a minimum.
+    """A slide of less energy near a stationary one that is a saddle; None for a minimum.
 
     The slide moves along the eigenvector of the Hessian with the lowest eigenvalue, in the direction and by the
     amplitude of least energy. The cost is O(n³).
@@ -112,7 +112,7 @@ class Slides:
 
     @classmethod
     def of(cls, curves: CurveTensors, form: DirichletForm, slide: Float[Tensor, "b n"]) -> Slides:
-        """Evaluates the energies."""
+        """The energies and their derivatives at given slides."""
         points, tangent, second = curves.point_and_derivatives(slide)
         normal = form(points)
         return cls(
@@ -148,7 +148,7 @@ class Slides:
 
     @cached_property
     def gradient(self) -> Float[Tensor, "b n"]:
-        """Gradient of the energy by arc length."""
+        """Gradient of the energy with respect to arc length along Γ."""
         return self._without_gauge((self.normal * self.tangent).sum(-1) / self.speed)
 
     @cached_property
@@ -163,7 +163,7 @@ class Slides:
 
     @cached_property
     def gauge(self) -> Float[Tensor, "b 3 n"]:
-        """Orthonormal displacements along Γ by conformal maps of Ω near the identity; approximate off the disk."""
+        """Orthonormal displacements along Γ of infinitesimal conformal maps of Ω; approximate if Ω is not the disk."""
         fields = _first_harmonics(self.slide.shape[1], self.slide.device)
         if not self.form.is_disk:
             fields = fields.expand(len(self.slide), -1, -1)
@@ -173,14 +173,14 @@ class Slides:
         return columns.mT
 
     def _in_gauge(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
-        # products with rows take half the time of products with columns
+        # row products take half the time of column products
         return (u[:, None] @ self.gauge.mT @ self.gauge)[:, 0]
 
     def _without_gauge(self, u: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
         return u - self._in_gauge(u) if self.form.is_disk else u
 
     def hessian(self, damping: Float[Tensor, " b"] | None) -> Rows:
-        """The Hessian of the energy by arc length, applied to rows; with damping the negative bends are reflected."""
+        """The Hessian of the energy by arc length, as a map of rows; with damping negative `bend`s are reflected."""
         unit = self.tangent / self.speed[..., None]
         bend = reflected(self.bend, damping) / self.speed.square()
 
@@ -200,7 +200,7 @@ class Slides:
         return self._without_gauge(smoothed(u))
 
     def stepped(self, direction: Float[Tensor, "b n"], length: float) -> Slides:
-        """The slides after a step, which is given by arc length."""
+        """The slides after a step along a direction in arc length."""
         return Slides.of(self.curves, self.form, slid(self.slide, direction / self.speed, length))
 
 
@@ -221,7 +221,7 @@ def smoothed(u: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
 
 @lru_cache(maxsize=64)
 def _smoothing(n: int, device: torch.device) -> Float[Tensor, " k"]:
-    # multiplying complex numbers by it takes a quarter of the time of a division
+    # for complex numbers multiplication is four times as fast as division
     return 1 / (frequencies(n, device) + 0.5)
 
 
@@ -233,10 +233,10 @@ def _first_harmonics(n: int, device: torch.device) -> Float[Tensor, "n 3"]:
 
 
 def slid(slide: Float[Tensor, "b n"], direction: Float[Tensor, "b n"], length: float) -> Float[Tensor, "b n"]:
-    """Slides after a step of a given length along a direction; the step scales the increments, which stay positive."""
+    """Slides after a step along a direction; the step scales the increments, which stay positive."""
     increments = torch.diff(slide, append=slide[:, :1] + 1)
     change = length * torch.diff(direction, append=direction[:, :1]) / increments.clamp(min=1e-300)
-    # both factors are 1 + change up to third order, and positive
+    # positive, and 1 + change up to third order
     factor = torch.where(change < 0, 1 / (1 - change + change**2), 1 + change)
     scaled = increments * factor
     share = (scaled / scaled.sum(-1, keepdim=True)).cumsum(-1)[:, :-1]
@@ -245,7 +245,7 @@ def slid(slide: Float[Tensor, "b n"], direction: Float[Tensor, "b n"], length: f
 
 
 def resampled(slides: Float[Tensor, "*b m"], n: int) -> Float[Tensor, "*b n"]:
-    """The same slides at n equal steps."""
+    """Slides interpolated at n equal steps."""
     m = slides.shape[-1]
     if m == n:
         return slides

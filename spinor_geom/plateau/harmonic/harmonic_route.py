@@ -1,6 +1,6 @@
-"""The harmonic route to a minimal disk: Douglas's slide on a smooth Ω, then the lift to p and q.
+"""Minimal disks over loops without corners: Douglas's method on a smooth Ω, then the lift to p and q.
 
-It solves loops without corners. Smooth ones take milliseconds; the cost grows as n·log n with the number of nodes.
+Smooth loops take milliseconds; the cost grows as n·log n with the number n of nodes.
 """
 
 from __future__ import annotations
@@ -36,30 +36,29 @@ from spinor_geom.plateau.route_result import RouteResult, typed_failures
 from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.steps import SPENT
 
-_FEWEST_POINTS, _POINTS = 32, 128  # points that Ω is made from; the cost of Λ is their number cubed
-BATCH_NODES = 16384  # nodes of all loops in one batch; half as many take an eighth longer
-_MOST_PER_EDGE = 16  # largest number of nodes for each edge; other routes solve loops that need more
-# Surfaces through more points are not tried, because their cost grows as n³. Longer loops have no other route and may
-# have this many nodes for each edge: 5,000 noisy points need more than 16.
+_FEWEST_POINTS, _POINTS = 32, 128  # fewest and most points that define Ω; Λ costs O(n³)
+BATCH_NODES = 16384  # nodes of all loops in one batch; half of it takes an eighth longer
+_MOST_PER_EDGE = 16  # largest number of nodes per edge; loops that need more are left to other routes
+# Largest number of points for surfaces through the points, whose cost grows as n³. Longer loops may have this many
+# nodes per edge: 5,000 noisy points need more than 16.
 MOST_FREE_POINTS, _MOST_PER_EDGE_OF_LONG = 1500, 64
-_MORE_ON_ANALYTIC = 3  # factor of the nodes from one attempt to the next on analytic curves; 2 on others
-_FEWEST_PER_EDGE_OF_ROUGH = 4  # nodes for each edge of rough loops below which a distance is not significant
+_MORE_ON_ANALYTIC = 3  # growth factor of the nodes per attempt on analytic curves; 2 on others
+_FEWEST_PER_EDGE_OF_ROUGH = 4  # nodes per edge of rough loops below which distances are not compared
 FEWEST_NODES = 256  # nodes of short loops on the disk, so that many loops fit in one batch
-COARSE = (
-    1e-4  # relative gradient at which coarse solves stop; also the share of the tolerance of smooth loops' gradient
-)
+# Relative gradient at which coarse solves stop. Final solves on smooth loops stop at this times the tolerance.
+COARSE = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicSolver:
-    """Solves a disk on the unit disk or on a smooth domain next to a flattened discrete disk."""
+    """Finds minimal disks on the unit disk, or on a smooth domain fitted to a flattened discrete disk."""
 
     problem: PlateauProblem
 
     def on_unit_disk(self, begun: Fit | None = None) -> RouteResult:
-        """The minimal disk on the unit disk, from a fit that was begun with those of other loops, or a new one."""
+        """The minimal disk on the unit disk, from a fit that was run in a batch, or from a new one."""
         refusal = DomainError(
-            "the loop has corners, or is too long for its width, for power series on the disk; use model='auto'",
+            "power series on the disk do not converge on loops with corners or on long narrow loops; use model='auto'",
             vertices=len(self.problem.unit),
         )
         if self.problem.unit.corners.any():
@@ -70,9 +69,9 @@ class HarmonicSolver:
             raise refusal from error
 
     def below_on_disk(self, matching: Float[np.ndarray, "n 2"]) -> RouteResult | None:
-        """The minimal disk of less area that an unstable one on the unit disk leads to; None where there is none."""
+        """A minimal disk of less area, by descent from an unstable one on the unit disk; None if none is found."""
         slide = torch.tensor(matching[:, 1], device=self.problem.options.device)
-        # its cost is the number of nodes cubed
+        # `slide_downhill` costs O(n³)
         few = resampled(slide, min(len(slide), 2 * FEWEST_NODES))
         try:
             with typed_failures():
@@ -82,7 +81,7 @@ class HarmonicSolver:
             return None
 
     def on_flattening(self) -> RouteResult:
-        """The minimal disk on the smooth plane domain next to a flattened discrete disk: the start, or a first one."""
+        """The minimal disk on a smooth Ω fitted to a flattened discrete disk: the problem's start, or a first fill."""
         disk, (t, points) = self.problem.start, self._points
         if disk is None:
             with self.problem.clock.stage("first fill"):
@@ -95,7 +94,7 @@ class HarmonicSolver:
 
     @property
     def _points(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 3"]]:
-        """Parameters of ∂Ω and points of Γ that Ω is made from."""
+        """Parameters of ∂Ω and points of Γ that define Ω."""
         even = np.arange(self._density.points) / self._density.points
         return even, self.problem.curve.point(self._density.slide(even))
 
@@ -108,10 +107,10 @@ class HarmonicSolver:
         return DirichletForm.of_disk(points_of_domain(self.problem.unit))
 
     def _on_domain(self, polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"]) -> RouteResult:
-        """The minimal disk on the smooth Ω next to a polygon with parameters t."""
+        """The minimal disk on the smooth Ω fitted to a polygon with parameters t."""
         unit, device = self.problem.unit, self.problem.options.device
         with self.problem.clock.stage("flattening"):
-            # Ω has a point for each vertex and follows it
+            # Ω has at least one point per vertex
             is_fine = self.is_rough and len(unit) <= self._density.points
             shape, form = resolved(
                 polygon, t, self._density, is_fine, count=points_of_domain(unit), most=self.most_nodes, device=device
@@ -120,7 +119,7 @@ class HarmonicSolver:
         with self.problem.clock.stage("slide"):
             curve = self.exact
             if self.is_rough and not is_fine:
-                # averaged: the nodes of Ω are too few for its bends
+                # smoothed: Ω has too few nodes to resolve its curvature
                 curve = CurveTensors.of(self.problem.curve.smoothed(1 / self._density.points), device)
             (disk,) = minimise_dirichlet_energies(
                 CurveTensors.batch([curve]),
@@ -138,18 +137,18 @@ class HarmonicSolver:
         return self._fitted(self._fit(form, disk.slide), "flattened")
 
     def _begin(self) -> Fit:
-        """The fit on the unit disk from equal steps; node counts are rounded up by at most a quarter, for batches."""
+        """A fit on the unit disk from equal steps; node counts are rounded up by at most a quarter to share batches."""
         points = max(FEWEST_NODES, len(self.problem.unit))
         step = 1 << ((points - 1).bit_length() - 3)
         n = step * math.ceil(points / step)
         return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.problem.options.device) / n)
 
     def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"]) -> Fit:
-        """A fit on Ω from a slide."""
+        """A fit on Ω that starts from a slide."""
         return Fit(solver=self, form=form, slide=slide, nodes=even(max(len(slide), len(self.problem.unit))))
 
     def _fitted(self, fit: Fit, route: RouteName) -> RouteResult:
-        """The minimal disk of a fit, with as many nodes as the tolerance needs."""
+        """The minimal disk of a fit, with enough nodes to meet the tolerance."""
         fit_together([fit])
         if fit.best is None:
             if not fit.limit:
@@ -183,7 +182,7 @@ class HarmonicSolver:
 
     @property
     def is_analytic(self) -> bool:
-        """Whether Γ is analytic: the distance falls geometrically with the nodes."""
+        """Whether Γ is analytic: the distance decreases geometrically with the number of nodes."""
         return self.problem.curve.kind == "analytic"
 
     @property
@@ -202,7 +201,7 @@ class HarmonicSolver:
         return even(max(4 * FEWEST_NODES, per_edge * points))
 
     def is_enough(self, misfit: Misfit) -> bool:
-        """Whether the distance is small enough; power series over analytic curves go on to rounding error."""
+        """Whether the distance is within the tolerance; for power series over analytic curves, at rounding error."""
         allowed = self.problem.allowed
         if self.problem.options.is_series and self.is_analytic:
             allowed = min(allowed, ROUNDING)
@@ -223,7 +222,7 @@ FLATTENING = Route("flattened", lambda problem: HarmonicSolver(problem=problem).
 
 
 def begun_on_unit_disk(problems: Sequence[PlateauProblem]) -> list[Route]:
-    """For each problem a route that finishes its fit on the unit disk; the fits are begun together."""
+    """A route on the unit disk for each problem; their fits are run together, in batches."""
     fits = [HarmonicSolver(problem=problem)._begin() for problem in problems]
     fit_together(fits)
     return [replace(UNIT_DISK, solve=partial(_finished, fit)) for fit in fits]
@@ -234,24 +233,24 @@ def _finished(fit: Fit, problem: PlateauProblem) -> RouteResult:
 
 
 def points_of_domain(loop: BoundaryLoop) -> int:
-    """Number of points that Ω is made from, without those for narrow places."""
+    """Number of points that define Ω, without those added in narrow places."""
     return min(max(len(loop), _FEWEST_POINTS), _POINTS)
 
 
 @dataclass(kw_only=True, eq=False)
 class Fit:
-    """The state of one loop's fit on an Ω."""
+    """Attempts to solve one loop on one Ω with increasing numbers of nodes."""
 
     solver: HarmonicSolver
     form: DirichletForm
     slide: Float[Tensor, " n"]  # the start, then the last slide found
     nodes: int  # number of nodes of the next attempt
     best: tuple[Lift, HarmonicDisk] | None = None  # the nearest surface so far, and its harmonic disk
-    limit: str = ""  # why the fit is finished, as the end of a sentence; "" while it is not
+    limit: str = ""  # why the fit has finished, as the end of a sentence; "" while it runs
     attempt: int = 0  # number of attempts so far
 
     def take(self, disk: HarmonicDisk, lift: Lift | None) -> None:
-        """Records the disk of an attempt and its lift, and decides about the next attempt."""
+        """Records the disk of an attempt and its lift; sets the nodes of the next attempt, or `limit`."""
         if disk.crowded:
             self.limit = "the nodes crowd on the domain's boundary"
             return
@@ -278,26 +277,26 @@ class Fit:
 
     @property
     def near_enough(self) -> float:
-        """RMS distance above which the lift is refined; infinite on smooth curves, where more nodes are cheaper."""
+        """RMS distance above which the lift is refined; infinite where more nodes are cheaper."""
         is_smooth = self.solver.is_analytic or (self.attempt == 0 and not self.solver.is_rough)
         return math.inf if is_smooth else self.solver.problem.allowed
 
 
 def fit_together(fits: Sequence[Fit]) -> None:
-    """Continues fits until all are finished or time is over; fits on one Ω with equal nodes form a batch."""
+    """Runs fits until all have finished or time is out; fits on the same Ω with equal numbers of nodes form a batch."""
     left = list(fits)
     while (left := [fit for fit in left if not fit.limit]) and not is_out_of_time():
-        alike: dict[tuple[object, ...], list[Fit]] = defaultdict(list)
+        groups: dict[tuple[object, ...], list[Fit]] = defaultdict(list)
         for fit in left:
-            alike["disk" if fit.form.is_disk else id(fit.form), fit.nodes, fit.attempt > 0].append(fit)
-        for group in alike.values():
+            groups["disk" if fit.form.is_disk else id(fit.form), fit.nodes, fit.attempt > 0].append(fit)
+        for group in groups.values():
             together = max(1, BATCH_NODES // group[0].nodes)
             for start in range(0, len(group), together):
                 _advance(group[start : start + together])
 
 
 def _advance(fits: Sequence[Fit]) -> None:
-    """One attempt of fits on one Ω with an equal number of nodes."""
+    """Runs one attempt of fits on the same Ω with equal numbers of nodes."""
     begin = time.perf_counter()
     form, nodes = fits[0].form, fits[0].nodes
     curves = CurveTensors.batch([fit.solver.exact for fit in fits])
@@ -312,12 +311,13 @@ def _advance(fits: Sequence[Fit]) -> None:
         on_step=[fit.solver.take for fit in fits],
     )
     middle = time.perf_counter()
-    whole = {i: disk for i, disk in enumerate(disks) if disk is not None and not disk.crowded}
+    usable = {i: disk for i, disk in enumerate(disks) if disk is not None and not disk.crowded}
     lifts: dict[int, Lift | None] = {}
-    if whole:
-        of_whole = curves if len(whole) == len(fits) else CurveTensors.batch([fits[i].solver.exact for i in whole])
-        found = lifted_together([*whole.values()], form, of_whole, allowed=[fits[i].near_enough for i in whole])
-        lifts = dict(zip(whole, found, strict=True))
+    if usable:
+        if len(usable) < len(fits):
+            curves = CurveTensors.batch([fits[i].solver.exact for i in usable])
+        found = lifted_together([*usable.values()], form, curves, allowed=[fits[i].near_enough for i in usable])
+        lifts = dict(zip(usable, found, strict=True))
     end = time.perf_counter()
     for i, (fit, disk) in enumerate(zip(fits, disks, strict=True)):
         fit.solver.problem.clock.add("slide", (middle - begin) / len(fits))
@@ -327,5 +327,5 @@ def _advance(fits: Sequence[Fit]) -> None:
 
 
 def even(nodes: int) -> int:
-    """The next even number that is fast to transform."""
+    """The next even number of nodes with a fast Fourier transform."""
     return 2 * next_fast_len((nodes + 1) // 2)

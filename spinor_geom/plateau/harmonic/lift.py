@@ -1,10 +1,10 @@
-"""The lift: p and q from a harmonic surface X, and the distance of the resulting surface's boundary from Γ.
+"""The lift: the minimal surface of p and q near a harmonic surface X, and the distance of its boundary from Γ.
 
 φ = 2∂X/∂z on ∂Ω follows from X and its conjugate. Its spinors p and q there are continued into Ω, as one power series
-for each circle or by Cauchy's formula. Where X is not quite conformal, φ is not quite null and the surface of p and q
-differs from X. While its boundary is too far from Γ, Gauss-Newton adds powers to p and q, which removes the low
-frequencies of the distance; the rest is subtracted from X before the next lift. The least change of the same powers
-keeps Re ∮ φ dz = 0 around holes.
+per circle or by Cauchy's formula. Where X is not exactly conformal, φ is not exactly null and the surface of p and q
+differs from X. While its boundary is too far from Γ, Gauss-Newton steps in low powers of p and q remove the low
+frequencies of the error; the remaining error is subtracted from X before the next lift. The least change of the same
+powers keeps Re ∮ φ dz = 0 around holes.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 from spinor_geom.surface.spinor_surface import SpinorSurface, Vector
 
-# Steps to the constant and the nearest points: with one the distance from folded curves is 2 % too large.
+# Steps for the constant and the closest points; with one the distance from folded curves is 2 % too large.
 _PLACING_STEPS = 2
-WORTHWHILE = 0.5  # a new lift, a Gauss-Newton step or more nodes must reduce the distance to this share
-_EACH = 3  # points for each node, where the mean of the squared distance is exact
+WORTHWHILE = 0.5  # a new lift, a Gauss-Newton step or more nodes must reduce the distance by this factor
+_EACH = 3  # sample points per node; with three the mean squared distance is exact
 _TURN_OF_AN_EDGE = np.radians(25.0)  # largest turn of ∂Ω between neighbouring vertices
 
 
@@ -50,13 +50,13 @@ _Points = TypeVar("_Points", bound="_OnCurves")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lift:
-    """A minimal surface over Ω, and its boundary at three points for each node."""
+    """A minimal surface over Ω, and its boundary at three points per node."""
 
     traces: OnCircles | OnCurve  # discretisation on ∂Ω
     functions: Complex[Tensor, "2 m t"]  # p and q in that discretisation
-    # ∫ φ dz along each rim at equal steps, without the imaginary part of logarithms; the real part is the boundary
+    # ∫ φ dz along each rim at equal steps, with log |z − c| for log(z − c); its real part is the boundary
     null_curve: Complex[Tensor, "m k 3"]
-    slides: Float[Tensor, "m k"]  # parameter of the nearby point of Γ
+    slides: Float[Tensor, "m k"]  # parameters of the closest points of Γ
     misfit: Misfit  # distance of the boundary from Γ
     area: float  # ½∮ r·Im(φ dz)
     curvature: Curvature  # total curvature
@@ -82,7 +82,7 @@ class Lift:
 
 
 def lifted_between(surface: HarmonicSurface, curves: CurveTensors, *, allowed: float) -> Lift:
-    """The minimal surface next to a harmonic one between several rims.
+    """The minimal surface near a harmonic one between several rims.
 
     Args:
         surface: the harmonic surface.
@@ -90,7 +90,7 @@ def lifted_between(surface: HarmonicSurface, curves: CurveTensors, *, allowed: f
         allowed: RMS distance from Γ at which the lift stops.
 
     Raises:
-        SurfaceError: p and q change sign around an odd number of rims: there is a branch point of odd order.
+        SurfaceError: p and q change sign around an odd number of rims: X has a branch point of odd order.
     """
     points, slides = surface.points, surface.slides
     form = CirclesForm.of(surface.domain, points.shape[1])
@@ -107,7 +107,7 @@ def lifted_between(surface: HarmonicSurface, curves: CurveTensors, *, allowed: f
 def lifted_together(
     disks: Sequence[HarmonicDisk], form: DirichletForm, curves: CurveTensors, *, allowed: Sequence[float]
 ) -> tuple[Lift | None, ...]:
-    """The minimal surfaces next to harmonic disks on one Ω; None where p and q change sign around a branch point.
+    """The minimal surfaces near harmonic disks on one Ω; None where p and q change sign around a branch point.
 
     The disks have the same number of nodes and are independent; `allowed` is as for `lifted_between`, for each.
     """
@@ -155,7 +155,7 @@ def _lifted(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _OnCurves:
-    """Points of the curves of b surfaces, k on each of m rims."""
+    """Points of Γ for b surfaces, k on each of m rims."""
 
     slides: Tensor  # (b, m, k)
     point: Tensor  # (b, 3, m, k), Γ(slide)
@@ -166,7 +166,7 @@ class _OnCurves:
         return type(self)(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
 
     def moved(self, by: Float[Tensor, "b m k"]) -> _OnCurves:
-        """The points after a move along the curves, to second order."""
+        """The points moved along Γ by changes of the slides, to second order."""
         along = by[:, None]
         return _OnCurves(
             slides=self.slides + by,
@@ -186,7 +186,7 @@ class _OnCurves:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Placed(_OnCurves):
-    """Surfaces with given p and q and the best constants; the points are the nearby ones on Γ."""
+    """Surfaces with given p and q and the best constants, and the closest points of Γ."""
 
     functions: Tensor  # (b, 2, m, terms), p and q
     spinors: Tensor  # (b, 2, m, k), their values
@@ -204,7 +204,7 @@ class _SampledBoundary:
     form: CirclesForm | DirichletForm
     curves: CurveTensors  # b m of them
     dz: Tensor  # (m, k), the weights of φ
-    start: _OnCurves  # the points of the harmonic surfaces
+    start: _OnCurves  # points of Γ at the slides of the harmonic surfaces
     weights: Tensor  # (b, m, k), share of the arc length of Γ around each
 
     @classmethod
@@ -231,14 +231,14 @@ class _SampledBoundary:
         return replace(self, curves=self.curves.at(which), start=self.start.at(which), weights=self.weights[which])
 
     def spinors(self, points: Float[Tensor, "b m n 3"]) -> tuple[Complex[Tensor, "b 2 m t"], Bool[Tensor, " b"]]:
-        """Spinors p and q of harmonic surfaces with given values at the nodes, and whether their signs close up."""
+        """Functions p and q of harmonic surfaces, from values at the nodes; and whether their signs close up."""
         p, q = spinors_from_phi(slopes(self.form, points) * (1 / self.dz[:, ::_EACH, None]))
         return self.traces.functions(torch.stack([p, q], dim=1)), signs_close_up(p, q).all(-1)
 
     def placed(self, functions: Complex[Tensor, "b 2 m t"], near: _OnCurves) -> _Placed:
-        """The surfaces with given p and q, made periodic, and their nearby points on Γ.
+        """The surfaces with given p and q, corrected to close around holes, and the closest points of Γ.
 
-        The constant minimises the mean squared distance; Newton's method moves the points along Γ.
+        The constant minimises the mean squared distance; Newton's method finds the closest points.
         """
         functions, spinors, velocity = closed(self.traces, functions, self.dz)
         null_curve, most = self.traces.integral(velocity), 1 / self.dz.shape[1]
@@ -263,7 +263,7 @@ class _SampledBoundary:
         )
 
     def _mean(self, values: Float[Tensor, "b c m k"]) -> Float[Tensor, "b c"]:
-        """Mean by arc length."""
+        """Mean with respect to arc length of Γ."""
         return (self.weights[:, None] * values).sum((-2, -1))
 
     def brought_nearer(self, placed: _Placed) -> _Placed:
@@ -280,7 +280,7 @@ class _SampledBoundary:
             number, sampled = number[left], sampled.at(left)
 
     def _gauss_newton_step(self, placed: _Placed) -> Complex[Tensor, "b 2 m t"]:
-        """The Gauss-Newton change of p and q, in powers, for the distance normal to Γ at the nodes."""
+        """The Gauss-Newton step of p and q, in low powers, for the errors normal to Γ at the nodes."""
         nodes, dz = (..., slice(None, None, _EACH)), self.dz[..., ::_EACH]
         spinors, moves = placed.spinors[nodes], self.traces.powers_at_nodes * dz
         by_p, by_q = (self.traces.integral(spinors[:, i, None] * moves).flatten(2) for i in (0, 1))
@@ -293,17 +293,18 @@ class _SampledBoundary:
         matrix = torch.cat(rows, dim=2)
         gram = torch.stack([one @ one.T for one in matrix])
         diagonal = gram.diagonal(dim1=1, dim2=2)
-        # singular for conformal maps of Ω onto itself, which move the boundary along Γ
+        # the matrix is singular: conformal maps of Ω onto itself move the boundary along Γ
         diagonal.add_(len(diagonal[0]) * torch.finfo(gram.dtype).eps * diagonal.mean(-1, keepdim=True))
         wanted = (matrix * torch.cat(right, dim=1)[:, None]).sum(-1)
         if len(self.dz) == 1:
             x = _each_solved(gram, wanted)
         else:
-            opened = torch.nn.functional.pad(gap_rows(spinors, moves), (0, 0, 0, 3))
-            both = torch.linalg.solve(gram, torch.cat([wanted[..., None], opened], dim=-1))
-            free, held = both[..., 0], both[..., 1:]
-            force = torch.linalg.solve(opened.mT @ held, (opened.mT @ free[..., None])[..., 0] + gaps(placed.velocity))
-            x = free - (held @ force[..., None])[..., 0]
+            constraints = torch.nn.functional.pad(gap_rows(spinors, moves), (0, 0, 0, 3))
+            solved = torch.linalg.solve(gram, torch.cat([wanted[..., None], constraints], dim=-1))
+            free, response = solved[..., 0], solved[..., 1:]
+            violation = (constraints.mT @ free[..., None])[..., 0] + gaps(placed.velocity)
+            multipliers = torch.linalg.solve(constraints.mT @ response, violation)
+            x = free - (response @ multipliers[..., None])[..., 0]
         return changes(x[:, :-3], self.traces.powers)
 
     def lifts(self, placed: _Placed, is_lifted: Bool[Tensor, " b"]) -> tuple[Lift | None, ...]:
@@ -333,18 +334,20 @@ class _SampledBoundary:
                 curvature=(curvature, error),
                 period=period,
             )
-            if whole
+            if lifted
             else None
-            for i, (whole, (area, period, curvature, error)) in enumerate(zip(is_lifted.tolist(), figures, strict=True))
+            for i, (lifted, (area, period, curvature, error)) in enumerate(
+                zip(is_lifted.tolist(), figures, strict=True)
+            )
         )
 
 
 def _each_solved(matrices: Float[Tensor, "b n n"], right: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
-    """Solutions of linear systems; on a CPU each is the same to the last bit as alone. Singular ones are arbitrary."""
+    """Solutions of linear systems, on a CPU bit-equal to those of each alone; undefined for singular matrices."""
     solve: Callable[..., tuple[Tensor, Tensor]] = torch.linalg.solve_ex
     if matrices.is_cuda:
         return solve(matrices, right)[0]
-    # a copy begins at an aligned address, on which LAPACK's rounding depends
+    # cloned to an aligned address: LAPACK's rounding depends on alignment
     return torch.stack([solve(one.clone(), b)[0] for one, b in zip(matrices, right, strict=True)])
 
 
@@ -367,14 +370,14 @@ def domain_of(lift: Lift, *boundaries: FourierBoundary) -> PlaneDomain:
 
 
 def surface_of(lift: Lift, domain: PlaneDomain) -> Callable[[float, Vector], SpinorSurface]:
-    """A function that makes the surface of a lift, scaled and then moved; it keeps p and q and nothing else."""
+    """A function that makes the surface of a lift at a scale and translation; of the lift it keeps p and q only."""
     if domain.holes:
         root = lift.null_curve.new_tensor([domain.triangulation.points[domain.root]])
         with torch.no_grad():
             constant = null_vector(*lift.series.primitive(root).unbind(-1)).real[0] + lift.shift
     else:
         constant = (_at_root(domain, lift.slides.shape[1], lift.slides.device) @ lift.null_curve[0]).real
-    # the model is made with the surface, because many surfaces are never read
+    # the model is made with the surface: many surfaces are never used
     return partial(_surface_at, lift.traces.model_of(lift.functions), domain, constant)
 
 
@@ -390,7 +393,7 @@ def _surface_at(
 
 @lru_cache(maxsize=16)
 def _at_root(domain: PlaneDomain, n: int, device: torch.device) -> Complex[Tensor, " n"]:
-    """Weights at n equal steps of ∂Ω of the value at Ω's root, by Cauchy's formula."""
+    """Weights of the values at n equal steps of ∂Ω that give the value at Ω's root, by Cauchy's formula."""
     assert isinstance(domain.boundary, FourierBoundary)
     z, dz = torch.tensor(domain.boundary.grid(n)[:2], device=device)
     unit = dz / (z - complex(domain.triangulation.points[domain.root]))
@@ -413,7 +416,7 @@ def circles_of(domain: CircularDomain, counts: Sequence[int]) -> list[FourierBou
 
 
 def _with_vertices(boundary: FourierBoundary, most: int) -> FourierBoundary:
-    """∂Ω with enough vertices that their polygon follows its bends: the model is undefined outside Ω."""
+    """∂Ω with enough vertices that their polygon stays close to it: the model is undefined outside Ω."""
     tangent = boundary.grid(most)[1]
     turn = np.append(0.0, np.cumsum(np.abs(np.angle(np.roll(tangent, -1) / tangent))))
     count = len(boundary.vertices)

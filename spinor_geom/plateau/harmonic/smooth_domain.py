@@ -1,4 +1,4 @@
-"""Smooth plane domains for a loop: the analytic curve next to a flattened disk's boundary, and its Λ."""
+"""Smooth plane domains for a loop: an analytic curve fitted to a flattened disk's boundary, and its Λ."""
 
 from dataclasses import dataclass
 
@@ -13,28 +13,28 @@ from spinor_geom.errors import DomainError
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
 
-_OVERSAMPLING = 4  # samples for each point or coefficient of a curve; with 2 rough curves take a third longer
+_OVERSAMPLING = 4  # samples per point or coefficient of a curve; with 2 rough curves take a third longer
 _RESOLVED = 1e-4  # largest error of Λ; with 1e-6 solves take 1.6 times as long
-_FACING = 2.0  # two parts of a curve face each other if the arc between them is longer than this many distances
-_MOST_STEPS = 4096  # largest number of steps of ∂Ω: Λ takes 16 bytes for each pair of steps
-# Steps of ∂Ω for each point, and the width of the Gaussian that rounds ∂Ω, in points; the first pair that is resolved
-# is used. The first one closes narrow fingers; without it smooth loops take twice as long.
+_FACING = 2.0  # parts of a curve face each other if the arc between them is longer than this multiple of their distance
+_MOST_STEPS = 4096  # largest number n of steps of ∂Ω: Λ takes 16·n² bytes
+# Steps of ∂Ω per point, and width of the Gaussian that smooths ∂Ω, in points; the first pair that resolves ∂Ω is used.
+# The first one closes narrow gaps; without it smooth loops take twice as long.
 _SHAPES = ((4, 0.35), (8, 0.2), (12, 0.2))
 
 
 class NodeDensity:
     """A parameter t of ∂Ω whose equal steps are denser at the vertices, bends and narrow places of a loop.
 
-    t is the mean of three shares of the loop up to a point: of its length, of its vertices, and of its turning. Places
-    that are narrower than a point's share of the length get more. The result is smoothed, so that ∂Ω and the slide
-    along it can be analytic. On a circle with equal edges t = s.
+    t is the mean of three cumulative shares of the loop: of its length, its vertices, and its turning. Places that are
+    narrower than the spacing of the points get more. The result is smoothed, so that ∂Ω and the slide along it can be
+    analytic. On a circle with equal edges t = s.
 
     Attributes:
-        points: the number of points that Ω is made from, with those for narrow places.
+        points: the number of points that define Ω, with those added in narrow places.
     """
 
     def __init__(self, curve: BoundaryCurve, points: int) -> None:
-        """Takes Γ and the number of points without those for narrow places; it sets the width of the smoothing."""
+        """Computes t for Γ; `points` is without those added in narrow places."""
         self.curve = curve
         more, self.narrowest = _more_in_narrow_places(curve, points)
         total = 1 + float(more[-1])
@@ -53,13 +53,13 @@ class NodeDensity:
         # smoothed over √2 points, so that it does not follow single edges
         offset *= np.exp(-((2 * np.pi * np.arange(len(offset)) / points) ** 2))
         smooth = np.fft.irfft(offset, n=n)
-        # increasing, because a mean of increasing functions is
+        # increasing: a smoothing of an increasing function by a positive kernel
         self._s = self._t + np.append(smooth, smooth[0]) - smooth[0]
         self._s_at_0 = smooth[0]
 
     @property
     def is_narrow(self) -> bool:
-        """Whether a place of the loop needs more than twice the usual density of nodes, and a fine ∂Ω."""
+        """Whether the loop has a place that needs more than twice the usual density of nodes, and thus a fine ∂Ω."""
         return self.narrowest > 2
 
     def parameter(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
@@ -75,20 +75,20 @@ class NodeDensity:
 
 
 def has_narrow_place(curve: BoundaryCurve, points: int) -> bool:
-    """`NodeDensity.is_narrow`; the vertices of most loops exclude it in a tenth of the time."""
+    """`NodeDensity.is_narrow`, after a test on the vertices that rules it out for most loops in a tenth of the time."""
     vertices = curve.coefficients[-1]
     lengths = np.linalg.norm(np.roll(vertices, -1, axis=0) - vertices, axis=1)
     along, whole, gap = np.cumsum(lengths) - lengths, float(lengths.sum()), 1.2 * float(lengths.max())
-    way = np.abs(along[:, None] - along)
-    way = np.minimum(way, whole - way)
-    # Γ comes nearer to itself than its vertices by at most their spacing, and is hardly longer than the polygon
+    arc = np.abs(along[:, None] - along)
+    arc = np.minimum(arc, whole - arc)
+    # bounds: Γ is nearer to itself than its vertices by at most `gap`, and at most 1.2 times as long as the polygon
     distance = np.maximum(np.linalg.norm(vertices[:, None] - vertices, axis=-1) - gap, 0.0)
-    may_face = (distance < 0.6 * whole / points) & (1.2 * way + gap > _FACING * distance) & (way > 2 * gap)
+    may_face = (distance < 0.6 * whole / points) & (1.2 * arc + gap > _FACING * distance) & (arc > 2 * gap)
     return bool(may_face.any()) and NodeDensity(curve, points).is_narrow
 
 
 def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.ndarray, " n"], float]:
-    """Additional nodes for narrow places up to equal steps of Γ, over the usual number; and the largest density.
+    """Cumulative number of additional nodes in narrow places, over the usual number; and the largest density.
 
     The width at a point is its distance from the part of Γ that faces it. The density is 1 in wide places.
     """
@@ -96,22 +96,22 @@ def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.
     s = np.arange(n + 1) / n
     p, along = curve.point(s[:-1]), curve.length_share(s)
     edge = curve.length() / points
-    way = np.abs(along[:-1, None] - along[:-1])
-    way = np.minimum(way, 1 - way) * curve.length()
+    arc = np.abs(along[:-1, None] - along[:-1])
+    arc = np.minimum(arc, 1 - arc) * curve.length()
     distance = np.linalg.norm(p[:, None] - p, axis=-1)
-    width = np.where((way > edge) & (_FACING * distance < way), distance, np.inf).min(axis=1)
+    width = np.where((arc > edge) & (_FACING * distance < arc), distance, np.inf).min(axis=1)
     density = np.clip(edge / width, 1, _MOST_STEPS / n)
     return np.append(0, np.cumsum((density - 1) * np.diff(along))), float(density.max())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape:
-    """How ∂Ω is parametrised, resolved and rounded."""
+    """Parametrisation, resolution and smoothing of ∂Ω."""
 
     density: NodeDensity
     count: int  # number of vertices
-    steps: int  # number of steps that resolve it
-    width: float  # standard deviation of the rounding Gaussian, as a share of ∂Ω
+    steps: int  # number of steps on ∂Ω
+    width: float  # standard deviation of the smoothing Gaussian, as a share of ∂Ω
 
 
 def resolved(
@@ -124,9 +124,9 @@ def resolved(
     most: int,
     device: torch.device,
 ) -> tuple[Shape, DirichletForm]:
-    """The coarsest resolved smooth Ω next to a polygon with parameters t, and its Λ.
+    """The smooth Ω fitted to a polygon with parameters t, with the fewest steps that resolve it, and its Λ.
 
-    With `is_fine`, and for narrow loops, it starts with finer steps.
+    With `is_fine`, and for narrow loops, the coarsest steps are not tried.
 
     Raises:
         DomainError: no Ω is simple and resolved.
@@ -143,7 +143,7 @@ def resolved(
 
 
 def rounded_boundary(polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], shape: Shape) -> FourierBoundary:
-    """An analytic curve near a polygon: a spline through its vertices at parameters t, rounded by a Gaussian."""
+    """An analytic curve near a polygon: a spline through its vertices at parameters t, smoothed by a Gaussian."""
     spline = CubicSpline(np.append(t, t[0] + 1), np.append(polygon, polygon[0]), bc_type="periodic")
     highest = shape.steps // 4
     n = 2 * _OVERSAMPLING * highest
@@ -160,11 +160,11 @@ def resolved_form(boundary: FourierBoundary, n: int, device: torch.device, *, mo
     """
     if n > most:
         raise DomainError(
-            f"the domain is so narrow somewhere that it asks for {n} steps around it, at most {most} are tried",
+            f"the domain is so narrow somewhere that it needs {n} steps around it, at most {most} are tried",
             vertices=len(boundary.vertices),
         )
     polygon = boundary.grid(n)[0]
-    # quick tests first: Λ costs O(n³), and is not resolved where facing parts are two steps apart
+    # cheap tests first: Λ costs O(n³), and is not resolved where facing parts are within two steps
     is_wide = _steps_across(polygon) > 2 and is_simple(polygon)
     form = DirichletForm.of(boundary, n, device) if is_wide else None
     if form is None or not form.error <= _RESOLVED:
@@ -176,12 +176,12 @@ def resolved_form(boundary: FourierBoundary, n: int, device: torch.device, *, mo
 
 
 def _steps_across(polygon: Complex[np.ndarray, " n"]) -> float:
-    """Least distance of two vertices of a closed polygon that face each other, in lengths of their edges."""
+    """Least distance between vertices of a closed polygon that face each other, in lengths of their edges."""
     edge = np.abs(np.roll(polygon, -1) - polygon)
     along = np.cumsum(edge) - edge
     step = np.maximum(edge, np.roll(edge, 1))
-    way = np.abs(along[:, None] - along)
-    way = np.minimum(way, edge.sum() - way)
+    arc = np.abs(along[:, None] - along)
+    arc = np.minimum(arc, edge.sum() - arc)
     distance = np.abs(polygon[:, None] - polygon)
     across = distance / np.maximum(step[:, None], step)
-    return float(across.min(where=way > _FACING * distance, initial=np.inf))
+    return float(across.min(where=arc > _FACING * distance, initial=np.inf))

@@ -1,8 +1,8 @@
 """Discretisations of p and q on ∂Ω: coefficients of each circle's powers, or values at nodes.
 
-Every rim has a parameter τ from 0 to 2π, with Ω on its left. Functions are rows over rims and terms or nodes. The
-spinors are divided by the product of √(z − c_j) over the holes around which they change sign; its square is part of the
-`weights`, so that φ dz/dτ = φ(p, q) · weights.
+Every rim has a parameter τ from 0 to 2π, with Ω on its left. The last axes of a `functions` array are the rims, and the
+coefficients or nodes of each. The spinors are divided by the product of √(z − c_j) over the holes around which they
+change sign; its square is part of the `weights`, so that φ dz/dτ = φ(p, q) · weights.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from spinor_geom.plateau.harmonic.dirichlet import CirclesForm, DirichletForm, d
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 
-_DEGREE = 8  # degree of the powers that are added to p and q: 4 and 16 give equal distances, 16 and 32 take longer
+_DEGREE = 8  # degree of corrections of p and q: 4 and 16 give equal distances, 16 and 32 take longer
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OnCircles:
-    """On the unit disk, less round holes if any: coefficients of the powers of each circle's coordinate."""
+    """Functions on the unit disk less round holes, if any: coefficients of the powers of each circle's coordinate."""
 
     domain: CircularDomain  # Ω
     nodes: int  # n, of every rim
@@ -40,23 +40,23 @@ class OnCircles:
 
     @classmethod
     def of(cls, domain: CircularDomain, slope: Complex[Tensor, "m n 3"]) -> OnCircles:
-        """The discretisation with the sign changes of a harmonic surface, from its φ dz/dτ."""
+        """The discretisation with the sign changes of the spinors of a harmonic surface, from its φ dz/dτ."""
         n = slope.shape[1]
         is_periodic = signs_close_up(*spinors_from_phi(slope / domain.velocities(n)[..., None]))
         return cls(domain=domain, nodes=n, antiperiodic=tuple((~is_periodic[1:]).tolist()))
 
     def weights(self, n: int) -> Complex[Tensor, "m n"]:
-        """dz/dτ at n equal steps of every rim, times the square of the function that p and q are divided by."""
+        """dz/dτ at n equal steps of every rim, times the square of the divisor of p and q."""
         return self.domain.velocities(n) * self.domain.squared_root(self.domain.circles(n), self.antiperiodic)
 
     def functions(self, spinors: Complex[Tensor, "b 2 m n"]) -> Complex[Tensor, "b 2 m k"]:
-        """Functions from values at the nodes, which are given up to one sign on each rim."""
+        """Coefficients from values at the nodes, whose sign on each rim is arbitrary."""
         n = self.nodes
         own: Tensor = torch.fft.fft(spinors, norm="forward")[..., : n // 2]
         if self.domain.rims == 1:
             return own
         own[..., 1:, 0] = 0
-        # with the right signs the values on a circle agree with the sum of the other circles' powers there
+        # the signs with which values on a circle agree best with the powers of the other circles
         parts = parts_on_circles(self.domain, own, n)
         agreement = (spinors[..., None, :] * parts.conj()).sum((0, 1, -1)).real.fill_diagonal_(0.0)
         vector = torch.linalg.eigh(agreement + agreement.T)[1][:, -1]
@@ -80,7 +80,7 @@ class OnCircles:
 
     @cached_property
     def powers(self) -> Complex[Tensor, "f m k"]:
-        """Low powers of each circle's coordinate, as functions."""
+        """Coefficients of the low powers of each circle's coordinate."""
         m, number = self.domain.rims, torch.arange(self._few)
         functions = self.domain.centres.new_zeros(m, self._few, m, self.nodes // 2)
         functions[:, number, :, number] = torch.eye(m, dtype=functions.dtype, device=functions.device)
@@ -96,7 +96,7 @@ class OnCircles:
         return min(_DEGREE + 1, self.nodes // 2)
 
     def model_of(self, spinors: Complex[Tensor, "2 m k"]) -> Callable[[], PowerSeries | LaurentSeries]:
-        """A function that makes the model of p and q; it keeps a copy of them and nothing else that is large."""
+        """A function that makes the model of p and q; of large data it keeps only a copy of their coefficients."""
         if self.domain.rims == 1:
             return partial(_power_series, spinors[:, 0].T.clone())
         return partial(_laurent_series, spinors.clone(), self.domain, self.antiperiodic)
@@ -104,7 +104,7 @@ class OnCircles:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OnCurve:
-    """On an Ω with one analytic boundary: values at nodes, continued by Cauchy's formula."""
+    """Functions on an Ω with one analytic boundary: values at nodes, continued by Cauchy's formula."""
 
     boundary: FourierBoundary  # ∂Ω
     kernel: Complex[Tensor, "c c"]  # of its `DirichletForm`
@@ -172,14 +172,14 @@ def slopes(form: CirclesForm | DirichletForm, points: Float[Tensor, "*b m n 3"])
 def closed(
     traces: OnCircles | OnCurve, spinors: Complex[Tensor, "b 2 m t"], weights: Complex[Tensor, "m k"]
 ) -> tuple[Complex[Tensor, "b 2 m t"], Complex[Tensor, "b 2 m k"], Complex[Tensor, "b 3 m k"]]:
-    """Spinors changed by the least powers that make Re ∮ φ dz = 0 around holes; their values, and φ dz/dτ.
+    """Spinors with the least correction in low powers so that Re ∮ φ dz = 0 around holes; their values, and φ dz/dτ.
 
     `weights` are those of the traces, at enough points to resolve products of p and q.
     """
     last = math.inf
     while True:
         values = traces.values(spinors, weights.shape[1])
-        # along rows: see `DirichletForm.__call__`
+        # contiguous rows: see `DirichletForm.__call__`
         velocity = phi(values[:, 0], values[:, 1]).movedim(-1, 1).contiguous() * weights
         if len(weights) == 1:
             break
@@ -201,7 +201,7 @@ def gaps(velocity: Complex[Tensor, "b 3 m k"]) -> Float[Tensor, "b g"]:
 
 
 def gap_rows(spinors: Complex[Tensor, "b 2 m k"], moves: Complex[Tensor, "f m k"]) -> Float[Tensor, "b f4 g"]:
-    """Derivative of `gaps` by the factors of functions f in p and q, from the values of f dz/dτ."""
+    """Derivatives of `gaps` with respect to the coefficients of functions f in p and q; `moves` are f dz/dτ."""
     by_p, by_q = ((spinors[:, i, None, 1:] * moves[..., 1:, :]).mean(-1).repeat(1, 1, 3) for i in (0, 1))
     axes = torch.eye(3, dtype=moves.real.dtype, device=moves.device)
     return moves_by(axes.repeat_interleave(moves.shape[1] - 1, dim=1)[None], by_p, by_q)
@@ -210,17 +210,20 @@ def gap_rows(spinors: Complex[Tensor, "b 2 m k"], moves: Complex[Tensor, "f m k"
 def moves_by(
     e: Float[Tensor, "b 3 pts"], by_p: Complex[Tensor, "b f pts"], by_q: Complex[Tensor, "b f pts"]
 ) -> Float[Tensor, "b f4 pts"]:
-    """Derivative of e·r by the real and imaginary parts of functions' factors, from ∫ fp dz and ∫ fq dz."""
+    """Derivatives of e·r with respect to coefficients of functions f in p and q, from ∫ fp dz and ∫ fq dz.
+
+    The order is: real parts for p, for q, then the imaginary parts.
+    """
     along, upright = torch.complex(e[:, :1], -e[:, 1:2]), e[:, 2:]
     row = torch.cat([along * by_p + upright * by_q, upright * by_p - along.conj() * by_q], dim=1)
     return 2 * torch.cat([row.real, -row.imag], dim=1)
 
 
 def changes(x: Float[Tensor, "b f4"], powers: Complex[Tensor, "f m t"]) -> Complex[Tensor, "b 2 m t"]:
-    """Changes of p and q from changes of the powers' factors, in the order of `moves_by`."""
+    """Changes of p and q from changes of the powers' coefficients, in the order of `moves_by`."""
     half = x.shape[1] // 2
     factors = torch.complex(x[:, :half], x[:, half:]).reshape(len(x), 2, -1)
-    # one after the other: BLAS rounds a product differently in a batch
+    # one by one: in a batch BLAS rounds differently
     change = torch.stack([one @ powers.flatten(1) for one in factors])
     return change.reshape(len(x), 2, *powers.shape[1:])
 
@@ -230,7 +233,7 @@ def with_between_nodes(
 ) -> Complex[Tensor, "b 2 m"]:
     """Values of `CauchyInterpolant`s at their nodes and at each − 1 equal steps between neighbouring nodes.
 
-    At a share δ between two nodes the cotangent part of the kernel multiplies Fourier coefficients by
+    At a fraction δ between two nodes the cotangent part of the kernel multiplies Fourier coefficients by
     ½ sign(k) + ½i cot(πδ); the smooth part acts on low frequencies only.
     """
     n, count = values.shape[-1], len(kernel)
@@ -246,20 +249,20 @@ def with_between_nodes(
     total[..., n // 2] = 0
     share = torch.arange(1, each, dtype=k.dtype, device=k.device)[:, None] / each
     cotangent = 0.5j / torch.tan(np.pi * share)
-    turned = (total[:, :, None] + cotangent * spectrum[:, :, None]) * torch.exp(2j * np.pi * share / n * k)
-    shifted = torch.fft.ifft(turned) * n
+    rotated = (total[:, :, None] + cotangent * spectrum[:, :, None]) * torch.exp(2j * np.pi * share / n * k)
+    shifted = torch.fft.ifft(rotated) * n
     between = shifted[:, :2] / shifted[:, 2:]
     return torch.cat([values[:, :, None], between], dim=2).mT.flatten(2)
 
 
 def _by_coordinate(powers: Complex[Tensor, "m j *rest"]) -> Complex[Tensor, "f *rest"]:
-    """Rows of each circle's powers, of the outer circle from the zeroth, of holes from the first."""
+    """Rows of the powers of each circle: from the zeroth for the outer circle, from the first for holes."""
     return torch.cat([powers[0], powers[1:, 1:].flatten(0, 1)])
 
 
 @lru_cache(maxsize=64)
 def _integrating(n: int, device: torch.device) -> Complex[Tensor, " n"]:
-    """Fourier multipliers of the primitive of mean 0; 0 for the highest frequency."""
+    """Fourier multipliers of the antiderivative with mean 0; 0 for the highest frequency."""
     k = torch.fft.fftfreq(n, 1 / n, dtype=torch.float64, device=device)
     k[0] = k[n // 2] = math.inf
     multipliers: Tensor = -1j / k
@@ -267,7 +270,7 @@ def _integrating(n: int, device: torch.device) -> Complex[Tensor, " n"]:
 
 
 def _without_round_off(coefficients: Complex[Tensor, "k *rest"]) -> Complex[Tensor, "j *rest"]:
-    """Coefficients without rounding errors at the end; at least one is kept."""
+    """Coefficients without those at the end that are rounding errors; at least one is kept."""
     sizes = coefficients.abs().flatten(1).amax(1)
     large = (sizes > ROUND_OFF * sizes.max()).nonzero()
     return coefficients[: int(large[-1]) + 1] if len(large) else coefficients[:1]

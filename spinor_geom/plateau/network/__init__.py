@@ -1,1 +1,1 @@
-"""Minimal disks and annuli as Cauchy networks, by Gauss-Newton."""
+"""Minimal disks and annuli as Cauchy networks, fitted by Gauss-Newton."""

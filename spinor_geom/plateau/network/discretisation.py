@@ -1,6 +1,6 @@
-"""The network and nodes of one round of a fit, the residual between the nodes, and their refinement.
+"""Domain, network and nodes of one round of a fit, the residual between the nodes, and their refinement.
 
-With n corners, n − 3 conformal moduli of Ω (n around a hole) must be right before a surface over Ω can have all its
+For n corners, n − 3 conformal moduli of Ω (n if it has a hole) must be right before a surface over Ω can have all its
 corners on those of Γ. A domain flattened from a mesh has the moduli to a few digits. The fit moves it along fields
 v = conj(g), with g holomorphic and g' = 0 at the corners: they keep the angles there and change the moduli. Between two
 rims without corners the hole grows or shrinks.
@@ -37,7 +37,7 @@ _PROJECTIONS = 5  # largest number of Gauss-Newton steps to the nearest point of
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Discretisation:
-    """Poles, panels of nodes, and the network made from them."""
+    """Ω with the poles of the network and the panels of nodes on its boundary."""
 
     domain: PlaneDomain  # Ω
     curves: tuple[CurveTensors, ...]  # Γ, one for each boundary of Ω
@@ -65,11 +65,11 @@ class Discretisation:
         Args:
             domain: Ω.
             curves: Γ.
-            corners: see above.
+            corners: parameters of each curve at the corners of Ω, ascending.
             degree: degree of the polynomials.
             offset: distance of the poles from ∂Ω, in local edges.
             tolerance: RMS distance from Γ in mean edges; corners have more poles for a small one.
-            branch: see above.
+            branch: a point in the hole around which p and q change sign; None if they do not.
         """
         at_corner = corner_poles(tolerance)
         return cls(
@@ -85,7 +85,7 @@ class Discretisation:
 
     @cached_property
     def panels(self) -> Panels:
-        """Nodes on ∂Ω, four equations for each unknown.
+        """Nodes on ∂Ω, with four equations per unknown.
 
         With 1.5 the residual at the nodes of a rough loop can be a hundredth of that between them, and the iteration
         diverges.
@@ -120,16 +120,16 @@ class Discretisation:
 
         Args:
             energy: integral of the squared residual over each panel.
-            goal: the panels that are not refined have less than goal²/2 together.
+            goal: target RMS residual; the panels that are not refined have at most goal²/2 together.
         """
         order = np.argsort(energy)
-        matter = np.empty(len(energy), dtype=bool)
-        matter[order] = np.cumsum(energy[order]) > 0.5 * goal**2
+        is_large = np.empty(len(energy), dtype=bool)
+        is_large[order] = np.cumsum(energy[order]) > 0.5 * goal**2
         room = (_MAX_FEATURES - self.degree - len(self.poles.positions)) // 2
-        if room <= 0 or not matter.any():
+        if room <= 0 or not is_large.any():
             return None
-        matter[order[: max(0, len(energy) - room)]] = False
-        chosen = self.panels.ends[matter]
+        is_large[order[: max(0, len(energy) - room)]] = False
+        chosen = self.panels.ends[is_large]
         poles = self.poles + refining_poles(self.domain, chosen)
         middle = chosen.mean(axis=1)
         breaks = tuple(
@@ -157,14 +157,14 @@ class Discretisation:
 
     @property
     def has_moduli(self) -> bool:
-        """Whether Ω has conformal moduli: a hole, or more than three corners."""
+        """Whether Ω has conformal moduli: it has a hole or more than three corners."""
         return bool(self.domain.holes) or bool(np.count_nonzero(self.domain.boundary.corners) > 3)
 
     @cached_property
     def _modulus_fields(self) -> ModulusFields:
         if self.domain.holes and not self.domain.corners.any():
             return ModulusFields.of_hole(self.domain, self.panels)
-        # without the poles clustered at the corners, which are finer than the spline of the moved boundary
+        # the spline of the moved boundary does not resolve features with poles clustered at corners
         z = torch.as_tensor(np.append(self.panels.z, path_across(self.domain)[0]), device=self.problem.dz.device)
         smooth = replace(self, branch=None)._network_with(edge_poles(self.domain)).features(z)
         return ModulusFields.of_corners(self.domain, self.panels, smooth.cpu().numpy())
@@ -175,11 +175,11 @@ class Discretisation:
         return replace(self.problem, fields=torch.as_tensor(self._modulus_fields.nodes, device=self.problem.dz.device))
 
     def length_of_move(self, fit: Fit) -> float:
-        """Longest move of a vertex of ∂Ω by a fit's amounts."""
+        """Largest displacement of a vertex of ∂Ω by the `amounts` of a fit."""
         return float(np.abs(self._modulus_fields.vertices @ fit.amounts.cpu().numpy()).max(initial=0.0))
 
     def moved(self, fit: Fit, *, offset: float) -> Discretisation:
-        """The discretisation of Ω moved by a fit's amounts, with new poles."""
+        """The discretisation of Ω moved by the `amounts` of a fit, with new poles."""
         domain = self._modulus_fields.moved(self.domain, fit.amounts.cpu().numpy())
         rims = zip(self.breaks, self.domain.boundaries, domain.boundaries, strict=True)
         return replace(
@@ -190,7 +190,7 @@ class Discretisation:
         )
 
     def readout_of(self, spinors: Complex[Tensor, "nodes 2"]) -> Complex[Tensor, "n 2"]:
-        """Least-squares read-outs of values of p and q at the nodes."""
+        """Read-out weights that fit values of p and q at the nodes by least squares."""
         return self.problem.features[: self.problem.nodes].mH @ (self.problem.arc_weights[:, None] * spinors)
 
     def matchings(self, fit: Fit) -> tuple[Float[np.ndarray, "_ 2"], ...]:
@@ -202,7 +202,7 @@ class Discretisation:
         )
 
     def transferred(self, other: Discretisation, fit: Fit) -> tuple[Complex[Tensor, "n 2"], Float[Tensor, " nodes"]]:
-        """Read-outs and slide of a fit that was made with another discretisation."""
+        """Read-outs and slide, for this discretisation, of a fit on another one."""
         domains = zip(self.panels.own_parameters, self.domain.boundaries, other.domain.boundaries, strict=True)
         rims = [np.interp(t, here.parameters, there.parameters) for t, here, there in domains]
         points = [boundary.point(t) for boundary, t in zip(other.domain.boundaries, rims, strict=True)]
@@ -222,12 +222,13 @@ def interpolate_matching(matching: Float[np.ndarray, "n 2"], t: Float[np.ndarray
 def independent_residual(
     stage: Discretisation, fit: Fit, *, points: int
 ) -> tuple[Misfit, Float[np.ndarray, " panels"]]:
-    """Distance to Γ on panels of another order, which share no node with those of the fit.
+    """Distance from Γ on panels of another order, which share no node with those of the fit.
 
-    Each point is projected on Γ near its matched parameter, so that a boundary on the wrong part of Γ is far from it.
+    Each point is projected on Γ near its matched parameter, so that a boundary along the wrong part of Γ has a large
+    residual.
 
     Returns:
-        The misfit, and the integral of the squared distance over each panel; ∂Ω counts with length 1.
+        The misfit, and the integral of the squared distance over each panel, with ∂Ω scaled to length 1.
     """
     count = len(stage.panels.ends)
     order = max(stage.panels.order + 3, int(np.ceil(3 * points / count)))
@@ -243,7 +244,7 @@ def independent_residual(
         squares.append((position - curve.point_and_derivative(parameter)[0]).square().sum(1))
         rims.append(Misfit.of(position, parameter, curve))
     misfit = Misfit.together(rims)
-    # closing the gap moves the boundary by about as much
+    # closing the gap around the hole moves the boundary by about the gap
     gap = float(problem.around_hole(velocity).real.norm())
     energy = (problem.arc_weights * torch.cat(squares)).reshape(count, order).sum(1)
     return misfit.and_astray(gap), energy.cpu().numpy()
@@ -257,14 +258,15 @@ def projected(
         point, tangent = curve.point_and_derivative(slide)
         move = ((r - point) * tangent).sum(1) / tangent.square().sum(1)
         slide = slide + move.clamp(-limit, limit)
-        if float(move.abs().max()) < torch.finfo(move.dtype).eps ** 0.5:  # nothing is left of the next step
+        # quadratic convergence: the next step is rounding error
+        if float(move.abs().max()) < torch.finfo(move.dtype).eps ** 0.5:
             break
     return slide
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModulusFields:
-    """Vector fields on ∂Ω that change the moduli of Ω: conj(g), which keeps the corners' angles, or a hole's growth."""
+    """Vector fields on ∂Ω that change the moduli of Ω: conj(g), which keeps corner angles, or growth of the hole."""
 
     nodes: Complex[np.ndarray, "nodes k"]  # at the nodes of the panels, in units of Ω
     vertices: Complex[np.ndarray, "m k"]  # at the vertices of ∂Ω, or of its hole; at most Ω's diameter
@@ -275,15 +277,15 @@ class ModulusFields:
 
         The moves of least strain that change the moduli have g' a quadratic differential of Ω: holomorphic, with g'dz²
         real along ∂Ω. The fields are the combinations of features, vanishing at the corners, that are nearest to this.
-        On a strip they stretch it along its length.
+        A strip is stretched along its length.
 
         Source: Ahlfors, "Lectures on quasiconformal mappings" (1966), chapter VI, for the pairing.
         """
         corner = domain.vertices[domain.corners]
         count = len(corner) - (0 if domain.holes else 3)
-        (way, steps), nodes = path_across(domain), len(panels.z)
-        still = np.prod((np.append(panels.z, way)[:, None] - corner) / domain.diameter, axis=1)
-        slopes = (still / np.abs(still).max())[:, None] * features
+        (path, steps), nodes = path_across(domain), len(panels.z)
+        vanishing = np.prod((np.append(panels.z, path)[:, None] - corner) / domain.diameter, axis=1)
+        slopes = (vanishing / np.abs(vanishing).max())[:, None] * features
         if domain.holes:
             outer = panels.rims[0] * panels.order
             # g must be single-valued around the hole
@@ -317,7 +319,7 @@ class ModulusFields:
         return cls(nodes=nodes[:, None], vertices=field[:, None])
 
     def moved(self, domain: PlaneDomain, amounts: Float[np.ndarray, " k"]) -> PlaneDomain:
-        """Ω with its hole changed, or with all vertices moved by at most a tenth of its diameter."""
+        """Ω with its hole moved, or with all vertices moved by at most a tenth of its diameter."""
         move = self.vertices @ amounts
         if len(move) < len(domain.vertices):
             hole = SplineBoundary.through(domain.holes[0].vertices + move)

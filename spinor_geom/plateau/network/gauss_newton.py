@@ -15,17 +15,17 @@ from spinor_geom.deadline import require_time
 from spinor_geom.plateau.network.network_problem import NetworkProblem
 from spinor_geom.plateau.steps import STALLED, Steps
 
-_FIRST_DAMPING = 1e-2  # damping of the first step, in mean diagonal entries of the normal equations
+_FIRST_DAMPING = 1e-2  # damping of the first step, over the mean diagonal entry of the normal equations
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
-    """State of a fit."""
+    """The unknowns of a fit, and the residual at them."""
 
     readout: Complex[Tensor, "n 2"]  # read-outs of p and q
     constant: Float[Tensor, "3"]  # c: position at the start of the first panel
     slide: Float[Tensor, " nodes"]  # curve parameters of the nodes
-    amounts: Float[Tensor, " k"]  # moves of Ω along its modulus fields, to first order; included in the error
+    amounts: Float[Tensor, " k"]  # coefficients of the modulus fields that move Ω; in the error to first order
     error: Float[Tensor, "nodes 3"]  # r + c − Γ(slide)
     tangent: Float[Tensor, "nodes 3"]  # Γ′(slide)
     gap: Float[Tensor, "holes 3"]  # Re ∮ φ dz around each hole
@@ -40,7 +40,7 @@ class Fit:
         constant: Float[Tensor, "3"] | None = None,
         amounts: Float[Tensor, " k"] | None = None,
     ) -> Fit:
-        """The state of given unknowns; by default with the best constant and a fixed Ω."""
+        """The residual at given unknowns; by default with the best constant and a fixed Ω."""
         amounts = problem.weights.new_zeros(problem.fields.shape[1]) if amounts is None else amounts
         point, tangent = problem.point_and_derivative(slide)
         velocity, weights = problem.velocities(readout), problem.arc_weights
@@ -75,9 +75,9 @@ def gauss_newton(
 ) -> Fit:
     """Minimises ∮ |r − Γ(s)|² |dz| and the square of Re ∮ φ dz around a hole by Levenberg-Marquardt.
 
-    The residual is projected on the two directions normal to Γ'(s), which eliminates s from the linear system; s then
-    moves along the tangent and is projected onto increasing sequences. Below an RMS residual of `allowed` the iteration
-    continues only while it converges fast.
+    The residual is projected on the two directions normal to Γ'(s), which eliminates s from the linear system; s is
+    then updated along the tangent and projected onto increasing sequences. Below an RMS residual of `allowed` the
+    iteration continues only while each step halves the energy.
 
     Raises:
         OutOfTimeError: time ran out.
@@ -91,7 +91,7 @@ def gauss_newton(
         fit, damping = _damped_step(problem, fit, linear, damping)
         if fit.energy < before:
             steps.take("Gauss-Newton", fit.residual)
-        # a linearisation costs many times as much as a step; an energy of 0 or infinity does not decrease
+        # the Jacobian costs many times as much as a step; an energy of 0 or infinity does not decrease
         if not fit.energy < before / 2:
             if fresh and (fit.energy <= allowed**2 or not fit.energy <= STALLED**2 * before):
                 break
@@ -104,10 +104,10 @@ def gauss_newton(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Linear:
-    """The linearised residual: its components normal to Γ (and along Γ' where the slide is held), and the periods.
+    """The linearised residual: its components normal to Γ (and along Γ' at `held` nodes), and the periods.
 
-    Unknowns: real parts of the changes of both read-outs, their imaginary parts, the change of the constant, the
-    moves of Ω.
+    Unknowns: real parts of the changes of both read-outs, their imaginary parts, the change of the constant, and of
+    `amounts`.
     """
 
     rows: Tensor  # (equations, k)
@@ -122,14 +122,14 @@ class _Linear:
         parts = _in_parts(*map(problem.integrate, slopes))
         around = _in_parts(*map(problem.around_hole, slopes))
         moved = problem.moved(state.readout)
-        # nodes at a bound that would move beyond it: their distance along Γ' is a residual too
+        # at nodes whose slide would cross a bound, the distance along Γ' is a residual too
         low, high = problem.slide_bounds.T
         beyond = (state.tangent * state.error).sum(1)
         held = (((state.slide <= low) & (beyond < 0)) | ((state.slide >= high) & (beyond > 0))).nonzero()[:, 0]
         directions = list(_directions(state.tangent, held))
         counts = [len(direction) for direction, _ in directions]
         n = 4 * parts.shape[2]
-        # in place and by real products, because copying rows costs as much as computing them
+        # written in place, by real products: copying rows costs as much as computing them
         gaps = 3 * len(around)
         rows = parts.new_zeros(sum(counts) + gaps, n + 3 + moved.shape[2])
         for (direction, nodes), block in zip(directions, torch.split(rows[: sum(counts)], counts), strict=True):
@@ -156,9 +156,9 @@ def _in_parts(by_p: Complex[Tensor, "m n"], by_q: Complex[Tensor, "m n"]) -> Flo
 
 
 def _by_spinors(e: Float[Tensor, "m 3"]) -> Float[Tensor, "m 4 4"]:
-    """Matrices from the real and imaginary parts of ∫ 2p f dz and ∫ 2q f dz to the derivatives of e · Re ∫ φ dz.
+    """Matrices that map the parts of ∫ 2p f dz and ∫ 2q f dz to derivatives of e · Re ∫ φ dz.
 
-    Rows: derivatives by the real parts of δp and δq, then by their imaginary parts, with
+    Rows: derivatives with respect to the real parts of δp and δq, then the imaginary parts, with
     δφ = (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)).
     """
     x, y, z = e.unbind(1)
@@ -170,7 +170,7 @@ def _by_spinors(e: Float[Tensor, "m 3"]) -> Float[Tensor, "m 4 4"]:
 def _directions(
     tangent: Float[Tensor, "nodes 3"], held: Int[Tensor, " k"]
 ) -> Iterator[tuple[Float[Tensor, "n 3"], Tensor | slice]]:
-    """Directions of the residual, with their nodes: both normals everywhere, the tangent at held nodes."""
+    """Directions on which the residual is projected, with their nodes: both normals; the tangent at held nodes."""
     for normal in normals_of(tangent):
         yield normal, slice(None)
     if len(held):
@@ -189,13 +189,13 @@ def gram(rows: Float[Tensor, "m k"] | Complex[Tensor, "m k"]) -> Float[Tensor, "
     """Lower triangle of rowsᴴ·rows."""
     if rows.is_cuda:
         return rows.mH @ rows
-    # BLAS's symmetric product does half the work; its upper triangle by columns is the lower one by rows
+    # BLAS computes one triangle only: the upper one by columns, which is the lower one by rows
     product = zherk if rows.is_complex() else dsyrk
     return torch.from_numpy(product(1.0, rows.numpy().T).T)
 
 
 def _damped_step(problem: NetworkProblem, state: Fit, linear: _Linear, damping: float) -> tuple[Fit, float]:
-    """The first step, with increasing damping, that lowers the residual; the old state if none does."""
+    """The fit after the first step, with increasing damping, that lowers the energy; unchanged if none does."""
     n = problem.features.shape[1]
     gradient = linear.gradient(problem, state)
     scale = linear.normal_matrix.diagonal().mean()
@@ -210,7 +210,7 @@ def _damped_step(problem: NetworkProblem, state: Fit, linear: _Linear, damping: 
             shift, amounts = step[4 * n : 4 * n + 3], step[4 * n + 3 :]
             unknowns = state.constant + shift, state.amounts + amounts
             error = Fit.at(problem, state.readout + change, state.slide, *unknowns).error
-            # damped like the rest: at sharp turns of Γ the full move along its tangent leads away from it
+            # damped too: at sharp turns of Γ a full step along its tangent moves away from it
             along = (state.tangent * error).sum(1) / (speed2 * (1 + damping))
             slide = problem.increasing(state.slide + along, speed2)
             trial = Fit.at(problem, state.readout + change, slide, *unknowns)

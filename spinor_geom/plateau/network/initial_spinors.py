@@ -1,4 +1,4 @@
-"""Initial spinors of a fit, lifted from the frames of a discrete surface along its boundary."""
+"""Initial spinors of a fit, from the frames of a discrete surface along its boundary."""
 
 import numpy as np
 import torch
@@ -33,7 +33,7 @@ def lifted_spinors(
 ) -> Complex[Tensor, "m 2"]:
     """Spinors p and q on each boundary edge of a discrete surface, with signs that are continuous on the surface.
 
-    On a ragged boundary neighbouring spinors do not determine the sign. From face to face the frame turns less, so the
+    On a ragged boundary neighbouring spinors do not determine the sign. Frames differ less between adjacent faces, so
     signs are propagated along a minimum spanning tree of the faces.
 
     Args:
@@ -41,7 +41,7 @@ def lifted_spinors(
         faces: triangles.
         points: images of the vertices in Ω.
         rims: number of vertices of each boundary.
-        device: where the result is.
+        device: device of the result.
         branch: a point c in a hole around which p and q change sign; p/√(z − c) and q/√(z − c) are returned then.
     """
     after = rim_successors(rims)
@@ -58,7 +58,7 @@ def lifted_spinors(
     normal = np.cross(tangent, corner[:, 2] - corner[:, 0])
     frames = (torch.from_numpy(part) for part in (tangent, normal, step, np.ones(len(faces))))
     inner = single_valued(phi_from_frames(*frames), image.mean(axis=1)).numpy()
-    # not by libigl, which would start threads
+    # face adjacency; that of libigl would start threads
     codes = edge_codes(faces, len(points))
     order = codes.argsort()
     shared = np.flatnonzero(np.diff(codes[order]) == 0)
@@ -89,7 +89,7 @@ def lifted_frames(
     corner = vertices[faces[_faces_along(faces, after)]]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     tangent = vertices[after] - vertices[:m]
-    # a face without area has no normal: take any direction across the edge
+    # a degenerate face has no normal: use any direction perpendicular to the edge
     flat = np.linalg.norm(normal, axis=1) <= np.finfo(np.float64).eps * np.sum(tangent**2, axis=1)
     normal[flat] = np.cross(tangent[flat], np.eye(3)[np.abs(tangent[flat]).argmin(axis=1)])
     edge = boundary[after] - boundary

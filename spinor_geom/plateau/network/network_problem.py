@@ -1,4 +1,4 @@
-"""The boundary problem of a Cauchy network on ∂Ω, as tensors."""
+"""The boundary value problem of a Cauchy network, discretised at nodes on ∂Ω."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from spinor_geom.surface.spinor_surface import PATH_ORDER
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NetworkProblem:
-    """Γ, and the features of the network at the nodes on ∂Ω, followed by those on a path to the hole, if any."""
+    """Γ, and the features of the network at the nodes on ∂Ω, then on a path to the hole, if any."""
 
     curves: tuple[CurveTensors, ...]  # Γ, one curve for each boundary of Ω
     features: Complex[Tensor, "points n"]  # at the nodes and on the path
@@ -77,13 +77,13 @@ class NetworkProblem:
     def point_and_derivative(
         self, slide: Float[Tensor, " nodes"]
     ) -> tuple[Float[Tensor, "nodes 3"], Float[Tensor, "nodes 3"]]:
-        """Γ and Γ' at each node's parameter of its own curve."""
+        """Γ and Γ' at the slide of each node, on the curve of its boundary."""
         parts = [curve.point_and_derivative(s) for curve, s in zip(self.curves, self.by_rim(slide), strict=True)]
         points, tangents = zip(*parts, strict=True)
         return torch.cat(points), torch.cat(tangents)
 
     def increasing(self, slide: Float[Tensor, " nodes"], speed: Float[Tensor, " nodes"]) -> Float[Tensor, " nodes"]:
-        """The nearest increasing slides within the bounds; see `nearest_increasing`."""
+        """The nearest increasing slides within the bounds, by `nearest_increasing`."""
         arrays = [[part.cpu().numpy() for part in self.by_rim(one)] for one in (slide, speed, self.slide_bounds)]
         parts = [nearest_increasing(*one) for one in zip(*arrays, strict=True)]
         return torch.as_tensor(np.concatenate(parts), device=slide.device)
@@ -119,7 +119,7 @@ class NetworkProblem:
         return phi(p, q)
 
     def moved(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3 k"]:
-        """Derivative of r at the nodes by a move along each field: Re(φ v)."""
+        """Derivative of r at the nodes with respect to the coefficient of each field v: Re(φ v)."""
         return (self.null_curve(readout)[: self.nodes, :, None] * self.fields[:, None, :]).real
 
 
@@ -128,8 +128,8 @@ def nearest_increasing(
 ) -> Float[np.ndarray, " n"]:
     """The nearest non-decreasing slide with s_n ≤ s_0 + 1 within the bounds, by isotonic regression.
 
-    The circle is cut where the speed |Γ'| is largest. Shortening the whole step instead stalls at corners and on noisy
-    curves.
+    The periodic sequence is cut where the speed |Γ'| is largest. A shorter step instead would stall at corners and on
+    noisy curves.
     """
     if (np.diff(np.append(s, s[0] + 1)) <= 0).any():
         cut = int(np.argmax(speed))
@@ -143,7 +143,7 @@ def nearest_increasing(
 def slide_bounds(
     boundary: Boundary, corners: Float[np.ndarray, " c"], t: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Lowest and highest curve parameter of nodes at parameters t of ∂Ω, which stay between their corners.
+    """Lowest and highest curve parameter of nodes at parameters t of ∂Ω: those of the adjacent corners.
 
     `corners` are the curve parameters at the corners of Ω, ascending.
     """
@@ -151,14 +151,14 @@ def slide_bounds(
         return np.broadcast_to([-np.inf, np.inf], (len(t), 2))
     ends = np.concatenate([corners[-1:] - 1, corners, corners[:1] + 1])
     side = np.searchsorted(boundary.parameters[:-1][boundary.corners], t, side="right")
-    # inside the side: Γ′ at a corner is that of the next side
+    # strictly inside the side: at a corner Γ′ is that of the next side
     return np.stack([ends[side] + 1e-13, ends[side + 1] - 1e-13], axis=1)
 
 
 def path_to(
     domain: PlaneDomain, vertex: int, order: int = PATH_ORDER
 ) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
-    """Quadrature nodes on a path through Ω from its root to a vertex of its triangulation, and their weights dz."""
+    """Quadrature nodes and weights dz on a path through Ω from its root to a vertex of its triangulation."""
     path = [vertex]
     while path[-1] != domain.root:
         path.append(int(domain.parents[path[-1]]))
@@ -172,7 +172,7 @@ def path_to(
 
 
 def path_across(domain: PlaneDomain) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
-    """`path_to` from the first vertex of the outer boundary to the hole's; empty without a hole."""
+    """Nodes and weights on a path from the first vertex of the outer boundary to that of the hole; empty if none."""
     if not domain.holes:
         return np.zeros(0, dtype=np.complex128), np.zeros(0, dtype=np.complex128)
     (there, back), (here, ahead) = path_to(domain, 0), path_to(domain, len(domain.boundary.vertices))

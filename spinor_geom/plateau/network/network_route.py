@@ -1,7 +1,7 @@
-"""The network route: Gauss-Newton for a Cauchy network on an Ω flattened from a discrete disk or annulus.
+"""Minimal disks and annuli as Cauchy networks on an Ω flattened from a discrete surface, fitted by Gauss-Newton.
 
-It solves loops with and without corners, and two loops that crowd on a round annulus. It converges to the minimal
-surface nearest to its start, which may be unstable.
+The loops may have corners; two loops may crowd on a round annulus. The fit converges to the minimal surface nearest to
+its start, which may be unstable.
 """
 
 from __future__ import annotations
@@ -40,23 +40,23 @@ from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up
 from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
 
-_STILL = 0.01  # largest move of a vertex of Ω, in residuals, that counts as none; with 1 areas are off by 5e-4
-# Pieces of the sides of polygons that are given by their corners alone: with 8 the tetrahedron's quadrilateral is met
-# to 1e-6 of a side, undivided to 1e-2.
+_NEGLIGIBLE_MOVE = 0.01  # displacement of Ω treated as 0, over the residual; with 1 areas are off by 5e-4
+# Number of pieces per side of polygons given by their corners alone: with 8 the residual of the tetrahedron's
+# quadrilateral is 1e-6 of a side, undivided 1e-2.
 PARTS_OF_A_SIDE = 8
-_PARTS = 4  # pieces of an edge of ∂Ω in the test whether it crosses itself, and on paths that leave Ω
+_PARTS = 4  # pieces per edge of ∂Ω in the test for self-crossings, and where integration paths leave Ω
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Side:
     """A loop with the surface on its left."""
 
-    number: int  # among the given loops
-    back: bool  # whether it runs against the given loop
+    number: int  # index of the given loop
+    back: bool  # whether the given loop is reversed
     loop: BoundaryLoop
     curve: BoundaryCurve
-    knots: Float[np.ndarray, " k1"]  # parameters of Γ at its points in the discrete surface, closed
-    corners: Bool[np.ndarray, " k"]  # which of those points are corners of Ω
+    knots: Float[np.ndarray, " k1"]  # parameters of Γ at the boundary vertices of the discrete surface, closed
+    corners: Bool[np.ndarray, " k"]  # which of those vertices are corners of Ω
 
     @classmethod
     def of(cls, number: int, loop: BoundaryLoop, curve: BoundaryCurve, *, back: bool, parts_of_a_side: int) -> _Side:
@@ -83,7 +83,7 @@ class NetworkSolver:
         """The loops in the order of Ω's boundaries: the longest one is outside."""
         with self.problem.clock.stage("first fill"):
             reverse = len(self.problem.units) > 1 and runs_back(*(loop.points for loop in self.problem.units))
-        # a problem's start has the loop's own points
+        # a given start of a disk has the loop's own points as boundary
         parts = 0 if self.problem.is_disk else PARTS_OF_A_SIDE
         sides = [
             _Side.of(number, loop, curve, back=reverse and number > 0, parts_of_a_side=parts)
@@ -93,7 +93,7 @@ class NetworkSolver:
 
     @cached_property
     def first_surface(self) -> Disk:
-        """The discrete disk or annulus over points of the loops."""
+        """A discrete minimal disk or annulus through points of the loops."""
         rims = [side.curve.point(side.knots[:-1]) for side in self._sides]
         with self.problem.clock.stage("first fill"):
             if len(rims) > 1:
@@ -101,7 +101,7 @@ class NetworkSolver:
             else:
                 surface = first_disk(*rims)
                 surface = finer_disk(surface, *self._sizes) if self._is_rough else surface
-        require_time()  # a descent that was cut short leads to another surface
+        require_time()  # a start from an unfinished descent may lead to another surface
         return surface
 
     @property
@@ -113,7 +113,7 @@ class NetworkSolver:
         return any(map(is_rough, self.problem.units, self.problem.curves))
 
     def solve(self) -> RouteResult:
-        """The minimal surface that the problem's start, or a first discrete surface, leads to."""
+        """The minimal surface fitted from the problem's start, or from a first discrete surface."""
         fitted = self._fitted_from(self.problem.start or self.first_surface)
         with self.problem.clock.stage("surface"):
             surface, astray = fitted_surface(fitted, allowed=self.problem.allowed)
@@ -161,7 +161,7 @@ class NetworkSolver:
             spinors, branch = lifted(), None
             rims = torch.split(spinors, list(self._sizes))
             if holes and not any(bool(signs_close_up(*rim.unbind(-1))) for rim in rims):
-                branch = _middle(flat.rims[1])
+                branch = _point_in_hole(flat.rims[1])
                 spinors = lifted(branch=branch)
             stage = Discretisation.first(
                 domain,
@@ -183,8 +183,8 @@ class NetworkSolver:
     def _refined(
         self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]
     ) -> Fitted:
-        """Rounds of Gauss-Newton, each with more units where the last residual was large."""
-        # the moduli of a flattened mesh are inexact, and with wrong ones a fit can be near Γ at its nodes only
+        """The best of several rounds of Gauss-Newton, each with more poles where the last residual was large."""
+        # the moduli of a flattened mesh are inexact; with wrong moduli a fit may be near Γ at its nodes only
         begin = self._with_right_moduli if stage.has_moduli else self._fitted
         best = begin(stage, readout, slide)
         while self._is_missed(best):
@@ -203,7 +203,7 @@ class NetworkSolver:
         return best
 
     def _may_meet(self, before: Fitted, now: Fitted) -> bool:
-        """Whether the largest number of features would meet the tolerance, by extrapolating the last two rounds.
+        """Whether the largest number of features would meet the tolerance, extrapolated from the last two rounds.
 
         The cost of a round grows with the cube of the number of features.
         """
@@ -214,14 +214,14 @@ class NetworkSolver:
     def _with_right_moduli(
         self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]
     ) -> Fitted:
-        """A fit in which Ω moves to the right conformal moduli."""
+        """A fit in which the conformal moduli of Ω are unknowns too."""
         last, folds = np.inf, False
         allowed, steps = self.problem.allowed, self.problem.steps
         while True:
             fit = gauss_newton(stage.flexible_problem, readout, slide, allowed=allowed, steps=steps)
             readout, slide = fit.readout, fit.slide
             length = stage.length_of_move(fit)
-            if length < _STILL * fit.residual:
+            if length < _NEGLIGIBLE_MOVE * fit.residual:
                 return self._measured(stage, fit)
             try:
                 moved = stage.moved(fit, offset=self.problem.options.cauchy.pole_offset)
@@ -232,8 +232,8 @@ class NetworkSolver:
             stage = moved
             # below half of the allowed residual, continue only while it converges fast
             stalls = not fit.residual <= (STALLED if fit.residual > allowed / 2 else 0.5) * last
-            # the next move of Newton's method would be about the square of this one
-            if stalls or length**2 < _STILL * fit.residual or steps.are_spent:
+            # quadratic convergence: the next displacement would be about the square of this one
+            if stalls or length**2 < _NEGLIGIBLE_MOVE * fit.residual or steps.are_spent:
                 break
             last = fit.residual
         return replace(self._fitted(stage, readout, slide), folds=folds)
@@ -247,18 +247,18 @@ class NetworkSolver:
         return Fitted(stage=stage, fit=fit, misfit=misfit, energy=energy)
 
     def _is_missed(self, fitted: Fitted) -> bool:
-        """Whether a fit is above the tolerance, with steps left."""
+        """Whether a fit misses the tolerance and steps are left."""
         return self.problem.excess(fitted.misfit) > 1 and not self.problem.steps.are_spent
 
     def _limit(self, fitted: Fitted) -> str:
-        """Why a fit is no nearer to Γ, as the end of a sentence."""
+        """Why a fit does not come nearer to Γ, as the end of a sentence."""
         stage, loops = fitted.stage, self.problem.units
         features = stage.network.mixing.shape[1]
         if self.problem.steps.are_spent:
             return SPENT
         if fitted.folds:
             return (
-                "the domain would fold if it moved to the conformal moduli of the loop's corners; "
+                "the domain folds before it reaches the conformal moduli of the loop's corners; "
                 f"its network of {features} features comes no nearer to the boundary"
             )
         at_corners = stage.share_at_corners(fitted.energy)
@@ -280,18 +280,18 @@ NETWORK = Route("network", lambda problem: NetworkSolver(problem=problem).solve(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fitted:
-    """The result of a round."""
+    """The fit of one round, with its measured residual."""
 
     stage: Discretisation
     fit: Fit
     misfit: Misfit  # at unit size
     energy: Float[np.ndarray, " panels"]  # squared distance from Γ on each panel
-    rounds: int = 1  # number of the round
-    folds: bool = False  # whether Ω would fold if it moved to the right conformal moduli
+    rounds: int = 1  # number of rounds so far
+    folds: bool = False  # whether Ω folds before it reaches the right conformal moduli
 
 
-def _middle(hole: Complex[np.ndarray, " n"]) -> complex:
-    """A point in a hole: the centre of the largest inscribed circle of a triangle of its mesh."""
+def _point_in_hole(hole: Complex[np.ndarray, " n"]) -> complex:
+    """A point in a hole: the incentre of the triangle of its mesh with the largest incircle."""
     mesh = PlaneDomain.from_boundary(hole[::-1]).triangulation
     corners = mesh.points[mesh.faces]
     a, b, c = corners.T
@@ -303,7 +303,7 @@ def _middle(hole: Complex[np.ndarray, " n"]) -> complex:
 def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[SpinorSurface, float]:
     """The fitted surface at unit size, and the RMS distance of its boundary from the fit's.
 
-    The fit integrates φ along ∂Ω, the surface along paths in Ω: they agree unless a path runs too near to a pole.
+    The fit integrates φ along ∂Ω, the surface along paths in Ω: they agree unless a path comes too near to a pole.
     """
     stage, fit = fitted.stage, fitted.fit
     network, device = stage.network, fit.readout.device
@@ -311,7 +311,7 @@ def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[SpinorSurface, fl
         network.readout.copy_(fit.readout)
     some = torch.arange(stage.panels.order // 2, len(stage.panels.t), stage.panels.order, device=device)
     weight = stage.problem.arc_weights.reshape(-1, stage.panels.order).sum(1)
-    # edges that cut across notches of Ω come near poles; those of a finer polygon do not
+    # at notches edges of the polygon can leave Ω and come near poles; a finer polygon avoids this
     for parts in (1, _PARTS):
         domain = stage.domain if parts == 1 else stage.domain.divided(parts)
         surface = SpinorSurface(network, domain, order=PATH_ORDER * fitted.rounds).to(device)
@@ -320,7 +320,7 @@ def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[SpinorSurface, fl
         boundary = (stage.problem.positions(network.readout.detach()) + fit.constant)[some]
         with torch.no_grad():
             offset = boundary - surface.position(torch.as_tensor(stage.panels.z, device=device)[some])
-            # the median is right even if some paths come too near to a pole
+            # the median ignores paths that come too near to a pole
             constant = offset.median(0).values
             surface.constant.copy_(constant)
         astray = float(weight @ (offset - constant).square().sum(1)) ** 0.5
@@ -330,7 +330,7 @@ def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[SpinorSurface, fl
 
 
 def close_period(surface: SpinorSurface) -> None:
-    """The least change of a network's read-outs with which Re ∮ φ dz = 0 around the hole, by Newton's method."""
+    """Changes a network's read-outs by the least amount so that Re ∮ φ dz = 0 around the hole, by Newton's method."""
     network, (hole,) = surface.model, surface.domain.holes
     assert isinstance(network, CauchyNetwork)
     device = network.readout.device

@@ -1,8 +1,8 @@
-"""Critical points of Douglas's energy E over the moduli, found by continuation.
+"""Critical points of Douglas's energy E in the moduli of m rims, by continuation.
 
-T is the sum of the capacities of the rims, each against all others: a conformal and symmetric function of the moduli.
-The critical points of E − λT form a curve, parametrised by the mean modulus M = 2πm/T. Where λ = 0 on it there is a
-minimal surface over the rims, of any Morse index. Over two rims the curve is the least energy of each modulus.
+T is the sum of the capacities of the rims, each against all others: a conformal invariant, symmetric in the rims. The
+critical points of E − λT form a path, parametrised by the mean modulus M = 2πm/T. Where λ = 0 on it there is a minimal
+surface over the rims, of any Morse index. For two rims the path has the least energy for each modulus.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _STEP, _LEAST_STEP = 0.5, 0.002  # largest and smallest step of log M
 
 
 def mean_modulus(domain: CircularDomain, n: int = 64) -> float:
-    """M = 2πm/T, with T the sum of the capacities of m circles, each against all others: the modulus for m = 2."""
+    """The mean modulus M = 2πm/T of m circles, T the sum of the capacities of each against the others."""
     return _capacity(CirclesForm.of(domain, n))[0]
 
 
 def _capacity(form: CirclesForm) -> tuple[float, Moduli]:
-    """M, and the derivatives of T/2 by the moduli, as sums over the nodes."""
+    """M, and the derivatives of T/2 with respect to the moduli, as sums over the nodes."""
     m = form.domain.rims
     indicators = torch.eye(m, dtype=form.own.dtype, device=form.own.device)[:, None].repeat(1, form.steps, 1)
     normal = form(indicators)
@@ -44,8 +44,8 @@ def all_on_path(problem: RimsProblem, surface: HarmonicSurface | None) -> list[H
     """The critical points on the path of a surface with stationary slides, sorted by mean modulus.
 
     Raises:
-        SurfaceError: the nodes crowd, or the energy of two rims rises from the least resolved modulus on: there may be
-            other critical points.
+        SurfaceError: the nodes crowd; or the energy of two rims increases at the least resolved modulus, so that there
+            may be critical points below it.
     """
     near = None if surface is None else _OnPath.near(replace(surface, held=False))
     here = None if near is None else near.at(near.log_modulus)
@@ -75,12 +75,14 @@ def all_on_path(problem: RimsProblem, surface: HarmonicSurface | None) -> list[H
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _OnPath:
+    """A harmonic surface on or near the path."""
+
     here: HarmonicSurface
     multiplier: float  # λ
 
     @classmethod
     def near(cls, here: HarmonicSurface) -> _OnPath:
-        """The point with the least squares multiplier."""
+        """A surface, with λ by least squares."""
         free = cls(here=here, multiplier=0.0)
         pull = free._capacity[1].slopes
         return replace(free, multiplier=float(here.moduli.slopes @ pull / (pull @ pull)))
@@ -95,12 +97,12 @@ class _OnPath:
 
     @cached_property
     def _pull(self) -> Float[Tensor, " k"]:
-        """The derivative of T/2 by arc length (0) and by the moduli."""
+        """The gradient of T/2 with respect to arc length (0) and the moduli."""
         return torch.cat([torch.zeros_like(self.here.by_slides), self._capacity[1].slopes])
 
     @cached_property
     def _by_log_modulus(self) -> Float[Tensor, " k"]:
-        """The derivative of log M."""
+        """The gradient of log M."""
         return self._pull * (-2 * self._capacity[0] / self.here.slides.numel())
 
     @cached_property
@@ -108,7 +110,7 @@ class _OnPath:
         """The gradient of E − λT."""
         return self.here.gradient[0] - self.multiplier * self._pull
 
-    def _defect(self, log_modulus: float) -> float:
+    def _residual(self, log_modulus: float) -> float:
         """Residual of the equations of the path at a given log M."""
         slides, moduli = torch.split(self._gradient, [self.here.slides.numel(), len(self.here.moduli.slopes)])
         along = slides.square().mean().sqrt() / self.here.normal.square().sum(-1).mean().sqrt()
@@ -116,7 +118,7 @@ class _OnPath:
 
     @cached_property
     def _steps(self) -> Float[Tensor, "2 k"]:
-        """Newton's step at this λ, and the step for each unit of λ."""
+        """Newton's step at fixed λ, and the derivative of the step with respect to λ."""
         matrix, count = self.here.matrix(), self.here.slides.numel()
         matrix[count:, count:] -= self.multiplier * self._capacity[1].hessian
         steps: Tensor = torch.linalg.solve(matrix, torch.stack([-self._gradient, self._pull], dim=1)).T
@@ -124,14 +126,14 @@ class _OnPath:
 
     @cached_property
     def rise(self) -> float:
-        """The derivative of λ by log M along the path."""
+        """dλ/d log M along the path."""
         return 1 / float(self._by_log_modulus @ self._steps[1])
 
     def at(self, log_modulus: float) -> _OnPath | None:
-        """The point with a given log M by Newton's method; None where it does not converge."""
+        """The point at a given log M, by Newton's method; None if that does not converge."""
         near, before = self, math.inf
         for _ in range(MOST_STEPS):
-            size = near._defect(log_modulus)
+            size = near._residual(log_modulus)
             if size < SMALL:
                 return near
             if not size < before:
@@ -144,12 +146,12 @@ class _OnPath:
         return None
 
 
-def _followed(start: _OnPath, way: int) -> list[_OnPath]:
-    """The points on one side, as long as the circles are apart and the nodes resolve the gaps between them."""
+def _followed(start: _OnPath, sign: int) -> list[_OnPath]:
+    """The points on one side, until the surface degenerates or the nodes do not resolve the gaps between circles."""
     found, here, step = [], start, _STEP
     while step >= _LEAST_STEP:
         require_time()
-        there = here.at(here.log_modulus + way * step)
+        there = here.at(here.log_modulus + sign * step)
         if there is None:
             step /= 2
             continue
@@ -163,18 +165,18 @@ def _followed(start: _OnPath, way: int) -> list[_OnPath]:
 
 
 def _least(low: _OnPath, high: _OnPath) -> _OnPath:
-    """Where |λ| is least between two points."""
+    """The point of least |λ| between two points."""
     ends = low, high
-    log = brentq(lambda log: _nearby(ends, log).rise, low.log_modulus, high.log_modulus, xtol=_LEAST_STEP)
-    return _nearby(ends, log)
+    log = brentq(lambda log: _from_nearer(ends, log).rise, low.log_modulus, high.log_modulus, xtol=_LEAST_STEP)
+    return _from_nearer(ends, log)
 
 
 def _zero(problem: RimsProblem, low: _OnPath, high: _OnPath) -> HarmonicSurface:
-    """The critical point between two points: Newton's method from an interpolated point, with bisection."""
+    """The critical point of E between two points: Newton's method from an interpolated point, with bisection."""
     while True:
         share = low.multiplier / (low.multiplier - high.multiplier)
         width = high.log_modulus - low.log_modulus
-        middle = _nearby((low, high), low.log_modulus + min(max(share, 0.1), 0.9) * width)
+        middle = _from_nearer((low, high), low.log_modulus + min(max(share, 0.1), 0.9) * width)
         found = problem.stationary(middle.here, saddles=True)
         is_between = low.log_modulus <= _OnPath.near(found).log_modulus <= high.log_modulus
         if middle in (low, high) or width < _LEAST_STEP or (is_between and float(found.size) < SMALL):
@@ -182,7 +184,7 @@ def _zero(problem: RimsProblem, low: _OnPath, high: _OnPath) -> HarmonicSurface:
         low, high = (middle, high) if middle.multiplier * low.multiplier > 0 else (low, middle)
 
 
-def _nearby(points: tuple[_OnPath, _OnPath], log_modulus: float) -> _OnPath:
-    """The point with a given log M from the nearest of two; that one itself where Newton's method fails."""
+def _from_nearer(points: tuple[_OnPath, _OnPath], log_modulus: float) -> _OnPath:
+    """The point at a given log M, by Newton's method from the nearer of two points; that point if it fails."""
     nearest = min(points, key=lambda point: abs(point.log_modulus - log_modulus))
     return nearest.at(log_modulus) or nearest

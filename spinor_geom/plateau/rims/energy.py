@@ -1,7 +1,7 @@
-"""Douglas's variational problem for several rims: Newton's method in their slides and the moduli of Ω.
+"""Douglas's variational problem for several rims: its energy and derivatives in the slides and the moduli of Ω.
 
 Ω is the unit disk less round holes. The energy E of the harmonic surface over Ω is stationary in the slides and moduli
-where the surface is conformal, hence minimal. Circles that move with velocity v and carry their values change it by
+where the surface is conformal, hence minimal. When circles move with velocity v and keep their values, E changes by
 dE = −½ Im ∮ φ·φ v dz. The bilinear form of this is the derivative of Λ, so all second derivatives follow from Λ.
 """
 
@@ -24,17 +24,17 @@ from spinor_geom.plateau.harmonic.dirichlet import CirclesForm, derivative, with
 from spinor_geom.plateau.harmonic.douglas import CROWDED, reflected, resampled, slid, smoothed
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, Rows, conjugate_gradients, factored, stationary
 
-MOST_MODULUS = 20.0  # beyond it the rims' influence on each other is below 1e-9: there is no surface
-_HELD = 1e26  # second derivative by moduli that are held fixed, over the energy
-DENSE = 512  # number of nodes on all rims up to which Newton's equations are factored
+MOST_MODULUS = 20.0  # beyond it rims influence each other by less than 1e-9: there is no connected surface
+_HELD = 1e26  # second derivative in moduli that are held fixed, over the energy
+DENSE = 512  # number of nodes on all rims up to which matrices are factored
 
-_LARGEST_STEP = 0.5  # largest step of a log modulus, or of a centre in distances to the next circle
-_LARGE_PART = 0.5  # largest step along a curve, as a share of the curve: few nodes crowd in one place
+_LARGEST_STEP = 0.5  # largest step of a log modulus, or of a centre in widths of the gap
+_LARGE_PART = 0.5  # largest spacing of nodes, as a share of the curve; stricter than `CROWDED` for few nodes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicSurface:
-    """A harmonic surface over a circular domain, its rims on curves at equal steps of every circle's angle.
+    """A harmonic surface over a circular domain with rims on given curves, sampled at equal steps of the angles.
 
     It implements `newton.Energies` as a batch of one. The energy and its derivatives are in units of 2π/n.
     """
@@ -48,7 +48,7 @@ class HarmonicSurface:
     form: CirclesForm  # Λ
     negligible: float  # as for `CirclesForm.of`
     energy: Float[Tensor, "1"]  # E
-    by_slides: Float[Tensor, " mn"]  # derivative of E by arc length
+    by_slides: Float[Tensor, " mn"]  # derivative of E with respect to arc length along Γ
     normal: Float[Tensor, "m n 3"]  # ΛX
     held: bool = False  # whether the moduli are held fixed
 
@@ -56,7 +56,7 @@ class HarmonicSurface:
     def of(
         cls, curves: CurveTensors, slides: Float[Tensor, "m n"], domain: CircularDomain, negligible: float
     ) -> HarmonicSurface:
-        """Evaluates the energy."""
+        """The energy and its derivatives at given slides and domain."""
         points, tangent, second = curves.point_and_derivatives(slides)
         form = CirclesForm.of(domain, slides.shape[1], negligible=negligible)
         normal = form(points)
@@ -83,17 +83,17 @@ class HarmonicSurface:
 
     @cached_property
     def moduli(self) -> Moduli:
-        """Derivatives by the moduli."""
+        """Derivatives with respect to the moduli."""
         return Moduli.of(self.form, self.points, self.normal)
 
     @property
     def dirichlet_energy(self) -> float:
-        """E with the factor 2π/n: the area where the surface is conformal, more elsewhere."""
+        """The Dirichlet energy: the area if the surface is conformal, more otherwise."""
         return float(self.energy) * 2 * math.pi / self.slides.shape[1]
 
     @property
     def crowded(self) -> bool:
-        """Whether the nodes leave out a large part of a curve."""
+        """Whether a large part of a curve has no nodes."""
         steps = torch.diff(self.slides, append=self.slides[:, :1] + 1)
         return float(steps.max()) > min(CROWDED / self.slides.shape[1], _LARGE_PART)
 
@@ -114,9 +114,9 @@ class HarmonicSurface:
 
     @cached_property
     def size(self) -> Float[Tensor, "1"]:
-        """Relative gradient: the RMS by arc length over that of ΛX, or the largest by a modulus over the energy.
+        """Relative gradient: the larger of its RMS in arc length over that of ΛX, and of its maximum in moduli over E.
 
-        Rotations of Ω are left out.
+        Rotations of Ω are projected out.
         """
         by_slides, normal = self.gradient[:, : len(self.by_slides)], self.normal.square().sum(-1).mean()
         along: Tensor = (by_slides.square().mean(-1) / normal).sqrt()
@@ -128,18 +128,18 @@ class HarmonicSurface:
 
     @property
     def stiffness(self) -> float:
-        """Mean of |k|: the size of second derivatives by one node, and the stiffness against rotations of Ω."""
+        """Mean of |k|: the scale of second derivatives in one node; used as stiffness against rotations of Ω."""
         return float(self.form.own.mean())
 
     @cached_property
     def gradient(self) -> Float[Tensor, "1 k"]:
-        """The derivative by arc length and the moduli, without its part along rotations of Ω."""
+        """The gradient in arc length and the moduli, orthogonal to rotations of Ω."""
         gradient = torch.cat([self.by_slides, self._slopes])
         along = (gradient @ self.rotation) / (self.rotation @ self.rotation)
         return (gradient - along * self.rotation)[None]
 
     def matrix(self) -> Float[Tensor, "k k"]:
-        """The second derivative by arc length and the moduli, stiffened against a rotation of Ω."""
+        """The Hessian in arc length and the moduli, with a stiffness against rotations of Ω."""
         unit, count = self.unit.reshape(-1, 3), self.slides.numel()
         matrix = unit.new_empty(len(self.rotation), len(self.rotation))
         torch.mul(unit @ unit.T, self.form.matrix(), out=matrix[:count, :count])
@@ -151,7 +151,7 @@ class HarmonicSurface:
     def direction(
         self, damping: Float[Tensor, "1"] | None, forcing: Float[Tensor, "1"]
     ) -> tuple[Float[Tensor, "1 k"], Bool[Tensor, "1"]]:
-        """Newton's step; with few nodes by factors, damped until the matrix is definite."""
+        """Newton's step; for few nodes by a Cholesky factor, damped until the matrix is definite."""
         if damping is None:
             step = torch.linalg.solve(self.matrix(), -self.gradient[0])
             return step[None], torch.zeros_like(self.energy, dtype=torch.bool)
@@ -162,7 +162,7 @@ class HarmonicSurface:
 
     @cached_property
     def _by_moduli(self) -> Float[Tensor, "p p"]:
-        """The second derivative by the moduli."""
+        """The Hessian in the moduli."""
         hessian = self.moduli.hessian
         return hessian + torch.diag(torch.full_like(hessian[0], _HELD * float(self.energy))) if self.held else hessian
 
@@ -178,8 +178,8 @@ class HarmonicSurface:
             image = (self.unit * self.form(self.unit * u[..., None])).sum(-1) + bends * u
             slides = image.flatten() + self.mixed.T @ by_moduli
             whole = torch.cat([slides, self.mixed @ along + moduli @ by_moduli])
-            held: Tensor = whole + self.stiffness * (self.rotation @ x) * self.rotation
-            return held[None]
+            stiffened: Tensor = whole + self.stiffness * (self.rotation @ x) * self.rotation
+            return stiffened[None]
 
         return applied
 
@@ -193,40 +193,40 @@ class HarmonicSurface:
         return self
 
     def replaced(self, which: Int[Tensor, " _"], other: HarmonicSurface) -> HarmonicSurface:
-        """The other surface, if any is selected."""
+        """The other surface if `which` is not empty, else this one."""
         return other if len(which) else self
 
     @property
     def is_minimum(self) -> bool:
-        """Whether the index is 0; quicker than `index`."""
+        """Whether the Morse index is 0; faster than `index`."""
         return int(torch.linalg.cholesky_ex(self.matrix())[1]) == 0
 
     @property
     def index(self) -> int:
-        """Morse index: the number of negative eigenvalues of the second derivative."""
+        """Morse index: the number of negative eigenvalues of the Hessian."""
         values = torch.linalg.eigvalsh(self.matrix())
         return int((values < -ROUNDING * values.abs().max()).sum())
 
     @cached_property
     def mixed(self) -> Float[Tensor, "p mn"]:
-        """The second derivatives by a modulus and by arc length."""
+        """Second derivatives in a modulus and arc length."""
         mixed: Tensor = (self.moduli.changes * self.unit).sum(-1).flatten(1)
         return mixed
 
     @cached_property
     def rotation(self) -> Float[Tensor, " k"]:
-        """The displacement of a rotation of Ω, by arc length and the moduli."""
+        """The displacement by an infinitesimal rotation of Ω, in arc length and the moduli."""
         steps = torch.diff(self.slides, append=self.slides[:, :1] + 1)
         signs = -torch.ones_like(steps[:, :1])
         signs[0] = 1
         turned: Tensor = self.speed * (steps + steps.roll(1, -1)) * signs
-        place = -1j * self.domain.centres / self.domain.room[0] * (4 * math.pi / steps.shape[1])
-        places = torch.stack([place.real, place.imag, torch.zeros_like(place.real)], dim=-1).flatten()
-        rotation: Tensor = torch.cat([turned.flatten(), _without_first_place(places)]) / turned.norm()
+        centre = -1j * self.domain.centres / self.domain.room[0] * (4 * math.pi / steps.shape[1])
+        centres = torch.stack([centre.real, centre.imag, torch.zeros_like(centre.real)], dim=-1).flatten()
+        rotation: Tensor = torch.cat([turned.flatten(), _without_first_centre(centres)]) / turned.norm()
         return rotation
 
     def stepped(self, direction: Float[Tensor, "1 k"], length: float = 1.0) -> HarmonicSurface:
-        """The surface after a step; this surface with infinite energy where circles would meet."""
+        """The surface after a step; this surface with infinite energy if circles would meet."""
         count = self.slides.numel()
         slides, along = direction[0, :count].reshape(self.slides.shape) / self.speed, direction[0, count:]
         length = min(length, _LARGEST_STEP / max(float(along.abs().max()), 1e-300))
@@ -239,18 +239,18 @@ class HarmonicSurface:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moduli:
-    """Derivatives by the moduli: centre (in distances to the next circle) and log modulus of each hole.
+    """Derivatives of E with respect to the moduli: centre (in widths of the gap) and log modulus of each hole.
 
     The centre of the first hole is fixed at 0.
     """
 
     form: CirclesForm  # Λ
     null: Complex[Tensor, "h n c"]  # ∂X/∂τ + iΛX on the holes
-    moves: Complex[Tensor, "h 3 n"]  # v/z′ of the three moduli of each hole
+    moves: Complex[Tensor, "h 3 n"]  # v/z′ for the three moduli of each hole
 
     @classmethod
     def of(cls, form: CirclesForm, points: Float[Tensor, "m n c"], normal: Float[Tensor, "m n c"]) -> Moduli:
-        """The derivatives for values X and ΛX."""
+        """The derivatives for boundary values X and ΛX."""
         room, modulus = form.domain.room
         turn = form.domain.circles(form.steps)[0]
         along = (room / form.domain.radii)[:, None] * turn
@@ -268,27 +268,27 @@ class Moduli:
 
     @cached_property
     def slopes(self) -> Float[Tensor, " p"]:
-        """Derivatives of E by each modulus."""
-        return _without_first_place(self._all_slopes.flatten())
+        """First derivatives of E."""
+        return _without_first_centre(self._all_slopes.flatten())
 
     @cached_property
     def changes(self) -> Float[Tensor, "p m n c"]:
-        """The derivative of ΛX by each modulus."""
+        """The derivative of ΛX in each modulus."""
         h, _, n, columns = self._carried.shape
         values = self.null.real.new_zeros(h, 3, h + 1, n, columns)
         own = torch.arange(h)
         values[own, :, own + 1] = self._carried.real
-        side_by_side = _without_first_place(values.flatten(0, 1)).permute(1, 2, 0, 3)
+        side_by_side = _without_first_centre(values.flatten(0, 1)).permute(1, 2, 0, 3)
         changes = -self.form(side_by_side.flatten(-2)).reshape(side_by_side.shape).permute(2, 0, 1, 3)
         values[own, :, own + 1] = derivative(self._carried.imag)
-        return changes + _without_first_place(values.flatten(0, 1))
+        return changes + _without_first_centre(values.flatten(0, 1))
 
     @cached_property
     def hessian(self) -> Float[Tensor, "p p"]:
-        """The second derivatives of E by the moduli."""
+        """Second derivatives of E."""
         h = len(self.null)
-        hole = _without_first_place(torch.arange(h).repeat_interleave(3))
-        carried = _without_first_place(self._carried.real.flatten(0, 1))
+        hole = _without_first_centre(torch.arange(h).repeat_interleave(3))
+        carried = _without_first_centre(self._carried.real.flatten(0, 1))
         second = -torch.einsum("pnc,qpnc->pq", carried, self.changes[:, hole + 1])
         # the units of centres and log moduli depend on the modulus
         of_units = torch.zeros(h, 3, h, 3, dtype=second.dtype, device=second.device)
@@ -296,13 +296,13 @@ class Moduli:
         _, modulus = self.form.domain.room
         of_units[own, :2, own, 2] = modulus[:, None] * self._all_slopes[:, :2]
         of_units[own, 2, own, 2] = self._all_slopes[:, 2]
-        rows = _without_first_place(of_units.reshape(3 * h, 3 * h))
-        second = second + _without_first_place(rows.T).T
+        rows = _without_first_centre(of_units.reshape(3 * h, 3 * h))
+        second = second + _without_first_centre(rows.T).T
         return (second + second.T) / 2
 
 
-def _without_first_place(rows: Tensor) -> Tensor:
-    """Rows of all moduli without those of the first hole's centre."""
+def _without_first_centre(rows: Tensor) -> Tensor:
+    """Rows for all moduli, without the two for the centre of the first hole."""
     return rows[2:]
 
 
@@ -344,5 +344,5 @@ class RimsProblem:
         return found
 
     def resampled(self, surface: HarmonicSurface, n: int) -> HarmonicSurface:
-        """The harmonic surface of the same slides at n nodes on each rim."""
+        """The harmonic surface with the slides interpolated at n nodes on each rim."""
         return HarmonicSurface.of(self.curves, resampled(surface.slides, n), surface.domain, self.negligible)

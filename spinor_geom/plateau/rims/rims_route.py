@@ -1,4 +1,4 @@
-"""The routes to a connected minimal surface between several loops, and the criteria that there is none."""
+"""Connected minimal surfaces between several loops, and criteria for their non-existence."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -35,29 +35,28 @@ from spinor_geom.plateau.vertices.vertex_route import surface_through
 
 _FEWEST_NODES, _MOST_NODES = 32, 1 << 13  # smallest and largest number of nodes on each rim
 _PER_EDGE = 6  # first number of nodes for each edge of rough rims
-_NEGLIGIBLE_POWER = 1e-8  # powers on other circles below this are left out over rough rims
-_WELL_BELOW = 1e-3  # share of the allowed distance that is sought while matrices are factored
-_RIVAL = 1.3  # a start with the second loop in the other direction is tried up to this ratio of energies
+_NEGLIGIBLE_POWER = 1e-8  # over rough rims powers below this on other circles are omitted
+_WELL_BELOW = 1e-3  # share of the allowed distance to reach while matrices are factored
+_RIVAL = 1.3  # starts with up to this multiple of the least energy are tried
 _SETTLED = 1e-3  # largest relative gradient of a critical point
-# Width of the average of a noisy curve, as a share of the loop, and number of curves from it to the curve itself.
+# Width of the smoothing of a noisy curve, as a share of the loop; number of curves from the smooth one to it.
 _AVERAGE, _DEFORMATIONS = 0.03, 4
 
 
 def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> str | None:
-    """Why there is no connected surface between several loops at unit size; None where it is not certain."""
+    """The reason why no connected surface spans several loops at unit size; None if no criterion applies."""
     if lie_beside(loops):
-        return "the rims lie beside each other in one plane, which a minimal surface between them would not leave"
+        return "the rims lie beside each other in one plane, and minimal surfaces between them lie in that plane"
     if len(curves) == 2 and parted_by_cone(*curves):
-        return "the rims are so far apart that a cone parts them through which no connected minimal surface passes"
+        return "the rims lie so far apart, in opposite halves of a cone, that no connected minimal surface spans them"
     return None
 
 
 def parted_by_cone(first: BoundaryCurve, second: BoundaryCurve) -> bool:
     """Whether two curves lie in the two halves of the cone ρ < 1.5089·|ζ| about the line between their centres.
 
-    Then no connected minimal surface spans them: as the catenoids around that line shrink from outside to a point, the
-    surface touches none of them. Each half is convex, so that it holds a curve if it holds the control points of its
-    pieces.
+    Then no connected minimal surface spans them: it would touch one of the catenoids around that line, which fill
+    the outside of the cone. Each half is convex: it contains a curve if it contains the control points of its pieces.
 
     Source: Dierkes, Hildebrandt & Tromba, "Regularity of Minimal Surfaces" (2010), chapter 4, the cone theorem.
     """
@@ -75,7 +74,7 @@ def parted_by_cone(first: BoundaryCurve, second: BoundaryCurve) -> bool:
         away = some - centres[0]
         height = away @ axis / length
         radius = np.linalg.norm(away - height[:, None] * axis / length, axis=1)
-        # the apex has to lie beyond this height to the side of the other curve
+        # bound on the height of the apex of a half that contains the curve
         ends.append(side * float((side * height + radius / opening).max()))
     return ends[0] < ends[1]
 
@@ -87,7 +86,7 @@ class RimsSolver:
     problem: PlateauProblem
 
     def on_circles(self) -> RouteResult:
-        """Douglas's surface of least area over a circular domain, or the one nearest to the modulus of the options."""
+        """The minimal surface of least energy found, or the one with the modulus nearest to that of the options."""
         laurent = self.problem.options.laurent
         if laurent is not None and laurent.modulus is not None:
             log = math.log(laurent.modulus)
@@ -98,17 +97,17 @@ class RimsSolver:
             if best is None and len(self.problem.units) == 2:
                 best = min(self._stable(), key=lambda placed: placed.surface.dirichlet_energy, default=None)
         if best is None:
-            until = "with the modulus, however large that is"
+            how = "as the modulus increases, without a minimum"
             if len(self.problem.units) > 2:
-                until = "until they fall apart, whatever was tried"
-            raise NoConnectedSurfaceError(f"the energy of surfaces between the rims falls {until}")
+                how = "from every start until the surface degenerates"
+            raise NoConnectedSurfaceError(f"the energy of surfaces between the rims decreases {how}")
         return self.fitted(best)
 
     def through_points(self) -> RouteResult:
         """The surface through the points of rough rims."""
         placed = self._descended
         if placed is None:
-            raise SurfaceError("no minimal surface was found between averages of the rims")
+            raise SurfaceError("no minimal surface was found between the smoothed rims")
         problem = self._problem(placed)
         with self.problem.clock.stage("lift"):
             smooth = lifted_between(placed.surface, problem.curves, allowed=self.problem.allowed)
@@ -125,7 +124,7 @@ class RimsSolver:
 
     @cached_property
     def _descended(self) -> OrientedSurface | None:
-        """The minimum of the energy from the best start; None where the surface degenerates."""
+        """The least minimum of the energy from the starts; None if all surfaces degenerate."""
         with self.problem.clock.stage("slides"):
             least = min((start.surface.dirichlet_energy for start in self._starts), default=0.0)
             rivals = [start for start in self._starts if start.surface.dirichlet_energy <= _RIVAL * least]
@@ -142,10 +141,10 @@ class RimsSolver:
             return None
 
     def _lower(self, start: OrientedSurface) -> OrientedSurface | None:
-        """The minimum of the energy from a start, with enough nodes to resolve the gaps between the circles.
+        """The minimum of the energy from a start, with more nodes until the solve converges.
 
-        None where the modulus of two rims is too large, or the surface degenerates twice: few nodes on a small rim may
-        all meet in one place.
+        None if the modulus of two rims is too large, the surface degenerates twice (few nodes on a small rim may all
+        meet in one point), or too many nodes are needed.
         """
         problem, n, fallen = self._problem(start), start.surface.slides.shape[1], 0
         while True:
@@ -153,13 +152,13 @@ class RimsSolver:
             if not lower.falls_apart and lower.size <= _SETTLED:
                 return replace(start, surface=lower)
             n, fallen = 2 * n, fallen + lower.falls_apart
-            is_gone = fallen == 2 or (len(self.problem.units) == 2 and lower.is_apart)
-            if is_gone or n * len(self.problem.units) > DENSE:
+            degenerates = fallen == 2 or (len(self.problem.units) == 2 and lower.is_apart)
+            if degenerates or n * len(self.problem.units) > DENSE:
                 return None
 
     @cached_property
     def _starts(self) -> tuple[OrientedSurface, ...]:
-        """The starts; for two rims, with the second one as given and reversed."""
+        """The starts; two for two rims, with the second one as given and reversed."""
         rims = self._rims[0]
         if len(rims) == 2:
             return tuple(start_between(*rims, _FEWEST_NODES, back=back) for back in (False, True))
@@ -167,7 +166,7 @@ class RimsSolver:
 
     @cached_property
     def _continuation(self) -> tuple[tuple[BoundaryCurve, ...], ...]:
-        """Curves of a continuation from smooth averages to the curves of noisy loops; of others the curves alone.
+        """For noisy loops, curves of a continuation from smooth averages to the loops' own; else only these.
 
         From a smooth start Newton's method does not converge on curves with many sharp bends.
         """
@@ -185,7 +184,7 @@ class RimsSolver:
 
     @cached_property
     def _rims(self) -> tuple[tuple[Rim, ...], ...]:
-        """The rims of each step of the continuation."""
+        """The rims at each step of the continuation."""
         device = self.problem.options.device
         return tuple(
             tuple(
@@ -206,10 +205,10 @@ class RimsSolver:
         )
 
     def all_critical(self) -> list[OrientedSurface]:
-        """Critical points of the energy.
+        """Critical points of the energy on the capacity path.
 
-        Over two rims these are all with the second loop in the direction of the start of less energy; over more, the
-        minimum and those on its capacity path.
+        For two rims these are all for which the second loop has the direction of the start of less energy; for more,
+        those on the path of the minimum.
         """
         best, is_two = self._descended, len(self.problem.units) == 2
         start = min(self._starts, key=lambda start: start.surface.dirichlet_energy) if is_two else best
@@ -218,7 +217,7 @@ class RimsSolver:
         n = (best or start).surface.slides.shape[1]
         with self.problem.clock.stage("moduli"):
             problem = self._problem(start)
-            # steps on half of the nodes cost an eighth
+            # half of the nodes: an eighth of the cost
             coarse = problem.resampled(start.surface, max(_FEWEST_NODES, n // 2))
             held = problem.stationary(replace(coarse, held=is_two), tolerance=SMALL, saddles=not is_two)
             return [
@@ -230,7 +229,7 @@ class RimsSolver:
         return [placed for placed in self.all_critical() if placed.surface.index == 0]
 
     def fitted(self, placed: OrientedSurface) -> RouteResult:
-        """The minimal surface next to a harmonic one, with as many nodes as the tolerance needs."""
+        """The minimal surface near a harmonic one, with enough nodes to meet the tolerance."""
         problem, saddles = self._problem(placed, -1), placed.surface.index > 0
         tried: list[tuple[Lift, HarmonicSurface]] = []
         limit, before = "more nodes on the rims do not help", math.inf
@@ -243,10 +242,10 @@ class RimsSolver:
             lift, harmonic = min(tried, key=lambda pair: pair[0].misfit.rms)
             if lift.misfit.excess(allowed=goal, tolerance=self.problem.options.tolerance) <= 1:
                 break
-            # at corners the distance falls slowly: go on while it can reach the allowed distance
+            # at corners convergence is slow: continue while extrapolation reaches the allowed distance
             now, doublings = tried[-1][0].misfit.rms, math.log2(_MOST_NODES / finer.slides.shape[1])
-            is_on_its_way = now > self.problem.allowed >= now * (now / before) ** doublings
-            if now >= WORTHWHILE * before and (saddles or not is_on_its_way):
+            can_reach = now > self.problem.allowed >= now * (now / before) ** doublings
+            if now >= WORTHWHILE * before and (saddles or not can_reach):
                 break
             before = lift.misfit.rms
         else:
@@ -267,7 +266,7 @@ class RimsSolver:
         )
 
     def _finer(self, placed: OrientedSurface, *, saddles: bool) -> Iterator[HarmonicSurface]:
-        """The harmonic surface over the loops' own curves, with increasing numbers of nodes."""
+        """Harmonic surfaces on the loops' own curves, with increasing numbers of nodes."""
         problem, surface = self._problem(placed, -1), placed.surface
         if self._is_noisy:
             n = even(_PER_EDGE * max(map(len, self.problem.units)))
@@ -282,7 +281,7 @@ class RimsSolver:
             try:
                 with self.problem.clock.stage("slides"):
                     surface = self._stationary(problem, surface, n, saddles=saddles)
-            except OutOfTimeError:  # the surfaces so far are not lost
+            except OutOfTimeError:  # keep the surfaces so far
                 return
 
     def _stationary(self, problem: RimsProblem, surface: HarmonicSurface, n: int, *, saddles: bool) -> HarmonicSurface:
@@ -311,9 +310,9 @@ def _between(placed: OrientedSurface, antiperiodic: tuple[bool, ...], period: fl
 
 
 def _from_average(curve: BoundaryCurve) -> list[BoundaryCurve]:
-    """Curves from a smooth average to a rough one.
+    """Curves of a continuation from a smoothed curve to the curve itself.
 
-    Twice the average less the average's average does not shrink on scales much longer than its width.
+    2A − A², with A the average, does not shrink features much longer than its width.
     """
     once = curve.smoothed(_AVERAGE)
     average = once.towards(once.smoothed(_AVERAGE), -1.0)
@@ -322,5 +321,5 @@ def _from_average(curve: BoundaryCurve) -> list[BoundaryCurve]:
 
 
 def _matching(slide: Float[Tensor, " n"]) -> Float[np.ndarray, "n 2"]:
-    """`RimMatch.matching` for curve parameters at equal steps, the first one in [0, 1)."""
+    """`RimMatch.matching` for slides at equal steps, shifted so that the first one is in [0, 1)."""
     return np.column_stack([np.arange(len(slide)) / len(slide), (slide - slide[0].floor()).cpu().numpy()])

@@ -1,7 +1,7 @@
 """Starts of Douglas's problem for several rims: the circles of Ω, the directions of the rims, and their slides.
 
-Two rims are matched by trying all shifts of one against the other and many moduli at once. Three rims and more are
-projected as circles onto spheres around several view points; the projections of least energy are used.
+For two rims the energy of all shifts of one against the other is evaluated for many moduli at once. Three rims and more
+are projected as circles onto spheres around several view points; the projections of least energy are used.
 """
 
 from __future__ import annotations
@@ -25,19 +25,20 @@ from spinor_geom.plateau.harmonic.dirichlet import multipliers
 from spinor_geom.plateau.rims.energy import MOST_MODULUS, HarmonicSurface
 
 _STEP = 0.05  # step of the logarithm of a modulus
-_KEPT = 2  # starts that are returned; with one, noisy rims on the sides of a cube are not met
-_VIEW_DISTANCES = (0.5, 2.0)  # of view points from the centre, in the largest distance of the rims from it
-_NARROWEST, _SHRINKINGS = 0.9999, 20  # cosine of the narrowest circle's angle; rounds of shrinking crossing circles
+_KEPT = 2  # number of starts returned; one is not enough for noisy rims on the sides of a cube
+_VIEW_DISTANCES = (0.5, 2.0)  # of view points from the centre, over the largest distance of the rims from it
+_NARROWEST = 0.9999  # largest cosine of the angular radius of a circle
+_SHRINKINGS = 20  # largest number of rounds of shrinking circles that cross
 
 
-_Run = TypeVar("_Run", BoundaryLoop, BoundaryCurve)
+_LoopOrCurve = TypeVar("_LoopOrCurve", BoundaryLoop, BoundaryCurve)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rim:
-    """A curve in both directions."""
+    """A curve Γ over one rim, in both directions."""
 
-    number: int  # among the given loops
+    number: int  # index of the given loop
     directions: tuple[CurveTensors, CurveTensors]  # the curve as given, and reversed
 
     def samples(self, n: int, *, back: bool = False) -> Float[Tensor, "n 3"]:
@@ -49,10 +50,10 @@ class Rim:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OrientedSurface:
-    """A harmonic surface, with the rims and directions of its circles."""
+    """A harmonic surface, with the rim and direction of each circle."""
 
-    rims: tuple[Rim, ...]  # of the outer circle, of the hole about 0, and of all others
-    back: tuple[bool, ...]  # whether each runs against the given curve
+    rims: tuple[Rim, ...]  # of the outer circle, of the hole around 0, and of the other holes
+    back: tuple[bool, ...]  # whether each is reversed
     surface: HarmonicSurface
 
     @classmethod
@@ -64,13 +65,13 @@ class OrientedSurface:
         surface = HarmonicSurface.of(curves, slides, domain, ROUND_OFF)
         return cls(rims=tuple(rims), back=tuple(back), surface=surface)
 
-    def as_run(self, given: Sequence[_Run]) -> list[_Run]:
-        """The given loops or curves in the order and direction of the boundaries of Ω."""
+    def as_run(self, given: Sequence[_LoopOrCurve]) -> list[_LoopOrCurve]:
+        """The given loops or curves, in the order and direction of the boundaries of Ω."""
         rims = zip(self.rims, self.back, strict=True)
         return [given[rim.number].reversed() if back else given[rim.number] for rim, back in rims]
 
     def with_first_as_given(self) -> OrientedSurface:
-        """This surface or its mirror image in Ω, whichever has the first given rim in its given direction."""
+        """This surface, or the same over the mirror image of Ω, so that the first given rim is not reversed."""
         if not any(back for rim, back in zip(self.rims, self.back, strict=True) if rim.number == 0):
             return self
         slides, domain = self.surface.slides, self.surface.domain
@@ -82,8 +83,8 @@ class OrientedSurface:
 def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> OrientedSurface:
     """The start of two rims: equal steps of both parameters with the shift of least energy.
 
-    The modulus is that of the first minimum of the energy. Without a minimum it is 1 more than that between circles of
-    the curves' lengths in one plane.
+    The modulus is that of the first minimum of the energy, else of the first maximum of its slope, else 1 more than
+    that between concentric circles of the curves' lengths.
     """
     points = torch.stack([first.samples(n), second.samples(n, back=back)])
     spectrum = torch.fft.rfft(points, dim=1)
@@ -94,7 +95,7 @@ def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> OrientedSur
     logarithms = torch.arange(math.log(2 * math.pi / n), math.log(MOST_MODULUS), _STEP, dtype=weight.dtype)
     moduli = logarithms.to(weight.device).exp()
     own, other = multipliers(moduli, n)
-    # the second curve shifted by j steps, for all j at once; a row for each modulus
+    # for all shifts of the second curve by j steps; a row for each modulus
     energy, shift = (0.5 * (own @ square)[:, None] + torch.fft.irfft(other * cross, n=n, dim=-1)).min(dim=1)
     sizes = (points.roll(-1, 1) - points).norm(dim=-1).sum(1).log().tolist()
     usual = int((moduli - 1 - abs(sizes[0] - sizes[1])).abs().argmin())
@@ -108,8 +109,8 @@ def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> OrientedSur
 def projected_starts(rims: Sequence[Rim], n: int) -> list[OrientedSurface]:
     """Starts of three rims or more, projected onto spheres around view points; n is even.
 
-    From their centre the rims of a junction appear beside each other, and from above the rims of a hole and of islands
-    in it. Circles that cross are shrunk.
+    Rims of a junction do not overlap in the projection from their centre; those of a hole with islands do not in one
+    from above. Circles that cross are shrunk.
     """
     samples = torch.stack([rim.samples(n) for rim in rims])
     middle = samples.mean(1).mean(0)
@@ -124,18 +125,18 @@ def projected_starts(rims: Sequence[Rim], n: int) -> list[OrientedSurface]:
 def _projected(
     rims: Sequence[Rim], samples: Float[Tensor, "m n 3"], view: Float[Tensor, "3"]
 ) -> OrientedSurface | None:
-    """The start of a view point; None where rims overlap in the projection."""
+    """The start from the projection around a view point; None where the projected rims overlap."""
     m, n = samples.shape[:2]
     away = torch.nn.functional.normalize(samples - view, dim=-1)
     mean = away.mean(1)
     axis = torch.linalg.eigh(torch.einsum("mni,mnj->mij", away - mean[:, None], away - mean[:, None]))[1][..., 0]
     height = (away @ axis[..., None]).mean((1, 2))
-    # each axis points to the side without the other rims
+    # orient each axis away from the other rims
     side = torch.einsum("kni,mi->mkn", away, axis) - height[:, None, None]
     side[torch.arange(m), torch.arange(m)] = 0
     sign = -side.sum((1, 2)).sign()
     axis, width = sign[:, None] * axis, (sign * height).clamp(-_NARROWEST, _NARROWEST).acos()
-    # the widest circle is the outer one, the one opposite to it is about 0
+    # the widest circle is the outer one, the one opposite to it surrounds 0
     opposite = axis @ axis[width.argmax()]
     order = opposite.index_fill(0, width.argmax(), -math.inf).argsort()
     projected = _circles_on_sphere(axis[order], width[order], away[order])
@@ -157,14 +158,14 @@ def _projected(
 def _circles_on_sphere(
     axis: Float[Tensor, "m 3"], width: Float[Tensor, " m"], points: Float[Tensor, "m k 3"]
 ) -> tuple[CircularDomain, Complex[Tensor, "m k"]] | None:
-    """Ω between circles on a sphere, the first one outer and the second one about 0, and points of the sphere in Ω.
+    """Ω between circles on a sphere, the first one outer and the second one around 0, and images of points in Ω.
 
-    None where circles still cross after they were shrunk.
+    None if circles still cross after shrinking.
     """
-    apart = (axis @ axis.T).clamp(-1, 1).acos()
-    apart.fill_diagonal_(math.inf)
+    distance = (axis @ axis.T).clamp(-1, 1).acos()
+    distance.fill_diagonal_(math.inf)
     for _ in range(_SHRINKINGS):
-        excess = (width[:, None] + width - apart).max(dim=1).values.clamp(min=0)
+        excess = (width[:, None] + width - distance).max(dim=1).values.clamp(min=0)
         if not excess.any():
             break
         width = (width - excess).maximum(width / 2)
@@ -174,10 +175,10 @@ def _circles_on_sphere(
     outer = torch.tan(width[0] / 2)
     x, y, z = (points @ frame.T).unbind(-1)
     flat = torch.complex(x, y) / (1 - z) * outer
-    # the points of each circle on the meridian of its axis
+    # images of the two points of each circle on the meridian of its axis
     x, y, z = (axis[1:] @ frame.T).unbind(-1)
     angle = z.clamp(-1, 1).acos()
-    near, far = (outer / torch.tan((angle + way * width[1:]) / 2) for way in (1, -1))
+    near, far = (outer / torch.tan((angle + sign * width[1:]) / 2) for sign in (1, -1))
     centre, radius = torch.polar((near + far) / 2, torch.atan2(y, x)), (far - near) / 2
     # a Möbius map of the unit disk moves the second circle's centre to 0
     product = 1 + near[0] * far[0]
@@ -191,7 +192,7 @@ def _circles_on_sphere(
 
 
 def _first_valley(energy: Float[Tensor, " k"], usual: int) -> int:
-    """The place of the first minimum of a function, else of the first local maximum of its slope, else `usual`."""
+    """Index of the first local minimum of a function, else of the first local maximum of its slope, else `usual`."""
     inner = (energy[1:-1] <= energy[:-2]) & (energy[1:-1] < energy[2:])
     if not inner.any():
         slope = energy.diff()
