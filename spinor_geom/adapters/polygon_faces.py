@@ -25,7 +25,7 @@ class Polygons:
     starts: Int[np.ndarray, " p"]  # int64, where each face begins, and at the end n
 
     @classmethod
-    def of_sizes(cls, corners: Int[np.ndarray, " n"], sizes: Int[np.ndarray, " p"]) -> Polygons:
+    def of_sizes(cls, corners: Int[np.ndarray, " c"], sizes: Int[np.ndarray, " p"]) -> Polygons:
         """Faces given by the corners of all, one after the other, and the number of corners of each."""
         starts = np.zeros(len(sizes) + 1, dtype=np.int64)
         np.cumsum(sizes, out=starts[1:])

@@ -39,7 +39,7 @@ class Element:
     stop: int = 0  # the byte after the last record
     lines: Sequence[int] = ()  # the line of each record in a text file, from 1
     values: Mapping[str, Shaped[np.ndarray, " _"]] = field(default_factory=dict)  # of lists one after the other
-    lengths: Mapping[str, Int[np.ndarray, " n"]] = field(default_factory=dict)  # of lists
+    lengths: Mapping[str, Int[np.ndarray, " _"]] = field(default_factory=dict)  # of lists
 
     def line(self, record: int) -> str:
         """The line of a record, as "line 12"; "" where it is not known."""

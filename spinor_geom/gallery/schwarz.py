@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Real
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.spatial import geometric_slerp
@@ -126,7 +126,7 @@ def schwarz_p_quadrilateral() -> KnownCurve:
 
 
 def _polygon(
-    name: str, vertices: Float[np.ndarray, "c 3"], area: float, *, axis: ArrayLike = (1, -1, 1), degree: int = 2
+    name: str, vertices: Real[np.ndarray, "c 3"], area: float, *, axis: ArrayLike = (1, -1, 1), degree: int = 2
 ) -> KnownCurve:
     return replace(
         polygon(vertices, name=name, source=_SOURCE),

@@ -204,7 +204,7 @@ def predicting_degree(
     for higher in range(1, len(DEGREES)):
         better = GAIN_PER_DEGREE * errors[higher] < least
         best, least = np.where(better, higher, best), np.where(better, errors[higher], least)
-    return np.array(DEGREES)[best], least / GAIN_PER_DEGREE**best
+    return np.asarray(np.array(DEGREES)[best]), np.asarray(least / GAIN_PER_DEGREE**best)
 
 
 def by_arcs(points: Float[np.ndarray, "m k"]) -> Breaks:

@@ -18,11 +18,11 @@ from spinor_geom.mesh.boxes import edges_with_near_boxes
 
 Points = Float[np.ndarray, "k 3"]
 Chain = Float[np.ndarray, "m 3"]
-Numbers = Int[np.ndarray, " k"]
+Numbers = Int[np.ndarray, " _"]
 Faces = Int[np.ndarray, "_ 3"]
 Triangles = Float[np.ndarray, "k 3 3"]
 Sides = Int[np.ndarray, "k 3"]  # 1, −1, or 0
-Pairs = Int[np.ndarray, "k 2"]
+Pairs = Int[np.ndarray, "_ 2"]
 
 MEETING_PER_DIAGONAL = 1e-12  # largest distance of edges of a polygon that meet, per diagonal
 MIN_NORMAL_COSINE = 1e-3  # least cosine between the face normals and the direction of a graph, above rounding

@@ -11,7 +11,7 @@ from spinor_geom.mesh.boxes import edges_with_near_boxes
 from spinor_geom.mesh.topology import SHARE_OF_EDGE, near_vertices
 
 Points = Float[np.ndarray, "n 3"]
-Numbers = Int[np.ndarray, " n"]
+Numbers = Int[np.ndarray, " _"]
 
 # Boundary points coincide if their distance is at most this share of the mesh's diagonal. Single precision leaves 2e-7,
 # and no intended hole is as narrow.
@@ -92,7 +92,7 @@ def _shared(start: Numbers, end: Numbers, ring: Numbers) -> tuple[Bool[np.ndarra
 
 def _points_on_edges(
     points: Points, successor: Numbers, edges: Numbers, place: Numbers, reach: Float[np.ndarray, " n"]
-) -> tuple[Numbers, Numbers, Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Ends of edges in the interior of other edges: the edge, the entry, its share along the edge, its distance."""
     if not len(edges):
         return edges, edges, np.zeros(0), np.zeros(0)

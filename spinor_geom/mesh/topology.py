@@ -113,7 +113,7 @@ def linked(pairs: Int[np.ndarray, "k 2"], count: int) -> Int[np.ndarray, " {coun
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def referenced_vertices(faces: Int[np.ndarray, "f 3"], *, vertices: int) -> Bool[np.ndarray, " {vertices}"]:
+def referenced_vertices(faces: Int[np.ndarray, "*any"], *, vertices: int) -> Bool[np.ndarray, " {vertices}"]:
     """Which vertices faces use, (vertices,) bool."""
     used = np.zeros(vertices, dtype=bool)
     used[faces] = True
