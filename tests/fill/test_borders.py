@@ -10,6 +10,7 @@ import pytest
 from spinor_geom.errors import ImperfectFillWarning, SheetBorderError
 from spinor_geom.fill.borders import refuse_border
 from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.fill.shapes import tube
@@ -43,7 +44,7 @@ def test_the_border_of_a_sheet_stays_open_with_the_reason(name: str) -> None:
     assert border.is_border
     assert (border.requested, border.filled, border.kind) == (False, False, None)
     assert "border of a sheet" in border.reason
-    assert "name it in loop=" in border.reason
+    assert "give its index in loop=" in border.reason
     assert all(hole.converged for hole in holes)
     assert report.closed
     assert report.complete
