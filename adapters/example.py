@@ -18,7 +18,7 @@ class Cloth:
 
 
 class ClothAdapter:
-    """Two methods, and the names of the types that they serve: the top-level module and the class."""
+    """Converts and extends a Cloth; `types` holds its top-level module and class, joined by a dot."""
 
     name = "Cloth"
     types = (f"{Cloth.__module__.partition('.')[0]}.Cloth",)

@@ -13,7 +13,7 @@ _DEADLINE: ContextVar[float] = ContextVar("deadline", default=math.inf)
 
 @contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
-    """Sets a time limit for the computations in the context; of nested limits the earliest holds."""
+    """Sets a time limit for the computations in the context; of nested limits, the earliest applies."""
     token = _DEADLINE.set(min(_DEADLINE.get(), perf_counter() + seconds))
     try:
         yield
@@ -22,11 +22,11 @@ def time_limit(seconds: float) -> Iterator[None]:
 
 
 def is_out_of_time() -> bool:
-    """Whether the time limit is over; False if there is none."""
+    """Whether the time limit has expired; False if there is none."""
     return perf_counter() > _DEADLINE.get()
 
 
 def require_time() -> None:
-    """Raises an OutOfTimeError if the time limit is over, for computations without a partial result."""
+    """Raises an OutOfTimeError if the time limit has expired, for computations without a partial result."""
     if is_out_of_time():
         raise OutOfTimeError

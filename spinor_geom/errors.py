@@ -9,9 +9,9 @@ from typing import Any
 
 
 class SpinorGeomError(Exception):
-    """Base of all errors that the package raises on purpose; indices and figures are attributes.
+    """Base of all errors that the package raises on purpose; indices and numbers are attributes.
 
-    Types with one message have it as their `sentence`, which is their docstring, too; braces hold names of attributes.
+    A type with a single message has it as `sentence`, a format string of its attributes, which is its docstring, too.
     """
 
     sentence = ""
@@ -42,7 +42,7 @@ class MeshShapeError(MeshError):
 
 
 class VertexIndexError(MeshError):
-    sentence = "face {face} names vertex {index}, but the mesh has {vertices}, numbered from 0; correct its indices"
+    sentence = "face {face} has vertex index {index}, but the mesh has {vertices} vertices, numbered from 0; correct it"
 
 
 class PolygonError(VertexIndexError):
@@ -54,36 +54,36 @@ class NonFiniteVertexError(MeshError):
 
     def __init__(self, message: str | None = None, *, vertex: int, place: str = "") -> None:
         where = f"{place}: " if place else ""
-        said = f"{where}vertex {vertex} has a NaN or infinite part; correct it"
-        super().__init__(message or said, vertex=vertex, place=place)
+        default = f"{where}vertex {vertex} has a NaN or infinite coordinate; correct it"
+        super().__init__(message or default, vertex=vertex, place=place)
 
 
 class NoFacesError(MeshError):
-    sentence = "the mesh has {vertices} vertices and no faces: no holes; make faces, or span a curve with solve_plateau"
+    sentence = "the mesh has {vertices} vertices but no faces; add faces, or span a curve with solve_plateau"
 
 
 class MeshExtentError(MeshError):
-    sentence = "the mesh has an extent of {extent:.1e}, and powers of such lengths are no numbers; scale the mesh"
+    sentence = "the mesh has an extent of {extent:.1e}, whose powers overflow or underflow; scale the mesh"
 
 
 class NonManifoldEdgeError(MeshError):
-    sentence = "edge {edge} has the faces {faces}, at most 2 are allowed beside a loop; remove or split the others"
+    sentence = "edge {edge} has the faces {faces}, at most 2 are allowed at a loop; remove or split the others"
 
 
 class DuplicateVertexError(MeshError):
     sentence = (
-        "{count} boundary edges lie on one another, first at vertices {vertices}: the faces do not share their "
+        "{count} boundary edges coincide, first at vertices {vertices}: adjacent faces do not share their "
         "vertices; merge vertices of equal position first (read_mesh(path).merged(), TriangleMesh.merged(), --merge)"
     )
 
 
 def advised_distance(distance: float) -> float:
-    """The merging distance that an error advises for vertices so far apart: two digits, rounded up."""
+    """The merging distance that errors suggest for vertices at this distance: 10 % larger, to two digits."""
     return float(f"{1.1 * distance:.1e}")
 
 
 def merge_advice(distance: float) -> str:
-    """How to merge vertices that are so far apart, in mesh units."""
+    """Advice on merging vertices at this distance, in mesh units."""
     within = f"{advised_distance(distance):.1e}" if distance else ""
     return f"fill_hole(mesh, merge={within or True}), or --merge{' ' * bool(within)}{within} on the command line"
 
@@ -102,11 +102,13 @@ class LoopTooShortError(LoopError):
 
 
 class RepeatedPointError(LoopError):
-    sentence = "points {index} and its successor on the loop are equal; remove one of them"
+    sentence = "point {index} of the loop is equal to the next one; remove one of them"
 
 
 class CurveError(LoopError):
-    sentence = "the curve {reason} (near s = {parameter:.6g}); give a closed one on [0, 1), its derivatives and corners"
+    sentence = (
+        "the curve {reason} (near s = {parameter:.6g}); give a closed curve on [0, 1), its derivatives and corners"
+    )
 
 
 class ZeroWidthSlitError(LoopError):
@@ -119,19 +121,19 @@ class ZeroWidthSlitError(LoopError):
 class SeamError(LoopError):
     sentence = (
         "{count} edges of the loop and of another loop are {apart}, first {edge}: a seam between pieces that do not "
-        "share their vertices, not only a hole; merge the vertices ({advice}), or fill it with loop= (--loop)"
+        "share their vertices, not only a hole; merge the vertices ({advice}), or give its index in loop= (--loop)"
     )
 
 
 class TJunctionError(LoopError):
     sentence = (
         "the loop is a seam with T-junctions, not only a hole: {count} boundary vertices lie on boundary edges, first "
-        "vertex {vertex} on edge {edge}, {apart}; divide those edges there, or fill it with loop= (--loop)"
+        "vertex {vertex} on edge {edge}, {apart}; split those edges there, or give its index in loop= (--loop)"
     )
 
 
 class SheetBorderError(LoopError):
-    sentence = "it is the border of a sheet rather than a hole: {evidence}; name it in loop= (--loop) to fill it"
+    sentence = "it is the border of a sheet rather than a hole: {evidence}; give its index in loop= (--loop) to fill it"
 
 
 class LoopIndexError(LoopError):
@@ -143,7 +145,7 @@ class ForeignLoopError(LoopError):
 
 
 class ForeignRimError(LoopError):
-    sentence = "the mesh to compare with is not over the same rim: it has {boundary}; give the patch alone"
+    sentence = "the mesh to compare with has another boundary than the surface: {boundary}; give the patch alone"
 
 
 class SelfCrossingLoopError(LoopError):
@@ -158,7 +160,7 @@ class OpenCurveError(LoopError):
 
 
 class KnottedLoopError(LoopError):
-    sentence = "the loop is knotted (determinant {determinant:.0f}), so every disk over it crosses itself; cut it up"
+    sentence = "the loop is knotted (determinant {determinant:.0f}), so every disk over it intersects itself; cut it up"
 
 
 class TooManyRimsError(LoopError):
@@ -174,7 +176,7 @@ class LoopsMeetError(LoopError):
 
 
 class TwistedRimsError(LoopError):
-    sentence = "the rims of loops {loops} have opposite orientations for a bridge; turn the faces of one piece over"
+    sentence = "the loops {loops} have the wrong orientations for a bridge; flip the faces of one piece"
 
 
 class NoAreaError(LoopError):
@@ -194,7 +196,7 @@ class FirstFillError(SpinorGeomError):
 
 
 class OutOfTimeError(SpinorGeomError):
-    sentence = "no surface was found within the time that was allowed; raise time_limit (--time-limit)"
+    sentence = "no surface was found within the time limit; raise time_limit (--time-limit)"
 
 
 class SurfaceError(SpinorGeomError):
@@ -203,19 +205,19 @@ class SurfaceError(SpinorGeomError):
 
 class PeriodError(SurfaceError):
     sentence = (
-        "the associate surface of angle {angle:.6g} does not close around {around}: it moves by ({period[0]:.3g}, "
-        "{period[1]:.3g}, {period[2]:.3g}) there; take a multiple of π, or a part that does not go around"
+        "the associate surface of angle {angle:.6g} does not close around {around}: its period is ({period[0]:.3g}, "
+        "{period[1]:.3g}, {period[2]:.3g}); use a multiple of π, or a part that does not surround it"
     )
 
 
 class SingularMatrixError(SpinorGeomError, ValueError):
-    sentence = "a Laplacian of {size} inner vertices is singular, as faces have no area; check the loop for crossings"
+    sentence = "the Laplacian of {size} interior vertices is singular (degenerate faces); check the loop for crossings"
 
 
 class UnsolvableError(SingularMatrixError):
     sentence = (
-        "equations for a surface over the loop cannot be solved ({reason}); check the loop for points that nearly "
-        "coincide, and for parts of it that nearly touch"
+        "the equations for a surface over the loop cannot be solved ({reason}); check the loop for points that nearly "
+        "coincide and parts that nearly touch"
     )
 
 
@@ -243,19 +245,19 @@ class StorageError(SpinorGeomError):
 
 
 class ZeroOnContourError(SpinorGeomError):
-    sentence = "the function has a zero on the boundary, or too near, by z = {z:.6g}; take a slightly different domain"
+    sentence = "the function has a zero on or too near the boundary, at about z = {z:.6g}; change the domain slightly"
 
 
 class UnplacedZerosError(SpinorGeomError):
-    sentence = "the function has {count} zeros in the domain, but not all were found; take a smaller domain"
+    sentence = "the function has {count} zeros in the domain, but not all were found; use a smaller domain"
 
 
 class ImperfectFillWarning(UserWarning):
-    """A hole stays open, or its patch is discrete, misses the tolerance, or intersects something."""
+    """A hole is still open, or its patch is discrete, exceeds the tolerance, or has intersections."""
 
 
 class UnknownMeshTypeError(SpinorGeomError, TypeError):
-    sentence = "{found} is not a mesh type known here; {advice}"
+    sentence = "{found} is not a supported mesh type; {advice}"
 
 
 class MeshFileError(SpinorGeomError, ValueError):
@@ -291,7 +293,7 @@ def require_type(value: Any, types: type | tuple[type, ...], *, function: str, t
 
 
 def require_count(least: int = 1, **values: Any) -> None:
-    """Raises an OptionError that names the first value that is not a whole number from `least` on."""
+    """Raises an OptionError that names the first value that is not a whole number of at least `least`."""
     for name, value in values.items():
         if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
             raise OptionError(f"{name} must be a whole number of at least {least}, not {value!r}")

@@ -16,11 +16,11 @@ from typing import Any
 
 # In bytes. A path on Windows has at most 260 characters; 120 are left for the output folder and the names in it.
 _LONGEST_PART, _LONGEST_NAME = 100, 140
-# A compressed file may unpack to the first size, or to the second times its own size; text is compressed 3 to 20 times.
+# A compressed file may unpack to _FREE_SIZE bytes, or to MOST_RATIO times its size; text is compressed 3 to 20 times.
 _FREE_SIZE, MOST_RATIO = 1 << 24, 200
 SURFACE_SUFFIX = ".safetensors"  # of saved surfaces
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".vtp", ".vtk", ".3mf")  # of mesh files that can be read
-NUMBERED = "%~"  # in no other safe name: there a % stands before two digits or at the end
+NUMBERED = "%~"  # in no other safe name: there two hexadecimal digits or nothing follow a %
 _UNSAFE = re.compile(r"[\x00-\x1f\x7f\\/:*?\"<>|%\ud800-\udfff]|^[. ]|[. ]$")
 # devices of Windows, whatever suffix follows
 _DEVICE = re.compile(r"(con|conin\$|conout\$|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\.|$)", re.IGNORECASE)
@@ -40,7 +40,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     target = Path(os.path.realpath(path))
     if target.is_dir():
-        raise IsADirectoryError(f"{os.fspath(path)} is a folder; name a file in it")
+        raise IsADirectoryError(f"{os.fspath(path)} is a folder; give the path of a file")
     if target.exists() and not target.is_file():
         with _naming(path, target):
             yield target
@@ -51,7 +51,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         try:
             yield temporary
             _flush(temporary)
-            if target.exists() and os.name != "nt":  # there a mode only says read-only, which prevents renaming
+            if target.exists() and os.name != "nt":  # the only mode there, read-only, prevents renaming
                 temporary.chmod(stat.S_IMODE(target.stat().st_mode))
             os.replace(temporary, target)
             _flush_names(target.parent)
@@ -61,7 +61,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def _naming(path: str | os.PathLike[str], written: Path) -> Iterator[None]:
-    """Errors about the temporary path or without a path (a full disk) get the path of the caller."""
+    """Sets the file name of an OSError that has none (a full disk) or the temporary path to `path`."""
     try:
         yield
     except OSError as error:
@@ -120,7 +120,7 @@ def finite(value: Any) -> Any:
 
 
 def printable(text: str) -> str:
-    """Text with ? for control characters, which a terminal may obey, and undecodable bytes."""
+    """Text with ? for undecodable bytes and for control characters, which a terminal would execute."""
     return "".join(character if character.isprintable() else "?" for character in text)
 
 
@@ -136,7 +136,7 @@ def safe_name(parts: Iterable[str]) -> str:
     that is too long becomes %~ and a checksum.
     """
     *folders, last = map(_safe_part, parts)
-    # the results of a mesh file are in a folder of its name, which must not hold those of another file
+    # the folder of the results of a mesh file has its name; an input folder of that name must differ
     name = "/".join([*(f"{part}%" if part.lower().endswith(MESH_SUFFIXES) else part for part in folders), last])
     return name if len(os.fsencode(name)) <= _LONGEST_NAME else _shortened(name, _LONGEST_PART)
 
@@ -161,7 +161,7 @@ def _shortened(name: str, length: int) -> str:
 def _flush_names(folder: Path) -> None:
     """Flushes a folder's list of names to the disk, where that is possible.
 
-    Windows cannot open folders, nor can others without the right to read; some network file systems cannot flush them.
+    Windows cannot open folders, other systems only with read permission; some network file systems cannot flush them.
     """
     try:
         _flush(folder, os.O_RDONLY)

@@ -24,8 +24,8 @@ Tell: TypeAlias = Callable[[Event], None]
 Kind: TypeAlias = Literal["start", "death", "time", "memory", "closed"]
 
 START_LIMIT = 600.0  # seconds for the imports of a process
-LOOK = 0.05  # seconds between checks of its memory and the clock
-KEPT_OUTPUT = 4000  # bytes
+LOOK = 0.05  # seconds between checks of the limits
+KEPT_OUTPUT = 4000  # bytes of the output of a job
 # the exit status of a process on Windows is the code of the exception that ended it
 EXCEPTIONS = {0xC0000005: "an access violation", 0xC00000FD: "a stack overflow", 0xC0000409: "an abort"}
 START = (
@@ -40,7 +40,7 @@ class FaultError(Exception):
         kind: "start": it exited before it could take a job; "death": it died; "time" or "memory": it reached a limit;
             "closed": `Process.close` was called.
         last: its last event.
-        said: the end of what it wrote to standard output and error during the job.
+        said: the end of its standard output and error during the job.
         crash: the signal or, on Windows, the exception that ended it, if any.
     """
 
@@ -56,7 +56,7 @@ class Process:
     """A process that runs a module whose main program calls `serve`. Starts when needed, and again after a fault."""
 
     def __init__(self, module: str, environment: Mapping[str, str] | None = None) -> None:
-        """The variables are added to those of this process."""
+        """The module to run; `environment` is added to the environment variables of this process."""
         self._module, self._environment = module, {**(environment or {})}
         self._process: subprocess.Popen[str] | None = None
         self._in_use, self._closed = threading.Lock(), False
@@ -69,12 +69,12 @@ class Process:
         seconds: float,
         memory: float = math.inf,
     ) -> str:
-        """Runs a job; returns the end of what it wrote to standard output and error.
+        """Runs a job and returns the end of its standard output and error.
 
         Args:
             job: JSON-ready.
             on_event: is called with each event of the process.
-            seconds: limit between two events.
+            seconds: largest time between two events.
             memory: limit of resident memory, in bytes. Needs psutil: Python cannot read it on Windows and macOS.
 
         Raises:
@@ -96,7 +96,7 @@ class Process:
                     on_event(event)
                 return self._output()
             except BaseException:
-                self.end()  # it may be busy, and the next job needs an idle one
+                self.end()  # it may still be running the job
                 raise
 
     def end(self) -> None:
@@ -111,7 +111,7 @@ class Process:
         self._process = None
 
     def close(self) -> None:
-        """Kills the process for good, from any thread; a running job raises a FaultError."""
+        """Kills the process and prevents a restart, from any thread; a running job raises a FaultError."""
         self._closed = True
         with self._in_use:
             self.end()
@@ -134,7 +134,7 @@ class Process:
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         threading.Thread(target=_listen, args=(self._process, self._events), daemon=True).start()
         try:
-            # in a virtual environment on Windows, the process of `Popen` only starts the one that works
+            # in a virtual environment on Windows, the process of `Popen` is a launcher of the one that works
             self._pid = self._next(START_LIMIT, math.inf)["ready"]
         except FaultError as fault:
             if fault.kind == "death" and not fault.crash:
@@ -147,12 +147,12 @@ class Process:
         deadline = monotonic() + seconds
         while True:
             if self._closed:
-                raise self._fault("is not needed any more", "closed")
+                raise self._fault("was closed", "closed")
             now = monotonic()
             if now >= self._look:  # not after every event
                 self._look = now + LOOK
                 if memory < math.inf and self._memory() > memory:
-                    what = f"took more than {memory / 2**20:.0f} MiB of memory; raise the limit, or split the file"
+                    what = f"used more than {memory / 2**20:.0f} MiB of memory; raise the limit, or split the file"
                     raise self._fault(what, "memory")
                 if now > deadline:
                     raise self._fault(f"took longer than {seconds:g} s; raise the limit", "time")
@@ -210,7 +210,7 @@ def _listen(process: subprocess.Popen[str], events: queue.SimpleQueue[Event | No
 
 
 def serve(work: Callable[[Any, Tell], None]) -> None:
-    """The main program of a process: calls `work` with each job and a function that sends events to `Process.run`."""
+    """The main loop of a process: calls `work` with each job and a function that sends events to `Process.run`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started it handles interrupts
     channel = os.fdopen(os.dup(1), "w", encoding="ascii")
     os.dup2(2, 1)  # what libraries print goes to standard error

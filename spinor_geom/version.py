@@ -1,4 +1,4 @@
-"""The version of the package, with the commit if it is not released. The build reads it here, too."""
+"""The version of the package, with the commit if it is not released. The build reads it from this file."""
 
 import subprocess
 from functools import cache
@@ -22,7 +22,7 @@ def program_version() -> str:
     tag = f"v{RELEASE}"
     command = ["git", "-C", str(root), "describe", "--always", "--dirty=.dirty", "--abbrev=9", "--tags", "--match", tag]
     try:
-        said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+        described = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError):  # no git, or a clone of another user, which git refuses to read
         return f"{RELEASE}.dev0+unknown"
-    return RELEASE if said == tag else f"{RELEASE}.dev0+g{said.rpartition('-g')[2]}"
+    return RELEASE if described == tag else f"{RELEASE}.dev0+g{described.rpartition('-g')[2]}"

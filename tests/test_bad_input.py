@@ -113,10 +113,10 @@ def with_real_faces() -> Pair:
 REFUSED: list[tuple[Callable[[], Pair], type[SpinorGeomError], str]] = [
     (with_nan, NonFiniteVertexError, "vertex 5"),
     (with_infinity, NonFiniteVertexError, "vertex 5"),
-    (with_index_out_of_range, VertexIndexError, "face 7 names vertex 48"),
-    (with_negative_index, VertexIndexError, "face 7 names vertex -1"),
+    (with_index_out_of_range, VertexIndexError, "face 7 has vertex index 48"),
+    (with_negative_index, VertexIndexError, "face 7 has vertex index -1"),
     (as_soup, DuplicateVertexError, "--merge"),
-    (points_alone, NoFacesError, "48 vertices and no faces"),
+    (points_alone, NoFacesError, "48 vertices but no faces"),
     (far_too_small, MeshExtentError, "extent of 2.0e-150"),
     (far_too_large, MeshExtentError, "scale the mesh"),
     (with_flat_vertices, MeshShapeError, "vertices"),
@@ -348,7 +348,7 @@ def test_a_file_that_is_named_twice_is_not_lost(
 ) -> None:
     path = write(tmp_path / "tube.obj", obj_text(tube()))
     assert main(["fill", str(path), "-o", str(tmp_path / "o.obj"), option, str(tmp_path / "x" / ".." / name)]) == 2
-    assert f"{name}: is named twice" in capsys.readouterr().err
+    assert f"{name}: is given twice" in capsys.readouterr().err
     assert path.read_text() == obj_text(tube())
     if option == "--picture":
         assert main(["loops", str(path), option, str(path)]) == 2

@@ -89,7 +89,7 @@ def test_a_death_is_told_with_the_last_words(process: Process, job: Event, reaso
             {"take": 1 << 20},
             {"memory": 100 << 20},
             "memory",
-            "its process took more than 100 MiB of memory; raise the limit, or split the file",
+            "its process used more than 100 MiB of memory; raise the limit, or split the file",
         ),
     ],
 )

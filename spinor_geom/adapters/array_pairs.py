@@ -37,8 +37,8 @@ class TriangleMeshAdapter:
 class PairAdapter:
     """A tuple or list (V, F) of numpy arrays or of torch tensors: positions (V, 3) and vertex indices (F, 3).
 
-    Results are tuples or lists of new members of the same dtypes, on the same devices. A dtype that cannot hold what is
-    added is replaced: integer positions become float64, too narrow indices int64. Gradients flow to the old positions.
+    Results are tuples or lists of new members of the same dtypes, on the same devices. A dtype that cannot hold the
+    new rows is replaced: integer positions become float64, too narrow indices int64. Gradients flow to old positions.
     """
 
     name = "a pair (V, F) of numpy arrays, or of torch tensors"
@@ -72,7 +72,7 @@ class PairAdapter:
 
 
 def _array(values: Any) -> np.ndarray:
-    """An array as it is, or a tensor as an array."""
+    """An array unchanged, or a tensor as an array."""
     if isinstance(values, np.ndarray):
         return values
     tensor = values.detach().cpu()

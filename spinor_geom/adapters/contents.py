@@ -1,4 +1,4 @@
-"""The contents of a mesh file in any format, and what the formats share for reading and writing."""
+"""The contents of a mesh file in any format, and functions that the formats share."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # what some editors put before UTF-8 text
-LONGEST_PROBLEM = 240  # letters
+LONGEST_PROBLEM = 240  # characters
 Value = TypeVar("Value")
 METRES = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
 """The units of 3MF files, in metres."""
@@ -80,7 +80,7 @@ def color_scale_of(values: np.ndarray) -> float:
 
 
 def real_numbers(words: Sequence[bytes]) -> list[float]:
-    """Words as numbers; a ValueError if one is none, or has underscores, which only Python allows."""
+    """Words as numbers; a ValueError if one is not a number, or has underscores (which `float` allows)."""
     if b"_" in b"".join(words):
         raise ValueError("underscore")
     return list(map(float, words))
@@ -117,7 +117,7 @@ def single_precision(values: np.ndarray) -> np.ndarray:
     largest = float(np.abs(values).max(initial=0.0))
     if largest > float(np.finfo(np.float32).max):
         raise MeshFileError(
-            f"a number of size {largest:.3g} is too large for the 32-bit numbers of this format; "
+            f"a number of magnitude {largest:.3g} is too large for the 32-bit numbers of this format; "
             "write .obj, .ply or .off, or scale the mesh"
         )
     return values.astype(np.float32)

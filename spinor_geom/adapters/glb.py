@@ -21,8 +21,8 @@ from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 TRIANGLES, STRIPS_AND_FANS = 4, (5, 6)  # a primitive's mode
 WIDTHS = {"POSITION": 3, "NORMAL": 3, "TEXCOORD_0": 2}
-# A mesh that many nodes show, or an array that many primitives name, is read once for each of them: the most rows of
-# arrays in a scene, of about 35 bytes each, unless the file itself has more bytes.
+# The largest number of rows of arrays in a scene, of about 35 bytes each, unless the file itself has more bytes: a
+# mesh that many nodes use, or an array that many primitives use, is read once for each of them.
 MOST_ROWS = 10_000_000
 ROWS_OF_A_PRIMITIVE = 100  # the memory of its Python objects, in rows
 COPIED = ("JOINTS_", "WEIGHTS_", "TANGENT")  # from the nearest old vertex: they cannot be averaged
@@ -32,10 +32,10 @@ NAMES = {"COLOR_0": "color", "NORMAL": "normal", "TEXCOORD_0": "uv"}
 def read_glb(data: bytes) -> FileContents:
     """All triangles of a GLB file's scene, in the scene's coordinates.
 
-    Primitives are in the order of the nodes. A mesh that several nodes show is read once for each, up to `MOST_ROWS`
-    rows in all. Skins are at rest. Edges along which any attribute differs, and those between the primitives of one
-    node (which differ in material), are seams and are closed; nodes are not joined. Not supported: Draco, meshopt,
-    sparse arrays, strips, morph targets, data outside the file.
+    Primitives are in the order of the nodes. A mesh that several nodes use is read once for each, up to `MOST_ROWS`
+    rows in all. Skinned meshes are in their rest pose. Edges along which any attribute differs, and those between the
+    primitives of one node (which differ in material), are seams and are closed; nodes are not joined. Not supported:
+    Draco, meshopt, sparse arrays, strips, morph targets, data outside the file.
     """
     try:
         pieces = scene_pieces(GlbContainer.read(data))
@@ -64,14 +64,14 @@ def read_glb(data: bytes) -> FileContents:
 
 
 def _appended(data: bytes, pieces: Sequence[Piece], extension: MeshExtension) -> bytes:
-    """The file with every new patch as a primitive in the node and with the material of most vertices of its rim.
+    """The file with every new patch as a primitive, with the node and the material of most vertices of its rim.
 
     The elements of the file are unchanged. The patch has copies of the rim's vertices, equal bit for bit to those of
     the same node. New vertices that no new face uses are not written.
     """
     if len(extension.faces) == 0:
         return data
-    from scipy.spatial import KDTree  # takes long to import
+    from scipy.spatial import KDTree  # slow to import
 
     container = GlbContainer.read(data)
     nodes, meshes = container.tree["nodes"], container.tree["meshes"]
@@ -100,7 +100,7 @@ def _appended(data: bytes, pieces: Sequence[Piece], extension: MeshExtension) ->
         # the largest index of each type means "restart" to graphics hardware
         indices = faces.reshape(-1, 1).astype(np.uint16 if len(used) <= np.iinfo(np.uint16).max else np.uint32)
         patch = {**like, "attributes": attributes, "indices": container.store(indices, target=ELEMENT_ARRAY_BUFFER)}
-        if sum(other.get("mesh") == node["mesh"] for other in nodes) > 1:  # what other nodes show stays as it is
+        if sum(other.get("mesh") == node["mesh"] for other in nodes) > 1:  # other nodes keep the old mesh
             meshes.append(dict(meshes[node["mesh"]]))
             node["mesh"] = len(meshes) - 1
         mesh = meshes[node["mesh"]]
@@ -170,7 +170,7 @@ class Piece:
     start: int  # index of its first vertex in the scene
     faces: Int[np.ndarray, "f 3"]  # over its own vertices
     rows: Mapping[str, np.ndarray]  # its attributes in the file's dtypes, by their glTF names
-    normalized: frozenset[str]  # attributes but colours whose integers are fractions of the largest one
+    normalized: frozenset[str]  # attributes, except colours, whose integers are fractions of the largest one
     transform: Float[np.ndarray, "4 4"]  # from its own coordinates to the scene's
 
     @property
@@ -243,7 +243,7 @@ def scene_pieces(container: GlbContainer) -> list[Piece]:
         if "skin" in node:
             transform = np.eye(4)
         elif is_flat:
-            raise malformed(f"node {number}", "its transform flattens the mesh", "correct the transform")
+            raise malformed(f"node {number}", "its transform is singular", "correct the transform")
         for index in range(len(tree["meshes"][node["mesh"]]["primitives"])):
             piece = _piece(container, number, index, pieces[-1].stop if pieces else 0, transform)
             rows_left -= ROWS_OF_A_PRIMITIVE
@@ -251,8 +251,8 @@ def scene_pieces(container: GlbContainer) -> list[Piece]:
                 pieces.append(piece)
                 rows_left -= len(piece.faces) + sum(map(len, piece.rows.values()))
             if rows_left < 0:
-                problem = f"with it the scene has more than {MOST_ROWS:,} rows of arrays, as it shows meshes repeatedly"
-                raise malformed(f"node {number}", problem, "give each mesh as a file of its own")
+                problem = f"up to it the scene has over {MOST_ROWS:,} rows of arrays, as nodes use meshes repeatedly"
+                raise malformed(f"node {number}", problem, "write each mesh to its own file")
     return pieces
 
 
@@ -272,19 +272,19 @@ def _piece(
     if "KHR_draco_mesh_compression" in primitive.get("extensions", {}):
         raise malformed(place, "is compressed with Draco", "decompress the file first")
     if primitive.get("targets"):
-        raise malformed(place, "has morph targets, and a patch could not move with them", "apply them first")
+        raise malformed(place, "has morph targets, which a patch cannot follow", "apply them first")
     rows = {semantic: container.values(accessor) for semantic, accessor in primitive["attributes"].items()}
     count = len(rows["POSITION"])
     if any(len(own) != count or own.shape[1] != WIDTHS.get(name, own.shape[1]) for name, own in rows.items()):
-        raise malformed(place, "its attributes do not have one row a vertex, of their own width")
+        raise malformed(place, "its attributes do not have one row per vertex, of the width that glTF requires")
     indices = np.arange(count)
     if "indices" in primitive:
         stored = container.values(primitive["indices"])
         if stored.dtype.kind != "u":
-            raise malformed(place, "its indices are no unsigned integers", "correct the indices")
+            raise malformed(place, "its indices are not unsigned integers", "correct the indices")
         indices = stored[:, 0].astype(np.int64)
     if len(indices) % 3 or indices.max(initial=-1) >= count:
-        raise malformed(place, f"its indices are no triangles over its {count} vertices", "correct the indices")
+        raise malformed(place, f"its indices do not form triangles of its {count} vertices", "correct the indices")
     if not len(indices):
         return None
     accessors = {name: tree["accessors"][item] for name, item in primitive["attributes"].items() if name != "COLOR_0"}
@@ -303,7 +303,7 @@ def _piece(
 def _local_transform(node: Json) -> Float[np.ndarray, "4 4"]:
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape((4, 4), order="F")
-    from scipy.spatial.transform import Rotation  # takes long to import
+    from scipy.spatial.transform import Rotation  # slow to import
 
     transform = np.eye(4)
     rotation = Rotation.from_quat(node.get("rotation", (0.0, 0.0, 0.0, 1.0))).as_matrix()

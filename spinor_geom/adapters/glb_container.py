@@ -1,6 +1,6 @@
 """The container of binary glTF: its JSON, its one binary buffer, and the accessors that describe arrays in it.
 
-Only the buffer inside the file is read; a buffer or image that the JSON names by address is never opened.
+Only the buffer inside the file is read; a buffer or image that the JSON refers to by a URI is never opened.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ class GlbContainer:
 
     @classmethod
     def read(cls, data: bytes) -> GlbContainer:
-        """Open a file; a MeshFileError if it is no binary glTF 2 file, shorter than it says, or has malformed JSON."""
+        """Open a file; a MeshFileError if it is not binary glTF 2, shorter than it declares, or has malformed JSON."""
         tree, binary, chunks = _chunks(data)
         container = cls(tree=tree, views=[], chunks=chunks)
         for name in LISTS:
             items = tree.get(name, [])
             if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
-                raise malformed("JSON", f"'{name}' is no list of objects")
+                raise malformed("JSON", f"'{name}' is not a list of objects")
         for number, view in enumerate(tree.get("bufferViews", [])):
-            # buffer 0 without an address is the one inside the file
+            # buffer 0 without a URI is the one inside the file
             outside = view["buffer"] != 0 or "uri" in tree["buffers"][0]
             start, stop = view.get("byteOffset", 0), view.get("byteOffset", 0) + view["byteLength"]
             if not outside and not 0 <= start <= stop <= len(binary):
@@ -59,7 +59,7 @@ class GlbContainer:
         """An entry of one of the JSON's lists; a MeshFileError if there is none of that number."""
         items: list[Json] = self.tree.get(name, [])
         if type(number) is not int or not 0 <= number < len(items):
-            raise malformed("JSON", f"names number {number} of its {len(items)} {name}")
+            raise malformed("JSON", f"refers to number {number} of its {len(items)} {name}")
         return items[number]
 
     def encoded(self) -> bytes:
@@ -87,11 +87,11 @@ class GlbContainer:
         described = {} if view is None else self.item("bufferViews", view)
         content = None if view is None or "sparse" in item else self.views[view]
         if content is None:
-            raise malformed(f"accessor {accessor}", "its data is not in the file, sparse, or compressed", "convert it")
+            raise malformed(f"accessor {accessor}", "its data is external, sparse or compressed", "convert the file")
         row = width * dtype.itemsize
         stride = described.get("byteStride", row)
         if count < 0 or offset < 0 or stride < row or (count and offset + (count - 1) * stride + row > len(content)):
-            raise malformed(f"accessor {accessor}", f"announces {count} rows, more than buffer view {view} holds")
+            raise malformed(f"accessor {accessor}", f"declares {count} rows, more than buffer view {view} holds")
         return np.asarray(np.ndarray((count, width), dtype, content, offset, (stride, dtype.itemsize)))
 
     def store(self, rows: np.ndarray, *, target: int, like: int | None = None) -> int:
@@ -127,7 +127,7 @@ def _chunks(data: bytes) -> tuple[Json, bytes, bytes]:
         raise malformed("byte 4", f"is glTF version {version}, only 2 is read", "convert the file")
     position = 20 + json_length
     if max(length, position) > len(data) or position > length:
-        raise malformed("byte 8", f"announces {max(length, position)} bytes, but the file has {len(data)}")
+        raise malformed("byte 8", f"declares {max(length, position)} bytes, but the file has {len(data)}")
     tree = _json(data[20:position])
     if position + 8 > length:
         return tree, b"", b""
@@ -136,7 +136,7 @@ def _chunks(data: bytes) -> tuple[Json, bytes, bytes]:
         return tree, b"", data[position:length]
     end = position + 8 + binary_length
     if end > length:
-        problem = f"announces {binary_length} bytes of binary data, but the file ends after {length - position - 8}"
+        problem = f"declares {binary_length} bytes of binary data, but the file ends after {length - position - 8}"
         raise malformed(f"byte {position}", problem)
     return tree, data[position + 8 : end], data[end + -end % 4 : length]
 
@@ -151,5 +151,5 @@ def _json(text: bytes) -> Json:
     except (ValueError, RecursionError) as error:
         raise malformed("JSON", str(error)) from None
     if not isinstance(tree, dict):
-        raise malformed("JSON", "is no object")
+        raise malformed("JSON", "is not an object")
     return tree

@@ -28,18 +28,18 @@ def read_vtk(data: bytes, *, suffix: str) -> FileContents:
     """Polygonal data in XML (.vtp), or legacy polygonal data or an unstructured grid of faces (.vtk)."""
     import pyvista
 
-    # VTK ends the process if it finds no memory for them
+    # VTK ends the process if it cannot allocate them
     for count in re.findall(rb"""NumberOf\w+\s*=\s*["'](\d+)""", data):
         if float(count) > _MOST_PER_BYTE * len(data):
-            raise malformed("", f"announces {float(count):.0e} items in {len(data)} bytes")
+            raise malformed("", f"declares {float(count):.0e} items in {len(data)} bytes")
     module, name = _READERS[suffix]
     reader = getattr(import_module(f"vtkmodules.{module}"), name)()
     reader.SetReadFromInputString(True)
     reader.SetBinaryInputString(data, len(data))
-    with pyvista.vtk_verbosity("off"), pyvista.VtkErrorCatcher(send_to_logging=False) as heard:
+    with pyvista.vtk_verbosity("off"), pyvista.VtkErrorCatcher(send_to_logging=False) as caught:
         reader.Update()
-    if heard.events:  # VTK returns a mesh after errors, too
-        raise malformed("", f"VTK cannot read it ({heard.events[0].alert.splitlines()[-1]})")
+    if caught.events:  # VTK returns a mesh after errors, too
+        raise malformed("", f"VTK cannot read it ({caught.events[0].alert.splitlines()[-1]})")
     surface = pyvista.wrap(reader.GetOutput())
 
     def appended(extension: MeshExtension) -> bytes:

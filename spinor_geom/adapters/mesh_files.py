@@ -148,11 +148,11 @@ class MeshFile(Shown):
         ).merged(within)
         polygons = self.polygons.renumbered(new_index).without_repeats()
         before, after = len(new_index), len(mesh.vertices)
-        needles = len(self.polygons) - len(polygons)
+        degenerate = len(self.polygons) - len(polygons)
         moved = float(np.linalg.norm(mesh.vertices[new_index] - self.contents.vertices, axis=1).max(initial=0.0))
         up_to = f" up to {moved:.2g}" if moved else ""
         notes = [f"vertices of equal position{up_to} were merged: {before} became {after}"] if after < before else []
-        notes += [f"faces left out as two of their corners are one: {needles}"] if needles else []
+        notes += [f"degenerate faces were removed after merging: {degenerate}"] if degenerate else []
         contents = replace(
             self.contents,
             vertices=mesh.vertices,
@@ -186,18 +186,18 @@ class MeshFile(Shown):
                 temporary.write_bytes(data)
         except OSError as error:
             raise MeshFileError(f"{target}: cannot be written ({error}); check the folder", path=target) from error
-        return tuple(f"{target}: {said}" for said in self.left_out(suffix))
+        return tuple(f"{target}: {note}" for note in self.left_out(suffix))
 
     def left_out(self, suffix: str) -> tuple[str, ...]:
         """A sentence for each attribute that a file of a format (such as ".ply") cannot hold."""
         if suffix not in FORMATS or self._follows(suffix):
             return ()
         kept = FORMATS[suffix].names(self.contents)
-        why = f"left out: {suffix} files have no place for it, for its name, or for so many columns"
+        why = f"left out: {suffix} files cannot store it, its name, or so many columns"
         return tuple(f"the attribute {name!r} is {why}" for name in self.contents.attributes if name not in kept)
 
     def _follows(self, suffix: str) -> bool:
-        """Whether a file of this format is the one that was read, extended."""
+        """Whether a file of this format is written as the file that was read, with new elements appended."""
         return self.contents.appended is not None and self.contents.suffix == suffix
 
     def _encoded(self, suffix: str) -> bytes:
@@ -226,7 +226,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
         path: a file whose suffix is .obj, .ply, .stl, .off, .glb, .vtp, .vtk or .3mf, in any case.
 
     Raises:
-        ArgumentTypeError: `path` is no path.
+        ArgumentTypeError: `path` is not a path.
         MeshFileError: no such file, no known format, or malformed; names the file and the place in it.
         NonFiniteVertexError: a coordinate is NaN or infinite.
         MissingPackageError: the library that reads this format (.vtp, .vtk, .3mf) is not installed.
@@ -235,7 +235,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     require_type(path, (str, os.PathLike), function="read_mesh", takes=takes)
     source = Path(path)
     if source.is_dir():
-        raise MeshFileError(f"{source}: is a folder; name a file in it", path=source)
+        raise MeshFileError(f"{source}: is a folder; give the path of a file", path=source)
     suffix = known_suffix(source)
     with path_in_errors(source):
         try:
@@ -265,7 +265,7 @@ def require_bytes(data: bytes) -> None:
 def require_elements(contents: FileContents) -> None:
     """Raise a MeshFileError for a file without faces and curves."""
     if len(contents.polygons) == 0 and not contents.polylines:
-        raise malformed("", "has vertices but no faces and no curves", "give a file with a surface in it")
+        raise malformed("", "has vertices but no faces and no curves", "give a file with faces")
 
 
 @contextmanager
@@ -284,7 +284,7 @@ def path_in_errors(path: Path) -> Iterator[None]:
 class MeshFileAdapter:
     """`MeshFile`, and paths of mesh files."""
 
-    name = f"the path of a mesh file ({', '.join(FORMATS)}), or the MeshFile that read_mesh gives"
+    name = f"the path of a mesh file ({', '.join(FORMATS)}), or the MeshFile that read_mesh returns"
     types = ("spinor_geom.MeshFile", "pathlib.PurePath", "builtins.str")
 
     def to_mesh(self, obj: MeshFile | str | os.PathLike[str]) -> TriangleMesh:
@@ -305,10 +305,10 @@ def _opened(obj: MeshFile | str | os.PathLike[str]) -> MeshFile:
 
 
 def known_suffix(path: Path) -> str:
-    """The suffix of a file in small letters; raises as `read_mesh` if its format or library is unknown or missing."""
+    """The suffix of a file in lower case; raises as `read_mesh` if its format or library is unknown or missing."""
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
-        problem = f"'{path.suffix}' is no known format"
+        problem = f"'{path.suffix}' is not a supported format"
         raise MeshFileError(f"{path}: {problem}; use one of {', '.join(FORMATS)}", path=path, place="")
     for package in FORMATS[suffix].packages:
         require(package, extra="formats")

@@ -105,7 +105,7 @@ class MeshioAdapter:
     def to_mesh(self, obj: meshio.Mesh) -> TriangleMesh:
         """The triangles, quads and polygons split, block after block.
 
-        A plane mesh (two coordinates a point), or cells that are no faces, points or lines, are a MeshShapeError.
+        A plane mesh (two coordinates a point), or cells other than faces, points and lines, are a MeshShapeError.
         """
         points, polygons = self._points_and_polygons(obj)
         vertices = points.astype(np.float64)
@@ -153,11 +153,11 @@ class MeshioAdapter:
         points = np.asarray(mesh.points)
         if points.shape[1:] != (3,):
             raise MeshShapeError(
-                "the points of the mesh have no third coordinate; append one, of zeros for a plane mesh"
+                "the points are not three-dimensional; append a third coordinate, zeros for a plane mesh"
             )
         others = sorted({block.type for block in mesh.cells} - {*FACES, *NO_FACES})
         if others:
-            raise MeshShapeError(f"the mesh has cells that are no faces ({', '.join(others)}); give its surface alone")
+            raise MeshShapeError(f"the mesh has cells that are not faces ({', '.join(others)}); extract its surface")
         blocks = [np.asarray(block.data) for block in mesh.cells if block.type in FACES]
         none = np.zeros(0, dtype=np.int64)
         corners = np.concatenate([none, *(data.reshape(-1) for data in blocks)])
@@ -168,7 +168,7 @@ class MeshSetAdapter:
     """The current mesh of a `pymeshlab.MeshSet`, with its vertex colours, scalars and texture coordinates.
 
     The attributes are called "color" (RGBA, 0 to 1), "scalar" and "uv". Positions are those before the mesh's
-    transform. MeshLab holds triangles only, and computes normals anew for every mesh: they are not carried.
+    transform. MeshLab holds triangles only, and computes normals anew for every mesh: they are not copied.
     """
 
     name = "pymeshlab.MeshSet"

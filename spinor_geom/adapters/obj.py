@@ -1,4 +1,4 @@
-"""Wavefront OBJ: read block by block, and extended without a change of the bytes that were read.
+"""Wavefront OBJ: read in blocks, and extended without changing the bytes that were read.
 
 The lines `v`, `vt`, `vn`, `f`, `l`, `o` and `g` are read, in capitals too. Others, such as `mtllib`, stay in the file
 as text; no file that they name is opened.
@@ -52,7 +52,7 @@ class ObjText:
     corner_indices: dict[str, Int[np.ndarray, " v"]]
     counts: dict[str, int]  # number of `vt` and `vn` lines, under "uv" and "normal"
     newline: bytes
-    ending: bytes  # what ends the last line, where the file does not
+    ending: bytes  # ends the last line if the file does not, else empty
 
 
 def read_obj_stream(stream: BinaryIO) -> ObjText:
@@ -68,7 +68,7 @@ def read_obj_stream(stream: BinaryIO) -> ObjText:
     text = data.replace(b"\r\n", NEWLINE).replace(b"\r", NEWLINE).removeprefix(BYTE_ORDER_MARK)
     if b"\0" in text:
         line = text.count(NEWLINE, 0, text.index(0)) + 1
-        raise malformed(f"line {line}", "a zero byte, so this is no OBJ text")
+        raise malformed(f"line {line}", "has a zero byte, so it is not a text file")
     reader = _Reader()
     start, line = 0, 1
     while start < len(text):  # in blocks, as words take many times the memory of the file
@@ -152,7 +152,7 @@ class _Reader:
             wrong += [(int(np.repeat(lines, sizes)[corner]), int(corners[corner, 0]) + 1) for corner in outside]
         if wrong:
             number, index = min(wrong)
-            problem = f"'{index}' names a vertex that does not exist, the file has {len(vertices)} (numbered from 1)"
+            problem = f"vertex {index} does not exist, the file has {len(vertices)} (numbered from 1)"
             raise malformed(f"line {number}", problem, "correct the index, or complete the file")
         attributes = {}
         if self.widths[b"v"] in COLORED:
@@ -239,7 +239,7 @@ class _Block:
         return malformed(f"line {self.line_numbers[line]}", problem, advice)
 
     def require_words(self, key: bytes, least: int, what: str) -> None:
-        """A MeshFileError unless so many words follow the keyword on all of its lines."""
+        """Raise a MeshFileError if fewer than `least` words follow the keyword on a line."""
         lines = self.lines[key]
         for line in lines[self.sizes[lines] < least][:1].tolist():
             text = b" ".join(self.words(line)).decode("utf-8", "replace")
@@ -250,7 +250,7 @@ class _Block:
 
         def error(number: int, word: str) -> MeshFileError:
             line = self.lines[key][number // count]
-            return self._error(line, f"'{word}' is no number", "correct the line")
+            return self._error(line, f"'{word}' is not a number", "correct the line")
 
         text, sizes = self._text(key), self.sizes[self.lines[key]]
         words = text.split()
@@ -269,7 +269,7 @@ class _Block:
         line_of = np.repeat(self.lines[key], self.sizes[self.lines[key]])
 
         def error(number: int, word: str) -> MeshFileError:
-            return self._error(line_of[number], f"'{word}' is no corner", "write v, v/vt, v//vn or v/vt/vn")
+            return self._error(line_of[number], f"'{word}' is not a corner", "write v, v/vt, v//vn or v/vt/vn")
 
         corners = _uniform_corners(text, len(line_of))
         if corners is None:

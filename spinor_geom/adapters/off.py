@@ -26,7 +26,7 @@ def read_off(data: bytes) -> FileContents:
     normals and texture coordinates may have other line breaks, and are then written anew.
     """
     if b"\0" in data:
-        raise malformed(f"byte {data.index(0)}", "a zero byte, so this is no OFF text", "binary OFF is not read")
+        raise malformed(f"byte {data.index(0)}", "has a zero byte, so it is not a text file", "binary OFF is not read")
     newline = (re.search(rb"\r\n|\n|\r", data) or [b"\n"])[0]
     text = data.replace(b"\r", b"\n") if newline == b"\r" else data
     keyword, vertex, face = _header(text)
@@ -79,7 +79,7 @@ def _header(text: bytes) -> tuple[tuple[bytes | None, ...], Element, Element]:
         if match is None or is_binary:
             name = words[0][0].decode("latin-1") + " BINARY" * is_binary
             line = text.count(b"\n", 0, words[0].start()) + 1
-            raise malformed(f"line {line}", f"'{name}' is no kind of OFF that is read", "convert the file")
+            raise malformed(f"line {line}", f"'{name}' is not a supported kind of OFF", "convert the file")
         keyword, words = match.groups(), words[1:]
     counts = [word for word in words[:2] if word[0].isdigit() and len(word[0]) <= LONGEST_COUNT and int(word[0])]
     if len(counts) < 2:

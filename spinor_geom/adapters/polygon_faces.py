@@ -55,11 +55,11 @@ class Polygons:
         return Polygons.of_sizes(np.concatenate([self.corners, faces.reshape(-1)]), sizes)
 
     def require_valid(self, vertices: int) -> None:
-        """A PolygonError for a face of fewer than three corners, or with an index that is not below `vertices`."""
+        """Raise a PolygonError for a face with fewer than 3 corners, or with an index that is not below `vertices`."""
         for face in np.flatnonzero(self.sizes < 3).tolist():
             raise PolygonError(face=face, problem=f"has {self.sizes[face]} corners, a face needs three")
         for corner in np.flatnonzero((self.corners < 0) | (self.corners >= vertices)):
-            problem = f"names vertex {self.corners[corner]}, but there are vertices 0 to {vertices - 1}"
+            problem = f"has vertex index {self.corners[corner]}, but there are vertices 0 to {vertices - 1}"
             raise PolygonError(face=int(np.searchsorted(self.starts, corner, side="right")) - 1, problem=problem)
 
     def renumbered(self, new_index: Int[np.ndarray, " v"]) -> Polygons:
@@ -170,8 +170,8 @@ def seam_representatives(
 
     A seam is a pair of boundary edges with equal ends in opposite directions, and no third one there. Each end is a
     shared vertex, or vertices at its position differ in `appearance`, values (V, k) that a renderer keeps at each
-    vertex. So pieces that merely touch are not joined, nor are vertices that are equal in everything: whether these
-    are to be merged only the user knows.
+    vertex. So pieces that merely touch are not joined, nor are vertices that are equal in everything, as these may
+    be separate on purpose.
     """
     place = coincident_vertices(vertices)
     differs = np.zeros(len(vertices), dtype=bool)

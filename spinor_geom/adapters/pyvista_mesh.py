@@ -33,7 +33,7 @@ class PyVistaAdapter:
     types = ("pyvista.PolyData", "pyvista.UnstructuredGrid")
 
     def to_mesh(self, obj: Mesh) -> TriangleMesh:
-        """The triangles, quads split, closed along seams; a MeshShapeError if cells are no faces, points or lines."""
+        """The triangles, quads split, closed along seams; a MeshShapeError for cells of other types."""
         vertices = np.asarray(obj.points, dtype=np.float64)
         return without_seams(triangles_of(vertices, polygons_of(obj).triangulated(vertices)[0], _arrays(obj)))
 
@@ -93,7 +93,7 @@ def polygons_of(mesh: Mesh) -> Polygons:
         types, cells = np.asarray(mesh.celltypes), mesh.GetCells()
         if len(others := np.setdiff1d(types, (*FACES, *NO_FACES))):
             kinds = ", ".join(pyvista.CellType(int(number)).name for number in others)
-            raise MeshShapeError(f"the grid has cells that are no faces ({kinds}); call grid.extract_surface() first")
+            raise MeshShapeError(f"the grid has cells that are not faces ({kinds}); call grid.extract_surface() first")
     else:
         if mesh.n_strips:
             raise MeshShapeError("the mesh has triangle strips; call mesh.triangulate() first")

@@ -33,7 +33,7 @@ class Element:
     """One kind of record, such as "vertex", and the records of a file."""
 
     name: str
-    count: int  # the number of records that the header announces
+    count: int  # the number of records that the header declares
     count_at: tuple[int, int]  # first and last byte of that number in the file
     properties: tuple[Property, ...] = ()
     stop: int = 0  # the byte after the last record
@@ -83,7 +83,7 @@ class Records:
 
 
 def binary_records(properties: tuple[Property, ...], columns: Mapping[str, np.ndarray], count: int) -> bytes:
-    """So many binary records whose lists are equally long; columns as in `Records.appended`, for one element."""
+    """`count` binary records whose lists are equally long; columns as in `Records.appended`, for one element."""
     tables = _tables(properties, columns, count, as_text=False)
     return np.hstack([np.ascontiguousarray(table).view(np.uint8) for table in tables]).tobytes()
 
@@ -171,7 +171,7 @@ def _ragged_records(data: bytes, position: int, element: Element) -> Element:
 
 
 def _too_short(element: Element, record: int) -> MeshFileError:
-    problem = f"the header announces {element.count}, but the file ends within number {record}"
+    problem = f"the header declares {element.count} records, but the file ends within record {record}"
     return malformed(f"element '{element.name}'", problem)
 
 
@@ -218,6 +218,6 @@ def _of_words(rows: list[list[bytes]], element: Element) -> Element:
         if item.dtype.kind != "f":  # real numbers keep all their digits, whatever the header declares
             limits = np.iinfo(item.dtype)
             if not ((own >= limits.min) & (own <= limits.max) & (own == np.rint(own))).all():
-                raise ValueError("a number is no integer, or out of range")
+                raise ValueError("a number is not an integer, or out of range")
             values[item.name] = own.astype(item.dtype)
     return replace(element, values=values, lengths=read.lengths)

@@ -16,7 +16,7 @@ class Adapter(Protocol):
 
     @property
     def name(self) -> str:
-        """What error messages call the objects that this adapter supports."""
+        """The name of the supported objects in error messages."""
 
     @property
     def types(self) -> tuple[str, ...]:
@@ -29,10 +29,10 @@ class Adapter(Protocol):
         """The triangles of `obj`, with all its vertices in their order; a MeshError if its arrays are no mesh."""
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
-        """A new object of the type of `obj`: what `obj` holds, unchanged, followed by the extension.
+        """A new object of the type of `obj`: the contents of `obj`, unchanged, followed by the extension.
 
         Raises:
-            VertexIndexError: a new face names a vertex that neither of them has.
+            VertexIndexError: a new face has the index of a vertex that neither of them has.
             MeshShapeError: an attribute of the mesh is missing in the extension or has another width.
         """
 
@@ -41,7 +41,7 @@ _adapters: dict[str, Adapter] = {}
 
 
 def register(adapter: Adapter) -> None:
-    """Use an adapter for its types from now on, instead of earlier ones."""
+    """Register an adapter for its types; it replaces earlier ones."""
     for name in adapter.types:
         _adapters[name] = adapter
 
@@ -51,8 +51,8 @@ def to_mesh(obj: Any) -> TriangleMesh:
 
     The result has all vertices of `obj` in their order, so that indices of loops and extensions are those of `obj`.
     Quads and larger polygons are split into triangles. Where a renderer's format splits vertices along texture or
-    normal seams, faces name the vertex of lowest index at each place, so that a seam is not a boundary. Nothing else is
-    merged, cleaned or reordered.
+    normal seams, faces have the vertex of lowest index at each position, so that a seam is not a boundary. Nothing else
+    is merged, cleaned or reordered.
 
     Args:
         obj: a `TriangleMesh`, a pair (vertices, faces) of numpy arrays or torch tensors, a `trimesh.Trimesh` or
@@ -89,7 +89,7 @@ def merged(obj: Any, within: Within) -> Any:
     """A new object of the type of `obj` with vertices at most `within` apart merged, in mesh units.
 
     Of each group the vertex of lowest index stays, with its attributes, also where texture coordinates or normals
-    differ. No two corners of a face are merged that are at different places. A path gives a `MeshFile`.
+    differ. Two corners of a face at different positions are never merged. A path gives a `MeshFile`.
 
     Raises:
         UnknownMeshTypeError, MeshError, MeshFileError: as for `to_mesh`.
@@ -99,7 +99,7 @@ def merged(obj: Any, within: Within) -> Any:
     merge = getattr(adapter, "merged", None)
     if merge is None:
         raise OptionError(
-            f"vertices of {adapter.name} cannot be merged here; merge them with that library, or give (vertices, faces)"
+            f"the adapter of {adapter.name} cannot merge vertices; merge with its library, or give (vertices, faces)"
         )
     return merge(obj, within)
 
@@ -121,7 +121,7 @@ def _adapter_of(obj: Any) -> Adapter:
     found, known = _description(obj), known_types()
     advice = f"give one of: {', '.join(known)}"
     if found.endswith(".PointCloud"):
-        advice = "points have no holes: make faces first, or span a closed curve of points with solve_plateau"
+        advice = "points have no holes: reconstruct faces first, or span a closed curve of points with solve_plateau"
     raise UnknownMeshTypeError(found=found, known=known, advice=advice)
 
 

@@ -33,7 +33,7 @@ def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
     if is_mesh(what):
         return [_loop_of_mesh(what, loop)]
     if loop is not None:
-        raise OptionError("loop names a loop of a mesh; a curve has none")
+        raise OptionError("loop selects a boundary loop of a mesh, but a curve was given; leave loop out")
     if isinstance(what, (BoundaryLoop, ClosedCurve)):
         return [what]
     if not isinstance(what, np.ndarray) and all(isinstance(one, Rim) or np.ndim(one) == 2 for one in what):
@@ -57,7 +57,7 @@ def _loop_of_mesh(what: Any, loop: int | None) -> BoundaryLoop:
     require_faces(mesh)
     loops = find_boundary_loops(mesh)
     if loop is None and len(loops) != 1:
-        raise OptionError(f"the mesh has {len(loops)} boundary loops, and one is needed; take it from boundary_loops")
+        raise OptionError(f"the mesh has {len(loops)} boundary loops, not one; pass one of boundary_loops(mesh)")
     place = 0 if loop is None else loop
     if not 0 <= place < len(loops):
         raise LoopIndexError(index=place, loops=len(loops))

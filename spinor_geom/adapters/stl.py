@@ -40,7 +40,7 @@ def read_stl(data: bytes) -> FileContents:
     elif is_text:
         corners = _text_corners(data)
     else:
-        problem = f"announces {count} facets, {size} bytes; has {len(data)} and does not begin with 'solid'"
+        problem = f"declares {count} facets, {size} bytes; has {len(data)} and does not begin with 'solid'"
         raise malformed(f"byte {HEADER}", problem)
     if len(corners) == 0:
         raise malformed("", "has no facets")
@@ -59,7 +59,7 @@ def encode_stl(contents: FileContents) -> bytes:
     """An STL file of the triangles of all faces: text if `is_text_stl`, else binary and rounded to float32."""
     faces, _ = contents.polygons.triangulated(contents.vertices)
     corners = contents.vertices[faces]
-    # at size 1: products of very large or small edges would overflow or vanish
+    # scaled to size 1, since products of very large or small edges overflow or underflow
     size = np.abs(corners).max(axis=(1, 2), keepdims=True, initial=0.0)
     a, b, c = np.moveaxis(np.divide(corners, size, out=np.zeros_like(corners), where=size > 0), 1, 0)
     normals = unit_vectors(np.cross(b - a, c - a))
@@ -85,10 +85,10 @@ def _text_corners(data: bytes) -> Float[np.ndarray, "f 3 3"]:
     ends = len(re.findall(rb"(?im)^[ \t]*endfacet\b", data[start:]))
     begins = len(re.findall(rb"(?im)^[ \t]*facet\b", data[start:]))
     if begins != ends or len(words) != 3 * ends:
-        problem = f"{begins} facets begin, {ends} end, and {len(words)} vertices can be read, three for each are needed"
+        problem = f"{begins} facets begin, {ends} end, and {len(words)} vertices can be read; each facet needs three"
         raise malformed(f"about facet {min(ends, len(words) // 3)}", problem)
 
     def error(number: int, word: str) -> MeshFileError:
-        return malformed(f"facet {number // 9}", f"'{word}' is no number", "correct it")
+        return malformed(f"facet {number // 9}", f"'{word}' is not a number", "correct it")
 
     return np.array(convert_words(list(chain.from_iterable(words)), real_numbers, error)).reshape(-1, 3, 3)

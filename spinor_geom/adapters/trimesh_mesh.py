@@ -1,4 +1,4 @@
-"""`trimesh.Trimesh`, and `trimesh.Scene`: all its meshes together, each filled in its own place."""
+"""`trimesh.Trimesh`, and `trimesh.Scene`: all its meshes as one, in the coordinates of the scene."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class TrimeshAdapter:
 
         New faces get the most frequent face colour and face attributes. Attributes that are no real numbers get zeros
         or empty entries at new vertices. Normals are kept only if the extension has them, else trimesh computes them
-        when they are asked for.
+        when they are read.
         """
         import trimesh
 
@@ -86,7 +86,7 @@ class TrimeshAdapter:
 def _arrays(mesh: trimesh.Trimesh) -> dict[str, Any]:
     """The arrays at the vertices under their names in a `TriangleMesh`."""
     arrays = _visual_arrays(mesh)
-    # the only place where trimesh keeps normals that were given; asking for mesh.vertex_normals would compute them
+    # the only place where trimesh keeps normals that were given; reading mesh.vertex_normals would compute them
     if "vertex_normals" in mesh._cache:
         arrays["normal"] = np.asarray(mesh._cache["vertex_normals"])
     return arrays | {_attribute_name(mesh, name): values for name, values in mesh.vertex_attributes.items()}
@@ -130,7 +130,7 @@ class _Part:
 
     geometry: str  # its name
     mesh: TriangleMesh
-    transform: Float[np.ndarray, "4 4"]  # to the scene, at the first node that shows it
+    transform: Float[np.ndarray, "4 4"]  # to the scene, at the first node that uses it
     start: int  # index of its first vertex among those of all parts
     names: dict[str, str]  # of its attributes among those of all parts
 
@@ -147,7 +147,7 @@ class _Part:
 class SceneAdapter:
     """`trimesh.Scene`: every `Trimesh` in it once, in the scene's coordinates; points and paths are kept as they are.
 
-    A geometry that several nodes show has the place of the first of them. Attributes are those of `trimesh.Trimesh`;
+    A geometry that several nodes use has the position of the first of them. Attributes are those of `trimesh.Trimesh`;
     where two geometries have different ones of one name, those of the later get its own name as a prefix. At vertices
     of geometries that lack an attribute it is 0.
     """

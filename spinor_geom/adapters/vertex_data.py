@@ -15,7 +15,7 @@ from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_
 
 
 def triangles_of(vertices: np.ndarray, faces: np.ndarray, arrays: Mapping[str, Any]) -> TriangleMesh:
-    """A mesh whose attributes are those arrays (V, ...) that hold real numbers or truth values."""
+    """A mesh whose attributes are those arrays (V, ...) that hold real numbers or booleans."""
     attributes = {name: _columns(np.asarray(own)) for name, own in arrays.items() if _is_attribute(own, len(vertices))}
     return TriangleMesh(vertices, faces, vertex_attributes=attributes)
 
@@ -41,8 +41,8 @@ def append_attributes(arrays: Mapping[str, Any], extension: MeshExtension, *, ve
         rows, width = extension.vertex_attributes[name], _columns(values).shape[1]
         if rows.shape[1] != width:
             raise MeshShapeError(
-                f"vertex attribute {name!r} has {width} numbers a vertex in the mesh and {rows.shape[1]} in the "
-                "extension; give the same number"
+                f"vertex attribute {name!r} has {width} columns in the mesh and {rows.shape[1]} in the extension; "
+                "give the same number"
             )
         result[name] = append_rows(values, rows)
     return result
@@ -54,7 +54,7 @@ def _is_attribute(values: Any, vertices: int) -> bool:
 
 
 def _columns(values: np.ndarray) -> Real[np.ndarray, "v c"]:
-    """Values (V, ...) as (V, k) numbers, truth values as 0 and 1."""
+    """Values (V, ...) as (V, k) numbers, booleans as 0 and 1."""
     rows = values.reshape(len(values), math.prod(values.shape[1:]))
     return rows.astype(np.float64) if rows.dtype.kind == "b" else rows
 
@@ -66,7 +66,7 @@ def append_rows(values: np.ndarray, rows: Float[np.ndarray, "k c"]) -> np.ndarra
 
 
 def cast_values(values: Real[np.ndarray, "k c"], dtype: np.dtype[Any]) -> np.ndarray:
-    """Numbers in another dtype; for integers and truth values rounded to the nearest one that the dtype holds."""
+    """Numbers in another dtype; for integers and booleans rounded to the nearest one that the dtype holds."""
     if dtype.kind == "b":
         return values >= 0.5
     if dtype.kind not in "iu":
@@ -84,7 +84,7 @@ def append_most_frequent(values: Any, count: int) -> np.ndarray:
 
 
 def most_frequent_row(values: np.ndarray) -> np.ndarray:
-    """The most frequent of (n, ...) values, (1, ...); zeros if there are none, or if they are no real numbers."""
+    """The most frequent of (n, ...) values, (1, ...); zeros if there are none, or if they are not real numbers."""
     if len(values) == 0 or values.dtype.kind not in "biuf":
         return np.zeros((1, *values.shape[1:]), dtype=values.dtype)
     _, first, counts = np.unique(values.reshape(len(values), -1), axis=0, return_index=True, return_counts=True)

@@ -1,6 +1,6 @@
 """Fills many mesh files, on one machine or a cluster. A file that crashes its process does not stop the others.
 
-`engine` lists the sources (`inputs`, `archives`) and hands blocks of them to the `workers`. Each worker watches a
+`engine` lists the sources (`inputs`, `archives`) and submits blocks of them to the `workers`. Each worker controls a
 process (`solver`) that reads the files, solves their loops (`task`) and writes the results (`store`). At the end
 `summary` writes a table and a page.
 """

@@ -1,6 +1,6 @@
 """Tar and zip archives: listed without being unpacked, and refused as a whole if any member is unsafe.
 
-As the main program of a process, this module lists archives for `inputs`.
+Run as a program, this module is the process that lists archives for `inputs`.
 """
 
 import errno
@@ -89,7 +89,7 @@ class ArchiveReader:
         self._archive: zipfile.ZipFile | tarfile.TarFile | None = None
 
     def read(self, path: Path, member: Member) -> bytes:
-        """The bytes of a member; raises an ArchiveError if the archive is damaged or has changed, else an OSError."""
+        """The bytes of a member; ArchiveError if the archive is damaged or has changed, OSError if it is unreadable."""
         with _damage_as_archive_error(path, member.name):
             status = path.stat()
             key = (path, status.st_size, status.st_mtime_ns)
@@ -117,7 +117,7 @@ def _zip_members(path: Path) -> Iterator[Member]:
     with zipfile.ZipFile(path) as archive:
         entries = archive.infolist()
         if len(entries) > MOST_ZIP_MEMBERS:
-            raise _refused(path, f"{len(entries)} members", f"split it: {MOST_ZIP_MEMBERS} are the most")
+            raise _refused(path, f"{len(entries)} members", f"split it into parts of at most {MOST_ZIP_MEMBERS}")
         total, packed = 0, path.stat().st_size
         for place, entry in enumerate(entries):
             total += entry.file_size
@@ -145,7 +145,7 @@ def _tar_members(path: Path) -> Iterator[Member]:
 
 
 class _Header(tarfile.TarInfo):
-    """A header of a tar archive. Raises for damaged headers, which tarfile takes for the end, and for long ones."""
+    """A header of a tar archive; an error if it is damaged (for tarfile the end of the archive) or too long."""
 
     @classmethod
     def frombuf(cls, buf: Any, *arguments: Any) -> Any:
@@ -171,24 +171,28 @@ def _opened_tar(path: Path) -> tarfile.TarFile:
 
 def _require_safe(path: Path, name: str, size: int, packed: int) -> None:
     if is_bomb(size, packed):
-        raise _refused(path, f"a bomb: up to '{name}' it unpacks to over {MOST_RATIO} times its size", "do not use it")
+        raise _refused(
+            path,
+            f"a decompression bomb: up to '{name}' it unpacks to over {MOST_RATIO} times its size",
+            "do not use it",
+        )
     parts = name.replace("\\", "/").split("/")
     if len(os.fsencode(name)) > LONGEST_NAME:
         raise _refused(path, f"'{name[:60]}…', a name of more than {LONGEST_NAME} bytes", "do not use it")
     if not parts[0] or parts[0].endswith(":") or ".." in parts:
-        raise _refused(path, f"'{name}', a name that leads out of it", "do not use it, or pack it anew")
+        raise _refused(path, f"'{name}', a path to outside the archive", "do not use it, or repack it")
 
 
 def _refused(path: Path, what: str, advice: str) -> ArchiveError:
-    return ArchiveError(f"{path}: the archive holds {what}; {advice}")
+    return ArchiveError(f"{path}: the archive contains {what}; {advice}")
 
 
 def list_members(job: dict[str, Any], tell: Tell) -> None:
     """Writes a line of JSON for each mesh file of an archive: its key and the fields of its `Member`.
 
     Args:
-        job: "archive", its path; "suffixes" of the names that are wanted; "parts", the start of every key; "listing",
-            the file to write.
+        job: "archive", its path; "suffixes" of mesh files; "parts", the first parts of every key; "listing", the
+            file to write.
         tell: called with "listed" after each member, and at the end with "others", the number of other files by
             suffix, or with the "problem".
     """

@@ -1,4 +1,4 @@
-"""Batches: lists the inputs, hands blocks of them to the workers, and counts what they report."""
+"""Batches: lists the inputs, submits blocks of them to the workers, and counts the results."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 # Files in a block, and bytes of a block of several files: their loops are solved together.
 MOST_FILES, MOST_BYTES = 64, 1 << 20
 WAITING = 2  # blocks submitted for each worker
-# A process is ended if it reports nothing for SILENCE seconds (reading a file, steps without a look at the clock) plus
-# STAGES time limits (each stage of a loop may take one).
+# A process is killed if it sends no event for SILENCE seconds (for reading a file and for steps that do not check the
+# time) plus STAGES time limits (each stage of a loop may take one).
 SILENCE, STAGES = 60.0, 10.0
 
 
@@ -43,7 +43,7 @@ class BatchProgress:
         files_total: all sources.
         files_before: sources that were complete before a resumed run.
         loops: loops of the finished sources.
-        loops_failed: those of them that should have a patch and have none.
+        loops_failed: requested loops of these that have no patch.
         seconds: since the start.
     """
 
@@ -138,13 +138,13 @@ def batch(
         time_limit: as for `fill_hole`, in seconds. A process that solves or lists an archive is ended, and its file
             fails, if it reports nothing for a minute plus ten times this limit.
         strict: counts a file as not done if a loop has no exact surface within the tolerance.
-        closing: the ends of open curves are joined if they are at most so many mean edges apart.
+        closing: the ends of open curves are joined if the gap is at most this many mean edge lengths.
         compare: also compares each surface with a discrete minimal surface.
         workers: processes that solve on this machine; by default one for each core that this process may use.
         scheduler: a Dask cluster to use instead: the address of its scheduler, the cluster, or a client, whose TLS
             settings are used. All machines must see inputs and output under the same names.
         device: of the batched linear algebra, such as "cuda"; results are reproducible byte for byte on the CPU only.
-        resume: continues the run in the output folder: does what is not complete.
+        resume: continues the run in the output folder with the files that are not complete.
         memory_limit: of each process that solves, and of the one that lists archives, in bytes.
         retries: how often a file is tried again after its process died. For workers of a cluster that died, the
             setting `distributed.scheduler.allowed-failures` holds instead.
@@ -183,9 +183,9 @@ def batch(
     )
     require_positive("memory_limit", memory_limit)
     if retries < 0:
-        raise OptionError(f"retries must be a number from 0 on, not {retries}")
+        raise OptionError(f"retries must be at least 0, not {retries}")
     if scheduler is not None and workers is not None:
-        raise OptionError("workers are those of the scheduler's cluster; give one of workers and scheduler")
+        raise OptionError("the number of workers is that of the cluster; give either workers or scheduler")
     if workers is not None and workers < 1:
         raise OptionError(f"workers must be at least 1, not {workers}")
     limits = Limits(seconds=SILENCE + STAGES * float(time_limit), memory=int(memory_limit), retries=retries)
@@ -249,10 +249,10 @@ class _Run:
                     again.extend(self._retries(block))
                     continue
                 except CancelledError:
-                    problem = "the cluster was lost; what is finished is kept: resume the batch"
+                    problem = "the connection to the cluster was lost; finished files are kept: resume the batch"
                     raise BatchError(problem) from None
                 except Exception as error:
-                    problem = f"a worker cannot do its work ({error}); is the same version installed there?"
+                    problem = f"a worker failed ({error}); check that the same version is installed there"
                     raise BatchError(problem) from error
                 for summary in done["finished"]:
                     self._count(summary)
@@ -267,7 +267,7 @@ class _Run:
             if summary is not None:
                 self._count(summary)
             elif len(block) == 1:
-                self._count(self.store.fail(source, "every worker that tried it was killed; look at their logs"))
+                self._count(self.store.fail(source, "every worker that tried it was killed; check their logs"))
             else:
                 tries.append([source])
         return tries
@@ -290,14 +290,14 @@ class _Run:
 def _blocks(sources: Iterator[Source], counts: Counter[str], pool: Workers) -> Iterator[list[Source]]:
     """Blocks of sources to be solved together; shorter near the end, so that all workers finish at about one time."""
     block: list[Source] = []
-    handed = most = 0
+    submitted = most = 0
     for source in sources:
         if block and (len(block) >= most or sum(one.size for one in block) + source.size > MOST_BYTES):
             yield block
-            handed += len(block)
+            submitted += len(block)
             block = []
         if not block:
-            remaining = counts["files_total"] - counts["files_before"] - handed
+            remaining = counts["files_total"] - counts["files_before"] - submitted
             most = min(MOST_FILES, remaining // (2 * pool.count()))
         block.append(source)
     if block:

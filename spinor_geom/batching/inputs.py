@@ -19,7 +19,7 @@ from spinor_geom.files import MESH_SUFFIXES, safe_name
 from spinor_geom.isolate import FaultError, Process
 
 MANIFESTS = (".csv", ".jsonl")
-# Ends the keys of inputs that are no mesh files. It has no suffix, so no mesh file can have the same key.
+# The last part of the keys of inputs that are not mesh files; without a suffix, so that no mesh file has this key.
 PROBLEM = "problem"
 LONGEST_LINE = 1 << 20  # of a manifest
 CONVERT = f"use one of {', '.join(MESH_SUFFIXES)}"  # the advice for a file of another format
@@ -48,7 +48,7 @@ class Inputs:
     def __init__(
         self, inputs: Iterable[str | os.PathLike[str]], *, output: str | os.PathLike[str], limits: Limits
     ) -> None:
-        """Gives every input a unique label.
+        """Checks the inputs, and gives each a unique label.
 
         Args:
             inputs: files, folders, patterns, manifests or archives.
@@ -65,10 +65,10 @@ class Inputs:
             given = os.fspath(entry)
             is_pattern = not os.path.lexists(given) and glob.has_magic(given)
             if not (next(_matches(given), None) if is_pattern else os.path.exists(given)):
-                problem = "fits no file" if is_pattern else "no such file or folder"
+                problem = "matches no file" if is_pattern else "no such file or folder"
                 raise BatchError(f"{given}: {problem}; check the name")
             if os.path.realpath(given) == self._output:
-                raise BatchError(f"{given}: is the output folder; name another for the results")
+                raise BatchError(f"{given}: is the output folder; choose another for the results")
             name = label = os.path.basename(os.path.abspath(_fixed_part(given) if is_pattern else given)) or "root"
             count = 1
             while label.lower() in taken:  # some file systems ignore case
@@ -77,7 +77,7 @@ class Inputs:
             taken.add(label.lower())
             self._roots.append((os.path.abspath(given), label))
         if not self._roots:
-            raise BatchError("no inputs; name mesh files, folders, patterns, manifests or archives")
+            raise BatchError("no inputs; give mesh files, folders, patterns, manifests or archives")
 
     def __iter__(self) -> Iterator[Source]:
         """The sources; a file that cannot be used is a source with a problem.
@@ -123,7 +123,7 @@ class Inputs:
         while waiting:  # no recursion: folders may be nested deeper than Python allows calls to be
             path, parts = waiting.pop()
             if path != root and os.path.islink(path):
-                yield _unusable(parts, path, "is a link", "name the file itself")
+                yield _unusable(parts, path, "is a link", "give the file itself")
             elif not os.path.isdir(path):
                 yield from self._of_file(path, parts)
             elif path != output:
@@ -147,14 +147,14 @@ class Inputs:
             yield _unusable(parts, path, f"cannot be read ({reason})", "check the name and the access rights")
             return
         if not stat.S_ISREG(status.st_mode):
-            yield _unusable(parts, path, "is no regular file", "name a file")
+            yield _unusable(parts, path, "is not a regular file", "give a file")
         elif is_archive(path):
             yield from self._of_archive(path, parts, status.st_mtime_ns)
         elif path.lower().endswith(MESH_SUFFIXES):
             yield Source(key=safe_name(parts), path=path, size=status.st_size, modified=status.st_mtime_ns)
         else:
             self._others[Path(path).suffix.lower()] += 1
-            yield _unusable(parts, path, "is no mesh file, manifest or archive", CONVERT)
+            yield _unusable(parts, path, "is not a mesh file, manifest or archive", CONVERT)
 
     def _of_archive(self, path: str, parts: Sequence[str], modified: int) -> Iterator[Source]:
         with tempfile.TemporaryDirectory() as folder:
@@ -193,7 +193,7 @@ class Inputs:
                         parts += entry.replace("\\", "/").strip("/").split("/")
                         yield from self._of_file(os.path.abspath(path.parent / entry), parts)
                     else:
-                        yield _unusable([*parts, PROBLEM], str(path), f"row {number} names no path", "complete it")
+                        yield _unusable([*parts, PROBLEM], str(path), f"row {number} has no path", "complete it")
         except (OSError, csv.Error, ValueError, RecursionError) as error:
             problem = f"cannot be read as a manifest ({error})"
             yield _unusable([label, PROBLEM], str(path), problem, "give a column 'path'")
@@ -237,7 +237,7 @@ def _no_meshes(others: Counter[str]) -> str:
 def _csv_rows(file: Iterable[str]) -> Iterator[tuple[int, str]]:
     rows = csv.DictReader(_short_lines(file))
     if "path" not in (rows.fieldnames or ()):
-        raise ValueError("its first line names no column 'path'")
+        raise ValueError("its first line has no column 'path'")
     for number, row in enumerate(rows, start=1):
         yield number, (row["path"] or "").strip()
 
@@ -251,7 +251,7 @@ def _json_rows(file: Iterable[str]) -> Iterator[tuple[int, str]]:
 
 
 def _is_encodable(path: str) -> bool:
-    """Whether a file can have this name. JSON can escape lone surrogates, which no name holds."""
+    """Whether a file can have this name. JSON can escape lone surrogates, which are invalid in names."""
     try:
         os.fsencode(path)
     except UnicodeEncodeError:

@@ -25,7 +25,7 @@ from spinor_geom.mesh.triangle_mesh import require_extent
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NamedLoop:
-    """A curve of a file as a loop, or the error for which no surface over it is computed."""
+    """A curve of a file as a loop, or the error that prevents a surface over it."""
 
     name: str  # of its object and group; "" where the file has none
     points: Float[np.ndarray, "k 3"]  # of the loop, or the finite points of the curve
@@ -60,7 +60,7 @@ def _joined(
     gaps: dict[int, float] = {}
     for one, other in _near_ends(vertices, pieces, closing).tolist():
         gaps[int(ends[one])] = float(np.linalg.norm(vertices[ends[one]] - vertices[ends[other]]))
-        pieces[other // 2][-(other % 2)] = ends[one]  # both ends become the earlier one's vertex
+        pieces[other // 2][-(other % 2)] = ends[one]  # both ends get the vertex of the earlier one
     joined = [
         (is_open[first], curve, max((gaps[v] for v in gaps.keys() & set(curve.tolist())), default=0.0))
         for first, curve in chained(pieces)

@@ -1,4 +1,4 @@
-"""Options of a batch and limits for each file; cheap to import, and JSON-ready for the processes that solve."""
+"""Options of a batch and limits for each file; quick to import, and sent as JSON to the processes that solve."""
 
 from __future__ import annotations
 
@@ -50,13 +50,13 @@ class BatchOptions:
         require_merge(self.merge)
         _ = self.choice  # checks its options
         if self.what == "loops" and self.format not in (*CURVE_FORMATS, None):
-            raise OptionError(f"{self.format} files hold no curves; use format {' or '.join(CURVE_FORMATS)} for loops")
+            raise OptionError(f"{self.format} files cannot store curves; use {' or '.join(CURVE_FORMATS)} for loops")
         if self.edge_length != "auto":
             require_positive("edge_length", self.edge_length)
         require_positive("tolerance", self.tolerance)
         require_positive("time_limit", self.time_limit, finite=False)
         if not 0 <= self.closing < math.inf:
-            raise OptionError(f"closing must be a number from 0 on, not {self.closing!r}")
+            raise OptionError(f"closing must be a number of at least 0, not {self.closing!r}")
 
     @property
     def choice(self) -> Choice:
@@ -72,12 +72,12 @@ def _as_json(name: str, value: Any) -> Any:
     try:
         return [operator.index(place) for place in value] if isinstance(value, Iterable) else operator.index(value)
     except TypeError:
-        raise OptionError(f"{name} must name places of loops, not {value!r}") from None
+        raise OptionError(f"{name} must be one or several loop indices, not {value!r}") from None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What one file may cost."""
+    """Limits of time, memory and retries for each file."""
 
     seconds: float  # between two reports of the process that solves
     memory: int  # of that process, in bytes

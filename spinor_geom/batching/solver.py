@@ -1,4 +1,4 @@
-"""The process that reads, solves and writes files of a batch; `workers` starts it and watches it."""
+"""The process that reads, solves and writes files of a batch; `workers` starts and supervises it."""
 
 import traceback
 import warnings
@@ -21,7 +21,7 @@ from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.isolate import Tell, serve
 from spinor_geom.plateau.options import usable_device
 
-WAITING = 4  # files whose results are being written while the next is meshed; each waits several times for the disk
+WAITING = 4  # files that are written while the next is meshed; writing one waits for the disk several times
 
 
 def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
@@ -29,8 +29,8 @@ def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
 
     Args:
         job: "sources", "options" and "store", as `asdict` gives them.
-        tell: is called with "reading" before each source is read, with "solving" as a sign of life, with "finished"
-            and a summary after a source's results are written, and with "stop" if the batch cannot go on.
+        tell: is called with "reading" before each source is read, with "solving" at each step of solving, with
+            "finished" and a summary after a source's results are written, and with "stop" if the batch cannot continue.
         archives: keeps the last archive open.
     """
     options, store = BatchOptions(**job["options"]), Store(**job["store"])
@@ -39,9 +39,9 @@ def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
         _work(sources, options, store, archives, tell)
     except BatchError as error:
         tell({"stop": str(error)})
-    except Exception as error:  # a bug, which must not cost the other files
+    except Exception as error:  # a bug, which must not affect the other files
         if len(sources) > 1:
-            return  # they are tried one by one
+            return  # `workers` retries them one by one
         where = traceback.extract_tb(error.__traceback__)[-1]
         reason = f"unexpected {type(error).__name__} in {Path(where.filename).name}, line {where.lineno}: {error}"
         tell({"finished": store.fail(sources[0], reason)})
@@ -51,7 +51,7 @@ def _work(sources: Sequence[Source], options: BatchOptions, store: Store, archiv
     try:
         usable_device(options.device)
     except OptionError as error:
-        raise BatchError(f"a worker: {error}") from error
+        raise BatchError(f"on a worker: {error}") from error
     fill_options = FillOptions(
         target_edge_length=options.edge_length,
         model="auto",
@@ -72,7 +72,7 @@ def _work(sources: Sequence[Source], options: BatchOptions, store: Store, archiv
         except OSError as error:  # of the disk or the access rights: a resumed batch tries the file again
             reason = f"{source.path}: cannot be read ({error.strerror or error}); check the access rights"
             tell({"finished": store.fail(source, reason)})
-    tell({"solving": ""})  # from here on, no single file is to blame for a fault
+    tell({"solving": ""})  # from here on, a fault cannot be attributed to one file
     rims = _patches([rim for task in tasks for rim in task.rims], fill_options, options, tell)
     curves = _patches([loop for task in tasks for loop in task.curve_loops], fill_options, options, tell, is_rim=False)
     waiting: deque[Future[dict[str, Any]]] = deque()
@@ -94,10 +94,10 @@ def _bytes_of(source: Source, archives: ArchiveReader) -> bytes:
 def _patches(
     loops: list[Any], fill_options: FillOptions, options: BatchOptions, tell: Tell, *, is_rim: bool = True
 ) -> Iterator[SolvedLoop]:
-    """The patch of each loop in order, or why there is none."""
-    for answer in minimal_patches(loops, fill_options, is_rim=is_rim, device=options.device):
+    """The patch of each loop in order, or the reason that there is none."""
+    for solved in minimal_patches(loops, fill_options, is_rim=is_rim, device=options.device):
         tell({"solving": ""})
-        yield answer
+        yield solved
 
 
 def _results(
@@ -115,5 +115,5 @@ def _results(
 
 
 if __name__ == "__main__":
-    warnings.simplefilter("ignore")  # nobody reads this process's standard error; the records hold what matters
+    warnings.simplefilter("ignore")  # standard error is not shown; notes are in the records
     serve(partial(work, archives=ArchiveReader()))

@@ -1,6 +1,6 @@
-"""The output folder of a batch: who may write to it, the records and files of each source, and what is complete.
+"""The output folder of a batch: its lock, and the record and result files of each source.
 
-The record of a source is a JSON file with all that is known of it and its loops. Two runs over the same input differ in
+The record of a source is a JSON file with all results of it and its loops. Two runs over the same input differ in
 the values under "timings" only.
 """
 
@@ -26,9 +26,9 @@ Writer: TypeAlias = Callable[[Path], object]  # writes a file of results
 RUN, RECORD, LOCK, LOG = "run.json", "record.json", ".lock", "failures.log"
 RESULTS, STAGING = "files", ".staging"
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-# From good to bad. "open": a loop that was not to be filled. "imperfect": the patch intersects something, or with
+# From best to worst. "open": a loop that was not to be filled. "imperfect": the patch intersects something, or with
 # `strict` it is not an exact surface within the tolerance. "failed": a loop without a patch, a file with such a loop,
-# or a file that cannot be used. "fault": the file's process died or was ended; a resumed batch tries it again.
+# or a file that cannot be used. "fault": the file's process crashed or was killed; a resumed batch retries it.
 STATUSES = ("done", "open", "imperfect", "failed", "fault")
 _FIGURES = ("vertices", "faces", "curves", "closed", "complete", "watertight", "intersection_free", "filled")
 
@@ -48,7 +48,7 @@ def failure(key: str, reason: str, *, status: str = "failed") -> dict[str, Any]:
 
 
 def summary(record: dict[str, Any]) -> dict[str, Any]:
-    """What the engine needs of a record, which may have very many loops."""
+    """The summary of a record for the engine: without its loops, which may be very many."""
     statuses = [loop["status"] for loop in record["loops"]]
     bad = [loop for loop in record["loops"] if loop["status"] not in ("done", "open")]
     return {
@@ -68,7 +68,7 @@ def explanation(entry: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Store:
-    """The output folder as one run sees it."""
+    """The output folder of one run."""
 
     output: str  # absolute
     token: str  # of the run; a run whose token is no longer in the folder must not write to it
@@ -77,7 +77,7 @@ class Store:
         """The folder of a source's results; BatchError if a link leads out of the output folder."""
         folder = Path(self.output, RESULTS, key)
         if not Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(self.output)):
-            raise BatchError(f"{folder}: leads out of the output folder; remove the link")
+            raise BatchError(f"{folder}: is a link to outside the output folder; remove the link")
         return folder
 
     def record(self, key: str) -> dict[str, Any] | None:
@@ -111,12 +111,14 @@ class Store:
     def commit(self, source: Source, record: dict[str, Any], files: Mapping[str, Writer]) -> dict[str, Any]:
         """Writes the results of a source, all or none, and returns the summary.
 
-        If they cannot be written, the record says why. A BatchError is raised if another run has taken the folder over,
-        a link leads out of it, or the disk is full.
+        If they cannot be written, the record gives the reason. A BatchError is raised if another run has started in the
+        folder, a link leads out of it, or the disk is full.
         """
         held = (self.record(source.key) or {}).get("source", source.key)
         if held != source.key:
-            reason = f"the results of {held} have the same folder on a disk that takes A for a; rename one of the files"
+            reason = (
+                f"{held} has the same results folder, as the disk ignores upper and lower case; rename one of the files"
+            )
             return summary(failure(source.key, reason))
         try:
             self._write(source, record, files)
@@ -126,7 +128,7 @@ class Store:
             reason = str(error)
             if isinstance(cause, OSError):
                 self._require_room(cause)
-                reason = f"its results cannot be written ({cause}); see what is there"
+                reason = f"its results cannot be written ({cause}); check the output folder"
             record = failure(source.key, reason, status="fault")
             with suppress(OSError):
                 self._write(source, record, {})
@@ -145,9 +147,9 @@ class Store:
             try:
                 owner = json.loads(Path(self.output, RUN).read_bytes())["token"]
             except (OSError, ValueError, KeyError) as error:
-                raise BatchError(f"{self.output}: {RUN} cannot be read ({error}); the run ends here") from error
+                raise BatchError(f"{self.output}: {RUN} cannot be read ({error}); this run stops") from error
             if owner != self.token:
-                raise BatchError(f"{self.output}: another run has taken the folder over; this one ends here")
+                raise BatchError(f"{self.output}: another run was started in this folder; this one stops")
 
     def _require_room(self, error: OSError) -> None:
         """Raises a BatchError if nothing can be written to the output folder any more."""
@@ -157,11 +159,13 @@ class Store:
                     return
             except OSError as raised:
                 error = raised
-        raise BatchError(f"{self.output}: cannot be written to ({error.strerror}); make room and resume") from error
+        raise BatchError(
+            f"{self.output}: cannot be written to ({error.strerror}); free space on the disk and resume"
+        ) from error
 
 
 def _stamp(source: Source) -> list[int | str]:
-    """Differs after a source has changed, or cannot be read for another reason."""
+    """The values that show whether a source, or its problem, has changed."""
     return [source.size, source.modified, source.problem]
 
 
@@ -180,12 +184,12 @@ def opened_store(output: str | os.PathLike[str], options: BatchOptions, *, resum
     try:
         root.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
-        raise BatchError(f"{output}: is a file, or lies below one; name a folder") from error
+        raise BatchError(f"{output}: is a file or below a file; choose a folder") from error
     lock = filelock.FileLock(root / LOCK)
     try:
         lock.acquire(timeout=0)
     except filelock.Timeout:
-        raise BatchError(f"{output}: another batch is writing to this folder; wait for it or name another") from None
+        raise BatchError(f"{output}: another batch is writing to this folder; wait for it or choose another") from None
     try:
         settings = json.loads(json_text({"options": asdict(options), "version": program_version()}))
         _require_same_run(root, settings, resume=resume)
@@ -203,16 +207,16 @@ def _require_same_run(root: Path, settings: dict[str, Any], *, resume: bool) -> 
     if held <= {RUN, LOG}:  # no results yet
         return
     if RUN not in held:
-        raise BatchError(f"{root}: holds other things ({min(held)}); name a new folder")
+        raise BatchError(f"{root}: contains other files ({min(held)}); choose a new folder")
     if not resume:
-        raise BatchError(f"{root}: holds a batch already; resume it (--resume, resume=True) or name a new folder")
+        raise BatchError(f"{root}: already contains a batch; resume it (--resume, resume=True) or choose a new folder")
     try:
         before = json.loads((root / RUN).read_bytes())
     except ValueError as error:
-        raise BatchError(f"{root / RUN}: is damaged ({error}); name a new folder") from error
+        raise BatchError(f"{root / RUN}: is damaged ({error}); choose a new folder") from error
     for kind, name in (("options", "options"), ("version", "versions of this program")):
         if before.get(kind) != settings[kind]:
             raise BatchError(
-                f"{root}: was begun with other {name} ({before.get(kind)}, not {settings[kind]}); "
-                "use the same, or name a new folder"
+                f"{root}: was started with other {name} ({before.get(kind)}, not {settings[kind]}); "
+                "use the same, or choose a new folder"
             )

@@ -95,7 +95,7 @@ def _no_formula(value: Any) -> Any:
 
 
 class _PageContent:
-    """What the page shows of the records; its size does not grow with their number."""
+    """The content of the page, collected from the records; of bounded size."""
 
     def __init__(self) -> None:
         self.files: Counter[str] = Counter()
@@ -160,7 +160,7 @@ def _figure(store: Store, loop: dict[str, Any]) -> str:
     lines = [
         loop["source"],
         "" if loop["index"] is None else f"loop {loop['index']} {loop['name']}",
-        "" if residual is None else f"residual {residual:.1e} of an edge",
+        "" if residual is None else f"residual {residual:.1e} per mean edge",
         explanation(loop)[:200],
     ]
     caption = "<br>".join(map(escape, filter(None, lines)))

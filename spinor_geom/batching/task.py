@@ -45,14 +45,14 @@ LONGEST_LABEL = 60  # characters of a loop's name in the name of a file
 
 
 class FileTask:
-    """A mesh file that was read.
+    """A mesh file of a batch, with its holes and curves.
 
     Attributes:
         source: where it was read from.
         filling: its holes; None if it has no faces, or `problem` says why they cannot be filled.
         hole_names: the object and group of each hole, "" where there are none.
         curves: the curves of an OBJ file.
-        problem: why its faces cannot be used although its curves can.
+        problem: why its faces cannot be used, if its curves can.
         rims: the holes to solve, in order.
         curve_loops: the curves to solve, in order.
     """
@@ -131,7 +131,7 @@ class FileTask:
         return self._entry(outcome, self.hole_names[outcome.index], "hole", patch, self._mesh.contents)
 
     def _listed_hole(self, filling: Filling, place: int) -> dict[str, Any]:
-        """A hole that is not to be solved; its reason says why `fill` would leave it open."""
+        """The entry of a hole that is not solved; its reason is why `fill` would leave it open."""
         loop = filling.loops[place]
         outcome = filling.left_open.get(place) or unfilled(place, loop, "")
         entry = self._hole(outcome, None)
@@ -140,8 +140,8 @@ class FileTask:
             self._add_file(entry, "loop", self._format, partial(_write_loop, loop))
         return entry
 
-    def _curve(self, place: int, curve: NamedLoop, answers: Iterator[SolvedLoop]) -> dict[str, Any]:
-        """A curve, filled without regard to the faces and to other curves."""
+    def _curve(self, place: int, curve: NamedLoop, solved: Iterator[SolvedLoop]) -> dict[str, Any]:
+        """The entry of a curve, which is filled independently of the faces and of other curves."""
         if curve.loop is None or curve.error is not None:
             figures: dict[str, Any] = {"index": place, "vertices": len(curve.points), "kind": None}
             figures |= {"reason": str(curve.error), "requested": True, "filled": False, "converged": False}
@@ -157,7 +157,7 @@ class FileTask:
             contents.vertices, np.zeros((0, 3), dtype=np.int64), vertex_attributes=contents.attributes
         )
         alone = replace(self._fill_options, continuity="C0")
-        outcome, patch = fill_loop(PatchedMesh(points), place, loop, next(answers), alone)
+        outcome, patch = fill_loop(PatchedMesh(points), place, loop, next(solved), alone)
         outcome = replace(outcome, first_face=None)  # the filled mesh does not have its faces
         return self._entry(outcome, curve.name, "curve", patch, contents)
 
@@ -221,7 +221,7 @@ def _obj_mesh(data: bytes, text: ObjText) -> MeshFile:
 
 
 def _hole_names(filling: Filling, mesh: MeshFile, text: ObjText | None) -> Iterator[str]:
-    """The name of most of the faces beside each hole; "" without names, or if merging left faces out."""
+    """The most frequent name of the faces at each hole; "" without names, or if merging removed faces."""
     has_names = text is not None and len(text.names) > 1 and len(text.face_names) == len(mesh.polygons)
     for loop in filling.loops:
         if text is None or not has_names:
@@ -233,7 +233,7 @@ def _hole_names(filling: Filling, mesh: MeshFile, text: ObjText | None) -> Itera
 
 
 def _status(outcome: LoopOutcome, *, strict: bool) -> str:
-    """What a loop means for the exit status of `spinor-geom fill`."""
+    """The status of a loop, one of `STATUSES`, by its outcome."""
     if not outcome.requested:
         return "open"
     if not outcome.filled:

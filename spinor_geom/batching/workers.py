@@ -1,4 +1,4 @@
-"""Workers of a batch: threads of this process or of a Dask cluster. Each has a process that solves, and watches it."""
+"""Workers of a batch: threads of this process or of a Dask cluster. Each supervises a process that solves."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _cluster_workers(scheduler: str | Cluster | Client, token: str) -> Iterator[
             threads = client.nthreads
             threads()
         except (OSError, ValueError, RuntimeError, TypeError, AttributeError) as error:
-            raise BatchError(f"{scheduler}: no Dask scheduler answers there ({error}); check the address") from error
+            raise BatchError(f"{scheduler}: cannot connect to a Dask scheduler ({error}); check the address") from error
         executor = client.get_executor(pure=False)
         try:
             yield Workers(
@@ -86,7 +86,7 @@ def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
     """Runs a job of `solver.work` within the limits. Every source gets a record, even if it ends the process.
 
     Returns:
-        "finished": a summary for each source; "stop": why the batch cannot go on, or "".
+        "finished": a summary for each source; "stop": why the batch cannot continue, or "".
     """
     done: list[dict[str, Any]] = []
     deaths: Counter[str] = Counter()
@@ -108,19 +108,19 @@ def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
                 if error.kind == "closed":
                     raise BatchError("the batch has ended") from error
                 if error.kind == "start":
-                    raise BatchError(f"the process that solves cannot start: {error}; see what is installed") from error
+                    raise BatchError(f"the solving process cannot start: {error}; check the installation") from error
                 fault = error
             finished = {one["key"] for one in done}
             waiting = {entry["key"]: entry for entry in block if entry["key"] not in finished}
-            # the file that was being read is to blame, or the only one that is left
+            # the fault is due to the file that was being read, or the only one that is left
             last = {} if fault is None else fault.last
-            guilty = last.get("reading", "") if len(waiting) > 1 else next(iter(waiting), "")
-            if fault is None or guilty not in waiting:
-                blocks.extend([entry] for entry in waiting.values())  # one by one, to find the one to blame
+            faulty = last.get("reading", "") if len(waiting) > 1 else next(iter(waiting), "")
+            if fault is None or faulty not in waiting:
+                blocks.extend([entry] for entry in waiting.values())  # one by one, to find the faulty file
                 continue
-            entry = waiting.pop(guilty)
-            deaths[guilty] += 1
-            if fault.kind == "death" and deaths[guilty] <= limits.retries:
+            entry = waiting.pop(faulty)
+            deaths[faulty] += 1
+            if fault.kind == "death" and deaths[faulty] <= limits.retries:
                 blocks.append([entry])
             else:  # a file that reached a limit would reach it again
                 done.append(Store(**job["store"]).fail(Source(**entry), str(fault)))
@@ -132,7 +132,7 @@ def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
 
 
 def process_of_thread(token: str) -> Process:
-    """The process that solves for this thread, kept from one block and run to the next."""
+    """The process that solves for this thread; later blocks and runs use it again."""
     _, process = _processes.get(threading.get_ident(), (token, None))
     process = process or Process("spinor_geom.batching.solver", ENVIRONMENT)
     _processes[threading.get_ident()] = token, process

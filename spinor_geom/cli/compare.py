@@ -12,7 +12,7 @@ from spinor_geom.fill.loop_choice import boundary_loops, chosen_places
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Compares each chosen loop; one that cannot be compared is reported."""
+    """Compares the surfaces over each chosen loop; complains about a loop that cannot be compared."""
     if arguments.output is not None:
         kept = [path for path in (arguments.input, arguments.baseline) if path is not None]
         require_writable(arguments.output, *kept)
@@ -23,7 +23,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     if not places:
         raise OptionError(f"{arguments.input}: has no boundary loops: the mesh is closed")
     if baseline is not None and len(places) > 1:
-        raise OptionError("a mesh to compare with is over one loop: name that by --loop")
+        raise OptionError("the mesh to compare with (--with) spans one loop; choose the loop with --loop")
     options: dict[str, Any] = {"target_edge_length": arguments.edge_length or "auto"}
     found: dict[str, Comparison] = {}
     with progress("comparing") as bar:

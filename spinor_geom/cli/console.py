@@ -17,7 +17,7 @@ from spinor_geom.files import printable
 
 
 class ExitStatus(enum.IntEnum):
-    """Exit statuses; 1 if the results are written, but some need a check."""
+    """Exit statuses; `IMPERFECT` if the results are written, but some need a check."""
 
     DONE = 0
     IMPERFECT = 1
@@ -112,7 +112,7 @@ class ProgressBar:
 
 @contextmanager
 def progress(label: str) -> Iterator[ProgressBar]:
-    """A progress bar on standard error, only on a terminal, until the context ends."""
+    """A progress bar on standard error while the context is open; nothing without a terminal."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:

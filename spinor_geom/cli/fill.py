@@ -22,14 +22,15 @@ if TYPE_CHECKING:
 
 # columns to leave out on a narrow terminal, in this order
 _OPTIONAL = ("stability", "perimeter", "seconds", "residual", "points")
+# text and style of a loop without a patch, by whether it was requested
 _OPEN = {True: ("open", "red"), False: ("left open", "dim")}
-# columns that are left out if they are empty: the angle between patch and mesh at the rim before and after the
-# continuation (RMS), and the number of intersections
+# columns that are left out if empty: the RMS angle between patch and mesh along the boundary loop before and after the
+# continuation, and the number of intersections
 BEND, CROSSINGS = "bend", "crossings"
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Fills and writes. Outputs that cannot be written are reported before anything is solved."""
+    """Fills the holes and writes the outputs; an output that cannot be written is an error before solving."""
     if arguments.picture is not None:
         require("pyvista", extra="render")
     if arguments.html is not None:
@@ -37,7 +38,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     mesh = read_surface(arguments.input, merge=arguments.merge)
     edge_length: float | Literal["auto"] = arguments.edge_length or "auto"
     known_suffix(arguments.output)
-    require_writable(arguments.output)  # it may replace the input, no other output may
+    require_writable(arguments.output)  # the filled mesh may replace the input; no other output may
     outputs = [arguments.output]
     for path in (arguments.report, arguments.picture, arguments.html):
         if path is not None:
@@ -89,7 +90,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
 def _add_comparisons(
     report: dict[str, Any], result: FillResult, edge_length: float | Literal["auto"]
 ) -> dict[int, Comparison]:
-    """Compares each exact patch with a discrete minimal surface, by loop, and adds the figures to the report."""
+    """Compares each exact patch with a discrete minimal surface and adds the results to the report; by loop index."""
     from spinor_geom.comparison import compare
 
     comparisons = {}
@@ -110,7 +111,7 @@ def _add_comparisons(
 def _show_result(result: FillResult, *, quiet: bool) -> None:
     """Prints a table of loops on a terminal, and warnings on standard error.
 
-    Without a terminal, every other loop gets a line on standard error too, unless `quiet`.
+    Without a terminal, loops filled without warnings are listed on standard error too, unless `quiet`.
     """
     if result.loops:
         rows = [_row(outcome) for outcome in result.loops]

@@ -22,7 +22,7 @@ _MODULES = {  # of the commands that have no module of the same name
     **dict.fromkeys(("view", "render", "morph"), "pictures"),
     **dict.fromkeys(("batch", "bench", "reproduce"), "runs"),
 }
-_UNUSABLE = "2: the arguments or the input cannot be used, or a file cannot be written"
+_UNUSABLE = "2: invalid arguments or input, or a file cannot be written"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -37,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             arguments = build_parser().parse_args(argv)
         finally:
             sys.stdout.flush()  # after --help and --version
-        # imported modules are never garbage: to search them takes half a second, now and at the end
+        # imported modules are never garbage; searching them takes half a second, now and at exit
         gc.disable()
         command = importlib.import_module(f"spinor_geom.cli.{_MODULES.get(arguments.command, arguments.command)}")
         gc.freeze()
@@ -52,8 +52,8 @@ def build_parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="spinor-geom",
         description="Fills holes of meshes with exact minimal surfaces.",
-        epilog="exit status: 0: success; 1: finished, but standard error names results to check; "
-        f"{_UNUSABLE}; 130: interrupted. The help of each command says what 0 and 1 mean for it.",
+        epilog="exit status: 0: success; 1: finished, but some results need a check, see standard error; "
+        f"{_UNUSABLE}; 130: interrupted. The help of each command defines its statuses 0 and 1.",
     )
     parser.add_argument(
         "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="print the version and exit"
@@ -68,7 +68,7 @@ class _Parser(argparse.ArgumentParser):
     """Suggests the nearest option or choice for a mistyped one. The value of `--merge` is optional."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Rejects unknown options here, where the options of the command are known."""
+        """Parses the arguments; an unknown option is an error that suggests the nearest option of the command."""
         texts = list(sys.argv[1:] if args is None else args)
         if _MERGE in self._option_strings():
             texts = _with_merge_values(texts)
@@ -89,7 +89,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _with_merge_values(texts: Sequence[str]) -> list[str]:
-    """Replaces each `--merge` that no number follows by `--merge=rounding`: argparse would take a file name for it."""
+    """Replaces each `--merge` without a number by `--merge=rounding`; argparse would use a file name as its value."""
     end = texts.index("--") if "--" in texts else len(texts)
     following = [*texts[1:], ""]
     return [
@@ -151,17 +151,17 @@ def _path(metavar: str) -> dict[str, Any]:
 
 _Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
 _positive = _checked(float, "a positive number", lambda x: 0 < x < math.inf)
-_from_zero = _checked(float, "a number from 0 on", lambda x: 0 <= x < math.inf)
+_from_zero = _checked(float, "a number of at least 0", lambda x: 0 <= x < math.inf)
 _MERGE, _ROUNDING = "--merge", "rounding"  # the option, and its value if no number is given
 _FORMATS = ", ".join(suffix[1:] for suffix in MESH_SUFFIXES)
 _FLAG: dict[str, Any] = {"action": "store_true"}
 _LENGTH: dict[str, Any] = {"metavar": "LENGTH", "type": _positive}
 _SECONDS: dict[str, Any] = {"metavar": "S", "type": _positive}
-_COUNT: dict[str, Any] = {"metavar": "N", "type": _checked(int, "a number from 1 on", lambda n: n > 0)}
+_COUNT: dict[str, Any] = {"metavar": "N", "type": _checked(int, "a whole number of at least 1", lambda n: n > 0)}
 _NAMES: dict[str, Any] = {"metavar": "NAME[,NAME…]", "type": lambda text: tuple(filter(None, text.split(",")))}
 _SIZE: dict[str, Any] = {"metavar": "SIZE", "type": _checked(_bytes, "a size such as 512M or 4G", lambda n: n > 0)}
 _merge_distance = _checked(
-    lambda text: text == _ROUNDING or float(text), "a number from 0 on", lambda within: 0 <= within < math.inf
+    lambda text: text == _ROUNDING or float(text), "a number of at least 0", lambda within: 0 <= within < math.inf
 )
 _loops = _checked(
     lambda text: [int(part) for part in text.split(",")],
@@ -186,40 +186,40 @@ def _add_fill(commands: _Commands) -> None:
         "fill",
         help="fill the holes of a mesh file",
         epilog="exit status: 0: every requested loop was closed, and no patch intersects itself, the mesh or another "
-        "patch; 1: a loop stayed open, a patch intersects something, or with --strict a patch is discrete or misses "
-        f"the tolerance; standard error names them; {_UNUSABLE}",
+        "patch; 1: a requested loop is still open, a patch has intersections, or with --strict a patch is discrete or "
+        f"exceeds the tolerance, see standard error; {_UNUSABLE}",
     )
     add = fill.add_argument
     _add_input(add)
-    add("-o", "--output", **_path("OUT"), required=True, help="filled mesh; its suffix is its format")
+    add("-o", "--output", **_path("OUT"), required=True, help="filled mesh; the suffix selects the format")
     _add_filling(fill)
-    add("--report", **_path("JSON"), help="write a report")
-    add("--html", **_path("HTML"), help="write a page that shows the filled mesh, for any browser")
-    add("--quiet", **_FLAG, help="without a terminal: print nothing about loops that were filled as requested")
-    add("--picture", **_path("PNG"), help="draw the open mesh beside the filled one, facing the largest patch")
+    add("--report", **_path("JSON"), help="write a JSON report")
+    add("--html", **_path("HTML"), help="write an HTML page that shows the filled mesh")
+    add("--quiet", **_FLAG, help="do not list filled loops on standard error when standard output is not a terminal")
+    add("--picture", **_path("PNG"), help="draw the mesh before and after filling, facing the largest patch")
 
 
 def _add_filling(parser: argparse.ArgumentParser) -> None:
     """The options of `fill` and `batch`: which loops are filled, and how."""
     add, which = parser.add_argument, parser.add_mutually_exclusive_group()
-    only = "fill only these loops, numbered as by 'spinor-geom loops', even borders of sheets; may be repeated"
+    only = "fill only these loops (indices from 'spinor-geom loops'), also borders of sheets; may be repeated"
     which.add_argument("--loop", **_LOOP, help=f"{only} (default: all holes)")
-    together = "join these loops by one surface, and fill no other"
+    together = "connect these loops by one surface, and fill no others"
     which.add_argument("--bridge", metavar="I,J[,K…]", type=_loops, help=together)
-    loose = "join a loose piece in a hole to the hole's rim, or ignore it and fill both separately (default)"
+    loose = "a piece inside a hole: connect it to the rim (join), or fill both loops separately (ignore, default)"
     add("--islands", choices=ISLANDS, default="ignore", help=loose)
     minimal = "C0: minimal surfaces, which meet the mesh at an angle (default)"
-    smooth = "C1: patches that continue its tangents and curvature"
+    smooth = "C1: patches that continue the tangents and curvature of the mesh"
     add("--continuity", choices=CONTINUITY, default="C0", help=f"{minimal}; {smooth}")
-    residual = "largest RMS boundary residual per mean edge of the loop (default: %(default)s)"
+    residual = "largest RMS boundary residual, relative to the mean edge length of the loop (default: %(default)s)"
     add("--tolerance", metavar="T", type=_positive, default=1e-3, help=residual)
     add("--keep-largest", **_FLAG, help="leave the longest loop open")
-    add("--max-perimeter", **_LENGTH, help="leave longer loops open")
-    add("--edge-length", **_LENGTH, help="edge length of the patches (default: each loop's mean edge)")
-    late = "seconds for the exact surface of each loop, which otherwise gets a discrete one (default: %(default)g)"
+    add("--max-perimeter", **_LENGTH, help="leave loops of a larger perimeter open")
+    add("--edge-length", **_LENGTH, help="target edge length of the patches (default: mean edge length of each loop)")
+    late = "seconds for the exact surface of each loop; a discrete one is used after that (default: %(default)g)"
     add("--time-limit", **_SECONDS, default=TIME_LIMIT, help=late)
-    add("--strict", **_FLAG, help="exit with 1 also if a patch is discrete or misses the tolerance")
-    add("--compare", **_FLAG, help="compare each patch with a discrete minimal surface")
+    add("--strict", **_FLAG, help="exit with 1 also if a patch is discrete or exceeds the tolerance")
+    add("--compare", **_FLAG, help="compare each exact patch with a discrete minimal surface")
 
 
 def _add_input(add: Callable[..., Any]) -> None:
@@ -228,7 +228,7 @@ def _add_input(add: Callable[..., Any]) -> None:
 
 
 def _add_merge(add: Callable[..., Any]) -> None:
-    near = "first merge vertices at most TOL apart, in mesh units; without TOL those of equal position up to rounding"
+    near = "first merge vertices at most TOL apart (mesh units); without TOL, vertices equal up to rounding"
     add(_MERGE, metavar="TOL", nargs="?", default=False, type=_merge_distance, help=f"{near} (STL: always)")
 
 
@@ -242,28 +242,28 @@ def _add_loops(commands: _Commands) -> None:
 def _add_compare(commands: _Commands) -> None:
     add = commands.add_parser(
         "compare",
-        help="compare exact minimal surfaces with discrete ones, or with a mesh of yours",
+        help="compare exact minimal surfaces with discrete ones or with a given mesh",
         epilog=f"exit status: 0: every chosen loop was compared; 1: some were not, see standard error; {_UNUSABLE}",
     ).add_argument
     _add_input(add)
-    only = "only these loops, numbered as by 'spinor-geom loops'; may be repeated (default: all)"
+    only = "only these loops (indices from 'spinor-geom loops'); may be repeated (default: all)"
     add("--loop", **_LOOP, help=only)
-    own = "mesh over one loop to compare with: the patch alone (default: a discrete minimal surface)"
+    own = "mesh of one patch to compare with, without the mesh around it (default: a discrete minimal surface)"
     add("--with", dest="baseline", **_path("MY_MESH"), help=own)
-    add("--edge-length", **_LENGTH, help="edge length of the meshes made here (default: each loop's mean edge)")
+    add("--edge-length", **_LENGTH, help="edge length of computed meshes (default: mean edge length of each loop)")
     add("--json", **_FLAG, help="print JSON")
-    add("-o", "--output", **_path("HTML"), help="write a page with the figures and both meshes, for any browser")
+    add("-o", "--output", **_path("HTML"), help="write an HTML page with the results and both meshes")
 
 
 def _add_reproduce(commands: _Commands) -> None:
     add = commands.add_parser(
         "reproduce",
         help="run the experiments of the paper",
-        epilog="exit status: 0: all experiments agree with the paper; 1: some do not, and the report says why; "
-        f"{_UNUSABLE}. The same command continues an interrupted run. Remove the folder to measure everything again.",
+        epilog="exit status: 0: all experiments agree with the paper; 1: some do not, see the report; "
+        f"{_UNUSABLE}. Repeat the command to continue an interrupted run; remove the folder to start again.",
     ).add_argument
     add("names", metavar="NAME", nargs="*", help=f"experiments: {', '.join(EXPERIMENTS)} (default: all)")
-    add("--quick", **_FLAG, help="fewer epochs and coarser grids; the report says what is shortened")
+    add("--quick", **_FLAG, help="fewer epochs and coarser grids; the report lists what was shortened")
     add("-o", "--output", **_path("DIR"), required=True, help="folder for the report, data and pictures")
 
 
@@ -271,16 +271,16 @@ def _add_bench(commands: _Commands) -> None:
     add = commands.add_parser(
         "bench",
         help="compare exact minimal surfaces with discrete ones and with other hole fillers",
-        epilog="exit status: 0: every claim about accuracy holds; 1: some do not, see standard error (missed times are "
-        f"named there, but do not count); {_UNUSABLE}. The same command continues an interrupted run.",
+        epilog="exit status: 0: every claim about accuracy holds; 1: some do not, see standard error, which also "
+        f"lists claims about times that do not hold; {_UNUSABLE}. Repeat the command to continue an interrupted run.",
     ).add_argument
     add("-o", "--output", **_path("DIR"), required=True, help="folder of the run")
     add("--quick", **_FLAG, help="a few cases of each suite, each tool once: less than three minutes")
     compared, alone = "disks, fills, odd, cut-outs, meshes, ragged, reports", "curves, rims, speed, paper, batch"
-    suites = f"with other tools: {compared}; without: {alone} (default: all)"
+    suites = f"suites with other tools: {compared}; without: {alone} (default: all)"
     add("--suite", dest="suites", **_NAMES, help=suites)
-    add("--cases", **_NAMES, help="cases, also as patterns such as 'icosphere-*' (default: all)")
-    add("--methods", **_NAMES, help="methods and tools (default: all)")
+    add("--cases", **_NAMES, help="names of cases, or patterns such as 'icosphere-*' (default: all)")
+    add("--methods", **_NAMES, help="names of methods and tools (default: all)")
     add("--repeat", **_COUNT, help="timed runs per case (default: 3)")
     add("--time-limit", **_SECONDS, help="seconds for one measurement (default: 180, quick: 60)")
     add("--data", **_path("DIR"), help="folder of mesh files (default: data, if it exists)")
@@ -289,28 +289,28 @@ def _add_bench(commands: _Commands) -> None:
 def _add_batch(commands: _Commands) -> None:
     batch = commands.add_parser(
         "batch",
-        help="fill the holes of many mesh files, and span curves",
-        epilog="exit status: 0: 'spinor-geom fill' would exit with 0 for every file; 1: not for the files in "
-        "OUT/failures.log; 2: there are no mesh files, or the batch cannot start or continue",
+        help="fill the holes of many mesh files, and span the curves of OBJ files",
+        epilog="exit status: 0: 'spinor-geom fill' would exit with 0 for every file; 1: it would not "
+        "for the files in OUT/failures.log; 2: no mesh files were found, or the batch cannot start or continue",
     )
     add = batch.add_argument
-    lists = "manifest (.csv with a column path, .jsonl) or archive (.zip, .tar, .tar.gz, ...)"
-    inputs = f"mesh file ({_FORMATS}), folder (with its subfolders), pattern, {lists}"
+    lists = "manifest (.csv with a column 'path', .jsonl) or archive (.zip, .tar, .tar.gz, ...)"
+    inputs = f"mesh file ({_FORMATS}), folder (with its subfolders), glob pattern, {lists}"
     add("inputs", metavar="INPUT", nargs="+", help=inputs)
     add("-o", "--output", **_path("OUT"), required=True, help="folder of the results")
-    what = "fill: triangulations and filled meshes; surface: triangulations and spinor surfaces; loops: the loops alone"
+    what = "fill: patches and filled meshes; surface: patches and spinor surfaces; loops: boundary loops only"
     add("--what", choices=WHAT, default="fill", help=f"{what} (default: %(default)s)")
     add("--format", choices=FORMAT, help="format of the meshes (default: that of each input)")
     _add_merge(add)
     _add_filling(batch)
-    add("--workers", **_COUNT, help="processes that solve (default: one for each core)")
-    add("--scheduler", metavar="ADDRESS", help="use a running Dask cluster instead, such as tcp://host:8786")
-    near = "close curves whose ends are at most so many mean edges apart (default: %(default)s)"
+    add("--workers", **_COUNT, help="number of worker processes (default: one per core)")
+    add("--scheduler", metavar="ADDRESS", help="Dask scheduler to use instead, such as tcp://host:8786")
+    near = "close curves with a gap of at most T mean edge lengths (default: %(default)s)"
     add("--closing", metavar="T", type=_from_zero, default=1e-3, help=near)
-    add("--device", default="cpu", help="device of the batched linear algebra (default: %(default)s)")
-    add("--resume", **_FLAG, help="continue the run in OUT: do what is not complete")
-    add("--memory-limit", **_SIZE, default=4 << 30, help="of a process that solves, such as 512M (default: 4G)")
-    again = "how often a file is tried again after its process died (default: %(default)s)"
+    add("--device", default="cpu", help="device of the batched linear algebra, such as cuda (default: %(default)s)")
+    add("--resume", **_FLAG, help="continue the run in OUT with the files that are not complete")
+    add("--memory-limit", **_SIZE, default=4 << 30, help="memory of each worker process, such as 512M (default: 4G)")
+    again = "how often a file is retried after its process crashed (default: %(default)s)"
     add("--retries", metavar="K", type=int, default=2, help=again)
 
 
@@ -320,28 +320,28 @@ def _add_morph(commands: _Commands) -> None:
         help="animate a surface through its associate family, such as the catenoid into the helicoid",
         epilog=f"exit status: 0: the file was written; {_UNUSABLE}, or the surface has no associate family",
     ).add_argument
-    named = "a name in the gallery, such as catenoid or enneper; an unknown name lists all"
+    named = "a name in the gallery, such as catenoid or enneper; an unknown name prints the list"
     add("surface", metavar="SURFACE", help=f"a saved surface (.safetensors), or {named}")
-    add("-o", "--output", **_path("OUT"), required=True, help="animation (.gif, .mp4), or page with a slider (.html)")
+    add("-o", "--output", **_path("OUT"), required=True, help="animation (.gif, .mp4) or page with a slider (.html)")
     add("--frames", **_COUNT, default=72, help="number of frames of an animation (default: %(default)s)")
 
 
 def _add_pictures(commands: _Commands) -> None:
     view = commands.add_parser(
         "view",
-        help="open a window with a mesh or a surface",
+        help="show a mesh or a saved surface in a window",
         epilog="exit status: 0: the window was closed; 2: the file cannot be read, or there is no display",
     )
     render = commands.add_parser(
         "render",
-        help="draw a mesh or a surface as a PNG, without a display",
+        help="draw a mesh or a saved surface as a PNG; needs no display",
         epilog=f"exit status: 0: the picture was written; {_UNUSABLE}",
     )
     for parser in (view, render):
         add = parser.add_argument
         add("input", **_path("IN"), help=f"mesh file ({_FORMATS}) or saved surface (.safetensors)")
         _add_merge(add)
-        add("--curvature", **_FLAG, help="colour by curvature: Gauss curvature of a surface, |H| of a mesh")
+        add("--curvature", **_FLAG, help="colour by Gauss curvature (surface) or absolute mean curvature (mesh)")
     add("-o", "--output", **_path("PNG"), required=True, help="the picture")
     add("--size", metavar="WxH", type=_pixels, default=(1200, 960), help="in pixels (default: 1200x960)")
     eye = "direction to the viewer: right, back, up (default: 1,-2,1.3); write --eye=-1,... for a negative X"

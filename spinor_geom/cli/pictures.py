@@ -23,7 +23,7 @@ _SIZE = (1024, 768)  # of a window
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Runs one of the commands. Files that cannot be written are reported before anything is computed."""
+    """Runs `view`, `render` or `morph`; an output that cannot be written is an error before any computation."""
     {"view": _view, "render": _render, "morph": _morph}[arguments.command](arguments)
     return ExitStatus.DONE
 
@@ -32,12 +32,12 @@ def _view(arguments: argparse.Namespace) -> None:
     require("pyvista", extra="render")
     if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")):
         raise RenderError(
-            "there is no display to open a window on; 'spinor-geom render IN -o out.png' draws a picture without one, "
-            "'spinor-geom fill ... --html report.html' writes a page for any browser"
+            "there is no display for a window; draw a picture with 'spinor-geom render IN -o out.png', or write a page "
+            "with 'spinor-geom fill ... --html report.html'"
         )
     shape = _shape(arguments.input, arguments.merge)
     scene = Scene(layers=shape.portrait(curvature=arguments.curvature).layers, title=arguments.input.name)
-    draw_apart([scene], _SIZE, [0.0], None, time_limit=math.inf)  # as long as it is looked at
+    draw_apart([scene], _SIZE, [0.0], None, time_limit=math.inf)  # until the user closes the window
 
 
 def _render(arguments: argparse.Namespace) -> None:
@@ -72,7 +72,7 @@ def _shape(path: Path, merge: bool | float) -> Shape:
     if path.suffix.lower() != SURFACE_SUFFIX:
         return shape_of(read_surface(path, merge=merge))
     if merge is not False:
-        raise OptionError(f"{path}: is a saved surface and has no vertices to merge; leave --merge out")
+        raise OptionError(f"{path}: is a saved surface, which has no vertices to merge; remove --merge")
     from spinor_geom.surface.spinor_surface import SpinorSurface
 
     return shape_of(SpinorSurface.load(path))

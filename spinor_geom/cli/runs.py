@@ -13,7 +13,7 @@ DATA = Path("data")  # in the root of a clone
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Runs one of the commands."""
+    """Runs `batch`, `bench` or `reproduce`."""
     return {"batch": _batch, "bench": _bench, "reproduce": _reproduce}[arguments.command](arguments)
 
 
@@ -30,7 +30,7 @@ def _batch(arguments: argparse.Namespace) -> ExitStatus:
     done = result.progress
     show_lines(f"{_counts(done)}, {done.seconds:.1f} s; table: {result.table}, page: {result.page}", piped=False)
     if not result.complete:
-        complain(f"{done.files_failed} of {done.files} files are not done; see {result.log}")
+        complain(f"{done.files_failed} of {done.files} files have failures; see {result.log}")
     return ExitStatus.DONE if result.complete else ExitStatus.IMPERFECT
 
 
@@ -70,7 +70,7 @@ def _bench(arguments: argparse.Namespace) -> ExitStatus:
     show_lines(f"report: {arguments.output / PAGE}", piped=False)
     missed = [claim for claim in found if not claim.met]
     for claim in missed:
-        complain(f"{claim.case}: missed ({claim.kind}): {claim.text}: {claim.measured}")
+        complain(f"{claim.case}: {claim.kind} claim not met: {claim.text}: {claim.measured}")
     return ExitStatus.IMPERFECT if any(claim.kind == "accuracy" for claim in missed) else ExitStatus.DONE
 
 
@@ -87,7 +87,7 @@ def _reproduce(arguments: argparse.Namespace) -> ExitStatus:
             names, arguments.output, quick=arguments.quick, on_done=lambda _: bar(next(finished), len(names))
         )
     rows = [[one.name, "yes" if one.holds else "no", f"{one.seconds:.1f}"] for one in done]
-    show_table(("experiment", "seen", "seconds"), rows, piped=False)
+    show_table(("experiment", "agrees", "seconds"), rows, piped=False)
     show_lines(f"report: {arguments.output / PAGE}", piped=False)
     for one in done:
         if not one.holds:

@@ -9,11 +9,11 @@ from spinor_geom.fill.merging import merged
 
 
 def read_surface(path: Path, *, merge: bool | float) -> MeshFile:
-    """Reads a mesh file, which must have faces, and merges its vertices."""
+    """Reads a mesh file, which must have faces, and merges its vertices as `fill_hole` does."""
     mesh = read_mesh(path)
     if not len(mesh.mesh.faces):
         raise MeshFileError(
-            f"{path}: has no faces to fill or to draw; 'spinor-geom batch' spans the curves of OBJ files",
+            f"{path}: has no faces; span the curves of an OBJ file with 'spinor-geom batch'",
             path=path,
         )
     found: MeshFile = merged(mesh, merge)
@@ -21,11 +21,11 @@ def read_surface(path: Path, *, merge: bool | float) -> MeshFile:
 
 
 def require_writable(path: Path, *kept: Path) -> None:
-    """Raises a MeshFileError if a file cannot be written to the path, or is one of those to keep."""
+    """Raises a MeshFileError if the path cannot be written to, or is one of the files to keep."""
     if path.resolve() in (other.resolve() for other in kept):
-        raise MeshFileError(f"{path}: is named twice, and would be lost; name another file", path=path)
+        raise MeshFileError(f"{path}: is given twice and would be overwritten; choose another file", path=path)
     if path.is_dir():
-        raise MeshFileError(f"{path}: is a folder; name a file in it", path=path)
+        raise MeshFileError(f"{path}: is a folder; give the path of a file", path=path)
     above = next(folder for folder in path.absolute().parents if folder.exists())
     if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
-        raise MeshFileError(f"{path}: cannot be written, {above} is not a folder that may be written to", path=path)
+        raise MeshFileError(f"{path}: cannot be written, {above} is not a writable folder; choose another", path=path)

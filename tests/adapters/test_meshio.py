@@ -77,9 +77,9 @@ def test_files_of_meshio_s_formats_are_filled_and_written_back(tmp_path: Path, s
 
 
 def test_what_is_no_surface_in_space_is_refused_with_what_to_do() -> None:
-    with pytest.raises(MeshShapeError, match=r"no faces \(tetra\); give its surface"):
+    with pytest.raises(MeshShapeError, match=r"not faces \(tetra\); extract its surface"):
         to_mesh(meshio.Mesh(CUBE_POINTS, [("tetra", [[0, 1, 2, 4]])]))
-    with pytest.raises(MeshShapeError, match="no third coordinate; append one"):
+    with pytest.raises(MeshShapeError, match="append a third coordinate"):
         to_mesh(meshio.Mesh(CUBE_POINTS[:, :2], [("quad", CUBE_QUADS)]))
     with pytest.raises(VertexIndexError):
         to_mesh(meshio.Mesh(CUBE_POINTS[:3], [("triangle", [[0, 1, 3]])]))

@@ -93,9 +93,9 @@ def test_blocks_of_any_size_give_the_same(lines: list[str], size: int, newline: 
 def test_a_mistake_has_its_line_in_every_block(monkeypatch: pytest.MonkeyPatch) -> None:
     text = "v 0 0 0\n" * 3 + "f 1 2 3\n" * 50 + "# a \\\n b\n\nf 1 2 4\n"
     monkeypatch.setattr(obj, "BLOCK_SIZE", 16)
-    assert "a.obj, line 57: '4' names a vertex that does not exist, the file has 3" in str(read(text))
-    assert "a.obj, line 57: 'x' is no corner" in str(read(text.replace("4", "x")))
-    assert "line 38: a zero byte" in str(read(text[:300] + "\0"))
+    assert "a.obj, line 57: vertex 4 does not exist, the file has 3" in str(read(text))
+    assert "a.obj, line 57: 'x' is not a corner" in str(read(text.replace("4", "x")))
+    assert "line 38: has a zero byte" in str(read(text[:300] + "\0"))
 
 
 def test_vertices_may_follow_the_faces_that_use_them(monkeypatch: pytest.MonkeyPatch) -> None:

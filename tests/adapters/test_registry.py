@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.mark.parametrize(
     ("thing", "said"),
     [
-        (3.5, "float is not a mesh type"),
+        (3.5, "float is not a supported mesh type"),
         (None, "NoneType is not"),
         ((np.zeros((3, 3)), np.zeros((1, 3)), 1), r"tuple of 3 \(numpy.ndarray, numpy.ndarray, int\)"),
         ((np.zeros((3, 3)), torch.zeros((1, 3))), r"tuple of 2 \(numpy.ndarray, torch.Tensor\)"),

@@ -100,5 +100,5 @@ def test_needles_are_left_out_and_counted(tmp_path: Path) -> None:
     assert len(file.mesh.faces) == 11
     assert file.notes == (
         "vertices of equal position were merged: 39 became 8",
-        "faces left out as two of their corners are one: 2",
+        "degenerate faces were removed after merging: 2",
     )

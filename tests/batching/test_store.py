@@ -34,6 +34,6 @@ def test_results_of_names_that_a_disk_takes_for_the_same_do_not_replace_one_anot
     # what a disk without capitals finds under the other name
     store.folder(first.key).rename(store.folder(second.key))
     refused = store.commit(second, {**done, "source": second.key}, {})
-    assert (refused["status"], "the results of in/A.obj" in refused["reason"]) == ("failed", True)
+    assert (refused["status"], "in/A.obj has the same results folder" in refused["reason"]) == ("failed", True)
     assert (store.record(second.key) or {})["source"] == first.key
     assert store.completed(second) is None

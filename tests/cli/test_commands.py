@@ -265,7 +265,7 @@ def test_merge_takes_numbers_only(command: str, text: str) -> False:
 def test_a_merge_distance_that_is_none_is_a_usage_error(merge: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["loops", "in.obj", merge])
-    assert "is not a number from 0 on" in capsys.readouterr().err
+    assert "is not a number of at least 0" in capsys.readouterr().err
 
 
 def test_stl_files_need_no_merge(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -553,7 +553,7 @@ def test_a_morph_s_folder_is_made_and_one_that_cannot_be_is_refused_before_anyth
     (tmp_path / "file").touch()
     monkeypatch.setattr("spinor_geom.gallery.named_surface", lambda _: pytest.fail("solved"))
     assert main(["morph", "catenoid", "-o", str(tmp_path / "file" / "turned.html")]) == 2
-    assert f"{tmp_path / 'file'} is not a folder" in capsys.readouterr().err
+    assert f"{tmp_path / 'file'} is not a writable folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", ["fill", "loops", "render"])
@@ -655,7 +655,7 @@ def test_compare_takes_a_mesh_over_one_loop(
     assert "given mesh" in capsys.readouterr().out
     for wrong, said in (
         ([], "--loop"),
-        (["--loop", "0"], "not over the same rim"),
+        (["--loop", "0"], "another boundary than the surface"),
         (["--loop", "7"], "does not exist"),
     ):
         assert main([*command, *wrong]) == 2

@@ -129,4 +129,4 @@ def test_vertices_are_merged_before_a_mesh_is_drawn(tmp_path: Path, monkeypatch:
 
 def test_a_saved_surface_has_no_vertices_to_merge(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["render", "--merge", str(saved), "-o", str(saved.with_suffix(".png"))]) == 2
-    assert "leave --merge out" in capsys.readouterr().err
+    assert "remove --merge" in capsys.readouterr().err

@@ -44,7 +44,7 @@ def test_the_border_of_a_sheet_stays_open_with_the_reason(name: str) -> None:
     assert border.is_border
     assert (border.requested, border.filled, border.kind) == (False, False, None)
     assert "border of a sheet" in border.reason
-    assert "name it in loop=" in border.reason
+    assert "give its index in loop=" in border.reason
     assert all(hole.converged for hole in holes)
     assert report.closed
     assert report.complete

@@ -109,7 +109,7 @@ def test_pieces_inside_out_to_each_other_are_refused() -> None:
     )
     _, report = fill_hole(mesh, bridge=pair, return_report=True)
     assert not report.loops[pair[0]].filled
-    assert "turn the faces of one piece over" in report.loops[pair[0]].reason
+    assert "flip the faces of one piece" in report.loops[pair[0]].reason
 
 
 def test_island_is_recognised_and_joined() -> None:

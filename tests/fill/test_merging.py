@@ -180,7 +180,7 @@ class OwnAdapter:
 def test_types_that_cannot_be_merged_are_refused() -> None:
     register(OwnAdapter())
     for mesh in (Own(), trimesh.Scene([as_trimesh(*soup(0.0))])):
-        with pytest.raises(OptionError, match="cannot be merged here"):
+        with pytest.raises(OptionError, match="cannot merge vertices"):
             fill_hole(mesh, merge=True)
 
 
