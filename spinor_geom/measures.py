@@ -95,7 +95,7 @@ def mesh_samples(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3
 
 
 def distances_to_mesh(
-    points: Float[np.ndarray, "k 3"], vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]
+    points: Float[np.ndarray, "k 3"], vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f c"]
 ) -> Float[np.ndarray, " k"]:
     """Exact distances of points from a mesh of triangles or of segments."""
     squared, _, _ = igl.point_mesh_squared_distance(

@@ -13,7 +13,7 @@ from spinor_geom.mesh.spacing import edge_lengths
 
 Rim = Float[np.ndarray, "m 3"]
 OtherRim = Float[np.ndarray, "n 3"]
-Places = tuple[Complex[np.ndarray, " m"], Complex[np.ndarray, " n"]]
+Places = tuple[Complex[np.ndarray, " _"], Complex[np.ndarray, " _"]]  # of both rims
 
 _MOST_POINTS = 128  # of a loop in the search for the strip; longer ones are thinned
 _FIRST_CHANGE = 1e-3  # relative change at which the conformal structure of the first annulus is accurate enough

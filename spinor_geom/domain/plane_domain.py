@@ -77,7 +77,7 @@ class SplineBoundary:
 class FourierBoundary:
     """The analytic closed curve z(t) = Σ_k c_k e^{2πikt}, k = −K … K, with vertices at equal steps of t; no corners."""
 
-    def __init__(self, coefficients: Complex[np.ndarray, " 2K+1"], count: int) -> None:
+    def __init__(self, coefficients: Complex[np.ndarray, " odd"], count: int) -> None:
         """Takes the coefficients from c_{−K} to c_K and the number of vertices."""
         self.coefficients = shared(np.array(coefficients, dtype=np.complex128))
         self.parameters = shared(np.linspace(0.0, 1.0, count + 1))
@@ -95,7 +95,7 @@ class FourierBoundary:
         return cls(np.array([radius, centre, 0.0]), count)
 
     @property
-    def frequencies(self) -> Int[np.ndarray, " 2K+1"]:
+    def frequencies(self) -> Int[np.ndarray, " odd"]:
         """The frequencies k of the coefficients, −K … K."""
         highest = len(self.coefficients) // 2
         return np.arange(-highest, highest + 1)
@@ -115,7 +115,7 @@ class FourierBoundary:
         spectrum[:, k] = (2j * np.pi * k) ** np.arange(3)[:, None] * self.coefficients
         return np.asarray(np.fft.ifft(spectrum, axis=1) * n)
 
-    def _sum(self, c: Complex[np.ndarray, " 2K+1"], t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+    def _sum(self, c: Complex[np.ndarray, " odd"], t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         e = np.exp(2j * np.pi * np.asarray(t, dtype=np.float64))
         middle = len(c) // 2
         # positive and negative powers separately: one polynomial would need the factor e^{-2πiKt}

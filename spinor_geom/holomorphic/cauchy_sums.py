@@ -86,7 +86,7 @@ def fast_sums(
     return result
 
 
-_Pairs = tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]  # indices of target clusters, ascending, and of segments
+_Pairs = tuple[Int[np.ndarray, " _"], Int[np.ndarray, " _"]]  # indices of target clusters, ascending, and of segments
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

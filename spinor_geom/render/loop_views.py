@@ -185,7 +185,7 @@ def _poles(surface: SpinorSurface) -> Complex[np.ndarray, " k"]:
     return np.zeros(0, dtype=np.complex128)
 
 
-def _zeros(surface: SpinorSurface) -> list[Complex[np.ndarray, " k"]]:
+def _zeros(surface: SpinorSurface) -> list[Complex[np.ndarray, " _"]]:
     """The zeros of p and those of q in Ω; empty if p or q vanishes on ∂Ω, as on a plane, or zeros were not located."""
     try:
         return [np.array([zero.z for zero in zeros], dtype=np.complex128) for zeros in surface.spinor_zeros()]

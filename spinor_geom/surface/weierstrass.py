@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Inexact
 from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
@@ -42,7 +42,7 @@ class WeierstrassSurface(torch.nn.Module):
         self.domain = domain
         self.constant = torch.nn.Parameter(constant.detach().clone())
 
-    def position(self, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+    def position(self, z: Inexact[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Positions r(z), shape (*pts, 3)."""
         nodes, weights = (torch.tensor(a).to(self.constant.device) for a in rule("gauss", _ORDER))
 

@@ -212,7 +212,7 @@ class _Training:
             self.network, nodes.z, fit, damping=damping, tolerance=tolerance, max_steps=steps, on_step=record
         ).boundary
 
-    def _slide(self, matching: Float[np.ndarray, "n 2"], nodes: BoundaryNodes) -> Float[Tensor, " n"]:
+    def _slide(self, matching: Float[np.ndarray, "n 2"], nodes: BoundaryNodes) -> Float[Tensor, " k"]:
         return torch.as_tensor(interpolate_matching(matching, nodes.t.cpu().numpy()), device=self.device)
 
     def _misfit(self, matching: Float[np.ndarray, "n 2"], count: int) -> Misfit:
