@@ -1,6 +1,6 @@
-"""Checks the shapes that spinor_geom's annotations state, while its tests run (`-p tests.shapes` in pyproject.toml).
+"""Checks that arrays have the shapes that annotations state: `pytest -p tests.shapes tests/mesh`.
 
-Only arrays are checked: what mypy can check it has checked already.
+Only arrays are checked; mypy checks the other types.
 """
 
 import inspect
@@ -15,7 +15,7 @@ from jaxtyping import AbstractArray, install_import_hook
 
 
 def arrays_checked(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function, which raises a TypeError where an array is not as its annotation says."""
+    """Wraps a function so that it raises a TypeError if an array does not match its annotation."""
     signature = inspect.signature(function)
     hints: dict[str, Any] = {}
 

@@ -120,6 +120,6 @@ def test_missing_or_misshapen_attributes_are_refused() -> None:
     mesh = TriangleMesh(vertices, faces, vertex_attributes={"color": np.zeros((8, 3))})
     with pytest.raises(MeshShapeError, match="'color'"):
         extend(mesh, lid())
-    with pytest.raises(MeshShapeError, match="'color' has 3 numbers"):
+    with pytest.raises(MeshShapeError, match="'color' has 3 columns"):
         extend(mesh, lid(color=np.zeros((1, 4))))
     assert len(extend(mesh, nothing()).vertices) == 8

@@ -374,7 +374,7 @@ def test_meshes_that_are_shown_again_and_again_are_bounded(monkeypatch: pytest.M
 
     assert len(parsed(with_tree(GOOD, show)).mesh.vertices) == 240
     monkeypatch.setattr(glb, "MOST_ROWS", 2000)
-    with pytest.raises(MeshFileError, match="more than 2,"):
+    with pytest.raises(MeshFileError, match="over 2,"):
         parsed(with_tree(GOOD, show))
 
 
