@@ -43,7 +43,11 @@ def test_quad_with_reflex_corner_is_split_along_its_inner_diagonal() -> None:
 
 @pytest.mark.parametrize(
     ("bad", "words"),
-    [([0, 1, 2, 4], "face 1 has vertex index 4"), ([0, 1, 2, -1], "face 1 has vertex index -1"), ([0, 1], "has 2 corners")],
+    [
+        ([0, 1, 2, 4], "face 1 has vertex index 4"),
+        ([0, 1, 2, -1], "face 1 has vertex index -1"),
+        ([0, 1], "has 2 corners"),
+    ],
 )
 def test_polygons_that_are_no_faces_are_named(bad: list[int], words: str) -> None:
     with pytest.raises(VertexIndexError, match=words):
