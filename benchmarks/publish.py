@@ -17,10 +17,10 @@ from PIL import Image
 
 from spinor_geom.bench.cases import known_kind
 from spinor_geom.bench.claims import LEAST_POINTS, Figure, claims
-from spinor_geom.bench.figures import DISTANCE
 from spinor_geom.bench.machine import Record, is_older
+from spinor_geom.bench.measured import DISTANCE
+from spinor_geom.bench.run_tables import LOCAL, csv_text, filler_table, method_name, pieces_of, scale_of
 from spinor_geom.bench.runner import PICTURED, SUITES, VIEWS, read_records
-from spinor_geom.bench.tables import LOCAL, csv_text, filler_table, method_name, pieces_of, scale_of
 from spinor_geom.files import atomic_path, write_text
 from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.tables import Table

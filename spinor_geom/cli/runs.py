@@ -51,8 +51,8 @@ def _counts(now: BatchProgress) -> str:
 
 def _bench(arguments: argparse.Namespace) -> ExitStatus:
     from spinor_geom.bench.claims import claims
+    from spinor_geom.bench.run_tables import PAGE, claim_table, trouble_table, write
     from spinor_geom.bench.runner import Settings, measure
-    from spinor_geom.bench.tables import PAGE, claim_table, trouble_table, write
 
     own = ("suites", "cases", "methods", "repeat", "time_limit", "data")
     chosen = {name: value for name, value in vars(arguments).items() if name in own and value is not None}

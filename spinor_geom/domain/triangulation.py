@@ -102,6 +102,7 @@ def triangulate_polygon(
 
     Source: Ruppert (1995), A Delaunay refinement algorithm for quality 2-dimensional mesh generation, J. Algorithms 18.
     """
+    _require_region((boundary, *holes))
     wanted = size or graded_size(boundary, *holes)
     return triangulate_regions([(boundary, *holes)], lambda z, _: wanted(z))[0]
 
@@ -173,8 +174,11 @@ def _require_region(polygons: Sequence[Polygon]) -> tuple[complex, float]:
         if number:
             name, sign, directions = "a hole", -1, directions[::-1]
         m = len(polygon)
-        if m < 3 or not np.isfinite(polygon).all():
-            raise DomainError(f"{name} needs at least 3 finite vertices, got {m}", vertices=m)
+        if m < 3:
+            raise DomainError(f"{name} needs at least 3 vertices, got {m}", vertices=m)
+        if not np.isfinite(polygon).all():
+            first = int(np.argmin(np.isfinite(polygon)))
+            raise DomainError(f"vertex {first} of {name} is NaN or infinite; correct it", vertices=m)
         if sign * _area(polygon) <= 0:
             raise DomainError(f"{name} runs {directions[0]} or has no area; give it {directions[1]}", vertices=m)
     boundary = np.concatenate(polygons)

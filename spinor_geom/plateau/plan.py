@@ -259,9 +259,10 @@ def _surface_over(
         raise
     except SpinorGeomError:
         return None
+    if not isinstance(solution, PlateauSolution):
+        return None
     # a surface between rims that misses them bounds something else
-    is_found = isinstance(solution, PlateauSolution) and (part.is_disk or solution.converged)
-    return solution if is_found else None
+    return solution if part.is_disk or solution.converged else None
 
 
 def _lower_on_circles(problem: PlateauProblem, solution: PlateauSolution) -> PlateauSolution | None:

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from spinor_geom.adapters import read_mesh
-from spinor_geom.bench import runner, tables
+from spinor_geom.bench import run_tables, runner
 from spinor_geom.bench.claims import CAP_DISTANCES, claims
 from spinor_geom.bench.cut_outs import CAPS, PER_SCAN, WINDOWS, named_cut_out, scan_names
-from spinor_geom.bench.figures import DISTANCE, cut_out_figures, hole_figures, rim_bend
 from spinor_geom.bench.fillers import Filled
+from spinor_geom.bench.measured import DISTANCE, cut_out_figures, hole_figures, rim_bend
 from spinor_geom.bench.odd_holes import odd_holes
+from spinor_geom.bench.run_tables import pieces_of, scale_of
 from spinor_geom.bench.runner import Settings, chosen_tasks, measure
-from spinor_geom.bench.tables import pieces_of, scale_of
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_disk, is_watertight
@@ -189,7 +189,7 @@ def test_a_run_of_cut_outs_tells_who_is_nearest(tmp_path, monkeypatch):
     assert ours["status"] == theirs["status"] == "done"
     # a soap film lies flatter than the torus
     assert 0.01 < ours["distance"] < 0.2
-    by_title = {table.title: table for table in tables.tables(run.records)}
+    by_title = {table.title: table for table in run_tables.tables(run.records)}
     fillers = by_title["Cut-outs: fillers compared with what was removed"]
     tests = by_title["Odd rims, and test cases of other projects"]
     assert fillers.rows[0][:2] == ("spinor-fill", "1 of 1")
@@ -197,8 +197,8 @@ def test_a_run_of_cut_outs_tells_who_is_nearest(tmp_path, monkeypatch):
     assert fillers.columns[-1] == "curved"
     assert fillers.rows[0][-1].startswith("**")
     assert tests.rows[0][1].startswith("closed, ")
-    tables.write(run)
-    text = (tmp_path / tables.PAGE).read_text(encoding="utf-8")
+    run_tables.write(run)
+    text = (tmp_path / run_tables.PAGE).read_text(encoding="utf-8")
     assert "From left to right: removed, spinor-fill." in text
     pieces = pieces_of(tmp_path / "views" / "torus-outside-0.4")
     removed, patch = pieces.values()

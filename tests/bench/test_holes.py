@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from spinor_geom.bench.cases import KNOWN, known_case, points_limit
-from spinor_geom.bench.figures import disk_figures, hole_figures
 from spinor_geom.bench.fillers import FILLERS, OURS, Filled
 from spinor_geom.bench.holes import hole_over
+from spinor_geom.bench.measured import disk_figures, hole_figures
 from spinor_geom.bench.odd_holes import odd_holes
 from spinor_geom.bench.ragged import CUT, NOISY, ragged_hole
 from spinor_geom.errors import OptionError

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from spinor_geom.bench import runner, tables
+from spinor_geom.bench import run_tables, runner
 from spinor_geom.bench.runner import SUITES, Settings, measure
 from tests.bench.test_run import in_this_process
 
@@ -23,7 +23,7 @@ def test_a_run_becomes_csv_and_tables_and_takes_the_place_of_an_earlier_one(publ
     monkeypatch.setattr(runner, "run_isolated", in_this_process)
     run = tmp_path / "run"
     settings = Settings.short(suites=("disks", "odd"), cases=("enneper-0.8", "open-cone"), methods=("spinor", "cgal"))
-    tables.write(measure(settings, run))
+    run_tables.write(measure(settings, run))
     readme = tmp_path / "README.md"
     readme.write_text(f"before\n\n{publish.BEGIN}\nold\n{publish.END}\nafter\n", encoding="utf-8")
     monkeypatch.setattr(publish, "HERE", tmp_path)

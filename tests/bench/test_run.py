@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinor_geom.bench import runner, tables
+from spinor_geom.bench import run_tables, runner
 from spinor_geom.bench.claims import REFERENCE, REFERENCE_SHARE, claims, judged
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
 from spinor_geom.bench.machine import machine
@@ -152,12 +152,12 @@ def test_a_killed_run_goes_on(tmp_path, monkeypatch):
     assert ours["distance_max"] < 0.01
     assert by_method["spinor", "plane-square", 16]["mesh_area_error"] < 1e-14
     assert by_method["spinor-fill", "plane-square", 16]["open_rim_edges"] == 0
-    tables.write(run)
-    text = (folder / tables.PAGE).read_text(encoding="utf-8")
+    run_tables.write(run)
+    text = (folder / run_tables.PAGE).read_text(encoding="utf-8")
     assert "http" not in text.replace("http-equiv", "")
     assert "enneper-0.5" in text
     assert len(text) < 5_000_000
-    rows = list(csv.DictReader((folder / tables.CSV).read_text(encoding="utf-8").splitlines()))
+    rows = list(csv.DictReader((folder / run_tables.CSV).read_text(encoding="utf-8").splitlines()))
     assert len(rows) == total
     # figures of other versions are not mixed in
     description = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
@@ -209,10 +209,10 @@ def test_seconds_under_unlike_loads_are_not_compared():
 
 
 def test_rows_of_ours_tell_when_the_code_has_changed_since():
-    assert tables.method_name(loop_record()) == "spinor"
-    assert tables.method_name(loop_record(commit="0.1.0.dev0+g000000000")) == "spinor †"
+    assert run_tables.method_name(loop_record()) == "spinor"
+    assert run_tables.method_name(loop_record(commit="0.1.0.dev0+g000000000")) == "spinor †"
     # peers are as they were
-    assert tables.method_name(libigl_record(commit="0.1.0.dev0+g000000000")) == "libigl"
+    assert run_tables.method_name(libigl_record(commit="0.1.0.dev0+g000000000")) == "libigl"
 
 
 def test_limits_are_kept_or_missed():
@@ -239,16 +239,16 @@ def test_rows_that_leave_edges_open_without_a_word_are_marked():
     odd |= {"nonmanifold_edges": 0, "told": "", "open_rim_edges": 12, "succeeded": None, "patches": 0}
     honest = {**odd, "method": "h", "succeeded": False, "told": "refused"}
     crashed = {"suite": "odd", "status": "crashed", "case": "slit", "method": "c", "reason": "signal 11"}
-    table = tables.odd_table([odd, honest, crashed])
+    table = run_tables.odd_table([odd, honest, crashed])
     assert table.marked == {0}
     assert [row[1] for row in table.rows] == ["12 open !", "refused", "crashed"]
-    assert tables.left_open(odd) == "12 open !"
-    assert tables.left_open(honest) == "12 open"
+    assert run_tables.left_open(odd) == "12 open !"
+    assert run_tables.left_open(honest) == "12 open"
 
 
 def test_a_run_with_a_missing_tool_says_so():
     missing = {"suite": "fills", "status": "missing", "case": "c", "method": "open3d", "n": 64}
-    table = tables.trouble_table([{**missing, "reason": "open3d is not installed"}])
+    table = run_tables.trouble_table([{**missing, "reason": "open3d is not installed"}])
     assert table.rows == [("open3d", "missing", "all", "open3d is not installed")]
 
 
@@ -264,8 +264,8 @@ def test_the_page_needs_nothing_from_elsewhere(tmp_path):
         )
     records = [loop_record(), libigl_record(), loop_record(n=128, seconds=0.2)]
     run = Run(folder=tmp_path, description={"settings": settings, "machine": machine()}, records=records)
-    tables.write(run)
-    whole = (tmp_path / tables.PAGE).read_text(encoding="utf-8")
+    run_tables.write(run)
+    whole = (tmp_path / run_tables.PAGE).read_text(encoding="utf-8")
     # the viewer's program names what it does not ask for
     text = re.sub(r"<script>.*?</script>", "", whole, flags=re.DOTALL)
     for outside in ('src="http', "href=", "@import", "fetch(", "url("):
@@ -279,7 +279,7 @@ def test_the_command_measures_and_says_what_is_missed(tmp_path, capsys, monkeypa
     chosen = ["--suite", "disks", "--cases", "plane-square", "--methods", "spinor,libigl"]
     status = main(["bench", "--quick", *chosen, "-o", str(folder)])
     assert status == 0
-    assert (folder / tables.PAGE).exists()
+    assert (folder / run_tables.PAGE).exists()
     assert capsys.readouterr().err == ""
     assert main(["bench", "--cases", "nothing", "-o", str(folder)]) == 2
     assert "there is no case 'nothing'" in capsys.readouterr().err

@@ -10,7 +10,7 @@ import spinor_geom
 from spinor_geom import gallery, read_mesh, solve_plateau
 from spinor_geom.bench import batches
 from spinor_geom.bench.claims import WORKER_MIB, claims
-from spinor_geom.bench.figures import null_error, solve_figures, untrue
+from spinor_geom.bench.measured import null_error, solve_figures, untrue
 from spinor_geom.bench.solves import QUICK, solves
 from spinor_geom.bench.tasks import run as run_task
 from spinor_geom.plateau.evidence import Evidence

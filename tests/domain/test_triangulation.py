@@ -315,3 +315,11 @@ def test_seeds_outside_the_polygon_are_left_out(n, seed, reach, spacing):
 def test_points_that_are_not_finite_are_refused(bad):
     with pytest.raises(DomainError, match="not finite"):
         ConstrainedDelaunay(np.array([0, 1, 1 + 1j, 1j, bad + 0.5j]), [(4,)])
+
+
+@pytest.mark.parametrize(
+    "polygon", [np.zeros(0, complex), np.array([0, 1]), np.array([0, 1, np.nan, 1j]), np.array([0, 1, np.inf])]
+)
+def test_polygons_without_an_inside_are_typed_errors(polygon):
+    with pytest.raises(DomainError):
+        triangulate_polygon(polygon.astype(complex))

@@ -12,9 +12,9 @@ from textwrap import shorten
 import numpy as np
 
 from spinor_geom.bench.claims import Figure, claims, is_whole, names
-from spinor_geom.bench.figures import DISTANCE, REMOVED
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, SMOOTH
 from spinor_geom.bench.machine import Record, is_older, machine_text
+from spinor_geom.bench.measured import DISTANCE, REMOVED
 from spinor_geom.bench.runner import VIEWS, Run
 from spinor_geom.files import write_text
 from spinor_geom.render.page import Views, cell, document
