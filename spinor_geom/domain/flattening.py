@@ -153,14 +153,16 @@ def flatten_boundary(
     *,
     clearance: float = CLEARANCE,
     holes: Rims = (),
+    saws: bool = False,
     drawn: Drawn | None = None,
 ) -> Flattening:
     """`flatten` from the edge lengths, the turning angles at u = 0 and the operator Λ; raises the same errors.
 
-    A gap below the clearance, in local edge lengths, is accepted if no larger one is found.
+    A gap below the clearance, in local edge lengths, is accepted if no larger one is found. `saws` leaves out u·Λu: the
+    boundary may then zigzag from vertex to vertex, which the caller has to round off, and has fewer notches.
     """
     rims = (len(edge) - sum(holes), *holes)
-    plain, lobed = itertools.tee(_laid_out(edge, turning, neumann, rims))
+    plain, lobed = itertools.tee(_laid_out(edge, turning, neumann, rims, saws=saws))
     for boundaries in (plain, (tuple(map(untangled, boundary)) for boundary in lobed)):
         flat = _least_straightened(boundaries, edge, clearance, drawn)
         if flat is not None:
@@ -190,11 +192,11 @@ def _least_straightened(
 
 
 def _laid_out(
-    edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims
+    edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims, *, saws: bool
 ) -> Iterator[tuple[Polygon, ...]]:
     """The rims as polygons for each candidate of the boundary log scale, the smallest first."""
     ends = np.cumsum(rims[:-1])
-    for turned, log_scale in _candidates(edge, turning, neumann, rims):
+    for turned, log_scale in _candidates(edge, turning, neumann, rims, saws=saws):
         parts = zip(*(np.split(each, ends) for each in (edge, turned, log_scale)), strict=True)
         polygons = [polygon for part in parts if (polygon := lay_out(*part)) is not None]
         if len(polygons) == len(rims):
@@ -202,13 +204,13 @@ def _laid_out(
 
 
 def _candidates(
-    edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims
+    edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims, *, saws: bool
 ) -> Iterator[tuple[PerVertex, PerVertex]]:
     """Candidates of turning angles and boundary log scales, the smallest scale first."""
     holes = [slice(start, end) for start, end in itertools.pairwise(np.cumsum(rims).tolist())]
     if not holes:
         yield turning, np.zeros(len(edge))
-    for u, solve in _straightened(edge, turning, neumann, rims):
+    for u, solve in _straightened(edge, turning, neumann, rims, saws=saws):
         if not np.abs(u).max() < _LARGEST_SCALE:
             continue
         for _ in range(_CLOSING_STEPS if holes else 0):
@@ -224,7 +226,7 @@ def _candidates(
 
 
 def _straightened(
-    edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims
+    edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims, *, saws: bool
 ) -> Iterator[tuple[PerVertex, Solver]]:
     """The minimisers u of `flatten` for all widths and strengths, and solvers of the systems that they satisfy.
 
@@ -239,7 +241,7 @@ def _straightened(
     diagonal = ds / length**2
     try:
         # without Λ here slivers cause oscillations from vertex to vertex, which S removes from the objective
-        solve = neumann.solver(diagonal, 1 / length)
+        solve = (lambda load: (load.T / diagonal).T) if saws else neumann.solver(diagonal, 1 / length)
     except SingularMatrixError:
         return
     if len(rims) > 1:

@@ -18,6 +18,7 @@ from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, leave_unsta
 from spinor_geom.plateau.harmonic.harmonic_route import (
     FLATTENING,
     MOST_FREE_POINTS,
+    UNFOLDING,
     UNIT_DISK,
     HarmonicSolver,
     points_of_domain,
@@ -76,7 +77,7 @@ def _plan_for_disk(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tupl
         return (*in_plane, THROUGH_POINTS)
     through = (THROUGH_POINTS,) if may_be_free else ()
     is_wide = loop.elongation < _DISK_ELONGATION and not is_rough(loop, curve)
-    return (*in_plane, *((UNIT_DISK,) if is_wide else ()), FLATTENING, *through, NETWORK)
+    return (*in_plane, *((UNIT_DISK,) if is_wide else ()), FLATTENING, UNFOLDING, *through, NETWORK)
 
 
 def _plan_between(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
@@ -139,6 +140,8 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
     for route in routes:
         if is_out_of_time() and route is not PLANE:  # PLANE takes no time
             break
+        if route is UNFOLDING and best is not None and best.route == "flattened":
+            continue  # it is for loops whose flattening is not simple or not resolved
         try:
             with typed_failures():
                 found = route.solve(problem)
@@ -172,7 +175,7 @@ def minimal_disk(problem: PlateauProblem, routes: tuple[Route, ...]) -> PlateauS
         solution = leave_unstable(solution, partial(_lower_on_disk, problem), where)
     # plane disks are stable; disks through points lie next to a discrete minimum; trained ones are kept as they are.
     # The stability of a disk far from Γ does not determine that of disks over Γ.
-    elif solution.route in ("disk", "flattened", "network") and solution.converged:
+    elif solution.route in ("disk", "flattened", "unfolded", "network") and solution.converged:
         is_harmonic = problem.options.is_automatic and not problem.loop.corners.any()
         downhill = (FLATTENING, NETWORK) if is_harmonic else (NETWORK,)
 

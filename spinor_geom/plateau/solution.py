@@ -24,7 +24,7 @@ from spinor_geom.shown import Shown, shortened
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 RouteName = Literal[
-    "plane", "disk", "vertices", "annulus", "annular network", "circles", "flattened", "network", "trained"
+    "plane", "disk", "vertices", "annulus", "annular network", "circles", "flattened", "unfolded", "network", "trained"
 ]
 
 
@@ -222,8 +222,8 @@ class PlateauSolution(Shown):
         area: ½∮ r·Im(φ dz), in squared mesh units.
         route: how it was found.
             "plane": the region inside the plane loop is Ω; p and q are constant.
-            "disk", "flattened": Douglas's method on the unit disk, or on a smooth domain near a flattened discrete
-            disk; p and q are a power series or Cauchy's formula.
+            "disk", "flattened", "unfolded": Douglas's method on the unit disk, or on a smooth domain near a flattened
+            discrete disk or the unfolded least-area triangulation; p and q are a power series or Cauchy's formula.
             "vertices": the surface through the points of rough loops that is nearest to a discrete minimal disk, or to
             the surface over averages of several loops; Γ between the points is the surface's own boundary.
             "network", "annular network": Gauss-Newton for a Cauchy network on a flattened discrete disk or annulus.

@@ -199,9 +199,11 @@ def test_reported_residual_of_random_curves_is_the_measured_one(first):
         rms, largest = measured(found.surface, solver.problem.curve, 8 * len(found.matchings[0]))
         if found.misfit.rms <= solver.problem.allowed:
             # told at half as many points of the boundary as it is measured at: four to the shortest waves, whose crests
-            # may lie an eighth of the wave beside them
-            assert abs(rms / found.misfit.rms - 1) < 0.02, seed
-            assert abs(largest / found.misfit.max - 1) < 1 - np.cos(np.pi / 8), seed
+            # may lie an eighth of the wave beside them; far below the tolerance single bends carry most of the distance
+            negligible = 1e-4 * solver.problem.allowed
+            assert abs(rms - found.misfit.rms) < 0.02 * found.misfit.rms + negligible, seed
+            share = 1 - np.cos(np.pi / 8)
+            assert abs(largest - found.misfit.max) < share * found.misfit.max + negligible, seed
         # what is far from Γ is not projected on the part of it that is nearest
         assert found.misfit.rms / 2 < rms < 1.5 * found.misfit.rms, seed
     assert found_some >= 6

@@ -54,8 +54,8 @@ def problem_of(loop, *, model="auto", between="free", tolerance=1e-3, on_iterati
 # --- the plan ---------------------------------------------------------------------------------------------------------
 
 SMOOTH_ONLY = {"between": "smooth"}
-HARMONIC = ("flattened", "network")
-FREE = ("flattened", "vertices", "network")
+HARMONIC = ("flattened", "unfolded", "network")
+FREE = ("flattened", "unfolded", "vertices", "network")
 PLANS = {
     "smooth": (SMOOTH, SMOOTH_ONLY, ("disk", *HARMONIC)),
     "smooth, free": (SMOOTH, {}, ("disk", *FREE)),

@@ -19,6 +19,7 @@ from scipy.fft import next_fast_len
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
+from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
@@ -90,7 +91,14 @@ class HarmonicSolver:
             t = self._density.parameter(self.problem.curve.breaks[start_indices(self.problem.unit)])
         with self.problem.clock.stage("flattening"):
             polygon = flatten(disk.vertices, disk.faces, len(t)).boundary
-        return self._on_domain(polygon, t)
+        return self._on_domain(polygon, t, "flattened")
+
+    def on_unfolding(self) -> RouteResult:
+        """The minimal disk on a smooth Ω fitted to the unfolded least-area triangulation of the loop."""
+        t, points = self._points
+        with self.problem.clock.stage("first fill"):
+            polygon = unfolded_loop(points, saws=True)
+        return self._on_domain(polygon, t, "unfolded")
 
     @property
     def _points(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 3"]]:
@@ -106,7 +114,9 @@ class HarmonicSolver:
     def _unit_disk(self) -> DirichletForm:
         return DirichletForm.of_disk(points_of_domain(self.problem.unit))
 
-    def _on_domain(self, polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"]) -> RouteResult:
+    def _on_domain(
+        self, polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], name: RouteName
+    ) -> RouteResult:
         """The minimal disk on the smooth Ω fitted to a polygon with parameters t."""
         unit, device = self.problem.unit, self.problem.options.device
         with self.problem.clock.stage("flattening"):
@@ -134,7 +144,7 @@ class HarmonicSolver:
             raise OutOfTimeError
         if disk.crowded:
             raise DomainError("the nodes crowd on the domain's boundary", vertices=len(unit))
-        return self._fitted(self._fit(form, disk.slide), "flattened")
+        return self._fitted(self._fit(form, disk.slide), name)
 
     def _begin(self) -> Fit:
         """A fit on the unit disk from equal steps; node counts are rounded up by at most a quarter to share batches."""
@@ -219,6 +229,7 @@ class HarmonicSolver:
 
 UNIT_DISK = Route("disk", lambda problem: HarmonicSolver(problem=problem).on_unit_disk())
 FLATTENING = Route("flattened", lambda problem: HarmonicSolver(problem=problem).on_flattening())
+UNFOLDING = Route("unfolded", lambda problem: HarmonicSolver(problem=problem).on_unfolding())
 
 
 def begun_on_unit_disk(problems: Sequence[PlateauProblem]) -> list[Route]:

@@ -22,7 +22,7 @@ from spinor_geom.discrete.strip import discrete_annulus, runs_back
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks, sampled
 from spinor_geom.domain.quadrature import Panels
-from spinor_geom.errors import DomainError, OutOfTimeError
+from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -114,7 +114,12 @@ class NetworkSolver:
 
     def solve(self) -> RouteResult:
         """The minimal surface fitted from the problem's start, or from a first discrete surface."""
-        fitted = self._fitted_from(self.problem.start or self.first_surface)
+        start = self.problem.start or self.first_surface
+        fitted = self._fitted_from(start)
+        if (
+            self.problem.is_disk and self._is_missed(fitted) and not self._is_rough
+        ):  # rough loops start from a finer one
+            fitted = self._improved(fitted, start)
         with self.problem.clock.stage("surface"):
             surface, astray = fitted_surface(fitted, allowed=self.problem.allowed)
             area = surface.area()
@@ -137,6 +142,15 @@ class NetworkSolver:
             limit=self._limit(fitted),
             between=between,
         )
+
+    def _improved(self, fitted: Fitted, disk: Disk) -> Fitted:
+        """The better of a fit and a fit from a finer disk; the first one where the second fails."""
+        try:
+            with self.problem.clock.stage("first fill"):
+                finer = finer_disk(disk, *self._sizes)
+            return min(fitted, self._fitted_from(finer), key=lambda one: one.misfit.rms)
+        except (DomainError, SingularMatrixError, OutOfTimeError):
+            return fitted
 
     def _fitted_from(self, start: Disk) -> Fitted:
         """The fit from a discrete surface: its flattening gives Ω, its frames give p and q."""
