@@ -129,9 +129,9 @@ def compare(
         surface: a `PlateauSolution`, or what to solve first: a loop, a curve, (n, 3) points, a mesh of any known type
             or the path of a mesh file; a sequence of loops for a surface between several loops. A loop of a mesh is
             solved as by `fill_hole`.
-        baseline: a `DiscreteMinimalSurface`, or a mesh of any known type whose boundary is the same loop, without the
-            mesh around it. None computes the `discrete_minimal_surface` of the same loop, with the patch's edge
-            length; between two loops its edges grow inwards, and between more it is `Patch.relaxed`.
+        baseline: a `DiscreteMinimalSurface`, a `Patch`, or a mesh of any known type whose boundary is the same loop,
+            without the mesh around it. None computes the `discrete_minimal_surface` of the same loop, with the patch's
+            edge length; between two loops its edges grow inwards, and between more it is `Patch.relaxed`.
         loop: index of a mesh's loop, as in `boundary_loops`; required if a mesh has several.
         target_edge_length: of the patch, as in `mesh_patch`, and of the baseline made here.
         patch: the solution's mesh of that edge length, if it exists already.
@@ -190,7 +190,7 @@ def _baseline(
 ) -> tuple[str, float | None, TriangleMesh]:
     """The baseline: its name, the seconds that it took if known, and the mesh."""
     if given is not None and not isinstance(given, DiscreteMinimalSurface):
-        mesh = to_mesh(given)
+        mesh = TriangleMesh(given.vertices, given.faces) if isinstance(given, Patch) else to_mesh(given)
         _require_same_rims(mesh, loops)
         return "given mesh", None, mesh
     if given is None and len(loops) == 1:

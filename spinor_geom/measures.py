@@ -53,8 +53,10 @@ def hausdorff_distance(
     Distances of samples, see `mesh_samples`, to the faces of the other mesh are exact.
 
     Raises:
-        OptionError: a mesh has no faces.
+        OptionError: a mesh has no faces, or `samples` is not positive.
     """
+    if not samples > 0:
+        raise OptionError(f"samples must be positive, got {samples}")
     if len(faces_a) == 0 or len(faces_b) == 0:
         raise OptionError("a Hausdorff distance needs two meshes with at least one face each")
     a, b = mesh_samples(vertices_a, faces_a, samples), mesh_samples(vertices_b, faces_b, samples)

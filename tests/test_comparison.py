@@ -112,6 +112,7 @@ def test_given_baseline_and_patch_are_used():
     assert comparison.patch_vertices == len(patch.vertices)
     assert comparison.baseline_vertices == len(baseline.vertices)
     assert comparison.baseline_area == pytest.approx(baseline.area, rel=1e-12)
+    assert compare(solution, patch, patch=patch).hausdorff.max < 1e-12
 
 
 def test_second_derivatives_are_taken_at_a_limited_number_of_points():

@@ -153,7 +153,8 @@ def _ragged_records(data: bytes, position: int, element: Element) -> Element:
                     raise _too_short(element, record)
                 (length,) = count.unpack_from(data, position)
                 if not 0 <= length == length // 1:
-                    raise _too_short(element, record)
+                    problem = f"record {record} has a list of length {length:g}, which is no count"
+                    raise malformed(f"element '{element.name}'", problem, "correct the length")
                 lengths.append(int(length))
                 size *= int(length)
                 position += count.size

@@ -22,7 +22,6 @@ MANIFESTS = (".csv", ".jsonl")
 # The last part of the keys of inputs that are not mesh files; without a suffix, so that no mesh file has this key.
 PROBLEM = "problem"
 LONGEST_LINE = 1 << 20  # of a manifest
-CONVERT = f"use one of {', '.join(MESH_SUFFIXES)}"  # the advice for a file of another format
 MOST_NAMED = 5  # suffixes named in an error
 
 
@@ -37,6 +36,7 @@ class Source:
     size: int = 0  # in bytes
     modified: int = 0  # in nanoseconds
     problem: str = ""  # why it cannot be used, if that is known before it is read
+    is_known_format: bool = True
 
 
 class Inputs:
@@ -93,7 +93,7 @@ class Inputs:
                 is_empty = True
                 for source in self._sources_of(path, label):
                     is_empty = False
-                    has_meshes |= not source.problem.endswith(CONVERT)
+                    has_meshes |= source.is_known_format
                     yield source
                 if is_empty:
                     raise BatchError(f"{path}: {_no_meshes(self._others)}")
@@ -154,7 +154,8 @@ class Inputs:
             yield Source(key=safe_name(parts), path=path, size=status.st_size, modified=status.st_mtime_ns)
         else:
             self._others[Path(path).suffix.lower()] += 1
-            yield _unusable(parts, path, "is not a mesh file, manifest or archive", CONVERT)
+            advice = f"use one of {', '.join(MESH_SUFFIXES)}"
+            yield _unusable(parts, path, "is not a mesh file, manifest or archive", advice, is_known_format=False)
 
     def _of_archive(self, path: str, parts: Sequence[str], modified: int) -> Iterator[Source]:
         with tempfile.TemporaryDirectory() as folder:
@@ -266,5 +267,6 @@ def _short_lines(file: Any) -> Iterator[str]:
         yield line
 
 
-def _unusable(parts: Sequence[str], path: str, problem: str, advice: str) -> Source:
-    return Source(key=safe_name(parts), path=path, problem=f"{path}: {problem}; {advice}")
+def _unusable(parts: Sequence[str], path: str, problem: str, advice: str, *, is_known_format: bool = True) -> Source:
+    full = f"{path}: {problem}; {advice}"
+    return Source(key=safe_name(parts), path=path, problem=full, is_known_format=is_known_format)

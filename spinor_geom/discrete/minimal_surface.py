@@ -106,15 +106,16 @@ def discrete_minimal_surface(
             this share.
 
     Raises:
-        OptionError: unknown method, an option that annuli do not support, or an edge length that is not positive.
+        OptionError: unknown method, an option that annuli do not support, or a number that is not positive.
         TooManyRimsError: a sequence of other than one or two loops.
         FirstFillError: MeshLab did not remesh the surface; "libigl" fills every loop.
         DomainError: no annulus can be meshed between the two loops.
 
     Source: Pinkall & Polthier (1993); the first fill after Barequet & Sharir (1995).
     """
-    if target_edge_length is not None and not target_edge_length > 0:
-        raise OptionError(f"target_edge_length must be positive, got {target_edge_length}")
+    for name, value in (("target_edge_length", target_edge_length), ("relative_change", relative_change)):
+        if value is not None and not value > 0:
+            raise OptionError(f"{name} must be positive, got {value}")
     loops = [rim for rim in to_rims(loop) if isinstance(rim, BoundaryLoop)]
     if len(loops) != 1:
         if method != "libigl" or target_edge_length is not None:

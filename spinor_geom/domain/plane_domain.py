@@ -115,6 +115,10 @@ class FourierBoundary:
         spectrum[:, k] = (2j * np.pi * k) ** np.arange(3)[:, None] * self.coefficients
         return np.asarray(np.fft.ifft(spectrum, axis=1) * n)
 
+    def divided(self, parts: int) -> FourierBoundary:
+        """The same curve with `parts` times as many vertices."""
+        return FourierBoundary(self.coefficients, parts * len(self.vertices))
+
     def _sum(self, c: Complex[np.ndarray, " odd"], t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         e = np.exp(2j * np.pi * np.asarray(t, dtype=np.float64))
         middle = len(c) // 2
@@ -204,8 +208,8 @@ class PlaneDomain:
         )
 
     def divided(self, parts: int) -> PlaneDomain:
-        """The same domain with each spline piece divided into `parts` pieces and a new triangulation."""
-        boundary, *holes = (each.divided(parts) for each in self.boundaries if isinstance(each, SplineBoundary))
+        """The same domain with each piece of ∂Ω divided into `parts` pieces and a new triangulation."""
+        boundary, *holes = (each.divided(parts) for each in self.boundaries)
         return PlaneDomain.inside(boundary, np.repeat(self.log_scale, parts), holes=tuple(holes))
 
     @property

@@ -53,14 +53,12 @@ def planned_joins(
     for hole, pieces in find_islands(mesh, loops).items():
         if hole not in wanted:
             continue
-        open_pieces = [piece for piece in pieces if piece in wanted]
-        if islands == "ignore" or not open_pieces:
-            names = ", ".join(map(str, pieces))
-            notes[hole] = f"a loose piece lies in the hole (loop {names}); it was ignored: islands='join' joins it"
-        else:
-            joins[hole] = tuple(open_pieces)
-            names, (s, were) = ", ".join(map(str, open_pieces)), ("", "was") if len(open_pieces) == 1 else ("s", "were")
-            notes[hole] = f"the loose piece{s} in the hole (loop{s} {names}) {were} joined to it"
+        joined = [] if islands == "ignore" else [piece for piece in pieces if piece in wanted]
+        names = ", ".join(map(str, joined or pieces))
+        what = "joined to it" if joined else "ignored; islands='join' joins them"
+        notes[hole] = f"loose pieces in the hole (loop indices: {names}): {what}"
+        if joined:
+            joins[hole] = tuple(joined)
     return joins, notes
 
 
@@ -129,7 +127,7 @@ def fill_between(
             requested=True,
             filled=outcome.filled,
             reason=outcome.reason,
-            solution=outcome.solution,
+            solution=outcome.solution if outcome.filled else None,
             continuation=outcome.continuation,
             joined_to=following,
             remarks=loops[place].remarks,

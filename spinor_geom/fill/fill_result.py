@@ -36,7 +36,7 @@ class LoopOutcome:
             discrete patch, and a new domain for one that was remeshed.
         continuation: how the patch was continued from the mesh around it; None if it was not.
         joined_to: the index of the next loop of its bridge, for the last loop that of the first; None for a loop that
-            is filled alone. The patch of a bridge, and what is counted on it, is in the first of its outcomes only.
+            is filled alone. The patch of a bridge, and what is measured on it, is in the first of its outcomes only.
         vertices_added: number of new vertices of its patch.
         faces_added: number of new faces of its patch.
         first_face: the index of its patch's first face among the triangles of the filled mesh; None without a patch.
@@ -107,10 +107,17 @@ class LoopOutcome:
 
     @property
     def area(self) -> float | None:
-        """The area of the exact surface, else of the patch, in squared mesh units."""
-        if self.kind in ("discrete", "smooth"):
-            return None if self.patch is None else self.patch.area
+        """The area of the exact surface, else of the patch, in squared mesh units; None beside a bridge's patch."""
+        if self._is_beside_patch:
+            return None
+        if self.patch is not None and self.kind in ("discrete", "smooth"):
+            return self.patch.area
         return None if self.solution is None else float(self.solution.area)
+
+    @property
+    def _is_beside_patch(self) -> bool:
+        """Whether another outcome has its patch, and reports what is measured on it."""
+        return self.filled and self.patch is None
 
     @property
     def shortcomings(self) -> tuple[str, ...]:
@@ -142,7 +149,7 @@ class LoopOutcome:
 
     def to_dict(self) -> dict[str, Any]:
         """The outcome in JSON's types; figures of a surface are None without one."""
-        solution = self.solution
+        solution, continuation = (None, None) if self._is_beside_patch else (self.solution, self.continuation)
         residual = None if solution is None else solution.boundary_residual
         stability = solution and solution.stability
         timings = {} if solution is None else {f"solve.{name}": time for name, time in solution.timings.items()}
@@ -161,7 +168,7 @@ class LoopOutcome:
             "residual_max_per_edge": None if residual is None else float(residual.max_per_edge),
             "area": self.area,
             "stability": stability and {key: getattr(stability, key) for key in ("verdict", "eigenvalue", "index")},
-            "continuation": None if self.continuation is None else self.continuation.to_dict(),
+            "continuation": None if continuation is None else continuation.to_dict(),
             "annulus": None if solution is None or solution.annulus is None else solution.annulus.to_dict(),
             "area_minimum": None if solution is None else bool(solution.is_area_minimum),
             **{name: getattr(self, name) for name in ("vertices_added", "faces_added", "edges_split", *_CROSSINGS)},

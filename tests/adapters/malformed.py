@@ -202,7 +202,10 @@ PLY_FILES: Files = {
     "binary, cut": (binary_ply()[:-1], "the file ends within record 0"),
     "binary, cut in the vertices": (binary_ply()[:-20], "element 'vertex'"),
     "binary, count of 17 digits": (binary_ply(vertices=10**17), "the file ends within record"),
-    "binary, length of minus one": (binary_ply(body=struct.pack("<4i", -1, 0, 1, 2)), "the file ends within record 0"),
+    "binary, length of minus one": (
+        binary_ply(body=struct.pack("<4i", -1, 0, 1, 2)),
+        "record 0 has a list of length -1",
+    ),
     "binary, length of four billions": (
         binary_ply(count="uint", body=struct.pack("<4I", 4 * 10**9, 0, 1, 2)),
         "the file ends within record 0",

@@ -164,10 +164,11 @@ def test_triangle_is_its_own_fill():
         assert surface.area == 0.5
 
 
-@pytest.mark.parametrize("target", [0.0, -1.0, float("nan")])
-def test_target_edge_length_must_be_positive(target):
-    with pytest.raises(OptionError, match="target_edge_length"):
-        discrete_minimal_surface(slit(), target_edge_length=target)
+@pytest.mark.parametrize("option", ["target_edge_length", "relative_change"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
+def test_numbers_that_are_not_positive_are_refused(option, value):
+    with pytest.raises(OptionError, match=option):
+        discrete_minimal_surface(slit(), **{option: value})
 
 
 def test_unknown_method_is_refused():

@@ -228,6 +228,14 @@ def test_divided_domain_has_the_same_boundary():
     assert len(finer.log_scale) == len(finer.vertices)
 
 
+def test_divided_domain_keeps_its_analytic_boundaries():
+    for domain in (PlaneDomain.disk(n=16), PlaneDomain.annulus(0.5, n=16)):
+        finer = domain.divided(3)
+        assert len(finer.holes) == len(domain.holes)
+        assert len(finer.log_scale) == len(finer.vertices) == 3 * len(domain.vertices)
+        np.testing.assert_allclose(finer.vertices[::3], domain.vertices, atol=1e-15)
+
+
 @pytest.mark.parametrize("t", [-0.1, 2.0, np.nan, np.inf])
 def test_parameters_of_no_boundary_are_refused(t):
     for method in (PlaneDomain.disk().point, PlaneDomain.disk().derivative):

@@ -106,6 +106,12 @@ def test_mesh_without_faces_is_refused():
         hausdorff_distance(vertices, faces[:0], vertices, faces)
 
 
+@pytest.mark.parametrize("samples", [0, -1])
+def test_number_of_samples_must_be_positive(samples):
+    with pytest.raises(OptionError, match="samples"):
+        hausdorff_distance(*square(2), *square(2), samples=samples)
+
+
 @pytest.mark.parametrize(("times", "count", "points"), [(4, 2048, 1026), (4, 2049, 4098)])
 def test_faces_are_divided_only_as_often_as_is_asked_for(times, count, points):
     assert len(mesh_samples(*sphere(times), count).points) == points
