@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from jaxtyping import Complex, Float
 
-from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
+from spinor_geom.domain.plane_domain import TOWARDS_CORNER, Boundary, PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.array_checks import shared
 
@@ -133,3 +133,19 @@ class Panels:
     def arc_weights(self) -> Float[np.ndarray, " n"]:
         """Weights of integrals over arc length: Σ f·arc_weights = ∮ f |dz|."""
         return np.asarray(self.weights * np.abs(self.dz))
+
+
+def path_to(
+    domain: PlaneDomain, vertex: int, order: int
+) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
+    """Quadrature nodes and weights dz on a path through Ω from its root to a vertex of its triangulation."""
+    path = [vertex]
+    while path[-1] != domain.root:
+        path.append(int(domain.parents[path[-1]]))
+    corners = domain.triangulation.points[path[::-1]]
+    if domain.corners[vertex]:
+        before, end = corners[-2:]
+        corners = np.concatenate([corners[:-1], end + (before - end) * TOWARDS_CORNER, [end]])
+    nodes, weights = rule("gauss", order)
+    step = np.diff(corners)[:, None]
+    return (corners[:-1, None] + step * nodes).ravel(), (step * weights).ravel()

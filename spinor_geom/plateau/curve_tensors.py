@@ -145,3 +145,11 @@ def _horner(
         torch.addcmul(value, first, h, out=first)
         torch.addcmul(coefficient, value, h, out=value)
     return value.movedim(0, -1), first.movedim(0, -1), second.mul_(2).movedim(0, -1)
+
+
+def normals_of(tangent: Float[Tensor, "*pts 3"]) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
+    """Two orthonormal directions normal to each tangent."""
+    unit = torch.nn.functional.normalize(tangent, dim=-1)
+    axis = torch.nn.functional.one_hot(unit.abs().argmin(-1), 3).to(unit.dtype)
+    first = torch.nn.functional.normalize(torch.linalg.cross(unit, axis), dim=-1)
+    return first, torch.linalg.cross(unit, first)

@@ -14,9 +14,8 @@ from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, Plane
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.intersections import MEETING_PER_DIAGONAL
-from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.curve_tensors import CurveTensors, normals_of
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.network.gauss_newton import normals_of
 from spinor_geom.plateau.problem import PlateauProblem, Route
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
 from spinor_geom.surface.frames import spinors_from_phi

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -219,7 +217,7 @@ def between(name, n, *, disturbed=0.0):
 @pytest.mark.parametrize("name", BETWEEN)
 def test_p_and_q_between_rims_come_back_up_to_their_sign(name):
     known, curves, harmonic = between(name, 128)
-    lift = lifted_between(harmonic, curves, allowed=1e-8)
+    lift = lifted_between(harmonic.domain, harmonic.points, harmonic.slides, curves, allowed=1e-8)
     assert lift.series.antiperiodic == BETWEEN[name][3]
     assert lift.misfit.rms < 1e-8
     assert lift.period < 1e-14
@@ -237,7 +235,10 @@ def test_p_and_q_between_rims_come_back_up_to_their_sign(name):
 def test_rims_settle_and_stay_closed(name):
     """X is not conformal: what its lift is off the curves is mostly slow, and it opens around the holes."""
     _, curves, harmonic = between(name, 128, disturbed=3e-3)
-    first, best = (lifted_between(harmonic, curves, allowed=allowed) for allowed in (np.inf, 0.0))
+    first, best = (
+        lifted_between(harmonic.domain, harmonic.points, harmonic.slides, curves, allowed=allowed)
+        for allowed in (np.inf, 0.0)
+    )
     assert first.misfit.rms > 1e-5
     assert best.misfit.rms < 0.3 * first.misfit.rms
     for lift in (first, best):
@@ -256,7 +257,7 @@ def test_branch_point_of_odd_order_between_rims_is_refused():
     integral = z**2 / 2 - 0.5 * z
     points = torch.stack([integral.real, integral.imag, torch.zeros_like(integral.real)], dim=-1)
     with pytest.raises(SurfaceError, match="branch point of odd order"):
-        lifted_between(replace(harmonic, points=points), curves, allowed=1e-8)
+        lifted_between(harmonic.domain, points, harmonic.slides, curves, allowed=1e-8)
 
 
 # --- several disks at once --------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import triangulate_polygon
-from spinor_geom.plateau.network.initial_spinors import images_in_plane, lifted_frames, lifted_spinors
+from spinor_geom.plateau.initial_spinors import images_in_plane, lifted_frames, lifted_spinors
 from spinor_geom.plateau.solve import solve_plateau
 from spinor_geom.plateau.steps import Clock
 from spinor_geom.plateau.threads import one_thread

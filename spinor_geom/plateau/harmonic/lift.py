@@ -26,13 +26,11 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.curve_tensors import CurveTensors, normals_of
 from spinor_geom.plateau.harmonic.dirichlet import CirclesForm, DirichletForm
 from spinor_geom.plateau.harmonic.douglas import HarmonicDisk, resampled
 from spinor_geom.plateau.harmonic.traces import OnCircles, OnCurve, changes, closed, gap_rows, gaps, moves_by, slopes
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.network.gauss_newton import normals_of
-from spinor_geom.plateau.rims.energy import HarmonicSurface
 from spinor_geom.plateau.stability import Curvature, curvature_within
 from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
@@ -81,20 +79,28 @@ class Lift:
         return self.null_curve[0, 0].real - null_vector(*start.unbind(-1))[0].real
 
 
-def lifted_between(surface: HarmonicSurface, curves: CurveTensors, *, allowed: float) -> Lift:
+def lifted_between(
+    domain: CircularDomain,
+    points: Float[Tensor, "m n 3"],
+    slides: Float[Tensor, "m n"],
+    curves: CurveTensors,
+    *,
+    allowed: float,
+) -> Lift:
     """The minimal surface near a harmonic one between several rims.
 
     Args:
-        surface: the harmonic surface.
+        domain: Ω of the harmonic surface.
+        points: its boundary, at the nodes of each rim.
+        slides: the curve parameters of these points.
         curves: Γ, a curve for each rim.
         allowed: RMS distance from Γ at which the lift stops.
 
     Raises:
         SurfaceError: p and q change sign around an odd number of rims: X has a branch point of odd order.
     """
-    points, slides = surface.points, surface.slides
-    form = CirclesForm.of(surface.domain, points.shape[1])
-    traces = OnCircles.of(surface.domain, slopes(form, points))
+    form = CirclesForm.of(domain, points.shape[1])
+    traces = OnCircles.of(domain, slopes(form, points))
     (lift,) = _lifted(traces, form, points[None], slides[None], curves, slides.new_tensor([allowed]))
     if lift is None:
         raise SurfaceError(

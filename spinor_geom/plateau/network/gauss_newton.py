@@ -8,12 +8,13 @@ from dataclasses import dataclass
 
 import torch
 from jaxtyping import Complex, Float, Int
-from scipy.linalg.blas import dsyrk, zherk
 from torch import Tensor
 
 from spinor_geom.deadline import require_time
+from spinor_geom.plateau.curve_tensors import normals_of
 from spinor_geom.plateau.network.network_problem import NetworkProblem
 from spinor_geom.plateau.steps import STALLED, Steps
+from spinor_geom.plateau.vertices.through_points import gram
 
 _FIRST_DAMPING = 1e-2  # damping of the first step, over the mean diagonal entry of the normal equations
 
@@ -175,23 +176,6 @@ def _directions(
         yield normal, slice(None)
     if len(held):
         yield torch.nn.functional.normalize(tangent[held], dim=1), held
-
-
-def normals_of(tangent: Float[Tensor, "*pts 3"]) -> tuple[Float[Tensor, "*pts 3"], Float[Tensor, "*pts 3"]]:
-    """Two orthonormal directions normal to each tangent."""
-    unit = torch.nn.functional.normalize(tangent, dim=-1)
-    axis = torch.nn.functional.one_hot(unit.abs().argmin(-1), 3).to(unit.dtype)
-    first = torch.nn.functional.normalize(torch.linalg.cross(unit, axis), dim=-1)
-    return first, torch.linalg.cross(unit, first)
-
-
-def gram(rows: Float[Tensor, "m k"] | Complex[Tensor, "m k"]) -> Float[Tensor, "k k"] | Complex[Tensor, "k k"]:
-    """Lower triangle of rowsᴴ·rows."""
-    if rows.is_cuda:
-        return rows.mH @ rows
-    # BLAS computes one triangle only: the upper one by columns, which is the lower one by rows
-    product = zherk if rows.is_complex() else dsyrk
-    return torch.from_numpy(product(1.0, rows.numpy().T).T)
 
 
 def _damped_step(problem: NetworkProblem, state: Fit, linear: _Linear, damping: float) -> tuple[Fit, float]:

@@ -10,8 +10,8 @@ from jaxtyping import Complex, Float, Shaped
 from scipy.optimize import isotonic_regression
 from torch import Tensor
 
-from spinor_geom.domain.plane_domain import TOWARDS_CORNER, Boundary, PlaneDomain
-from spinor_geom.domain.quadrature import Panels, rule
+from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
+from spinor_geom.domain.quadrature import Panels, path_to
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.surface.formulas import phi
@@ -155,25 +155,9 @@ def slide_bounds(
     return np.stack([ends[side] + 1e-13, ends[side + 1] - 1e-13], axis=1)
 
 
-def path_to(
-    domain: PlaneDomain, vertex: int, order: int = PATH_ORDER
-) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
-    """Quadrature nodes and weights dz on a path through Ω from its root to a vertex of its triangulation."""
-    path = [vertex]
-    while path[-1] != domain.root:
-        path.append(int(domain.parents[path[-1]]))
-    corners = domain.triangulation.points[path[::-1]]
-    if domain.corners[vertex]:
-        before, end = corners[-2:]
-        corners = np.concatenate([corners[:-1], end + (before - end) * TOWARDS_CORNER, [end]])
-    nodes, weights = rule("gauss", order)
-    step = np.diff(corners)[:, None]
-    return (corners[:-1, None] + step * nodes).ravel(), (step * weights).ravel()
-
-
 def path_across(domain: PlaneDomain) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
     """Nodes and weights on a path from the first vertex of the outer boundary to that of the hole; empty if none."""
     if not domain.holes:
         return np.zeros(0, dtype=np.complex128), np.zeros(0, dtype=np.complex128)
-    (there, back), (here, ahead) = path_to(domain, 0), path_to(domain, len(domain.boundary.vertices))
+    (there, back), (here, ahead) = (path_to(domain, k, PATH_ORDER) for k in (0, len(domain.boundary.vertices)))
     return np.append(there, here), np.append(-back, ahead)

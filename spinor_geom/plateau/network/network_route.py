@@ -27,10 +27,10 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.initial_spinors import images_in_plane, lifted_spinors
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network.discretisation import Discretisation, independent_residual
 from spinor_geom.plateau.network.gauss_newton import Fit, gauss_newton
-from spinor_geom.plateau.network.initial_spinors import images_in_plane, lifted_spinors
 from spinor_geom.plateau.problem import PlateauProblem, Route, start_indices
 from spinor_geom.plateau.roughness import is_rough, roughness
 from spinor_geom.plateau.route_result import RimsResult, RouteResult

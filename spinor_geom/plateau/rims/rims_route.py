@@ -110,7 +110,7 @@ class RimsSolver:
             raise SurfaceError("no minimal surface was found between the smoothed rims")
         problem = self._problem(placed)
         with self.problem.clock.stage("lift"):
-            smooth = lifted_between(placed.surface, problem.curves, allowed=self.problem.allowed)
+            smooth = _lifted(placed.surface, problem.curves, allowed=self.problem.allowed)
             circles = self._circles(placed, placed.surface.domain)
         points, starts = [], []
         loops, averages = placed.as_run(self.problem.units), placed.as_run(self._continuation[0])
@@ -238,7 +238,7 @@ class RimsSolver:
             if self.problem.options.is_series:
                 goal = float(np.finfo(np.float64).tiny)
             with self.problem.clock.stage("lift"):
-                tried.append((lifted_between(finer, problem.curves, allowed=goal), finer))
+                tried.append((_lifted(finer, problem.curves, allowed=goal), finer))
             lift, harmonic = min(tried, key=lambda pair: pair[0].misfit.rms)
             if lift.misfit.excess(allowed=goal, tolerance=self.problem.options.tolerance) <= 1:
                 break
@@ -323,3 +323,7 @@ def _from_average(curve: BoundaryCurve) -> list[BoundaryCurve]:
 def _matching(slide: Float[Tensor, " n"]) -> Float[np.ndarray, "n 2"]:
     """`RimMatch.matching` for slides at equal steps, shifted so that the first one is in [0, 1)."""
     return np.column_stack([np.arange(len(slide)) / len(slide), (slide - slide[0].floor()).cpu().numpy()])
+
+
+def _lifted(surface: HarmonicSurface, curves: CurveTensors, *, allowed: float) -> Lift:
+    return lifted_between(surface.domain, surface.points, surface.slides, curves, allowed=allowed)

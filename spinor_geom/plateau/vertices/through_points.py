@@ -13,6 +13,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 import torch
 from jaxtyping import Complex, Float
+from scipy.linalg.blas import dsyrk, zherk
 from torch import Tensor
 
 from spinor_geom.deadline import require_time
@@ -20,7 +21,6 @@ from spinor_geom.domain.quadrature import rule
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features, sign_changing
 from spinor_geom.holomorphic.poles import Poles
-from spinor_geom.plateau.network.gauss_newton import gram
 from spinor_geom.plateau.steps import STALLED, Steps
 from spinor_geom.surface.formulas import null_vector, phi
 
@@ -35,6 +35,15 @@ NODES = 14
 # residual of 1e-3 of an edge; shorter steps improve none.
 _LENGTHS = (1.0, 0.5, 0.25)
 DEGREE = 24  # degree of the polynomials; with 12 two of these rims keep 1e-3 to 3e-3 of an edge, 48 improves none
+
+
+def gram(rows: Float[Tensor, "m k"] | Complex[Tensor, "m k"]) -> Float[Tensor, "k k"] | Complex[Tensor, "k k"]:
+    """Lower triangle of rowsᴴ·rows."""
+    if rows.is_cuda:
+        return rows.mH @ rows
+    # BLAS computes one triangle only: the upper one by columns, which is the lower one by rows
+    product = zherk if rows.is_complex() else dsyrk
+    return torch.from_numpy(product(1.0, rows.numpy().T).T)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

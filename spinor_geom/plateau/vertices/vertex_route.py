@@ -23,7 +23,7 @@ from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import Flattening, flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
-from spinor_geom.domain.quadrature import cumulative_matrix
+from spinor_geom.domain.quadrature import cumulative_matrix, path_to
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError, OutOfTimeError, SurfaceError
 from spinor_geom.holomorphic.laurent import LaurentSeries
@@ -32,9 +32,8 @@ from spinor_geom.holomorphic.series import power_sums
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import piece_places, through
 from spinor_geom.plateau.harmonic.lift import Lift
+from spinor_geom.plateau.initial_spinors import images_in_plane, lifted_spinors
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.plateau.network.initial_spinors import images_in_plane, lifted_spinors
-from spinor_geom.plateau.network.network_problem import path_to
 from spinor_geom.plateau.problem import PlateauProblem, Route
 from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.steps import Steps
