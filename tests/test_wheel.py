@@ -124,6 +124,7 @@ def test_the_wheel_holds_every_module_and_nothing_else(wheel: Path) -> None:
     held = contents(wheel)
     expected = {path.relative_to(ROOT).as_posix() for path in (ROOT / "spinor_geom").rglob("*.py")}
     assert held == expected | {
+        "spinor_geom/__init__.pyi",
         "spinor_geom/py.typed",
         *(f"spinor_geom/render/{name}" for name in ("page.css", "three.LICENSE", "three.min.js", "viewer.js")),
     }

@@ -63,7 +63,7 @@ def read_glb(data: bytes) -> FileContents:
     )
 
 
-def _appended(data: bytes, pieces: Sequence[Piece], extension: MeshExtension) -> bytes:
+def _appended(data: bytes, pieces: Sequence[PlacedPrimitive], extension: MeshExtension) -> bytes:
     """The file with every new patch as a primitive, with the node and the material of most vertices of its rim.
 
     The elements of the file are unchanged. The patch has copies of the rim's vertices, equal bit for bit to those of
@@ -146,7 +146,7 @@ def encode_glb(contents: FileContents) -> bytes:
     return container.encoded()
 
 
-def _representatives(vertices: Float[np.ndarray, "v 3"], pieces: list[Piece]) -> Int[np.ndarray, " v"]:
+def _representatives(vertices: Float[np.ndarray, "v 3"], pieces: list[PlacedPrimitive]) -> Int[np.ndarray, " v"]:
     """For every vertex the one that represents its position in its node."""
     representatives = np.empty(len(vertices), dtype=np.int64)
     for _, group in groupby(pieces, key=attrgetter("node")):
@@ -162,7 +162,7 @@ def _representatives(vertices: Float[np.ndarray, "v 3"], pieces: list[Piece]) ->
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Piece:
+class PlacedPrimitive:
     """A primitive of triangles in one node; its vertices follow each other in the scene."""
 
     node: int  # index of the node
@@ -212,7 +212,7 @@ class Piece:
         return cast_values(values, dtype)
 
 
-def scene_pieces(container: GlbContainer) -> list[Piece]:
+def scene_pieces(container: GlbContainer) -> list[PlacedPrimitive]:
     """The triangle primitives of the scene, node by node, parents first."""
     tree = container.tree
     nodes = tree.get("nodes", [])
@@ -224,7 +224,7 @@ def scene_pieces(container: GlbContainer) -> list[Piece]:
     else:
         children = {child for node in nodes for child in node.get("children", [])}
         roots = [number for number in range(len(nodes)) if number not in children]
-    pieces: list[Piece] = []
+    pieces: list[PlacedPrimitive] = []
     seen: set[int] = set()
     rows_left = max(MOST_ROWS, sum(len(view or b"") for view in container.views))
     stack = [(root, np.eye(4)) for root in reversed(roots)]
@@ -258,7 +258,7 @@ def scene_pieces(container: GlbContainer) -> list[Piece]:
 
 def _piece(
     container: GlbContainer, node: int, index: int, start: int, transform: Float[np.ndarray, "4 4"]
-) -> Piece | None:
+) -> PlacedPrimitive | None:
     """One primitive, or None if it has no triangles."""
     tree = container.tree
     mesh = tree["nodes"][node]["mesh"]
@@ -289,7 +289,7 @@ def _piece(
         return None
     accessors = {name: tree["accessors"][item] for name, item in primitive["attributes"].items() if name != "COLOR_0"}
     normalized = (name for name, accessor in accessors.items() if accessor.get("normalized"))
-    return Piece(
+    return PlacedPrimitive(
         node=node,
         primitive=index,
         start=start,
@@ -312,7 +312,7 @@ def _local_transform(node: Json) -> Float[np.ndarray, "4 4"]:
     return transform
 
 
-def shared_semantics(pieces: list[Piece]) -> list[str]:
+def shared_semantics(pieces: list[PlacedPrimitive]) -> list[str]:
     """The attributes that all pieces have, in one width and type, and that may be interpolated."""
     return [
         semantic

@@ -51,17 +51,17 @@ def refuse_border(patched: PatchedMesh, loop: BoundaryLoop) -> None:
     """Raises a SheetBorderError for a loop that is the border of a sheet; no surface is solved for."""
     if patched.turning(loop) < _CLEARLY_NEGATIVE and not patched.is_pinched(loop):
         return
-    surroundings = _Surroundings.of(patched, loop)
-    if surroundings.turning < 0:
+    nearby = _NearbyFaces.of(patched, loop)
+    if nearby.turning < 0:
         return
-    turning = surroundings.turning
+    turning = nearby.turning
     if len(loop_crossings(loop.points)):
         turning = patched.turning(loop) / (2 * np.pi)
         if turning > 2 - _LEAST_TURNING:
             return
     else:
         try:
-            inward, rise = surroundings.mean_direction
+            inward, rise = nearby.mean_direction
         except SpinorGeomError:
             return  # no coarse disk was found
         if rise < _LEAST_RISE and rise < inward:
@@ -75,7 +75,7 @@ def refuse_border(patched: PatchedMesh, loop: BoundaryLoop) -> None:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Surroundings:
+class _NearbyFaces:
     """The faces near a loop, and the smoothed loop.
 
     Attributes:
@@ -90,7 +90,7 @@ class _Surroundings:
     offsets: Float[np.ndarray, "f 3"]
 
     @classmethod
-    def of(cls, patched: PatchedMesh, loop: BoundaryLoop) -> _Surroundings:
+    def of(cls, patched: PatchedMesh, loop: BoundaryLoop) -> _NearbyFaces:
         mesh = patched.mesh
         area = face_areas(loop.points, disk_without_inner_points(loop.points)).sum()
         points, width = _smoothed(loop, float(area))

@@ -29,7 +29,7 @@ def parsed(data: bytes) -> MeshFile:
         return MeshFile.of_contents(read_glb(data), path=None)
 
 
-def pieces(data: bytes) -> list[glb.Piece]:
+def pieces(data: bytes) -> list[glb.PlacedPrimitive]:
     return glb.scene_pieces(GlbContainer.read(data))
 
 

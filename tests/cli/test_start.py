@@ -64,12 +64,6 @@ def test_public_names_are_what_their_modules_define_and_no_module_of_the_same_na
     assert set(spinor_geom.__all__) <= set(dir(spinor_geom))
 
 
-def test_type_checkers_see_the_same_names() -> None:
-    text = (ROOT / "spinor_geom" / "__init__.py").read_text(encoding="utf-8")
-    for name, module in spinor_geom._MODULES.items():
-        assert f"from {module} import {name} as {name}\n" in text
-
-
 def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no attribute 'fill_holes'"):
         _ = spinor_geom.fill_holes

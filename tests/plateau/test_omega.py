@@ -16,8 +16,8 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
 from spinor_geom.plateau.harmonic.smooth_domain import (
+    DomainShape,
     NodeDensity,
-    Shape,
     _steps_across,
     resolved_form,
     rounded_boundary,
@@ -43,7 +43,7 @@ def density_of(loop):
 
 
 def shape_of(loop, width=WIDTH, count=None):
-    return Shape(density=density_of(loop), count=count or len(loop), steps=STEPS, width=width)
+    return DomainShape(density=density_of(loop), count=count or len(loop), steps=STEPS, width=width)
 
 
 def unfolded(loop):

@@ -56,7 +56,7 @@ class HarmonicSolver:
 
     problem: PlateauProblem
 
-    def on_unit_disk(self, begun: Fit | None = None) -> RouteResult:
+    def on_unit_disk(self, begun: DiskFit | None = None) -> RouteResult:
         """The minimal disk on the unit disk, from a fit that was run in a batch, or from a new one."""
         refusal = DomainError(
             "power series on the disk do not converge on loops with corners or on long narrow loops; use model='auto'",
@@ -146,18 +146,18 @@ class HarmonicSolver:
             raise DomainError("the nodes crowd on the domain's boundary", vertices=len(unit))
         return self._fitted(self._fit(form, disk.slide), name)
 
-    def _begin(self) -> Fit:
+    def _begin(self) -> DiskFit:
         """A fit on the unit disk from equal steps; node counts are rounded up by at most a quarter to share batches."""
         points = max(FEWEST_NODES, len(self.problem.unit))
         step = 1 << ((points - 1).bit_length() - 3)
         n = step * math.ceil(points / step)
         return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.problem.options.device) / n)
 
-    def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"]) -> Fit:
+    def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"]) -> DiskFit:
         """A fit on Ω that starts from a slide."""
-        return Fit(solver=self, form=form, slide=slide, nodes=even(max(len(slide), len(self.problem.unit))))
+        return DiskFit(solver=self, form=form, slide=slide, nodes=even(max(len(slide), len(self.problem.unit))))
 
-    def _fitted(self, fit: Fit, route: RouteName) -> RouteResult:
+    def _fitted(self, fit: DiskFit, route: RouteName) -> RouteResult:
         """The minimal disk of a fit, with enough nodes to meet the tolerance."""
         fit_together([fit])
         if fit.best is None:
@@ -239,7 +239,7 @@ def begun_on_unit_disk(problems: Sequence[PlateauProblem]) -> list[Route]:
     return [replace(UNIT_DISK, solve=partial(_finished, fit)) for fit in fits]
 
 
-def _finished(fit: Fit, problem: PlateauProblem) -> RouteResult:
+def _finished(fit: DiskFit, problem: PlateauProblem) -> RouteResult:
     return HarmonicSolver(problem=problem).on_unit_disk(fit)
 
 
@@ -249,7 +249,7 @@ def points_of_domain(loop: BoundaryLoop) -> int:
 
 
 @dataclass(kw_only=True, eq=False)
-class Fit:
+class DiskFit:
     """Attempts to solve one loop on one Ω with increasing numbers of nodes."""
 
     solver: HarmonicSolver
@@ -293,11 +293,11 @@ class Fit:
         return math.inf if is_smooth else self.solver.problem.allowed
 
 
-def fit_together(fits: Sequence[Fit]) -> None:
+def fit_together(fits: Sequence[DiskFit]) -> None:
     """Runs fits until all have finished or time is out; fits on the same Ω with equal numbers of nodes form a batch."""
     left = list(fits)
     while (left := [fit for fit in left if not fit.limit]) and not is_out_of_time():
-        groups: dict[tuple[object, ...], list[Fit]] = defaultdict(list)
+        groups: dict[tuple[object, ...], list[DiskFit]] = defaultdict(list)
         for fit in left:
             groups["disk" if fit.form.is_disk else id(fit.form), fit.nodes, fit.attempt > 0].append(fit)
         for group in groups.values():
@@ -306,7 +306,7 @@ def fit_together(fits: Sequence[Fit]) -> None:
                 _advance(group[start : start + together])
 
 
-def _advance(fits: Sequence[Fit]) -> None:
+def _advance(fits: Sequence[DiskFit]) -> None:
     """Runs one attempt of fits on the same Ω with equal numbers of nodes."""
     begin = time.perf_counter()
     form, nodes = fits[0].form, fits[0].nodes

@@ -105,7 +105,7 @@ def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Shape:
+class DomainShape:
     """Parametrisation, resolution and smoothing of ∂Ω."""
 
     density: NodeDensity
@@ -123,7 +123,7 @@ def resolved(
     count: int,
     most: int,
     device: torch.device,
-) -> tuple[Shape, DirichletForm]:
+) -> tuple[DomainShape, DirichletForm]:
     """The smooth Ω fitted to a polygon with parameters t, with the fewest steps that resolve it, and its Λ.
 
     With `is_fine`, and for narrow loops, the coarsest steps are not tried.
@@ -133,7 +133,7 @@ def resolved(
     """
     n = density.points
     for steps, rounding in _SHAPES[is_fine or density.is_narrow :]:
-        shape = Shape(density=density, count=count, steps=steps * n, width=rounding / n)
+        shape = DomainShape(density=density, count=count, steps=steps * n, width=rounding / n)
         try:
             boundary = rounded_boundary(polygon, t, shape)
             return shape, resolved_form(boundary, shape.steps, device, most=min(most, _MOST_STEPS))
@@ -142,7 +142,9 @@ def resolved(
     raise failure
 
 
-def rounded_boundary(polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], shape: Shape) -> FourierBoundary:
+def rounded_boundary(
+    polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], shape: DomainShape
+) -> FourierBoundary:
     """An analytic curve near a polygon: a spline through its vertices at parameters t, smoothed by a Gaussian."""
     spline = CubicSpline(np.append(t, t[0] + 1), np.append(polygon, polygon[0]), bc_type="periodic")
     highest = shape.steps // 4

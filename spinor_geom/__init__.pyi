@@ -1,0 +1,34 @@
+"""The public names; `__init__.py` imports each on first use."""
+
+from spinor_geom.adapters import MeshFile as MeshFile
+from spinor_geom.adapters import read_mesh as read_mesh
+from spinor_geom.batching.engine import BatchProgress as BatchProgress
+from spinor_geom.batching.engine import BatchResult as BatchResult
+from spinor_geom.batching.engine import batch as batch
+from spinor_geom.comparison import Comparison as Comparison
+from spinor_geom.comparison import compare as compare
+from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface as DiscreteMinimalSurface
+from spinor_geom.discrete.minimal_surface import discrete_minimal_surface as discrete_minimal_surface
+from spinor_geom.domain.plane_domain import PlaneDomain as PlaneDomain
+from spinor_geom.errors import SpinorGeomError as SpinorGeomError
+from spinor_geom.fill.continuation import Continuation as Continuation
+from spinor_geom.fill.fill_hole import fill_hole as fill_hole
+from spinor_geom.fill.fill_result import FillResult as FillResult
+from spinor_geom.fill.fill_result import LoopOutcome as LoopOutcome
+from spinor_geom.fill.loop_choice import boundary_loops as boundary_loops
+from spinor_geom.holomorphic.cauchy import CauchyNetwork as CauchyNetwork
+from spinor_geom.holomorphic.laurent import LaurentSeries as LaurentSeries
+from spinor_geom.holomorphic.mlp import ComplexMLP as ComplexMLP
+from spinor_geom.holomorphic.series import PowerSeries as PowerSeries
+from spinor_geom.mesh.boundary_loop import BoundaryLoop as BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve as BoundaryCurve
+from spinor_geom.mesh.curve import ClosedCurve as ClosedCurve
+from spinor_geom.mesh.triangle_mesh import TriangleMesh as TriangleMesh
+from spinor_geom.meshing.embed import Patch as Patch
+from spinor_geom.meshing.embed import mesh_patch as mesh_patch
+from spinor_geom.plateau.solution import NoConnectedSurface as NoConnectedSurface
+from spinor_geom.plateau.solution import PlateauSolution as PlateauSolution
+from spinor_geom.plateau.solve import solve_plateau as solve_plateau
+from spinor_geom.plateau.solve import solve_plateau_batch as solve_plateau_batch
+from spinor_geom.render.report import report as report
+from spinor_geom.surface.spinor_surface import SpinorSurface as SpinorSurface
