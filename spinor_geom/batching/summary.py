@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from spinor_geom.adapters.mesh_files import read_mesh
 from spinor_geom.batching.inputs import Source
@@ -19,16 +19,15 @@ from spinor_geom.batching.store import Store, explanation, failure, log_line, su
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import atomic_path, write_text
 from spinor_geom.mesh.find_loops import find_boundary_loops
-from spinor_geom.mesh.operators import face_normals
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.render.camera import Camera, upright
 from spinor_geom.render.page import document, table
+from spinor_geom.render.scene import RIM_COLOUR
 from spinor_geom.version import program_version
 
 FIRST, WORST, FAILED, REASONS = 12, 12, 48, 40  # how many of each the page shows
 SIZE, MARGIN = 160, 8  # of a thumbnail
-MOST_FACES = 3000  # of larger meshes a thumbnail shows only the outline
-TILT = np.radians(35.0)  # of the view, against the plane of the points
-DARK, LIGHT = np.array([28, 78, 128]), np.array([196, 222, 245])
+TILT = np.radians(35.0)  # of the view, against the normal of the points' plane
 STYLE = """.loops { display: flex; flex-wrap: wrap; gap: 1rem }
 .loops figure { margin: 0; width: 170px; font-size: 12px; overflow-wrap: anywhere }
 svg { border: 1px solid var(--faint); background: #fff }"""
@@ -168,64 +167,44 @@ def _figure(store: Store, loop: dict[str, Any]) -> str:
 
 
 def _picture(store: Store, loop: dict[str, Any]) -> str:
-    """A picture of a loop's file, else of the outline in its record; "" if there is neither."""
+    """The outline of a loop's file, else that in its record; "" if there is neither."""
     names = loop.get("files") or {}
     name = names.get("patch") or names.get("loop")
     try:
         if name is not None:
-            return thumbnail(*_shape(store.folder(loop["source"]) / name))
+            return thumbnail(_outline_in(store.folder(loop["source"]) / name))
         if loop["outline"]:
-            points = np.array(loop["outline"], dtype=np.float64)
-            return thumbnail(points, np.zeros((0, 3), dtype=np.int64), np.arange(len(points)))
+            return thumbnail(np.array(loop["outline"], dtype=np.float64))
     except (OSError, KeyError, ValueError, SpinorGeomError):
         return "<p>no picture: the file has changed</p>"
     return ""
 
 
-def _shape(path: Path) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"], Int[np.ndarray, " k"]]:
+def _outline_in(path: Path) -> Float[np.ndarray, "k 3"]:
+    """The boundary of the mesh in a result file, or its curve."""
     if path.suffix == ".npz":
         with np.load(path, allow_pickle=False) as arrays:
-            points = arrays["points"] if "points" in arrays else arrays["vertices"]
-            faces = arrays["faces"] if "faces" in arrays else np.zeros((0, 3), dtype=np.int64)
-        mesh, curves = TriangleMesh(points, faces), [np.append(np.arange(len(points)), 0)]
+            if "faces" not in arrays:
+                return _closed(arrays["points"])
+            mesh = TriangleMesh(arrays["vertices"], arrays["faces"])
     else:
         file = read_mesh(path)
-        mesh, curves = file.mesh, list(file.polylines)
-    if len(mesh.faces):
-        rim = find_boundary_loops(mesh)[0].vertex_ids
-        curves = [np.append(rim, rim[0])]
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces), curves[0]
+        mesh = file.mesh
+        if not len(mesh.faces):
+            return np.asarray(mesh.vertices[file.polylines[0]])
+    return _closed(find_boundary_loops(mesh)[0].points)
 
 
-def thumbnail(points: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], outline: Int[np.ndarray, " k"]) -> str:
-    """An `svg` element of a shaded surface and its outline (vertex indices), or of the outline alone."""
-    turned = _turned(points)
-    low, high = turned.min(axis=0), turned.max(axis=0)
-    extent = float((high - low)[:2].max())
-    scale = (SIZE - 2 * MARGIN) / extent if extent > np.finfo(np.float64).tiny else 1.0
-    flat = SIZE / 2 + (turned - 0.5 * (low + high)) * scale * [1, -1, 1]
-    shapes = _triangles(flat, faces) if len(faces) <= MOST_FACES else []
-    path = " ".join(f"{x:.1f},{y:.1f}" for x, y in flat[outline, :2].tolist())
-    shapes.append(f'<polyline points="{path}" fill="none" stroke="#d0021b" stroke-width="1.5"/>')
-    return f'<svg viewBox="0 0 {SIZE} {SIZE}" width="{SIZE}" height="{SIZE}">{"".join(shapes)}</svg>'
+def _closed(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "k 3"]:
+    return np.concatenate([points, points[:1]])
 
 
-def _turned(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """The points seen at an angle to their plane; the third coordinate points to the viewer."""
-    centred = points - points.mean(axis=0)
-    axes = np.linalg.eigh(centred.T @ centred)[1][:, ::-1]
-    axes[:, 2] *= np.linalg.det(axes)
-    x, y, z = (centred @ axes).T
-    return np.stack([x, np.cos(TILT) * y + np.sin(TILT) * z, np.cos(TILT) * z - np.sin(TILT) * y], axis=1)
-
-
-def _triangles(flat: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> list[str]:
-    corners = flat[faces]
-    colors = (DARK + np.abs(face_normals(flat, faces)[:, 2:]) * (LIGHT - DARK)).astype(int)
-    order = np.argsort(corners[:, :, 2].mean(axis=1), kind="stable")
-    return [
-        f'<path d="M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}L{e:.1f} {f:.1f}Z" fill="#{red:02x}{green:02x}{blue:02x}"/>'
-        for (a, b, c, d, e, f), (red, green, blue) in zip(
-            corners[order, :, :2].reshape(-1, 6).tolist(), colors[order].tolist(), strict=True
-        )
-    ]
+def thumbnail(points: Float[np.ndarray, "n 3"]) -> str:
+    """An `svg` element of a polyline, seen at an angle to its plane."""
+    axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2] if len(points) > 2 else np.eye(3)
+    eye = np.cos(TILT) * axes[2] - np.sin(TILT) * axes[1]
+    camera = Camera.around(points, eye, upright(eye, axes[1]))
+    x, y, _ = camera.frame @ (points - camera.focus).T * ((SIZE / 2 - MARGIN) / camera.radius)
+    path = " ".join(f"{SIZE / 2 + a:.1f},{SIZE / 2 - b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
+    line = f'<polyline points="{path}" fill="none" stroke="{RIM_COLOUR}" stroke-width="1.5"/>'
+    return f'<svg viewBox="0 0 {SIZE} {SIZE}" width="{SIZE}" height="{SIZE}">{line}</svg>'
