@@ -7,6 +7,7 @@ import json
 import math
 import re
 from dataclasses import replace
+from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
@@ -32,6 +33,14 @@ TINY_NETWORK = LevenbergMarquardt(depth=2, width=10, tolerance=1e-3)
 # steps too small to move anything, and steps that bring a small network near to its curve
 TINY_RMSPROP = RMSprop(depth=2, width=5, points=64, batch=32, epochs=3, order=8)
 TRAINED_RMSPROP = RMSprop(depth=2, width=8, learning_rate=2e-3, points=256, batch=64, epochs=12, order=16)
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leaves out the drawing of surfaces, which takes most of an experiment's time at these settings."""
+    for module in (forms, integration, trainings):
+        drawn = create_autospec(figures.surfaces, side_effect=lambda *_, **__: Figure())
+        monkeypatch.setattr(module, "surfaces", drawn)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -92,6 +101,7 @@ def test_ours_are_nearer_and_faster_than_the_paper_s_training(tmp_path):
     assert "after 3 epochs" in outcome.verdict
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_both_forms_are_trained_on_the_twisted_circle_and_ours_stand_beside():
     outcome = forms.twisted_circle(rmsprop=TRAINED_RMSPROP, network=TINY_NETWORK)
     rows = {row["method"]: row for row in outcome.rows}
@@ -109,6 +119,7 @@ def test_both_forms_are_trained_on_the_twisted_circle_and_ours_stand_beside():
     assert rows[forms.SERIES]["branch points"] == "none"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_disks_of_a_seam_are_told_apart(tmp_path):
     kept = replace(TINY_RMSPROP, checkpoint=tmp_path)
     outcome = forms.tennis_seam(parameters=(0.75,), rmsprop=kept, network=TINY_NETWORK)
@@ -138,6 +149,7 @@ def test_areas_name_disks(a, area, disk):
     assert forms.which_disk(area, gallery.tennis_seam(a).disks) == disk
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_both_weights_start_alike_and_epochs_go_on_from_each_other(tmp_path):
     kept = replace(TINY_RMSPROP, checkpoint=tmp_path)
     outcome = trainings.tangents(weights=(0.0, 0.5), epochs=(0, 1, 3), rmsprop=kept)
@@ -148,6 +160,7 @@ def test_both_weights_start_alike_and_epochs_go_on_from_each_other(tmp_path):
         assert rows[weight, 3]["distance/diagonal"] == whole.max_per_diagonal
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_tangents_bring_the_boundary_nearer(monkeypatch):
     trained = {
         w: train_by_rmsprop(gallery.twisted_circle(), options=replace(TRAINED_RMSPROP, tangent_weight=w))
@@ -160,6 +173,7 @@ def test_tangents_bring_the_boundary_nearer(monkeypatch):
         assert all(row["distance/diagonal"] < 0.06 for row in outcome.rows)
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(("steps", "holds"), [(100, True), (2, False)])
 def test_mean_curvature_is_nearly_zero_where_the_rule_is_fine(monkeypatch, steps, holds):
     surface = paper_surfaces.random_networks(2)
@@ -169,6 +183,7 @@ def test_mean_curvature_is_nearly_zero_where_the_rule_is_fine(monkeypatch, steps
     assert list(outcome.pictures) == ["heat-maps"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_prescribed_surfaces_are_recovered(tmp_path):
     network = LevenbergMarquardt(tolerance=1e-7, nodes=128)
     kept = replace(TINY_RMSPROP, checkpoint=tmp_path)
@@ -212,6 +227,7 @@ def test_a_fitted_moebius_map_moves_the_functions():
     assert np.allclose(own["f"](z), truth.weierstrass_data(z)[0], atol=1e-14)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_branch_points_last_where_the_order_is_odd_and_spinors_have_none():
     outcome = forms.lasting(orders=(1, 2, 3), random=4)
     assert outcome.holds
@@ -292,11 +308,10 @@ def test_a_run_leaves_report_data_and_pictures(tmp_path):
     assert not re.search(r'(src|href)="(?!data:)', page)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_run_that_was_stopped_goes_on_from_its_trainings(tmp_path, monkeypatch):
     tiny = {"rmsprop": replace(TINY_RMSPROP, checkpoint_every=1), "network": TINY_NETWORK}
     monkeypatch.setitem(forms.EXPERIMENTS, "twisted-circle", replace(experiment("twisted-circle"), quick=tiny))
-
-    monkeypatch.setattr(forms, "surfaces", lambda *_, **__: Figure())  # to draw them takes most of a run's time
 
     def stopped(*_, **__):
         raise KeyboardInterrupt
