@@ -40,16 +40,16 @@ class FaultError(Exception):
         kind: "start": it exited before it could take a job; "death": it died; "time" or "memory": it reached a limit;
             "closed": `Process.close` was called.
         last: its last event.
-        said: the end of its standard output and error during the job.
+        output: the end of its standard output and error during the job.
         crash: the signal or, on Windows, the exception that ended it, if any.
     """
 
-    def __init__(self, reason: str, *, kind: Kind, last: Event, said: str, crash: str = "") -> None:
+    def __init__(self, reason: str, *, kind: Kind, last: Event, output: str, crash: str = "") -> None:
         super().__init__(reason)
-        self.kind, self.last, self.said, self.crash = kind, last, said, crash
+        self.kind, self.last, self.output, self.crash = kind, last, output, crash
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return partial(FaultError, str(self), kind=self.kind, last=self.last, said=self.said, crash=self.crash), ()
+        return partial(FaultError, str(self), kind=self.kind, last=self.last, output=self.output, crash=self.crash), ()
 
 
 class Process:
@@ -179,7 +179,7 @@ class Process:
         return self._fault(f"died {how}{f': {line[:300]}' if line else ''}", "death", crash)
 
     def _fault(self, what: str, kind: Kind, crash: str = "") -> FaultError:
-        return FaultError(f"its process {what}", kind=kind, last=self._last, said=self._output(), crash=crash)
+        return FaultError(f"its process {what}", kind=kind, last=self._last, output=self._output(), crash=crash)
 
     def _output(self) -> str:
         self._log.seek(max(self._begin, self._log.seek(0, os.SEEK_END) - KEPT_OUTPUT))

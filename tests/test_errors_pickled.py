@@ -71,9 +71,9 @@ def test_a_file_error_of_a_nan_survives(tmp_path: Path) -> None:
 
 
 def test_the_end_of_a_process_survives() -> None:
-    fault = FaultError("its process died", kind="death", last={"reading": "a"}, said="x")
+    fault = FaultError("its process died", kind="death", last={"reading": "a"}, output="x")
     again = pickle.loads(pickle.dumps(fault))
-    assert (str(again), again.kind, again.last, again.said) == ("its process died", "death", {"reading": "a"}, "x")
+    assert (str(again), again.kind, again.last, again.output) == ("its process died", "death", {"reading": "a"}, "x")
 
 
 def loops_of(x: float) -> int:

@@ -75,7 +75,7 @@ def test_one_process_does_one_job_after_the_other(process: Process) -> None:
 )
 def test_a_death_is_told_with_the_last_words(process: Process, job: Event, reason: str) -> None:
     fault = fault_of(process, job)
-    assert (str(fault), fault.kind, fault.said) == (reason, "death", "a word\nand another")
+    assert (str(fault), fault.kind, fault.output) == (reason, "death", "a word\nand another")
     assert fault.last.keys() == {"begun"}
     # another process does the next
     process.run({}, lambda _: None, seconds=30.0)

@@ -250,7 +250,7 @@ def run_isolated(
                 output = process.run(task, record.update, seconds=time_limit)
             except FaultError as fault:
                 record = {"status": "timed out" if fault.kind == "time" else "crashed", "reason": str(fault)}
-                output = fault.said
+                output = fault.output
             on_record(task, {**record, "said": output} if output else record)
     finally:
         process.end()

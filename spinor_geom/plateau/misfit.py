@@ -109,7 +109,7 @@ class Misfit:
         """The misfit after scaling surface and curve."""
         return replace(self, rms=scale * self.rms, max=scale * self.max, length=scale * self.length)
 
-    def and_astray(self, distance: float) -> Misfit:
+    def with_offset(self, distance: float) -> Misfit:
         """The misfit of a surface whose boundary has a given RMS distance from the measured curve."""
         return replace(self, rms=float(np.hypot(self.rms, distance)), max=max(self.max, distance))
 

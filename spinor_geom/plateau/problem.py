@@ -164,7 +164,7 @@ class PlateauProblem:
         return self.curves[0]
 
     @cached_property
-    def pinned(self) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
+    def divided_points(self) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
         """The points of the loop at unit size, with points added on long edges; and a mask of the loop's own points."""
         return with_long_edges_divided(self.unit.points)
 

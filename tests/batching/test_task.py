@@ -397,7 +397,7 @@ def test_what_a_bundle_does_is_no_fault_of_the_last_file_read(tmp_path: Path, mo
             with monkeypatch.context() as patch:
                 patch.setattr(solver, "_patches", lambda *_, **__: 1 / 0)
                 solver.work(job, told.append, archives=ArchiveReader())
-            raise FaultError("took too long", kind="time", last=told[-1], said="")
+            raise FaultError("took too long", kind="time", last=told[-1], output="")
 
     monkeypatch.setattr(workers, "process_of_thread", lambda _: Solver())
     options, output = BatchOptions(), tmp_path / "out"

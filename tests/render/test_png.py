@@ -103,7 +103,7 @@ def test_a_failed_drawing_is_a_typed_error_and_leaves_no_file(
 def test_the_advice_is_for_the_system(monkeypatch: pytest.MonkeyPatch, system: str, advice: str) -> None:
     monkeypatch.setattr("sys.platform", system)
     for crash, said in (("an access violation", ""), ("", "ImportError: OpenGL32.dll")):
-        explained = png._explanation(FaultError("ended", kind="death", last={}, said=said, crash=crash))
+        explained = png._explanation(FaultError("ended", kind="death", last={}, output=said, crash=crash))
         assert advice in explained
 
 

@@ -247,7 +247,7 @@ def independent_residual(
     # closing the gap around the hole moves the boundary by about the gap
     gap = float(problem.around_hole(velocity).real.norm())
     energy = (problem.arc_weights * torch.cat(squares)).reshape(count, order).sum(1)
-    return misfit.and_astray(gap), energy.cpu().numpy()
+    return misfit.with_offset(gap), energy.cpu().numpy()
 
 
 def projected(

@@ -121,7 +121,7 @@ class NetworkSolver:
         ):  # rough loops start from a finer one
             fitted = self._improved(fitted, start)
         with self.problem.clock.stage("surface"):
-            surface, astray = fitted_surface(fitted, allowed=self.problem.allowed)
+            surface, rms_offset = fitted_surface(fitted, allowed=self.problem.allowed)
             area = surface.area()
         between = None
         if surface.domain.holes:
@@ -136,7 +136,7 @@ class NetworkSolver:
             domain=surface.domain,
             surface_at=surface.placed,
             matchings=tuple(fitted.stage.matchings(fitted.fit)),
-            misfit=fitted.misfit.and_astray(astray),
+            misfit=fitted.misfit.with_offset(rms_offset),
             area=area,
             route="network" if between is None else "annular network",
             limit=self._limit(fitted),
@@ -337,10 +337,10 @@ def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[SpinorSurface, fl
             # the median ignores paths that come too near to a pole
             constant = offset.median(0).values
             surface.constant.copy_(constant)
-        astray = float(weight @ (offset - constant).square().sum(1)) ** 0.5
-        if astray <= max(fitted.misfit.rms, allowed):
+        rms_offset = float(weight @ (offset - constant).square().sum(1)) ** 0.5
+        if rms_offset <= max(fitted.misfit.rms, allowed):
             break
-    return surface, astray
+    return surface, rms_offset
 
 
 def close_period(surface: SpinorSurface) -> None:

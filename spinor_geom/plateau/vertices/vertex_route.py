@@ -56,7 +56,7 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
         OutOfTimeError: time ran out.
     """
     loop, device, allowed = problem.unit, problem.options.device, problem.allowed
-    (points, are_own), clock = problem.pinned, problem.clock
+    (points, are_own), clock = problem.divided_points, problem.clock
     with clock.stage("first fill"):
         disk = problem.start or first_disk(points)
     with clock.stage("flattening"):
@@ -108,7 +108,7 @@ def _fitted(
     (rim,) = basis.rims
     start = rim.nearest_between(spinors)
     readout = start if raw is None else rim.norm.mH @ raw
-    wanted = torch.tensor(problem.pinned[0], device=start.device)
+    wanted = torch.tensor(problem.divided_points[0], device=start.device)
     here = Passing(basis=basis, points=(wanted,), raw=basis.raw(readout))
     in_edges = here.distance / problem.unit.mean_edge_length
     if not in_edges <= _FAR:
