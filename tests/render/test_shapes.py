@@ -106,8 +106,10 @@ def test_another_suffix_is_refused(tmp_path: Path) -> None:
 def test_what_a_notebook_shows_is_a_page_of_its_own_and_drawn(
     enneper: PlateauSolution, filled: FillResult, tmp_path: Path
 ) -> None:
-    shown = {"surface": enneper.surface, "solution": enneper, "fill": filled, "mesh": filled.original}
+    shown = {"surface": enneper.surface, "fill": filled}
     frames = {name: one._repr_html_() for name, one in shown.items()}
+    for other in (enneper, filled.original):
+        assert f'title="{type(other).__name__}' in other._repr_html_()
     page = tmp_path / "notebook.html"
     page.write_text("<!doctype html><meta charset=utf-8>" + "".join(frames.values()), encoding="utf-8")
     with browser() as chromium, visit(chromium, page.as_uri()) as opened:
