@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import io
 import json
@@ -49,6 +50,13 @@ class Terminal(io.StringIO):
 
     def isatty(self) -> bool:
         return True
+
+
+def on_terminal(arguments: list[str]) -> tuple[int, str]:
+    """The exit status of a command on a terminal, and what it shows."""
+    with contextlib.redirect_stdout(Terminal()) as terminal:
+        status = main(arguments)
+    return status, terminal.getvalue()
 
 
 def test_fill_writes_a_closed_mesh_and_a_report(
@@ -198,16 +206,13 @@ def test_bridge_joins_two_rims_and_islands_are_joined_on_request(
     assert "not allowed with" in capsys.readouterr().err
 
 
-def test_continuity_makes_smooth_patches_and_says_so(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_continuity_makes_smooth_patches_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, output, report = write_obj(tmp_path / "in.obj", *cylinder(16, 4)), tmp_path / "out.ply", tmp_path / "r.json"
     page = tmp_path / "page.html"
     arguments = ["fill", str(path), "-o", str(output), "--report", str(report), "--html", str(page), "--compare"]
-    monkeypatch.setattr(sys, "stdout", Terminal())
-    assert main([*arguments, "--continuity", "C1", "--strict"]) == 0
+    status, shown = on_terminal([*arguments, "--continuity", "C1", "--strict"])
+    assert status == 0
     assert [entry["kind"] for entry in json.loads(report.read_text())["loops"]] == ["smooth", "smooth"]
-    shown = sys.stdout.getvalue()  # type: ignore[attr-defined]
     assert "smooth" in shown
     assert "bend" in shown
     assert "90° to" in shown
@@ -317,12 +322,10 @@ def test_a_closed_mesh_has_no_loops(mesh_path: Path, tmp_path: Path, capsys: pyt
 
 
 def test_a_terminal_gets_a_table(mesh_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal = Terminal()
-    monkeypatch.setattr(sys, "stdout", terminal)
     monkeypatch.setenv("COLUMNS", "120")
     monkeypatch.setenv("NO_COLOR", "1")
-    assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj")]) == 0
-    text = terminal.getvalue()
+    status, text = on_terminal(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj")])
+    assert status == 0
     assert "residual" in text
     assert "stability" in text
     assert "crossings" not in text
@@ -334,12 +337,10 @@ def test_a_terminal_gets_a_table(mesh_path: Path, tmp_path: Path, monkeypatch: p
 def test_a_narrow_terminal_keeps_the_kind_and_the_area_of_each_loop(
     continuity: str, mesh_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    terminal = Terminal()
-    monkeypatch.setattr(sys, "stdout", terminal)
     monkeypatch.setenv("COLUMNS", "80")
-    command = ["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), "--continuity", continuity]
-    assert main(command) == 0
-    plain = re.sub(r"\x1b\[[\d;]*m", "", terminal.getvalue())
+    status, text = on_terminal(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), "--continuity", continuity])
+    assert status == 0
+    plain = re.sub(r"\x1b\[[\d;]*m", "", text)
     assert "…" not in plain
     header = next(line.split() for line in plain.splitlines() if "loop" in line)
     assert {"loop", "kind", "area", "faces"} <= set(header)
@@ -349,12 +350,11 @@ def test_a_narrow_terminal_keeps_the_kind_and_the_area_of_each_loop(
 def test_crossings_get_a_column_where_there_are_some(
     spiked_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    terminal = Terminal()
-    monkeypatch.setattr(sys, "stdout", terminal)
     monkeypatch.setenv("COLUMNS", "140")
     monkeypatch.setenv("NO_COLOR", "1")
-    assert main(["fill", str(spiked_path), "-o", str(tmp_path / "filled.obj"), "--loop", "0"]) == 1
-    plain = re.sub(r"\x1b\[[\d;]*m", "", terminal.getvalue())
+    status, text = on_terminal(["fill", str(spiked_path), "-o", str(tmp_path / "filled.obj"), "--loop", "0"])
+    assert status == 1
+    plain = re.sub(r"\x1b\[[\d;]*m", "", text)
     header, _, filled, left = (line.split() for line in plain.splitlines()[:5] if line.strip())
     assert header[-3:] == ["faces", "seconds", "crossings"]
     assert (filled[-3], filled[-1]) == ("1", "1")  # one new face, one crossing
@@ -367,29 +367,23 @@ def test_the_table_is_coloured_where_the_terminal_has_colours(
     monkeypatch.setenv("COLUMNS", "120")
     monkeypatch.setenv("TERM", "xterm-256color")
     for options, green, yellow in (([], 2, 0), (["--tolerance", "1e-16"], 0, 2), (["--loop", "1"], 1, 0)):
-        terminal = Terminal()
-        monkeypatch.setattr(sys, "stdout", terminal)
-        main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), *options])
-        text = terminal.getvalue()
+        _, text = on_terminal(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), *options])
         assert (text.count("\x1b[32mminimal"), text.count("\x1b[33mminimal")) == (green, yellow)
     assert "\x1b[2mleft open" in text
     monkeypatch.setenv("NO_COLOR", "1")
-    monkeypatch.setattr(sys, "stdout", terminal := Terminal())
-    assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj")]) == 0
-    assert "\x1b[32m" not in terminal.getvalue()
+    assert "\x1b[32m" not in on_terminal(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj")])[1]
 
 
-def test_cells_are_no_markup(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stdout", terminal := Terminal())
-    console.show_table(["remark"], [["[red]a[/red]"]], piped=True)
+def test_cells_are_no_markup() -> None:
+    with contextlib.redirect_stdout(Terminal()) as terminal:
+        console.show_table(["remark"], [["[red]a[/red]"]], piped=True)
     assert "[red]a[/red]" in terminal.getvalue()
 
 
 def test_progress_is_drawn_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm")
     for stream, drawn in ((Terminal(), True), (io.StringIO(), False)):
-        monkeypatch.setattr(sys, "stderr", stream)
-        with console.progress("filling") as bar:
+        with contextlib.redirect_stderr(stream), console.progress("filling") as bar:
             bar(1, 2)
             bar.stage("loop 1: mesh")
         assert ("filling loop 1: mesh" in stream.getvalue()) is drawn
@@ -604,10 +598,9 @@ def test_mistaken_options_of_a_batch_are_usage_errors(text: str, capsys: pytest.
     assert f"argument {text.split()[0]}" in capsys.readouterr().err
 
 
-def test_the_progress_of_a_batch_is_shown_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_progress_of_a_batch_is_shown_on_a_terminal_only() -> None:
     for stream, shown in ((Terminal(), True), (io.StringIO(), False)):
-        monkeypatch.setattr(sys, "stderr", stream)
-        with console.progress("listing the inputs") as show:
+        with contextlib.redirect_stderr(stream), console.progress("listing the inputs") as show:
             show(3, 10, "loops: 7 done")
         assert ("loops: 7 done" in stream.getvalue()) == shown
 

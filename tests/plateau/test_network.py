@@ -61,26 +61,32 @@ def test_share_at_corners_counts_the_edges_that_end_there():
     assert stage.share_at_corners(np.diff(stage.panels.breaks)) == pytest.approx(2 / 3)
 
 
-def test_rough_loop_is_said_to_limit_a_full_network(monkeypatch):
+@pytest.fixture
+def small_networks(monkeypatch):
+    """Networks of few features: fits that end because of something else come to the same end in less time."""
     monkeypatch.setattr(discretisation, "_MAX_FEATURES", 60)
+
+
+@pytest.mark.usefixtures("small_networks")
+def test_rough_loop_is_said_to_limit_a_full_network():
     solution = solve_plateau(noisy_ellipse(40, amount=0.3), tolerance=1e-12, model=Cauchy(degree=4))
     assert not solution.converged
     assert "the network has the largest number of features" in solution.reason
     assert "the loop is rough: one point in ten turns by more than" in solution.reason
 
 
-def test_corners_are_said_to_limit_a_fit_that_is_worst_there(monkeypatch):
-    monkeypatch.setattr(discretisation, "_MAX_FEATURES", 60)
+@pytest.mark.usefixtures("small_networks")
+def test_corners_are_said_to_limit_a_fit_that_is_worst_there():
     solution = solve_plateau(gallery.l_shape(rise=0.25).sample(64), tolerance=1e-10)
     assert not solution.converged
     assert "% of the squared distance lies within an edge of the loop's corners" in solution.reason
 
 
+@pytest.mark.usefixtures("small_networks")
 def test_moduli_are_said_to_limit_a_fit_whose_domain_would_fold(monkeypatch):
     def folds(*_, **__):
         raise DomainError("the moved domain is not simple")
 
-    monkeypatch.setattr(discretisation, "_MAX_FEATURES", 60)
     monkeypatch.setattr(Discretisation, "moved", folds)
     solution = solve_plateau(gallery.catenoid(0.5, turn=np.pi).rim(48), tolerance=1e-6, between="smooth")
     assert not solution.converged
