@@ -79,7 +79,7 @@ def test_the_wheel_of_the_sdist_is_the_wheel_of_the_source(wheel: Path, source: 
     assert contents(built_wheel(built(source, tmp_path, "sdist"), tmp_path / "wheel")) == contents(wheel)
 
 
-IMPORT = "import spinor_geom.adapters, spinor_geom; print(spinor_geom.adapters.__file__, spinor_geom.fill_hole)"
+IMPORT = "import spinor_geom.adapters, spinor_geom; print(spinor_geom.adapters.__file__, spinor_geom.MeshFile)"
 
 
 def imported(program: str, place: Path, *arguments: object, options: Sequence[str] = ()) -> Path:
@@ -87,7 +87,7 @@ def imported(program: str, place: Path, *arguments: object, options: Sequence[st
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     command = [sys.executable, *options, "-c", program, *map(str, arguments)]
     done = subprocess.run(command, cwd=place, env=environment, timeout=120, check=True, capture_output=True, text=True)
-    return Path(done.stdout.split(" <function")[0])
+    return Path(done.stdout.split(" <class")[0])
 
 
 def test_an_editable_install_finds_the_adapters(source: Path, tmp_path: Path) -> None:

@@ -62,6 +62,7 @@ def address(pages: Path) -> Iterator[str]:
         server.shutdown()
 
 
+@pytest.mark.slow
 def test_every_page_and_every_picture_opens_in_a_browser(pages: Path, address: str) -> None:
     names = sorted(str(path.relative_to(pages)) for path in pages.rglob("*.html") if path.name != "404.html")
     assert len(names) == len(list((ROOT / "docs").glob("*.md")))
@@ -88,6 +89,7 @@ def test_every_page_and_every_picture_opens_in_a_browser(pages: Path, address: s
                     assert page.locator("math[display=block]").first.bounding_box()["height"] > 10
 
 
+@pytest.mark.slow
 def test_the_search_finds_pages_by_their_words(address: str) -> None:
     with browser() as chromium, visit(chromium, f"{address}/index.html") as opened:
         box, count = opened.page.locator(".md-search__input"), opened.page.locator(".md-search-result__meta")
