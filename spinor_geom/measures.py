@@ -6,7 +6,7 @@ import igl
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import OptionError, require_count
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.operators import cotangent_laplacian, internal_angles, mass_matrix, vertex_normals
 from spinor_geom.mesh.topology import boundary_edges, referenced_vertices
@@ -53,10 +53,9 @@ def hausdorff_distance(
     Distances of samples, see `mesh_samples`, to the faces of the other mesh are exact.
 
     Raises:
-        OptionError: a mesh has no faces, or `samples` is not positive.
+        OptionError: a mesh has no faces, or `samples` is not a positive whole number.
     """
-    if not samples > 0:
-        raise OptionError(f"samples must be positive, got {samples}")
+    require_count(samples=samples)
     if len(faces_a) == 0 or len(faces_b) == 0:
         raise OptionError("a Hausdorff distance needs two meshes with at least one face each")
     a, b = mesh_samples(vertices_a, faces_a, samples), mesh_samples(vertices_b, faces_b, samples)

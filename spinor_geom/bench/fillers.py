@@ -113,8 +113,7 @@ def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
             *mesh,
             message="; ".join([f"{len(filled)} of {len(requested)} filled", *dict.fromkeys(reasons)]),
             succeeded=all(outcome.converged for outcome in requested) and report.intersection_free,
-            # the area of a surface between two rims is counted once, at the rim with its faces
-            area=sum(o.area for o in requested if o.area is not None and o.faces_added),
+            area=sum(outcome.area for outcome in filled if outcome.area is not None),
             figures={
                 **{kind: sum(o.kind == kind for o in filled) for kind in ("minimal", "discrete", "smooth")},
                 "requested": len(requested),

@@ -21,7 +21,14 @@ from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.sizes import SizeFunction, graded_size, graded_sizes
 from spinor_geom.domain.triangulation import MOST_POINTS, one_by_one_on_error, triangulate_polygon, triangulate_regions
-from spinor_geom.errors import DomainError, FirstFillError, OptionError, SpinorGeomError, TooManyRimsError
+from spinor_geom.errors import (
+    DomainError,
+    FirstFillError,
+    OptionError,
+    SpinorGeomError,
+    TooManyRimsError,
+    require_positive,
+)
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas, mollified_laplacian
 from spinor_geom.mesh.spacing import edge_lengths
@@ -113,9 +120,9 @@ def discrete_minimal_surface(
 
     Source: Pinkall & Polthier (1993); the first fill after Barequet & Sharir (1995).
     """
-    for name, value in (("target_edge_length", target_edge_length), ("relative_change", relative_change)):
-        if value is not None and not value > 0:
-            raise OptionError(f"{name} must be positive, got {value}")
+    require_positive("relative_change", relative_change)
+    if target_edge_length is not None:
+        require_positive("target_edge_length", target_edge_length)
     loops = [rim for rim in to_rims(loop) if isinstance(rim, BoundaryLoop)]
     if len(loops) != 1:
         if method != "libigl" or target_edge_length is not None:
