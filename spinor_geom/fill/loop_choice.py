@@ -13,7 +13,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.plateau.plane_route import lie_in_plane
-from spinor_geom.plateau.roughness import shows_sides
+from spinor_geom.plateau.roughness import has_stray_corners
 
 LoopChoice: TypeAlias = Literal["all"] | int | BoundaryLoop | Sequence[int]
 
@@ -43,14 +43,12 @@ def boundary_loops(mesh: Any) -> list[BoundaryLoop]:
 
 
 def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
-    """A loop without detected corners that only come from the triangulation, so that Γ is free there.
+    """A loop without stray corners, see `has_stray_corners`, so that Γ is free there.
 
-    Corners given by the caller, between smooth sides, or of a loop that is plane within the tolerance, in mean edges,
-    are kept.
+    Those of a loop that is plane within the tolerance, in mean edges, are kept.
     """
-    if loop.corners_given or not loop.corners.any() or shows_sides(loop):
-        return loop
-    if lie_in_plane([loop], allowed=tolerance * loop.mean_edge_length / loop.diagonal):
+    allowed = tolerance * loop.mean_edge_length / loop.diagonal
+    if not has_stray_corners(loop) or lie_in_plane([loop], allowed=allowed):
         return loop
     return replace(loop, corners=np.zeros(len(loop), dtype=bool))
 

@@ -29,14 +29,7 @@ from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import PLANE, lie_in_plane
 from spinor_geom.plateau.problem import PlateauProblem, Route
 from spinor_geom.plateau.rims.rims_route import RimsSolver, obstacle
-from spinor_geom.plateau.roughness import (
-    FEW_POINTS,
-    ROUGH_TURN,
-    is_rough,
-    roughness,
-    roundest,
-    shows_sides,
-)
+from spinor_geom.plateau.roughness import FEW_POINTS, ROUGH_TURN, has_stray_corners, is_rough, roughness, roundest
 from spinor_geom.plateau.route_result import FAILURES, NoConnectedSurfaceError, RouteResult, typed_failures
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution, RimDisks
 from spinor_geom.plateau.steps import SPENT, Clock
@@ -69,9 +62,8 @@ def _plan_for_disk(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tupl
         return (NETWORK,)
     may_be_free = options.between == "free" and len(loop) <= MOST_FREE_POINTS
     if loop.corners.any():
-        # corners that were only detected may be noise, unless the sides between them are smooth
         through = (THROUGH_POINTS,) if may_be_free and not in_plane and not loop.corners_given else ()
-        network = () if through and not shows_sides(loop) else (NETWORK,)
+        network = () if through and has_stray_corners(loop) else (NETWORK,)
         return (*in_plane, *network, *through)
     if may_be_free and _shows_no_curve(loop, curve):
         return (*in_plane, THROUGH_POINTS)

@@ -32,8 +32,13 @@ def is_rough(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
     return bool(curve.kind == "cubic" and roughness(loop) - roundest(len(loop)) > ROUGH_TURN)
 
 
-def shows_sides(loop: BoundaryLoop) -> bool:
-    """Whether the sides between the corners of a loop are smooth: straight, or of many points with small turns."""
+def has_stray_corners(loop: BoundaryLoop) -> bool:
+    """Whether corners were only detected, and the sides between them are not smooth, so that Γ need not have them.
+
+    Smooth sides are straight, or have many points with small turns.
+    """
     corners = np.count_nonzero(loop.corners)
+    if loop.corners_given or not corners:
+        return False
     turn, points_of_a_side = turning_angles(loop.points)[~loop.corners].max(initial=0.0), len(loop) / corners + 1
-    return bool((points_of_a_side > FEW_POINTS and turn <= ROUGH_TURN) or (points_of_a_side > 2 and turn <= _STRAIGHT))
+    return not ((points_of_a_side > FEW_POINTS and turn <= ROUGH_TURN) or (points_of_a_side > 2 and turn <= _STRAIGHT))
