@@ -149,4 +149,6 @@ def fuzz(kind: str) -> None:
 if __name__ == "__main__":
     os.fsync = lambda descriptor: None  # the disk is not what is tested, and most of the time
     limit_memory()
-    fuzz(sys.argv[1])
+    for each in VALID:
+        print(f"changed {each} files", file=sys.stderr, flush=True)
+        fuzz(each)

@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from tests.adapters.fuzz import VALID
 from tests.adapters.malformed import CASES
 
 SECONDS = 20.0  # for each file, on a busy machine; all take less than one on an idle one
@@ -38,9 +37,8 @@ def test_a_malformed_file_is_read_right_or_refused(outcomes: dict[str, dict[str,
     assert outcome["seconds"] < SECONDS
 
 
-@pytest.mark.parametrize("kind", VALID)
-def test_a_changed_file_is_read_or_refused(kind: str) -> None:
-    command = [sys.executable, "-W", "error", "-m", "tests.adapters.fuzz", kind]
+def test_changed_files_are_read_or_refused() -> None:
+    command = [sys.executable, "-W", "error", "-m", "tests.adapters.fuzz"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr[-4000:]
 
