@@ -23,10 +23,9 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import require_count, require_positive
 from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP, Linearisation, disk_around
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
-from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.curve_tensors import CurveTensors, normals_of
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network.discretisation import interpolate_matching
-from spinor_geom.plateau.network.gauss_newton import normals_of
 from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.steps import Steps

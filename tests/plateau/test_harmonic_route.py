@@ -123,7 +123,8 @@ def test_noisy_loops_get_more_nodes_where_these_help_slowly():
     assert solution.route == "flattened"
 
 
-@pytest.mark.parametrize(("points", "steps"), [(1000, 120), pytest.param(5000, 400, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("points", "steps"), [(1000, 120), (5000, 400)])
 def test_slides_on_noisy_loops_begin_on_their_average(points, steps):
     # from points of Γ itself, as many as Ω has, 1,000 took 229 steps, and 5,000 were not met
     loop = gallery.noisy_loop(gallery.evenly_sampled(gallery.ellipse(2.0, 0.3), points), 0.15, seed=0)

@@ -89,7 +89,7 @@ def test_rims_with_waves():
     assert exact.is_area_minimum
 
 
-@pytest.mark.parametrize(("waves", "amount"), [(5, 0.1), (5, 0.2)])
+@pytest.mark.parametrize(("waves", "amount"), [(5, 0.1), pytest.param(5, 0.2, marks=pytest.mark.slow)])
 def test_rims_with_many_waves_get_the_nodes_that_these_want(waves, amount):
     # with few nodes the energy has minima that are none of the surface's
     rims = (
@@ -404,7 +404,7 @@ def test_squares_turned_against_each_other_are_met_at_their_corners(turn, edges,
         assert away.min(axis=1).max() < 1e-3
 
 
-@pytest.mark.parametrize(("first", "second"), [(5, 3), (7, 4)])
+@pytest.mark.parametrize(("first", "second"), [(5, 3), pytest.param(7, 4, marks=pytest.mark.slow)])
 def test_polygons_of_unlike_corners_are_met(first, second):
     loops = []
     for k, h in ((first, 0.0), (second, 0.45)):
