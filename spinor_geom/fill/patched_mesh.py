@@ -96,7 +96,7 @@ class PatchedMesh:
         sides = np.flatnonzero(on_loop & on_loop[:, [1, 2, 0]])
         ends = np.stack([mesh.faces[sides // 3, sides % 3], mesh.faces[sides // 3, (sides + 1) % 3]], axis=1)
         self._edges = set(self._keys(ends))
-        self._patches: list[_NumberedFaces] = []
+        self._patches: list[_Piece] = []
         # bounding boxes of the patches, low and high corner in one row; the array has spare rows
         self._boxes = np.empty((1, 6))
 
@@ -150,12 +150,12 @@ class PatchedMesh:
         return bool((self._loops_at[loop.vertex_ids] > 1).any())
 
     @cached_property
-    def _mesh_piece(self) -> _NumberedFaces:
-        return _NumberedFaces(self.mesh.vertices, self.mesh.faces, start=0)
+    def _mesh_piece(self) -> _Piece:
+        return _Piece(self.mesh.vertices, self.mesh.faces, start=0)
 
     def crossings(self, patch: Patch) -> Crossings:
         """Intersections of a patch with itself, the mesh and the patches joined before."""
-        new = _NumberedFaces(patch.vertices, np.asarray(patch.faces), start=self.face_count)
+        new = _Piece(patch.vertices, np.asarray(patch.faces), start=self.face_count)
         own = NO_PAIRS
         if patch.hole_sizes or not is_graph(new.vertices, new.faces, patch.boundary_size):
             own = self_intersections(new.vertices, new.faces) + new.start
@@ -170,7 +170,7 @@ class PatchedMesh:
     def join(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> int:
         """Adds a patch with the boundary vertices `rim` of the mesh; returns the number of its first face."""
         self._edges.update(self._keys(rim[patch_chords(patch)]))
-        new = _NumberedFaces(patch.vertices, np.asarray(patch.faces), start=self.face_count)
+        new = _Piece(patch.vertices, np.asarray(patch.faces), start=self.face_count)
         if len(self._patches) == len(self._boxes):
             self._boxes = np.concatenate([self._boxes, np.empty_like(self._boxes)])
         self._boxes[len(self._patches)] = np.concatenate([new.low, new.high])
@@ -179,7 +179,7 @@ class PatchedMesh:
         return new.start
 
 
-class _NumberedFaces:
+class _Piece:
     """Faces with their bounding boxes, numbered from `start` on."""
 
     def __init__(self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], *, start: int) -> None:
@@ -197,7 +197,7 @@ class _NumberedFaces:
             found = found[(lows[axis, found] <= self.high[axis]) & (highs[axis, found] >= self.low[axis])]
         return found
 
-    def crossings(self, other: _NumberedFaces) -> Int[np.ndarray, "k 2"]:
+    def crossings(self, other: _Piece) -> Int[np.ndarray, "k 2"]:
         """Intersecting pairs of a face of this piece and a face of another."""
         near = self.meeting(other._lows, other._highs)
         corners = other.vertices[other.faces[near]].reshape(-1, 3)
@@ -205,7 +205,7 @@ class _NumberedFaces:
         return np.stack([self.start + pairs[:, 0], other.start + near[pairs[:, 1]]], axis=1)
 
 
-def _note(what: str, pairs: Int[np.ndarray, "k 2"], patch: _NumberedFaces) -> str:
+def _note(what: str, pairs: Int[np.ndarray, "k 2"], patch: _Piece) -> str:
     first = tuple(pairs[0].tolist())
     where = patch.vertices[patch.faces[first[0] - patch.start]].mean(axis=0)
     return (
