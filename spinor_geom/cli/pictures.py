@@ -56,7 +56,7 @@ def _render(arguments: argparse.Namespace) -> None:
 def _morph(arguments: argparse.Namespace) -> None:
     from spinor_geom.gallery import named_surface
     from spinor_geom.render.morph import checked_suffix, morph
-    from spinor_geom.surface import SpinorSurface
+    from spinor_geom.surface.spinor_surface import SpinorSurface
 
     checked_suffix(arguments.output)
     require_writable(arguments.output)

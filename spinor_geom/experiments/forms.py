@@ -23,7 +23,8 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.scene import Dots
-from spinor_geom.surface import BranchPoint, SpinorSurface
+from spinor_geom.surface.branch import BranchPoint
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 

@@ -14,7 +14,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_levenberg_marquardt
 
 _ORDER, _PERTURBATION = 10, 0.1  # of Taylor expansions, and of their coefficients, relative to the largest

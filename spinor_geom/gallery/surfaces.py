@@ -15,7 +15,7 @@ from spinor_geom.errors import OptionError, require_count, require_positive
 from spinor_geom.gallery.chart import SurfaceFunction
 from spinor_geom.gallery.known import KnownSurface
 from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
 _NEGLIGIBLE = 1e-19  # relative size of terms of power series that are left out
 _SIDE_VERTICES = 32  # vertices on the longer side of a rectangle in Ω

@@ -14,7 +14,7 @@ from spinor_geom.render.page import Views, document
 from spinor_geom.render.png import drawn
 from spinor_geom.render.portrait import surface_layers
 from spinor_geom.render.scene import Scene
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
 SUFFIXES = (".gif", ".html", ".mp4")
 FRAMES = 72

@@ -20,7 +20,7 @@ from spinor_geom.meshing.embed import mesh_surface
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render.png import write_png
 from spinor_geom.render.scene import EYE, GRID_COLOUR, SIDES, Faces, Layer, Lines, Scene, overview
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
 SIZE = (900, 720)
 GAUSS = "Gauss curvature"

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from spinor_geom.errors import DtypeError, OptionError
-from spinor_geom.holomorphic import LaurentSeries
+from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 
 SIZES = [(3, 2), (1, 1), (1, 5), (40, 35)]

@@ -9,15 +9,13 @@ import torch
 from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.quadrature import Panels
 from spinor_geom.errors import DtypeError, StorageError
-from spinor_geom.holomorphic import (
-    MODELS,
-    CauchyNetwork,
-    ComplexMLP,
-    HolomorphicModel,
-    LaurentSeries,
-    PowerSeries,
-    rebuild,
-)
+from spinor_geom.holomorphic.model import MODELS
+from spinor_geom.holomorphic.cauchy import CauchyNetwork
+from spinor_geom.holomorphic.mlp import ComplexMLP
+from spinor_geom.holomorphic.model import HolomorphicModel
+from spinor_geom.holomorphic.laurent import LaurentSeries
+from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.holomorphic.model import rebuild
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant

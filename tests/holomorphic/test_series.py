@@ -6,7 +6,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.holomorphic import PowerSeries
+from spinor_geom.holomorphic.series import PowerSeries
 from tests.strategies import SEEDS
 
 

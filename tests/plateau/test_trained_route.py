@@ -9,10 +9,10 @@ import pytest
 
 from spinor_geom import gallery
 from spinor_geom.errors import OptionError
-from spinor_geom.holomorphic import ComplexMLP
+from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau, solve_plateau_batch
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 
 CURVE = gallery.twisted_circle()

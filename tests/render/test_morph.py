@@ -25,7 +25,7 @@ from spinor_geom.render.morph import SUFFIXES, morph
 from spinor_geom.render.page import farthest
 from spinor_geom.render.portrait import GAUSS, GRID_LINES, Portrait, grid_lines, surface_layers
 from spinor_geom.render.scene import Faces
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from tests.browser import browser, visit
 
 ANGLES = st.floats(-10, 10)

@@ -6,7 +6,7 @@ import torch
 
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.gallery import catenoid, helicoid, polynomial
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.curvature import mean_curvature
 
 
