@@ -83,7 +83,7 @@ def to_numpy(x: Any) -> np.ndarray:
 
 
 def complex_of(real: Float[Array, "*any"], imag: Float[Array, "*any"]) -> Complex[Array, "*any"]:
-    """real + i·imag."""
+    """Real + i·imag."""
     if is_numpy(real):
         whole = np.empty(real.shape, dtype=np.complex128)
         whole.real, whole.imag = real, imag
@@ -203,14 +203,21 @@ def gram(rows: Inexact[Array, "m k"]) -> Inexact[Array, "k k"]:
     return lower if place.device is None else place.put(lower)
 
 
+def on_device_of(x: Array) -> dict[str, Any]:
+    """The argument for functions that make arrays where another one is."""
+    return {} if is_numpy(x) else {"device": x.device}
+
+
 def padded(x: Shaped[Array, "*any n"], before: int, after: int) -> Shaped[Array, "*any m"]:
     """Rows with zeros added at both ends."""
     xp = namespace(x)
-    ends = [
-        xp.zeros((*x.shape[:-1], count), dtype=x.dtype, **({} if is_numpy(x) else {"device": x.device}))
-        for count in (before, after)
-    ]
+    ends = [xp.zeros((*x.shape[:-1], count), dtype=x.dtype, **on_device_of(x)) for count in (before, after)]
     return xp.concat([ends[0], x, ends[1]], axis=-1)
+
+
+def contiguous(x: Array) -> Array:
+    """The array, or a copy whose rows are not strided."""
+    return np.ascontiguousarray(x) if is_numpy(x) else x.contiguous()
 
 
 def zeros(shape: Sequence[int], like: Array) -> Array:

@@ -199,8 +199,8 @@ def surface_of(
     form: str, first: Complex[np.ndarray, " n"], second: Complex[np.ndarray, " m"]
 ) -> SpinorSurface | WeierstrassSurface:
     """The surface over the unit disk with the coefficients of p and q, or of f and g."""
-    coefficients = torch.zeros(max(len(first), len(second)), 2, dtype=torch.complex128)
-    coefficients[: len(first), 0], coefficients[: len(second), 1] = (torch.tensor(c) for c in (first, second))
+    coefficients = np.zeros((max(len(first), len(second)), 2), dtype=np.complex128)
+    coefficients[: len(first), 0], coefficients[: len(second), 1] = (first, second)
     model, domain = PowerSeries(coefficients), PlaneDomain.disk()
     if form == FORMS[0]:
         return SpinorSurface(model, domain)

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import Array, complex_of, namespace, place_of, zeros
-from spinor_geom.holomorphic.array_model import ArrayModel
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials, barycentric_weights, leja_points
+from spinor_geom.holomorphic.array_model import ArrayModel
 from spinor_geom.holomorphic.blocks import in_blocks, require_complex
 from spinor_geom.holomorphic.interpolant import interpolated, interpolated_slope
 

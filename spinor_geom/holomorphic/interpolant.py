@@ -92,9 +92,7 @@ def interpolated(z: Complex[Array, " m"], nodes: Nodes, weights: Nodes, values: 
     return xp.where(hit.any(-1)[:, None], at_node, elsewhere)
 
 
-def interpolated_slope(
-    z: Complex[Array, " m"], nodes: Nodes, weights: Nodes, values: Values
-) -> Complex[Array, "m 2"]:
+def interpolated_slope(z: Complex[Array, " m"], nodes: Nodes, weights: Nodes, values: Values) -> Complex[Array, "m 2"]:
     """Derivatives of the functions of `interpolated`."""
     # with N = Σ w f/(ζ − z), D = Σ w/(ζ − z): (N/D)' = (Σ w f/(ζ − z)² − (N/D) Σ w/(ζ − z)²)/D
     inverse, hit = _inverse_differences(z, nodes)

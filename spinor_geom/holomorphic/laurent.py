@@ -184,9 +184,7 @@ def sums_on_circles(domain: CircularDomain, own: Complex[Array, "*rows m k"], n:
     return parts_on_circles(domain, own, n).sum(-2)
 
 
-def parts_on_circles(
-    domain: CircularDomain, own: Complex[Array, "*rows m k"], n: int
-) -> Complex[Array, "*rows m m n"]:
+def parts_on_circles(domain: CircularDomain, own: Complex[Array, "*rows m k"], n: int) -> Complex[Array, "*rows m m n"]:
     """Σ_k c_jk ζ_j^k at n > k equal steps of every circle i: entry (i, j, step)."""
     (m, count), xp = own.shape[-2:], namespace(own)
     spectrum, each = zeros((*own.shape[:-2], m, m, n), own), xp.arange(m)

@@ -47,7 +47,9 @@ KINDS = (*sorted(_CLASSES), "mlp")  # of models that can be saved
 def saved_arrays(model: HolomorphicModel) -> Mapping[str, Array]:
     """The arrays that a file of a model contains. Raises StorageError if it cannot be read again."""
     if model.kind not in KINDS:
-        raise StorageError(f"a model of kind {model.kind!r} cannot be saved; known: {', '.join(KINDS)}", kind=model.kind)
+        raise StorageError(
+            f"a model of kind {model.kind!r} cannot be saved; known: {', '.join(KINDS)}", kind=model.kind
+        )
     if isinstance(model, ArrayModel):
         return {name: model.arrays[name] for name in (*model.trained, *model.fixed)}
     arrays: Mapping[str, Array] = model.state_dict()  # type: ignore[attr-defined]

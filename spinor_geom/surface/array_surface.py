@@ -386,9 +386,7 @@ def _anchor_positions(on: ArraySurface, wanted: Int[np.ndarray, " k"]) -> Float[
     return on.constant + total
 
 
-def integrate(
-    on: ArraySurface, start: Complex[Array, "*pts"], end: Complex[Array, "*pts"]
-) -> Float[Array, "*pts 3"]:
+def integrate(on: ArraySurface, start: Complex[Array, "*pts"], end: Complex[Array, "*pts"]) -> Float[Array, "*pts 3"]:
     """Displacements by quadrature along segments."""
     nodes, weights = map(place_of(start).put, rule(on.quadrature, on.order))
 

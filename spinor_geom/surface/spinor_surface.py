@@ -34,7 +34,9 @@ class SpinorSurface(ArraySurface, torch.nn.Module):
 
     @classmethod
     def of(cls, surface: ArraySurface) -> SpinorSurface:
-        """A surface as a module, with a copy of its arrays."""
+        """A surface as a module, with a copy of its arrays; a module is returned as it is."""
+        if isinstance(surface, cls):
+            return surface
         return cls(
             surface.model,
             surface.domain,

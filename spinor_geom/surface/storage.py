@@ -62,13 +62,19 @@ def write(surface: ArraySurface, path: str | os.PathLike[str]) -> None:
     }
     # 0-dimensional arrays would become vectors
     held = {name: np.asarray(array, order="C") for name, array in arrays.items()}
-    plain = {name: one.view(np.float64).reshape(*one.shape, 2) if np.iscomplexobj(one) else one for name, one in held.items()}
+    plain = {
+        name: one.view(np.float64).reshape(*one.shape, 2) if np.iscomplexobj(one) else one for name, one in held.items()
+    }
     try:
         with atomic_path(Path(path)) as temporary:
             # one entry of metadata: several are in random order, and equal surfaces should make equal files
             temporary.write_bytes(to_bytes(plain, {"description": json.dumps(description)}))
     except OSError as error:
         raise StorageError(f"{os.fspath(path)}: cannot be written ({error.strerror or error})", path=path) from error
+
+
+def _as_real(array: np.ndarray) -> np.ndarray:
+    return array.view(np.float64).reshape(*array.shape, 2) if np.iscomplexobj(array) else array
 
 
 def read(path: str | os.PathLike[str]) -> dict[str, Any]:

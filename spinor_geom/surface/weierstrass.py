@@ -16,8 +16,8 @@ from spinor_geom.domain.quadrature import rule
 from spinor_geom.holomorphic.blocks import in_blocks
 from spinor_geom.holomorphic.model import HolomorphicModel
 from spinor_geom.holomorphic.zeros import find_zeros
-from spinor_geom.surface.module import as_module
 from spinor_geom.surface.branch import BranchPoint, with_invariants
+from spinor_geom.surface.module import as_module
 
 _ORDER = 32  # quadrature nodes on each ray
 

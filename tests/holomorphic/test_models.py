@@ -9,18 +9,15 @@ import torch
 from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.quadrature import Panels
 from spinor_geom.errors import DtypeError, StorageError
-from spinor_geom.holomorphic.model import MODELS
-from spinor_geom.holomorphic.cauchy import CauchyNetwork
-from spinor_geom.holomorphic.mlp import ComplexMLP
-from spinor_geom.holomorphic.model import HolomorphicModel
-from spinor_geom.holomorphic.laurent import LaurentSeries
-from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.holomorphic.model import rebuild
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
+from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
-from spinor_geom.holomorphic.model import IntegrableModel
+from spinor_geom.holomorphic.laurent import LaurentSeries
+from spinor_geom.holomorphic.mlp import ComplexMLP
+from spinor_geom.holomorphic.model import MODELS, HolomorphicModel, IntegrableModel, rebuild
 from spinor_geom.holomorphic.poles import place_poles
+from spinor_geom.holomorphic.series import PowerSeries
 
 ANGLES = 2 * np.pi * np.arange(60) / 60
 ELLIPSE = PlaneDomain.from_boundary(2 * np.cos(ANGLES) + 1j * np.sin(ANGLES))

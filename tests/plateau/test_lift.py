@@ -11,9 +11,9 @@ import torch
 from spinor_geom import gallery
 from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.errors import SurfaceError
-from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
+from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -22,8 +22,8 @@ from spinor_geom.plateau.harmonic.douglas import HarmonicDisk
 from spinor_geom.plateau.harmonic.lift import circles_of, domain_of, lifted_between, lifted_together, surface_of
 from spinor_geom.plateau.harmonic.traces import with_between_nodes
 from spinor_geom.plateau.rims.energy import HarmonicSurface
-from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.formulas import phi
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from tests.exact_solutions import ENNEPER
 from tests.loops import noisy_ellipse
 from tests.plateau.slides import CPU, DISK, ellipse, even, form_of, solved, tensors

@@ -11,9 +11,9 @@ from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import DomainError, DtypeError, OptionError
 from spinor_geom.gallery import catenoid, enneper, helicoid, plane_disk, polynomial
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
+from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 

@@ -11,12 +11,12 @@ from safetensors.torch import save as to_bytes
 from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.errors import StorageError
 from spinor_geom.gallery import catenoid, enneper
-from spinor_geom.holomorphic.model import MODELS
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
-from spinor_geom.holomorphic.mlp import ComplexMLP
-from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
+from spinor_geom.holomorphic.laurent import LaurentSeries
+from spinor_geom.holomorphic.mlp import ComplexMLP
+from spinor_geom.holomorphic.model import MODELS
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.storage import VERSION
 
