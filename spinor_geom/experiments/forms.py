@@ -204,7 +204,7 @@ def surface_of(
     model, domain = PowerSeries(coefficients), PlaneDomain.disk()
     if form == FORMS[0]:
         return SpinorSurface(model, domain)
-    return WeierstrassSurface(model, domain, torch.zeros(3, dtype=torch.float64))
+    return WeierstrassSurface(model, domain, np.zeros(3))
 
 
 def _prescribed_row(form: str, order: int) -> dict[str, Any]:

@@ -71,6 +71,7 @@ class CauchyNetwork(ArrayModel):
         around a hole. Singular vectors of the raw features below `cutoff` times the largest singular value are dropped,
         because large coefficients that cancel cost digits of p and q.
         """
+        require_complex(nodes=z, poles=poles)
         weight = weight / weight.sum()
         hessenberg = arnoldi_hessenberg(z, weight, degree)
         raw = raw_features(z, hessenberg, poles, scales)

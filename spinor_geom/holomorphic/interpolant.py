@@ -85,7 +85,7 @@ def interpolated(z: Complex[Array, " m"], nodes: Nodes, weights: Nodes, values: 
     sums = inverse @ _strengths(weights, values)
     with np.errstate(all="ignore"):  # the quotient is not used at nodes, and overflows far outside Ω
         elsewhere = sums[:, :2] / sums[:, 2:]
-    if not hit.any():
+    if is_numpy(z) and not hit.any():
         return elsewhere
     xp = namespace(z)
     at_node = xp.take(values, xp.argmax(xp.astype(hit, xp.uint8), axis=-1), axis=0)
@@ -100,7 +100,7 @@ def interpolated_slope(z: Complex[Array, " m"], nodes: Nodes, weights: Nodes, va
     sums, slopes = inverse @ strengths, (inverse * inverse) @ strengths
     with np.errstate(all="ignore"):
         elsewhere = (slopes[:, :2] - sums[:, :2] / sums[:, 2:] * slopes[:, 2:]) / sums[:, 2:]
-    if not hit.any():
+    if is_numpy(z) and not hit.any():
         return elsewhere
     # the limit at a node ζ_k is Σ_{j≠k} w_j (f_k − f_j)/(ζ_j − ζ_k)/w_k
     xp = namespace(z)

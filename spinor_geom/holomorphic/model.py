@@ -41,15 +41,14 @@ class IntegrableModel(HolomorphicModel, Protocol):
 
 _ARRAY_MODELS: tuple[Any, ...] = (CauchyInterpolant, CauchyNetwork, LaurentSeries, PowerSeries)
 _CLASSES = {model.kind: model for model in _ARRAY_MODELS}
-KINDS = (*sorted(_CLASSES), "mlp")  # of models that can be saved
+KINDS = tuple(sorted([*_CLASSES, "mlp"]))  # of models that can be saved
 
 
 def saved_arrays(model: HolomorphicModel) -> Mapping[str, Array]:
     """The arrays that a file of a model contains. Raises StorageError if it cannot be read again."""
-    if model.kind not in KINDS:
-        raise StorageError(
-            f"a model of kind {model.kind!r} cannot be saved; known: {', '.join(KINDS)}", kind=model.kind
-        )
+    kind = getattr(model, "kind", type(model).__name__)
+    if kind not in KINDS:
+        raise StorageError(f"a model of kind {kind!r} cannot be saved; known: {', '.join(KINDS)}", kind=kind)
     if isinstance(model, ArrayModel):
         return {name: model.arrays[name] for name in (*model.trained, *model.fixed)}
     arrays: Mapping[str, Array] = model.state_dict()  # type: ignore[attr-defined]

@@ -77,10 +77,7 @@ class ArraySurface(Shown):
         position, matrix = np.array(to_numpy(constant), dtype=np.float64), np.eye(2, dtype=np.complex128)
         if position.shape != (3,):
             raise OptionError(f"constant must be one point, shape (3,), got shape {tuple(position.shape)}")
-        if isinstance(model, ArrayModel):
-            place = place_of(next(iter(model.arrays.values())))
-        else:
-            place = Place(next(iter(model.parameters())).device)  # type: ignore[attr-defined]
+        place = _place_of_model(model)
         self._hold(model, place.put(position), place.put(matrix if spinor_map is None else spinor_map))
 
     def _hold(self, model: Any, constant: Float[Array, "3"], spinor_map: Complex[Array, "2 2"]) -> None:
@@ -297,7 +294,7 @@ class ArraySurface(Shown):
                 return value
             arrays = tuple(_complex(z) for z in points)
             place = place_of(self.constant)
-            return function(self, *arrays) if place == NUMPY else to_numpy(function(self, *map(place.put, arrays)))
+            return to_numpy(function(self, *(arrays if place == NUMPY else map(place.put, arrays))))
 
     def _null_curve(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
         """φ of an array."""
@@ -349,7 +346,7 @@ def _position(on: ArraySurface, z: Complex[Array, "*pts"]) -> Float[Array, "*pts
         return on.constant + (integral[: len(end)] - integral[-1:]).reshape(*z.shape, 3)
     index, start = anchors(on, end)
     moved = indices(start != end)  # a vertex is its own anchor
-    places = _anchor_positions(on, index)[index]
+    places = _anchor_positions(on, index)[place_of(z).put(index)]
     displacement = zeros((len(end), 3), places)
     displacement[moved] = integrate(on, start[moved], end[moved])
     return (places + displacement).reshape(*z.shape, 3)
@@ -379,10 +376,10 @@ def _anchor_positions(on: ArraySurface, wanted: Int[np.ndarray, " k"]) -> Float[
     visited, vertices = on.domain.visited(wanted), on.domain.triangulation.points
     steps = integrate(on, place.put(vertices[before[visited]]), place.put(vertices[visited]))
     total = zeros((len(vertices), 3), steps)
-    total[visited] = steps
+    total[place.put(visited)] = steps
     # each pass doubles the number of edges summed; the root is its own parent and adds 0
     while (before != on.domain.root).any():
-        total, before = total + total[before], before[before]
+        total, before = total + total[place.put(before)], before[before]
     return on.constant + total
 
 
@@ -396,6 +393,14 @@ def integrate(on: ArraySurface, start: Complex[Array, "*pts"], end: Complex[Arra
         return ((phi * weights[:, None]).sum(-2) * step[:, None]).real
 
     return in_blocks(segments, start, end, width=len(nodes))
+
+
+def _place_of_model(model: HolomorphicModel) -> Place:
+    if isinstance(model, ArrayModel):
+        return place_of(next(iter(model.arrays.values())))
+    import torch
+
+    return Place(next(model.parameters(), torch.empty(0)).device)  # type: ignore[attr-defined]
 
 
 def _is_tensor(z: object) -> bool:

@@ -28,9 +28,8 @@ class SpinorSurface(ArraySurface, torch.nn.Module):
 
     def _hold(self, model: Any, constant: Float[Array, "3"], spinor_map: Complex[Array, "2 2"]) -> None:
         self.model = as_module(model)
-        device = next(self.model.parameters()).device
-        self.constant = torch.nn.Parameter(torch.as_tensor(constant, device=device).detach().clone())
-        self.register_buffer("spinor_map", torch.as_tensor(spinor_map, device=device).detach().clone())
+        self.constant = torch.nn.Parameter(torch.as_tensor(constant).detach().clone())
+        self.register_buffer("spinor_map", torch.as_tensor(spinor_map).detach().clone())
 
     @classmethod
     def of(cls, surface: ArraySurface) -> SpinorSurface:

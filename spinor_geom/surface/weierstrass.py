@@ -41,7 +41,7 @@ class WeierstrassSurface(torch.nn.Module):
         super().__init__()
         self.model = as_module(model)
         self.domain = domain
-        self.constant = torch.nn.Parameter(constant.detach().clone())
+        self.constant = torch.nn.Parameter(torch.tensor(to_numpy(constant)))
 
     def position(self, z: Inexact[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Positions r(z), shape (*pts, 3)."""
