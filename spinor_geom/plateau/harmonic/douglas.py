@@ -105,8 +105,8 @@ def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Array,
         return None
     direction = vectors[None, :, 0] / abs(vectors[:, 0]).max()
     trials = [here.stepped(direction, sign * amplitude) for sign in (1, -1) for amplitude in AMPLITUDES]
-    best = min(trials, key=lambda trial: float(trial.energy))
-    return best.slide[0] if float(best.energy) < float(here.energy) else None
+    best = min(trials, key=lambda trial: float(trial.energy[0]))
+    return best.slide[0] if float(best.energy[0]) < float(here.energy[0]) else None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

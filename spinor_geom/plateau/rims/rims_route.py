@@ -233,7 +233,7 @@ class RimsSolver:
         tried: list[tuple[Lift, HarmonicSurface]] = []
         limit, before = "more nodes on the rims do not help", math.inf
         for finer in self._finer(placed, saddles=saddles):
-            goal = self.problem.allowed * (_WELL_BELOW if finer.slides.numel() <= DENSE else 1.0)
+            goal = self.problem.allowed * (_WELL_BELOW if finer.count <= DENSE else 1.0)
             if self.problem.options.is_series:
                 goal = float(np.finfo(np.float64).tiny)
             with self.problem.clock.stage("lift"):
