@@ -63,6 +63,8 @@ def typed_failures() -> Iterator[None]:
     try:
         yield
     except (np.linalg.LinAlgError, RuntimeError) as error:
-        if not type(error).__name__.endswith("LinAlgError"):  # that of torch, which need not be imported, is a RuntimeError
+        if not type(error).__name__.endswith(
+            "LinAlgError"
+        ):  # that of torch, which need not be imported, is a RuntimeError
             raise
         raise UnsolvableError(reason=str(error).splitlines()[0].rstrip(".")) from error
