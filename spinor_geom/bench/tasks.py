@@ -37,7 +37,11 @@ def run(task: Task) -> Record:
     gc.collect()
     gc.freeze()  # later collections skip what is imported and cached by now
     forget_peak_memory()
-    measure = _fill if task["method"] in FILLERS else {"disks": _disk, "batch": _batch, "start": _start}.get(task["suite"], _solve)
+    measure = (
+        _fill
+        if task["method"] in FILLERS
+        else {"disks": _disk, "batch": _batch, "start": _start}.get(task["suite"], _solve)
+    )
     package = FILLERS[task["method"]].package if task["method"] in FILLERS else "spinor_geom"
     try:
         importlib.import_module(package)

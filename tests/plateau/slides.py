@@ -14,6 +14,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
 from spinor_geom.plateau.harmonic.douglas import HarmonicDisk, Slides, minimise_dirichlet_energies
+from spinor_geom.plateau.threads import one_thread
 
 DISK = DirichletForm.of_disk(64)
 # r = 1 + 0.8 cos 2θ + 0.05 sin θ: a waist of a fifth of the width
@@ -65,14 +66,15 @@ def solved(
 ) -> Solved:
     """The slide of one curve."""
     sizes = []
-    (disk,) = minimise_dirichlet_energies(
-        CurveTensors.batch([curve]),
-        form,
-        slide[None],
-        tolerances=[tolerance],
-        max_steps=[max_steps],
-        near=near,
-        negligible=[negligible],
-        on_step=[lambda size: (sizes.append(size), on_step(size))],
-    )
+    with one_thread():
+        (disk,) = minimise_dirichlet_energies(
+            CurveTensors.batch([curve]),
+            form,
+            slide[None],
+            tolerances=[tolerance],
+            max_steps=[max_steps],
+            near=near,
+            negligible=[negligible],
+            on_step=[lambda size: (sizes.append(size), on_step(size))],
+        )
     return Solved.of(disk, curve, form, len(sizes))

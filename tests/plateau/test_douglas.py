@@ -19,6 +19,7 @@ from spinor_geom.plateau.harmonic.douglas import (
     slide_downhill,
 )
 from spinor_geom.plateau.newton import _line_search
+from spinor_geom.plateau.threads import one_thread
 from tests.loops import noisy_ellipse
 from tests.plateau.slides import DISK, PEANUT, Solved, ellipse, even, form_of, increments, solved, tensors
 from tests.strategies import SEEDS
@@ -183,15 +184,16 @@ def test_curves_of_a_batch_do_not_know_of_each_other(seed, tolerance):
     loops += [gallery.tennis_seam(0.8).sample(64), BoundaryLoop.from_points(random.normal(size=(3, 3)))]
     curves = [tensors(loop) for loop in loops]
     told = [[] for _ in curves]
-    together = minimise_dirichlet_energies(
-        CurveTensors.batch(curves),
-        DISK,
-        np.tile(even(256), (len(curves), 1)),
-        tolerances=[tolerance] * len(curves),
-        max_steps=[25] * len(curves),
-        negligible=[0.0] * len(curves),
-        on_step=[gradients.append for gradients in told],
-    )
+    with one_thread():
+        together = minimise_dirichlet_energies(
+            CurveTensors.batch(curves),
+            DISK,
+            np.tile(even(256), (len(curves), 1)),
+            tolerances=[tolerance] * len(curves),
+            max_steps=[25] * len(curves),
+            negligible=[0.0] * len(curves),
+            on_step=[gradients.append for gradients in told],
+        )
     for curve, disk, gradients in zip(curves, together, told, strict=True):
         alone = solved(curve, DISK, even(256), tolerance=tolerance, max_steps=25)
         disk = Solved.of(disk, curve, DISK, len(gradients))

@@ -88,7 +88,8 @@ def test_gauss_newton_ends_where_the_energy_is_not_finite(monkeypatch: pytest.Mo
         gallery.enneper(0.8).surface.domain, (curve,), (np.empty(0),), degree=8, offset=1.0, tolerance=1e-3
     )
     z = np.asarray(stage.panels.z)
-    readout = stage.readout_of(np.stack([np.ones_like(z), z], axis=-1)) * value
+    with one_thread():
+        readout = stage.readout_of(np.stack([np.ones_like(z), z], axis=-1)) * value
     slide = np.asarray(np.sort(stage.panels.t % 1))
     with one_thread():
         fit = gauss_newton.gauss_newton(stage.problem, readout, slide, allowed=1e-3, steps=Steps(limit=100))

@@ -28,7 +28,7 @@ def test_smooth_curves_are_met_to_rounding_error(curve):
     assert abs(solution.area_in_domain / solution.area - 1) < 1e-4
     z = np.exp(2j * np.pi * np.arange(97) / 97)
     velocity = phi(*np.array(solution.surface.spinors(z)).T)
-    assert np.abs(velocity * velocity).sum(-1).max() < 1e-13 * np.square(np.abs(velocity)).sum(-1).max()
+    assert np.abs((velocity * velocity).sum(-1)).max() < 1e-13 * np.square(np.abs(velocity)).sum(-1).max()
     on_boundary = solution.surface.position(z)
     nearest = solution.curve.point(solution.curve.nearest(on_boundary))
     assert np.abs(on_boundary - nearest).max() < 1e-13

@@ -26,6 +26,7 @@ from spinor_geom.arrays import (
     Place,
     add_to_diagonal,
     closed_steps,
+    contiguous,
     indices,
     namespace,
     norm,
@@ -346,7 +347,8 @@ class _SampledBoundary:
             Lift(
                 traces=self.traces,
                 functions=placed.functions[i],
-                null_curve=xp.moveaxis(placed.null_curve[i], 0, -1),
+                # contiguous: the rounding of products depends on strides, which depend on the batch
+                null_curve=contiguous(xp.moveaxis(placed.null_curve[i], 0, -1)),
                 slides=placed.slides[i],
                 misfit=Misfit.together(misfits[m * i : m * (i + 1)]),
                 area=area,
