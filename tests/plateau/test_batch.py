@@ -8,6 +8,7 @@ import re
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 
 from spinor_geom import boundary_loops, gallery, read_mesh
@@ -58,7 +59,7 @@ def test_solutions_are_the_same_to_the_last_bit_in_bundles_of_any_size():
         assert solution.area == again.area
         assert solution.boundary_residual == again.boundary_residual
         for ours, own in zip(solution.surface.parameters(), again.surface.parameters(), strict=True):
-            assert np.array_equal(ours, own)
+            assert torch.equal(ours, own)
 
 
 def test_errors_stand_in_the_place_of_their_loops():
