@@ -149,7 +149,7 @@ def compare(
     loops = [rim.loop for rim in solution.rims]
     name, seconds, other = _baseline(baseline, loops, mesh, target_edge_length)
     exact = exact_curvature(solution, mesh.points[mesh.boundary_size :])
-    fine = mesh_surface(solution.surface, vertices=int(np.clip(_FINER * len(mesh.vertices), _FEWEST, _MOST)))
+    fine = mesh_surface(solution.array_surface, vertices=int(np.clip(_FINER * len(mesh.vertices), _FEWEST, _MOST)))
     return Comparison(
         method=name,
         patch_to_surface=hausdorff_distance(mesh.vertices, mesh.faces, fine.vertices, fine.faces),
@@ -226,7 +226,7 @@ def _polylines(loops: Sequence[BoundaryLoop]) -> tuple[Float[np.ndarray, "n 3"],
 
 def _error(solution: PlateauSolution, fine: Patch) -> float:
     """The largest distance of the surface, at the triangles' centres, from a mesh with all vertices on it."""
-    centres = solution.surface.positions_inside(fine.points[fine.faces].mean(axis=1))
+    centres = solution.array_surface.positions_inside(fine.points[fine.faces].mean(axis=1))
     return float(distances_to_mesh(centres, fine.vertices, fine.faces).max())
 
 
@@ -244,5 +244,5 @@ def exact_curvature(
     """
     if len(points) > most:
         points = points[np.linspace(0, len(points) - 1, most).astype(int)]
-    values = np.abs(np.asarray(solution.surface.mean_curvature(points)))
+    values = np.abs(np.asarray(solution.array_surface.mean_curvature(points)))
     return np.asarray(values[np.isfinite(values)])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.holomorphic.series import PowerSeries
@@ -33,7 +32,7 @@ def exact_solution(coefficients, vertices, radius=1.0, scale=1.0):
     """
     t = np.arange(vertices) / vertices if np.isscalar(vertices) else np.asarray(vertices)
     domain = PlaneDomain.disk(radius, max(len(t), 16))
-    series = PowerSeries(torch.tensor(coefficients, dtype=torch.complex128))
+    series = PowerSeries(np.array(coefficients, dtype=np.complex128))
     surface = SpinorSurface(series, domain).transform(scale=scale)
     loop = BoundaryLoop.from_points(surface.position(radius * np.exp(2j * np.pi * t)), corners=())
     curve = BoundaryCurve.from_loop(loop)

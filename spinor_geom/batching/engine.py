@@ -104,7 +104,7 @@ def batch(
     compare: bool = False,
     workers: int | None = None,
     scheduler: str | Cluster | Client | None = None,
-    device: str = "cpu",
+    device: str | None = None,
     resume: bool = False,
     memory_limit: int = 4 << 30,
     retries: int = 2,
@@ -143,7 +143,8 @@ def batch(
         workers: processes that solve on this machine; by default one for each core that this process may use.
         scheduler: a Dask cluster to use instead: the address of its scheduler, the cluster, or a client, whose TLS
             settings are used. All machines must see inputs and output under the same names.
-        device: of the batched linear algebra, such as "cuda"; results are reproducible byte for byte on the CPU only.
+        device: the torch device of the batched linear algebra, such as "cuda"; None for the CPU, without torch.
+            Results are reproducible byte for byte on the CPU only.
         resume: continues the run in the output folder with the files that are not complete.
         memory_limit: of each process that solves, and of the one that lists archives, in bytes.
         retries: how often a file is tried again after its process died. For workers of a cluster that died, the

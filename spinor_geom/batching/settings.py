@@ -38,7 +38,7 @@ class BatchOptions:
     strict: bool = False
     closing: float = 1e-3
     compare: bool = False
-    device: str = "cpu"
+    device: str | None = None
 
     def __post_init__(self) -> None:
         for name, known in (("what", WHAT), ("format", (*FORMAT, None)), ("continuity", CONTINUITY)):

@@ -19,7 +19,7 @@ from spinor_geom.errors import ArchiveError, BatchError, OptionError, SpinorGeom
 from spinor_geom.fill.exact_patches import SolvedLoop, minimal_patches
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.isolate import Tell, serve
-from spinor_geom.plateau.options import usable_device
+from spinor_geom.plateau.options import usable_place
 
 WAITING = 4  # files that are written while the next is meshed; writing one waits for the disk several times
 
@@ -49,7 +49,7 @@ def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
 
 def _work(sources: Sequence[Source], options: BatchOptions, store: Store, archives: ArchiveReader, tell: Tell) -> None:
     try:
-        usable_device(options.device)
+        usable_place(options.device)
     except OptionError as error:
         raise BatchError(f"on a worker: {error}") from error
     fill_options = FillOptions(

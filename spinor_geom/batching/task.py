@@ -195,7 +195,7 @@ class FileTask:
         if solution is None:
             return entry
         if self._options.what == "surface":
-            self._add_file(entry, "surface", "safetensors", solution.surface.save)
+            self._add_file(entry, "surface", "safetensors", solution.array_surface.save)
         if self._options.compare and outcome.kind == "minimal":
             entry["comparison"], entry["timings"]["comparison"] = self._comparison(solution, patch)
         return entry

@@ -8,14 +8,15 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from spinor_geom.batching.engine import BatchProgress, batch
 from spinor_geom.bench.ragged import CUT, ragged_hole
+from spinor_geom.errors import OptionError
 from spinor_geom.gallery import evenly_sampled, harmonics, noisy_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.plateau.options import usable_place
 from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 
 _FILES, _REFUSED = 3000, 300  # files of each batch; refused inputs, by which the driver's memory is measured
@@ -132,7 +133,7 @@ def _results(output: Path) -> dict[Path, bytes]:
     return {path.relative_to(output): path.read_bytes() for path in found}
 
 
-def _together(device: str) -> Callable[[list[BoundaryLoop]], object]:
+def _together(device: str | None) -> Callable[[list[BoundaryLoop]], object]:
     return lambda loops: list(solve_plateau_batch(loops, device=device))
 
 
@@ -141,12 +142,13 @@ BATCHES: dict[str, Callable[[Path, float], dict[str, Any]]] = {
     "smooth loops, one worker": partial(_rate, smooth, _FILES / 4, workers=1),
     "loops with 5% noise": partial(_rate, partial(smooth, noise=0.05), _FILES / 10),
     "rims cut along triangles": partial(_rate, cut, _FILES / 10),
-    "solved only, 64 at once": partial(_solved, _together("cpu"), 64),
+    "solved only, 64 at once": partial(_solved, _together(None), 64),
     "solved only, one by one": partial(_solved, lambda loops: [solve_plateau(loop) for loop in loops], 64),
     "cluster of 4 processes": _cluster,
     "few inputs": partial(_memory, _REFUSED),
     "ten times as many inputs": partial(_memory, 10 * _REFUSED),
 }
 """Batches by name; they are called with a folder to work in and the share of the files that are taken."""
-if torch.cuda.is_available():
+with suppress(OptionError):  # there is no such device
+    usable_place("cuda")
     BATCHES["solved only, on CUDA"] = partial(_solved, _together("cuda"), 2048)

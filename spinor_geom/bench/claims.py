@@ -28,6 +28,9 @@ _RATES = {  # loops a second
     "rims cut along triangles": 12.0,
     "solved only, on CUDA": 2e3,
 }
+# CPU seconds of a fresh process, with compiled modules, and its memory
+_STARTS = {"help": 0.1, "loops of a small mesh": 0.5, "fill of a small mesh": 0.7, "worker of a batch": 1.0}
+_START_MIB = 160.0
 # ratios of two batches' rates
 _FASTER = (
     ("smooth loops", "one worker", "smooth loops, one worker", 1.8),
@@ -73,7 +76,7 @@ def claims(records: Sequence[Record]) -> list[Figure]:
         if record["suite"] in SOLVED and record["case"] in solves() and record["method"] == "spinor":
             found += [judged(limit, record) for limit in solves()[record["case"]].limits]
     found += _random([r for r in suites.get("curves", []) if r["case"].startswith("random curve")])
-    return [*found, *_batch(done.get("batch", []))]
+    return [*found, *_batch(done.get("batch", [])), *_start(done.get("start", []))]
 
 
 def names(records: Iterable[Record], field: str) -> list[str]:
@@ -272,6 +275,14 @@ def _batch(done: list[Record]) -> Iterator[Figure]:
         yield from at_most("batch", many["case"], "times the driver's memory", growth, 1.1)
     for record in (r for r in done if r.get("equal") is not None):
         yield judged(Limit("equal", "equal to the last bit", True), record)
+
+
+def _start(done: list[Record]) -> Iterator[Figure]:
+    for record in (r for r in done if r["case"] in _STARTS):
+        yield from at_most("start", record["case"], "CPU seconds", [record["seconds"]], _STARTS[record["case"]], "time")
+    for record in done:
+        yield from at_most("start", record["case"], "MiB of memory", [record["memory_mib"]], _START_MIB)
+        yield judged(Limit("torch", "torch is imported", False), record)
 
 
 def judged(limit: Limit, record: Record) -> Figure:

@@ -229,7 +229,7 @@ def solve_figures(case: Solve, solution: PlateauSolution | NoConnectedSurface) -
     figures |= {
         "rms_per_edge": rms / solution.loop.mean_edge_length,
         "rms_per_diameter": rms / float(pdist(solution.loop.points).max()),
-        "max_per_diagonal": boundary_distance(solution.surface, solution.curve) / solution.loop.diagonal,
+        "max_per_diagonal": boundary_distance(solution.array_surface, solution.curve) / solution.loop.diagonal,
         "verdict": f"{solution.stability.verdict}, index {solution.stability.index}",
     }
     if case.also == "null error":
@@ -244,9 +244,9 @@ def rms_distance(solution: PlateauSolution, samples_per_edge: int = 8) -> float:
     boundary, count = solution.domain.boundary, samples_per_edge * len(solution.loop)
     t = (np.arange(count) + 0.5) / count
     z = boundary.point(t)
-    points = np.asarray(solution.surface.position(z))
+    points = np.asarray(solution.array_surface.position(z))
     distance = np.linalg.norm(points - solution.curve.point(solution.curve.nearest(points)), axis=1)
-    return _rms(distance, np.asarray(solution.surface.conformal_factor(z)) * np.abs(boundary.derivative(t)))
+    return _rms(distance, np.asarray(solution.array_surface.conformal_factor(z)) * np.abs(boundary.derivative(t)))
 
 
 def untrue(solution: PlateauSolution, rms_per_edge: float) -> str:

@@ -26,7 +26,19 @@ LOCAL = ("key", "data", "share", "view", "repeat", "said", "seconds_all")  # fie
 OLDER = "†"  # marks a row of ours whose code has changed since
 _GAP = 1.15  # distance between the pieces of a view, per width
 _FIELDS = (
-    *("n", "files", "seconds", "rate", "files_failed", "driver_mib", "worker_mib", "equal", "memory_mib", "closed"),
+    *(
+        "n",
+        "files",
+        "seconds",
+        "rate",
+        "files_failed",
+        "driver_mib",
+        "worker_mib",
+        "equal",
+        "memory_mib",
+        "torch",
+        "closed",
+    ),
     *("area_error", "limit_error", "area_excess", "rms_per_edge", "max_per_diagonal", "surface_distance_max"),
     "residual_per_edge",
     *("exact_curvature_median", "triangles", "mesh_area_error", "distance_max", "curvature_rms", "min_angle"),

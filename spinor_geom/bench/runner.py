@@ -24,6 +24,7 @@ from spinor_geom.bench.odd_holes import odd_holes
 from spinor_geom.bench.ragged import CUT, NOISY, reported_holes
 from spinor_geom.bench.solves import QUICK as QUICK_SOLVES
 from spinor_geom.bench.solves import solves
+from spinor_geom.bench.starts import STARTS
 from spinor_geom.errors import OptionError
 from spinor_geom.files import finite, write_json
 from spinor_geom.isolate import FaultError, Process
@@ -148,6 +149,7 @@ SUITES: Mapping[str, Suite] = {
     "speed": Suite(partial(_solve_names, "speed"), ("spinor",), quick=_quick_solves, repeat=None),
     "paper": Suite(partial(_solve_names, "paper"), ("spinor",), quick=_quick_solves, repeat=None),
     "batch": Suite(_batches, ("spinor",)),
+    "start": Suite(lambda _: STARTS, ("spinor",), repeat=None),
 }
 """All suites, in the order of the tables."""
 

@@ -23,6 +23,7 @@ from spinor_geom.bench.measured import cut_out_figures, disk_figures, hole_figur
 from spinor_geom.bench.odd_holes import odd_holes
 from spinor_geom.bench.ragged import ragged_hole, reported_holes
 from spinor_geom.bench.solves import solves
+from spinor_geom.bench.starts import start_figures
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.isolate import serve
 from spinor_geom.mesh.boundary_loop import turning_angles
@@ -36,7 +37,11 @@ def run(task: Task) -> Record:
     gc.collect()
     gc.freeze()  # later collections skip what is imported and cached by now
     forget_peak_memory()
-    measure = _fill if task["method"] in FILLERS else {"disks": _disk, "batch": _batch}.get(task["suite"], _solve)
+    measure = (
+        _fill
+        if task["method"] in FILLERS
+        else {"disks": _disk, "batch": _batch, "start": _start}.get(task["suite"], _solve)
+    )
     package = FILLERS[task["method"]].package if task["method"] in FILLERS else "spinor_geom"
     try:
         importlib.import_module(package)
@@ -54,6 +59,11 @@ def _batch(task: Task) -> Record:
 
     with tempfile.TemporaryDirectory() as folder:
         return BATCHES[task["case"]](Path(folder), task["share"])
+
+
+def _start(task: Task) -> Record:
+    with tempfile.TemporaryDirectory() as folder:
+        return start_figures(task["case"], Path(folder), task["repeat"])
 
 
 def _solve(task: Task) -> Record:

@@ -307,7 +307,7 @@ def _add_batch(commands: _Commands) -> None:
     add("--scheduler", metavar="ADDRESS", help="Dask scheduler to use instead, such as tcp://host:8786")
     near = "close curves with a gap of at most T mean edge lengths (default: %(default)s)"
     add("--closing", metavar="T", type=_from_zero, default=1e-3, help=near)
-    add("--device", default="cpu", help="device of the batched linear algebra, such as cuda (default: %(default)s)")
+    add("--device", help="torch device of the batched linear algebra, such as cuda (default: the CPU, without torch)")
     add("--resume", **_FLAG, help="continue the run in OUT with the files that are not complete")
     add("--memory-limit", **_SIZE, default=4 << 30, help="memory of each worker process, such as 512M (default: 4G)")
     again = "how often a file is retried after its process crashed (default: %(default)s)"

@@ -56,12 +56,12 @@ def _render(arguments: argparse.Namespace) -> None:
 def _morph(arguments: argparse.Namespace) -> None:
     from spinor_geom.gallery import named_surface
     from spinor_geom.render.morph import checked_suffix, morph
-    from spinor_geom.surface import SpinorSurface
+    from spinor_geom.surface.array_surface import ArraySurface
 
     checked_suffix(arguments.output)
     require_writable(arguments.output)
     path = Path(arguments.surface)
-    surface = SpinorSurface.load(path) if path.suffix or path.exists() else named_surface(arguments.surface)
+    surface = ArraySurface.load(path) if path.suffix or path.exists() else named_surface(arguments.surface)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     morph(surface, arguments.output, frames=arguments.frames)
 
@@ -73,6 +73,6 @@ def _shape(path: Path, merge: bool | float) -> Shape:
         return shape_of(read_surface(path, merge=merge))
     if merge is not False:
         raise OptionError(f"{path}: is a saved surface, which has no vertices to merge; remove --merge")
-    from spinor_geom.surface.spinor_surface import SpinorSurface
+    from spinor_geom.surface.array_surface import ArraySurface
 
-    return shape_of(SpinorSurface.load(path))
+    return shape_of(ArraySurface.load(path))

@@ -18,7 +18,7 @@ from spinor_geom.render.domain_colours import domain_colours
 from spinor_geom.render.png import drawn
 from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.scene import RIM_COLOUR, Faces, Lines
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 
 _SIZE, _SIDE = 4.0, 640  # inches and pixels of a side of a surface's picture

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Complex
 from numpy.polynomial import polynomial
 
@@ -23,7 +22,8 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.scene import Dots
-from spinor_geom.surface import BranchPoint, SpinorSurface
+from spinor_geom.surface.branch import BranchPoint
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 
@@ -198,12 +198,12 @@ def surface_of(
     form: str, first: Complex[np.ndarray, " n"], second: Complex[np.ndarray, " m"]
 ) -> SpinorSurface | WeierstrassSurface:
     """The surface over the unit disk with the coefficients of p and q, or of f and g."""
-    coefficients = torch.zeros(max(len(first), len(second)), 2, dtype=torch.complex128)
-    coefficients[: len(first), 0], coefficients[: len(second), 1] = (torch.tensor(c) for c in (first, second))
+    coefficients = np.zeros((max(len(first), len(second)), 2), dtype=np.complex128)
+    coefficients[: len(first), 0], coefficients[: len(second), 1] = (first, second)
     model, domain = PowerSeries(coefficients), PlaneDomain.disk()
     if form == FORMS[0]:
         return SpinorSurface(model, domain)
-    return WeierstrassSurface(model, domain, torch.zeros(3, dtype=torch.float64))
+    return WeierstrassSurface(model, domain, np.zeros(3))
 
 
 def _prescribed_row(form: str, order: int) -> dict[str, Any]:

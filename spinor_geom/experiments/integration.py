@@ -14,8 +14,8 @@ from spinor_geom.experiments.experiment import Experiment, Outcome
 from spinor_geom.experiments.figures import disk_grid, log_log, over_disk, surfaces
 from spinor_geom.experiments.paper_surfaces import reconstructed
 from spinor_geom.gallery import catenoid
-from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.curvature import mean_curvature_of_integrals
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt
 
 ORDERS: dict[RuleName, tuple[int, float]] = {"trapezoid": (-2, 0.1), "simpson": (-4, 0.2)}  # slopes and tolerances

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import torch
 
+from spinor_geom.arrays import NUMPY
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.gallery.curves import trigonometric
@@ -14,7 +15,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_levenberg_marquardt
 
 _ORDER, _PERTURBATION = 10, 0.1  # of Taylor expansions, and of their coefficients, relative to the largest
@@ -39,7 +40,7 @@ def perturbed_series(depth: int) -> SpinorSurface:
     size = np.abs(coefficients).max() * _PERTURBATION / math.sqrt(_ORDER + 1)
     # a perturbation that fades with the order: the boundary stays smooth
     fading = 1 / (1 + np.arange(_ORDER + 1))[:, None]
-    return SpinorSurface(PowerSeries(torch.tensor(coefficients + size * fading * noise)), PlaneDomain.disk())
+    return SpinorSurface(PowerSeries(coefficients + size * fading * noise), PlaneDomain.disk())
 
 
 def boundary_of(surface: SpinorSurface, name: str) -> KnownCurve:
@@ -76,4 +77,4 @@ def boundary_distance(surface: SpinorSurface, curve: BoundaryCurve) -> float:
     """Largest distance of the boundary from Γ, and of the parts of Γ that it skips from the boundary."""
     r = surface.position(surface.domain.boundary.point(np.arange(_MEASURED) / _MEASURED))
     slide = np.unwrap(curve.nearest(r), period=1.0)
-    return Misfit.of(torch.from_numpy(r), torch.from_numpy(slide), CurveTensors.of(curve, torch.device("cpu"))).max
+    return Misfit.of(r, slide, CurveTensors.of(curve, NUMPY)).max

@@ -25,7 +25,7 @@ from spinor_geom.experiments.paper_surfaces import (
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_rmsprop
 
 PAPER, OURS, CAUCHY, DOUGLAS = "RMSprop", "Levenberg-Marquardt", "Cauchy network", "Douglas-Newton"

@@ -9,13 +9,13 @@ from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.mesh.operators import cotangent_laplacian, graph_laplacian, vertex_normals
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 NORMAL = "normal"
 
 
 def patch_attributes(
-    mesh: TriangleMesh, rim: Int[np.ndarray, " m"], patch: Patch, surface: SpinorSurface | None, *, is_planned: bool
+    mesh: TriangleMesh, rim: Int[np.ndarray, " m"], patch: Patch, surface: ArraySurface | None, *, is_planned: bool
 ) -> dict[str, Float[np.ndarray, "n _"]]:
     """The attributes of a mesh at the inner vertices of a patch; `rim` are the mesh vertices of its boundary.
 

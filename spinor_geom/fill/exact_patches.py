@@ -35,7 +35,7 @@ class SolvedLoop(NamedTuple):
 
 
 def minimal_patches(
-    loops: Sequence[BoundaryLoop], options: FillOptions, *, is_rim: bool = True, device: str = "cpu"
+    loops: Sequence[BoundaryLoop], options: FillOptions, *, is_rim: bool = True, device: str | None = None
 ) -> Iterator[SolvedLoop]:
     """The exact surfaces over loops, in their order; the loops may be of several meshes.
 

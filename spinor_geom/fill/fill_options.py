@@ -66,7 +66,7 @@ class FillOptions:
     on_stage: Callable[[int, str], None] = lambda place, stage: None
 
     def __post_init__(self) -> None:
-        from spinor_geom.plateau.options import require_model  # imports torch
+        from spinor_geom.plateau.options import require_model  # imports numpy
 
         require_model(self.model)
         require_positive("tolerance", self.tolerance)

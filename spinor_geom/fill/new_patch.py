@@ -14,7 +14,7 @@ from spinor_geom.fill.patched_mesh import NO_CROSSINGS, Crossings, PatchedMesh
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,9 +40,9 @@ class NewPatch:
         return "strip" if self.patch.hole_sizes else "discrete"
 
     @property
-    def surface(self) -> SpinorSurface | None:
+    def surface(self) -> ArraySurface | None:
         """The exact surface that the patch is a mesh of."""
-        return None if self.solution is None or self.continuation is not None else self.solution.surface
+        return None if self.solution is None or self.continuation is not None else self.solution.array_surface
 
     @cached_property
     def rim(self) -> Int[np.ndarray, " m"]:

@@ -16,7 +16,7 @@ from spinor_geom.mesh.intersections import intersections_between, is_graph, self
 from spinor_geom.mesh.operators import vertex_angles
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 NO_PAIRS = np.zeros((0, 2), dtype=np.int64)
 
@@ -59,7 +59,7 @@ def patch_chords(patch: Patch) -> Int[np.ndarray, "c 2"]:
     return np.asarray(sides[np.lexsort(sides.T[::-1])])
 
 
-def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], surface: SpinorSurface | None = None) -> Patch:
+def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], surface: ArraySurface | None = None) -> Patch:
     """Splits chords, and the two triangles at each, at new vertices, which come last.
 
     A new vertex is the chord's midpoint, or the point of `surface` at the midpoint in Ω.
@@ -116,7 +116,7 @@ class PatchedMesh:
         return int(on_loop[0]) if len(on_loop) else None
 
     def fitted(
-        self, patch: Patch, rim: Int[np.ndarray, " m"], surface: SpinorSurface | None = None
+        self, patch: Patch, rim: Int[np.ndarray, " m"], surface: ArraySurface | None = None
     ) -> tuple[Patch, int]:
         """Splits the chords of a patch that are edges already, by `split_chords`; the patch and the number split."""
         chords = patch_chords(patch)

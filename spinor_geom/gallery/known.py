@@ -13,7 +13,7 @@ from spinor_geom.gallery.chart import Chart, SurfaceFunction, null_tangents
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.shown import shortened
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
 _SIDE_POINTS, _CURVE_STEPS = 1 << 9, 1 << 14  # for the arc length of a side, and of a curve
 _OUTLINE = 512  # vertices of a chart's outline

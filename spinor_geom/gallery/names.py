@@ -7,7 +7,7 @@ from spinor_geom.errors import OptionError
 from spinor_geom.gallery import curves, schwarz, surfaces
 from spinor_geom.gallery.known import KnownCurve, KnownPatch, KnownSurface
 from spinor_geom.plateau.solve import solve_plateau
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
 _POINTS = 96  # on a boundary with corners
 

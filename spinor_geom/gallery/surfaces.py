@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float
 from numpy.polynomial import polynomial as poly
 from numpy.typing import ArrayLike
@@ -15,7 +14,7 @@ from spinor_geom.errors import OptionError, require_count, require_positive
 from spinor_geom.gallery.chart import SurfaceFunction
 from spinor_geom.gallery.known import KnownSurface
 from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
 _NEGLIGIBLE = 1e-19  # relative size of terms of power series that are left out
 _SIDE_VERTICES = 32  # vertices on the longer side of a rectangle in Ω
@@ -58,7 +57,7 @@ def polynomial(p: ArrayLike, q: ArrayLike, *, radius: float = 1.0) -> KnownSurfa
 
     terms = np.zeros((max(len(a), len(b)), 2), dtype=np.complex128)
     terms[: len(a), 0], terms[: len(b), 1] = a, b
-    surface = _surface(PowerSeries(torch.from_numpy(terms)), PlaneDomain.disk(radius), position)
+    surface = _surface(PowerSeries(terms), PlaneDomain.disk(radius), position)
     return KnownSurface(
         name=f"polynomial of degree {len(terms) - 1}",
         surface=surface,
@@ -109,7 +108,7 @@ def henneberg(centre: complex = 2.0, radius: float = 0.6) -> KnownSurface:
         square, one, first = z**3 / 6 + 1 / (2 * z), z / 2 + z**-3 / 6, z**2 / 4 + z**-2 / 4
         return np.stack([square - one, -1j * (square + one), 2 * first], axis=-1).real
 
-    model = PowerSeries(torch.from_numpy(terms), radius=radius)
+    model = PowerSeries(terms, radius=radius)
     return KnownSurface(
         name=f"Henneberg |z − {centre:g}| < {radius:g}",
         surface=_surface(model, PlaneDomain.disk(radius), position),
@@ -174,7 +173,7 @@ def _catenoid_associate(
     factor = math.sqrt(scale / 2) * np.exp(0.5j * angle)
     centre, radius = complex(sum(ends), turn) / 2, math.hypot(ends[1] - ends[0], turn) / 2
     terms = factor * np.stack([_exponential(0.5, centre, radius), _exponential(-0.5, centre, radius)], axis=1)
-    model = PowerSeries(torch.from_numpy(terms), center=centre, radius=radius)
+    model = PowerSeries(terms, center=centre, radius=radius)
     low, high = ((x + math.sinh(x) * math.cosh(x)) / 2 for x in ends)
     surface, area = _surface(model, _rectangle(*ends, turn), position), turn * scale**2 * (high - low)
     return KnownSurface(name=name, surface=surface, position=position, area=area, source=source)

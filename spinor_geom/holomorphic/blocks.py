@@ -2,29 +2,31 @@
 
 from collections.abc import Callable
 
-import torch
 from jaxtyping import Complex, Shaped
-from torch import Tensor
 
+from spinor_geom.arrays import Array, is_real, namespace, place_of
 from spinor_geom.errors import DtypeError
 
 # temporary entries per block: on the CPU a block fits the cache, on other devices few large blocks save kernel launches
 _ENTRIES, _ENTRIES_ON_DEVICES = 1 << 17, 1 << 23
 
 
-def in_blocks(function: Callable[..., Tensor], *points: Complex[Tensor, "*pts"], width: int) -> Shaped[Tensor, "..."]:
+def in_blocks(function: Callable[..., Array], *points: Complex[Array, "*pts"], width: int) -> Shaped[Array, "..."]:
     """Evaluates a function of one or more arrays of points, of any shape, block by block.
 
     `width` is the number of temporary entries that the function needs per point.
     """
-    entries = _ENTRIES if points[0].device.type == "cpu" else _ENTRIES_ON_DEVICES
-    blocks = (torch.split(z.reshape(-1), max(1, entries // max(1, width))) for z in points)
-    values = torch.cat([function(*block) for block in zip(*blocks, strict=True)])
+    device = place_of(points[0]).device
+    entries = _ENTRIES if device is None or device.type == "cpu" else _ENTRIES_ON_DEVICES
+    flat, step = [z.reshape(-1) for z in points], max(1, entries // max(1, width))
+    starts = range(0, max(1, len(flat[0])), step)
+    parts = [function(*(z[start : start + step] for z in flat)) for start in starts]
+    values = parts[0] if len(parts) == 1 else namespace(parts[0]).concat(parts)
     return values.reshape(*points[0].shape, *values.shape[1:])
 
 
-def require_complex(**tensors: Tensor) -> None:
-    """Raises DtypeError for the first tensor that is not complex."""
-    for name, tensor in tensors.items():
-        if not tensor.is_complex():
-            raise DtypeError(f"{name} must be complex, got {tensor.dtype}; convert it by .to(torch.complex128)")
+def require_complex(**arrays: Array) -> None:
+    """Raises DtypeError for the first array that is not complex."""
+    for name, array in arrays.items():
+        if is_real(array):
+            raise DtypeError(f"{name} must be complex, got {array.dtype}; convert it to complex128")

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import torch
+import numpy as np
 from jaxtyping import Complex, Float
-from torch import Tensor
 
+from spinor_geom.arrays import Array, complex_of, namespace, place_of, zeros
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials, barycentric_weights, leja_points
+from spinor_geom.holomorphic.array_model import ArrayModel
 from spinor_geom.holomorphic.blocks import in_blocks, require_complex
 from spinor_geom.holomorphic.interpolant import interpolated, interpolated_slope
 
 
-class CauchyNetwork(torch.nn.Module):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CauchyNetwork(ArrayModel):
     """p and q as linear combinations of polynomials and Cauchy units d_k/(z − ζ_k) with poles ζ_k outside Ω.
 
     It is a complex-valued network with one hidden layer and activation σ(u) = 1/u. Its features are usually mixed so
@@ -33,45 +36,30 @@ class CauchyNetwork(torch.nn.Module):
     """
 
     kind: ClassVar[str] = "cauchy"
-    branch: Tensor
-    hessenberg: Tensor
-    poles: Tensor
-    scales: Tensor
-    mixing: Tensor
-    leja: Tensor
-    at_leja: Tensor
+    trained: ClassVar[tuple[str, ...]] = ("readout",)
+    fixed: ClassVar[tuple[str, ...]] = ("hessenberg", "poles", "scales", "mixing", "branch", "leja", "at_leja")
 
-    def __init__(
-        self,
-        *,
-        hessenberg: Complex[Tensor, "d1 d"],
-        poles: Complex[Tensor, " k"],
-        scales: Float[Tensor, " k"],
-        mixing: Complex[Tensor, "r n"],
-        leja: Complex[Tensor, " d1"],
-        at_leja: Complex[Tensor, "d1 d1"],
-        branch: Complex[Tensor, " b"] | None = None,
-        readout: Complex[Tensor, "n 2"] | None = None,
-    ) -> None:
+    hessenberg: Complex[Array, "d1 d"]
+    poles: Complex[Array, " k"]
+    scales: Float[Array, " k"]
+    mixing: Complex[Array, "r n"]
+    leja: Complex[Array, " d1"]
+    at_leja: Complex[Array, "d1 d1"]
+    branch: Complex[Array, " b"]
+    readout: Complex[Array, "n 2"]
+
+    def __post_init__(self) -> None:
         """Raises DtypeError if poles, mixing or read-out are not complex."""
-        super().__init__()
-        if readout is None:
-            readout = torch.zeros(mixing.shape[1], 2, dtype=mixing.dtype, device=mixing.device)
-        require_complex(poles=poles, mixing=mixing, readout=readout)
-        branch = poles[:0].clone() if branch is None else branch
-        buffers = {"hessenberg": hessenberg, "poles": poles, "scales": scales, "mixing": mixing, "branch": branch}
-        for name, tensor in {**buffers, "leja": leja, "at_leja": at_leja}.items():
-            self.register_buffer(name, tensor)
-        self.readout = torch.nn.Parameter(readout.clone())
+        require_complex(poles=self.poles, mixing=self.mixing, readout=self.readout)
 
     @classmethod
     def orthonormal_on(
         cls,
-        z: Complex[Tensor, " n"],
-        weight: Float[Tensor, " n"],
+        z: Complex[Array, " n"],
+        weight: Float[Array, " n"],
         *,
-        poles: Complex[Tensor, " k"],
-        scales: Float[Tensor, " k"],
+        poles: Complex[Array, " k"],
+        scales: Float[Array, " k"],
         degree: int,
         branch: complex | None = None,
         cutoff: float = 1e-8,
@@ -83,72 +71,77 @@ class CauchyNetwork(torch.nn.Module):
         around a hole. Singular vectors of the raw features below `cutoff` times the largest singular value are dropped,
         because large coefficients that cancel cost digits of p and q.
         """
+        require_complex(nodes=z, poles=poles)
         weight = weight / weight.sum()
         hessenberg = arnoldi_hessenberg(z, weight, degree)
         raw = raw_features(z, hessenberg, poles, scales)
-        at = z.new_tensor([] if branch is None else [branch])
-        root = weight.sqrt()[:, None] * sign_changing(z, at)[:, None]
-        _, r = torch.linalg.qr(raw * root)  # QR first: the SVD then works on a small square matrix
-        _, s, vh = torch.linalg.svd(r, full_matrices=False)
+        xp, at = namespace(z), place_of(z).put(np.array([] if branch is None else [branch], dtype=np.complex128))
+        root = xp.sqrt(weight)[:, None] * sign_changing(z, at)[:, None]
+        _, r = xp.linalg.qr(raw * root)  # QR first: the SVD then works on a small square matrix
+        _, s, vh = xp.linalg.svd(r, full_matrices=False)
         keep = s > cutoff * s[0]
-        mixing, layer = vh.mH[:, keep] / s[keep], _polynomials(z, hessenberg)
-        return cls(poles=poles, scales=scales, mixing=mixing, branch=at, **layer)
+        mixing, layer = vh.mT.conj()[:, keep] / s[keep], _polynomials(z, hessenberg)
+        readout = zeros((mixing.shape[1], 2), mixing)
+        return cls(poles=poles, scales=scales, mixing=mixing, branch=at, readout=readout, **layer)
 
     @classmethod
     def of_raw_features(
         cls,
-        z: Complex[Tensor, " n"],
+        z: Complex[Array, " n"],
         *,
-        hessenberg: Complex[Tensor, "d1 d"],
-        poles: Complex[Tensor, " k"],
-        scales: Float[Tensor, " k"],
-        readout: Complex[Tensor, "r 2"],
-        branches: Complex[Tensor, " b"] | None = None,
+        hessenberg: Complex[Array, "d1 d"],
+        poles: Complex[Array, " k"],
+        scales: Float[Array, " k"],
+        readout: Complex[Array, "r 2"],
+        branches: Complex[Array, " b"] | None = None,
     ) -> CauchyNetwork:
         """A network whose features are the polynomials of a recurrence, then the units, without mixing.
 
         The points z are on all of ∂Ω; `branches` has a point in each hole around which p and q change their sign.
         """
-        mixing, layer = torch.eye(len(readout)).to(readout), _polynomials(z, hessenberg)
+        mixing, layer = place_of(z).put(np.eye(len(readout), dtype=np.complex128)), _polynomials(z, hessenberg)
+        branches = poles[:0] if branches is None else branches
         return cls(poles=poles, scales=scales, mixing=mixing, readout=readout, branch=branches, **layer)
 
-    def sign_changing(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
+    def sign_changing(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts"]:
         """The product of √(z − c), a factor of p and q without zeros in Ω."""
         return sign_changing(z, self.branch)
 
-    def features(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts n"]:
+    def features(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts n"]:
         """The hidden layer at z: p and q are linear in it."""
         raw = raw_features(z, self.hessenberg, self.poles, self.scales)
         return (self.sign_changing(z)[..., None] * raw) @ self.mixing
 
-    def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+    def value(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
         """(p(z), q(z))."""
         return self.sign_changing(z)[..., None] * self._rational(z)
 
-    def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+    def derivative(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
         """(p'(z), q'(z))."""
         if not len(self.branch):
             return self._rational_derivative(z)
-        logarithmic = (0.5 / (z[..., None] - self.branch)).sum(-1, keepdim=True) * self._rational(z)
+        logarithmic = (0.5 / (z[..., None] - self.branch)).sum(-1)[..., None] * self._rational(z)
         return self.sign_changing(z)[..., None] * (self._rational_derivative(z) + logarithmic)
 
-    def _rational(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+    def _rational(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
         polynomial, units = self._coefficients()
 
-        def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
+        def part(some: Complex[Array, " n"]) -> Complex[Array, "n 2"]:
             real, imag = _inverse_differences(self.poles, some)  # one row per pole: BLAS is slow on narrow columns
             a, b, c, d = by_real @ real + by_imag @ imag
-            return torch.stack([torch.complex(a, b), torch.complex(c, d)], dim=-1)
+            return xp.stack([complex_of(a, b), complex_of(c, d)], axis=-1)
 
-        by_real, by_imag = (torch.view_as_real(-unit * units).flatten(1).mT for unit in (1, 1j))
+        xp = namespace(z)
+        (u, v), (x, y) = units.real.mT, units.imag.mT
+        by_real, by_imag = xp.stack([-u, -x, -v, -y]), xp.stack([x, -u, y, -v])
         weights = barycentric_weights(self.leja)
         whole = in_blocks(lambda some: interpolated(some, self.leja, weights, polynomial), z, width=len(self.leja))
         return whole + in_blocks(part, z, width=len(self.poles))
 
-    def _rational_derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+    def _rational_derivative(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
         polynomial, units = self._coefficients()
 
-        def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n 2"]:
+        def part(some: Complex[Array, " n"]) -> Complex[Array, "n 2"]:
             return -((some[:, None] - self.poles) ** -2) @ units
 
         weights = barycentric_weights(self.leja)
@@ -157,7 +150,7 @@ class CauchyNetwork(torch.nn.Module):
         )
         return whole + in_blocks(part, z, width=len(self.poles))
 
-    def _coefficients(self) -> tuple[Complex[Tensor, "d1 2"], Complex[Tensor, "k 2"]]:
+    def _coefficients(self) -> tuple[Complex[Array, "d1 2"], Complex[Array, "k 2"]]:
         """Values of the polynomial parts of p and q at the Leja points, and their coefficients of 1/(z − ζ_k)."""
         raw = self.mixing @ self.readout
         split = len(self.leja)
@@ -178,47 +171,47 @@ class CauchyNetwork(torch.nn.Module):
         """A network of zeros with the given sizes."""
         degree, poles, features = int(config["degree"]), int(config["poles"]), int(config["features"])
         return cls(
-            hessenberg=torch.zeros(degree + 1, degree, dtype=torch.complex128),
-            poles=torch.zeros(poles, dtype=torch.complex128),
-            scales=torch.zeros(poles, dtype=torch.float64),
-            mixing=torch.zeros(degree + 1 + poles, features, dtype=torch.complex128),
-            leja=torch.zeros(degree + 1, dtype=torch.complex128),
-            at_leja=torch.zeros(degree + 1, degree + 1, dtype=torch.complex128),
-            branch=torch.zeros(int(config["antiperiodic"]), dtype=torch.complex128),
+            hessenberg=np.zeros((degree + 1, degree), dtype=np.complex128),
+            poles=np.zeros(poles, dtype=np.complex128),
+            scales=np.zeros(poles),
+            mixing=np.zeros((degree + 1 + poles, features), dtype=np.complex128),
+            leja=np.zeros(degree + 1, dtype=np.complex128),
+            at_leja=np.zeros((degree + 1, degree + 1), dtype=np.complex128),
+            branch=np.zeros(int(config["antiperiodic"]), dtype=np.complex128),
+            readout=np.zeros((features, 2), dtype=np.complex128),
         )
 
 
-def _polynomials(z: Complex[Tensor, " n"], hessenberg: Complex[Tensor, "d1 d"]) -> dict[str, Tensor]:
+def _polynomials(z: Complex[Array, " n"], hessenberg: Complex[Array, "d1 d"]) -> dict[str, Array]:
     """The arguments of `CauchyNetwork` that describe its polynomials."""
     leja = leja_points(z, len(hessenberg))
     return {"hessenberg": hessenberg, "leja": leja, "at_leja": arnoldi_polynomials(leja, hessenberg)}
 
 
-def sign_changing(z: Complex[Tensor, "*pts"], branch: Complex[Tensor, " b"]) -> Complex[Tensor, "*pts"]:
+def sign_changing(z: Complex[Array, "*pts"], branch: Complex[Array, " b"]) -> Complex[Array, "*pts"]:
     """The product of √(z − c) for all points c."""
-    return torch.sqrt(z[..., None] - branch).prod(-1)
+    return namespace(z).sqrt(z[..., None] - branch).prod(-1)
 
 
 def raw_features(
-    z: Complex[Tensor, "*pts"],
-    hessenberg: Complex[Tensor, "d1 d"],
-    poles: Complex[Tensor, " k"],
-    scales: Float[Tensor, " k"],
-) -> Complex[Tensor, "*pts r"]:
+    z: Complex[Array, "*pts"],
+    hessenberg: Complex[Array, "d1 d"],
+    poles: Complex[Array, " k"],
+    scales: Float[Array, " k"],
+) -> Complex[Array, "*pts r"]:
     """The polynomials Q_0 … Q_d and the units d_k/(z − ζ_k)."""
 
-    def part(some: Complex[Tensor, " n"]) -> Complex[Tensor, "n r"]:
-        units = torch.complex(*_inverse_differences(some, poles, scales))
-        return torch.cat([arnoldi_polynomials(some, hessenberg), units], dim=1)
+    def part(some: Complex[Array, " n"]) -> Complex[Array, "n r"]:
+        units = complex_of(*_inverse_differences(some, poles, scales))
+        return namespace(z).concat([arnoldi_polynomials(some, hessenberg), units], axis=1)
 
     return in_blocks(part, z, width=len(hessenberg) + len(poles))
 
 
 def _inverse_differences(
-    z: Complex[Tensor, " n"], other: Complex[Tensor, " k"], factors: Float[Tensor, " k"] | float = 1.0
-) -> tuple[Float[Tensor, "n k"], Float[Tensor, "n k"]]:
+    z: Complex[Array, " n"], other: Complex[Array, " k"], factors: Float[Array, " k"] | float = 1.0
+) -> tuple[Float[Array, "n k"], Float[Array, "n k"]]:
     """Real and imaginary parts of factors/(z − ζ_k), several times faster than complex division."""
-    other = other.to(z.dtype)
     x, y = z.real[:, None] - other.real, other.imag - z.imag[:, None]
-    inverse = factors / torch.addcmul(x * x, y, y)
+    inverse = factors / (x * x + y * y)
     return x * inverse, y * inverse

@@ -6,10 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
-import torch
+import numpy as np
 from jaxtyping import Complex, Float
-from torch import Tensor
+
+from spinor_geom.arrays import NUMPY, TINY, Array, Place, arange, cis, complex_of, namespace, place_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -20,14 +22,17 @@ class CircularDomain:
     of the circle of a hole is r/(z − c): |ζ| = 1 on the circle, |ζ| < 1 in Ω.
     """
 
-    centres: Complex[Tensor, " holes"]
-    log_radii: Float[Tensor, " holes"]
+    centres: Complex[Array, " holes"]
+    log_radii: Float[Array, " holes"]
 
     @classmethod
-    def annulus(cls, modulus: float, device: torch.device | str = "cpu") -> CircularDomain:
+    def annulus(cls, modulus: float, place: Place = NUMPY) -> CircularDomain:
         """The annulus between the unit circle and that of radius e^{−modulus}."""
-        radii = torch.tensor([-modulus], dtype=torch.float64, device=device)
-        return cls(centres=torch.zeros_like(radii, dtype=torch.complex128), log_radii=radii)
+        return cls(centres=place.put(np.zeros(1, dtype=np.complex128)), log_radii=place.put(np.array([-modulus])))
+
+    @property
+    def _xp(self) -> Any:
+        return namespace(self.log_radii)
 
     @property
     def rims(self) -> int:
@@ -35,55 +40,54 @@ class CircularDomain:
         return len(self.centres) + 1
 
     @cached_property
-    def radii(self) -> Float[Tensor, " holes"]:
+    def radii(self) -> Float[Array, " holes"]:
         """Radii of the holes."""
-        return self.log_radii.exp()
+        return self._xp.exp(self.log_radii)
 
     @property
     def modulus(self) -> float:
         """Modulus log(1/r) of the annulus between the unit circle and the first hole."""
         return -float(self.log_radii[0])
 
-    def circles(self, n: int) -> Complex[Tensor, "m n"]:
+    def circles(self, n: int) -> Complex[Array, "m n"]:
         """Points at n equal steps of every circle, with Ω on the left: clockwise around holes."""
-        angle = torch.arange(n, dtype=self.radii.dtype, device=self.radii.device) * (2 * math.pi / n)
-        turn = torch.polar(torch.ones_like(angle), angle)
-        return torch.cat([turn[None], self.centres[:, None] + self.radii[:, None] * turn.conj()])
+        turn = cis(arange(n, self.radii) * (2 * math.pi / n))
+        return self._xp.concat([turn[None], self.centres[:, None] + self.radii[:, None] * turn.conj()])
 
-    def velocities(self, n: int) -> Complex[Tensor, "m n"]:
+    def velocities(self, n: int) -> Complex[Array, "m n"]:
         """dz/dτ at the points of `circles`, τ from 0 to 2π."""
         turn = self.circles(n)[0]
-        return 1j * torch.cat([turn[None], -self.radii[:, None] * turn.conj()])
+        return 1j * self._xp.concat([turn[None], -self.radii[:, None] * turn.conj()])
 
-    def coordinates(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "m *pts"]:
+    def coordinates(self, z: Complex[Array, "*pts"]) -> Complex[Array, "m *pts"]:
         """Coordinate ζ of every circle at the points z."""
         shape = (-1, *([1] * z.ndim))
-        return torch.cat([z[None], self.radii.reshape(shape) / (z - self.centres.reshape(shape))])
+        return self._xp.concat([z[None], self.radii.reshape(shape) / (z - self.centres.reshape(shape))])
 
-    def coordinates_on_circles(self, n: int) -> Complex[Tensor, "m m n"]:
+    def coordinates_on_circles(self, n: int) -> Complex[Array, "m m n"]:
         """Coordinate ζ of every circle at the points of `circles`; on its own circle without rounding error."""
         circles = self.circles(n)
         zeta = self.coordinates(circles)
-        own = torch.arange(self.rims)
+        own = self._xp.arange(self.rims)
         zeta[own, own] = circles[0]
         return zeta
 
-    def squared_root(self, z: Complex[Tensor, "*pts"], antiperiodic: Sequence[bool]) -> Complex[Tensor, "*pts"]:
+    def squared_root(self, z: Complex[Array, "*pts"], antiperiodic: Sequence[bool]) -> Complex[Array, "*pts"]:
         """The product of z − c_j over the holes around which p and q change their sign."""
-        odd = torch.tensor(antiperiodic, dtype=torch.bool, device=z.device)
-        return torch.prod(z[..., None] - self.centres[odd], -1)
+        return (z[..., None] - self.centres[np.flatnonzero(antiperiodic)]).prod(-1)
 
     @cached_property
-    def gaps(self) -> Float[Tensor, "m m"]:
+    def gaps(self) -> Float[Array, "m m"]:
         """Largest |ζ_j| on circle i, entry (i, j): 1 where the circles touch, more where they cross; 0 for i = j."""
-        c, r = self.centres, self.radii
-        far = (c[:, None] - c).abs()
-        gaps = torch.full((self.rims, self.rims), 0.0, dtype=r.dtype, device=r.device)
-        gaps[1:, 1:] = r / (far - r[:, None]).clamp(min=torch.finfo(r.dtype).tiny)
+        c, r, xp = self.centres, self.radii, self._xp
+        far = abs(c[:, None] - c)
+        gaps = place_of(r).put(np.zeros((self.rims, self.rims)))
+        gaps[1:, 1:] = r / xp.clip(far - r[:, None], min=TINY)
         gaps[1:, 1:][far <= r[:, None]] = math.inf
-        gaps[1:, 0] = c.abs() + r
-        gaps[0, 1:] = r / (1 - c.abs()).clamp(min=torch.finfo(r.dtype).tiny)
-        gaps.fill_diagonal_(0.0)
+        gaps[1:, 0] = abs(c) + r
+        gaps[0, 1:] = r / xp.clip(1 - abs(c), min=TINY)
+        own = xp.arange(self.rims)
+        gaps[own, own] = 0.0
         return gaps
 
     @property
@@ -92,21 +96,22 @@ class CircularDomain:
         return float(self.gaps.max())
 
     @cached_property
-    def room(self) -> tuple[Float[Tensor, " holes"], Float[Tensor, " holes"]]:
+    def room(self) -> tuple[Float[Array, " holes"], Float[Array, " holes"]]:
         """Width and modulus log(R/r), NaN if there is none, of the widest concentric ring in Ω around each hole."""
-        c, r = self.centres, self.radii
-        far = (c[:, None] - c).abs() - r
-        far.fill_diagonal_(1.0)
-        reach = torch.minimum(far.min(dim=1).values, 1 - c.abs())
-        return reach - r, reach.log() - self.log_radii
+        c, r, xp = self.centres, self.radii, self._xp
+        far = abs(c[:, None] - c) - r
+        own = xp.arange(len(c))
+        far[own, own] = 1.0
+        reach = xp.minimum(xp.min(far, axis=1), 1 - abs(c))
+        return reach - r, xp.log(reach) - self.log_radii
 
     @property
-    def clearances(self) -> Float[Tensor, " m"]:
+    def clearances(self) -> Float[Array, " m"]:
         """Distance of every circle from the nearest other one."""
         width, _ = self.room
-        return torch.cat([(1 - self.centres.abs() - self.radii).min()[None], width])
+        return self._xp.concat([(1 - abs(self.centres) - self.radii).min()[None], width])
 
-    def moved(self, step: Float[Tensor, " p"]) -> CircularDomain:
+    def moved(self, step: Float[Array, " p"]) -> CircularDomain:
         """The domain after a step of its conformal moduli.
 
         The moduli are the logarithm of the modulus of the first hole's ring (see `room`), then for each other hole x
@@ -114,8 +119,8 @@ class CircularDomain:
         """
         others = step[1:].reshape(-1, 3)
         width, modulus = self.room
-        move = torch.complex(others[:, 0], others[:, 1]) * width[1:]
-        change = modulus * torch.expm1(torch.cat([step[:1], others[:, 2]]))
+        move = complex_of(others[:, 0], others[:, 1]) * width[1:]
+        change = modulus * self._xp.expm1(self._xp.concat([step[:1], others[:, 2]]))
         return CircularDomain(
-            centres=torch.cat([self.centres[:1], self.centres[1:] + move]), log_radii=self.log_radii - change
+            centres=self._xp.concat([self.centres[:1], self.centres[1:] + move]), log_radii=self.log_radii - change
         )

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
-import torch
-from jaxtyping import Complex
+import numpy as np
+from jaxtyping import Complex, Float
 from scipy.fft import next_fast_len
-from torch import Tensor
 
+from spinor_geom.arrays import Array, arange, is_real, namespace, padded, zeros
 from spinor_geom.errors import DtypeError, OptionError
+from spinor_geom.holomorphic.array_model import ArrayModel
 from spinor_geom.holomorphic.cauchy import sign_changing
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.series import power_sums
@@ -19,7 +22,8 @@ from spinor_geom.holomorphic.series import power_sums
 ROUND_OFF = 1e-17  # smaller powers on a circle are neglected
 
 
-class LaurentSeries(torch.nn.Module):
+@dataclass(frozen=True, init=False, eq=False)
+class LaurentSeries(ArrayModel):
     """p and q as Σ_{k ≥ 0} a_k z^k + Σ_j Σ_{k > 0} b_jk (r_j/(z − c_j))^k where |z| < 1 and all |z − c_j| > r_j.
 
     The first hole must be centred at 0. Because of the scaling, the coefficients of series that converge on Ω are
@@ -32,11 +36,19 @@ class LaurentSeries(torch.nn.Module):
     """
 
     kind: ClassVar[str] = "laurent"
+    trained: ClassVar[tuple[str, ...]] = ("outward", "inward")
+    described: ClassVar[tuple[str, ...]] = ("centres", "log_radii")
+
+    outward: Complex[Array, "k 2"]
+    inward: Complex[Array, "holes l 2"]
+    centres: Complex[Array, " holes"]
+    log_radii: Float[Array, " holes"]
+    antiperiodic: tuple[bool, ...]
 
     def __init__(
         self,
-        outward: Complex[Tensor, "k 2"],
-        inward: Complex[Tensor, "holes l 2"],
+        outward: Complex[Array, "k 2"],
+        inward: Complex[Array, "holes l 2"],
         holes: CircularDomain,
         *,
         antiperiodic: Sequence[bool] = (),
@@ -47,10 +59,9 @@ class LaurentSeries(torch.nn.Module):
             DtypeError: coefficients are not complex, empty, or of another shape.
             OptionError: the holes are not disjoint in the unit disk, or their number is not that of the coefficients.
         """
-        super().__init__()
         for name, part, shape in (("outward", outward, "(K, 2)"), ("inward", inward, "(holes, L, 2)")):
             wanted = shape.count(",") + 1
-            if not part.is_complex() or part.ndim != wanted or part.shape[-1] != 2 or not part.numel():
+            if is_real(part) or part.ndim != wanted or part.shape[-1] != 2 or 0 in part.shape:
                 raise DtypeError(
                     f"{name} must be complex coefficients of shape {shape}, K ≥ 1, L ≥ 1, got {part.dtype} of shape "
                     f"{tuple(part.shape)}"
@@ -60,28 +71,30 @@ class LaurentSeries(torch.nn.Module):
                 f"Laurent series need disjoint holes in the unit disk, and coefficients for each: got {len(inward)} "
                 f"for holes about {holes.centres.tolist()} of radii {holes.radii.tolist()}"
             )
-        self.antiperiodic = tuple(map(bool, antiperiodic)) or (False,) * len(inward)
-        self.outward = torch.nn.Parameter(outward.clone())
-        self.inward = torch.nn.Parameter(inward.clone())
-        self.register_buffer("centres", holes.centres.clone(), persistent=False)
-        self.register_buffer("log_radii", holes.log_radii.clone(), persistent=False)
+        vars(self).update(
+            outward=outward,
+            inward=inward,
+            centres=holes.centres,
+            log_radii=holes.log_radii,
+            antiperiodic=tuple(map(bool, antiperiodic)) or (False,) * len(inward),
+        )
 
-    @property
+    @cached_property
     def circles(self) -> CircularDomain:
         """Ω."""
-        return CircularDomain(centres=self.get_buffer("centres"), log_radii=self.get_buffer("log_radii"))
+        return CircularDomain(centres=self.centres, log_radii=self.log_radii)
 
-    def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+    def value(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
         """(p(z), q(z))."""
         return _sums(self.circles.coordinates(z), self.outward, self.inward) * self.sign_changing(z)[..., None]
 
-    def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+    def derivative(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
         """(p'(z), q'(z))."""
         outer, *inner = zeta = self.circles.coordinates(z)
         terms = max(len(self.outward), self.inward.shape[1])
-        k = torch.arange(1, terms + 1, device=z.device, dtype=z.real.dtype)[:, None]
+        k = arange(terms + 1, z, start=1)[:, None]
         total = power_sums(outer, self.outward[1:] * k[: len(self.outward) - 1])
-        logarithmic = torch.zeros_like(outer)
+        logarithmic = namespace(z).zeros_like(outer)
         for own, coefficients, radius, odd in zip(
             inner, self.inward, self.circles.radii, self.antiperiodic, strict=True
         ):
@@ -91,22 +104,22 @@ class LaurentSeries(torch.nn.Module):
         total = total + logarithmic[..., None] * _sums(zeta, self.outward, self.inward)
         return total * self.sign_changing(z)[..., None]
 
-    def primitive(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
+    def primitive(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 3"]:
         """(∫ p² dζ, ∫ q² dζ, ∫ pq dζ): Laurent series and logarithms."""
         outward, inward, residues = self.integrals()
-        logarithms = torch.log(z[..., None] - self.circles.centres)
+        logarithms = namespace(z).log(z[..., None] - self.centres)
         return _sums(self.circles.coordinates(z), outward, inward) + logarithms @ residues
 
-    def integrals(self) -> tuple[Complex[Tensor, "k 3"], Complex[Tensor, "holes l 3"], Complex[Tensor, "holes 3"]]:
+    def integrals(self) -> tuple[Complex[Array, "k 3"], Complex[Array, "holes l 3"], Complex[Array, "holes 3"]]:
         """Coefficients of the integrals of p², q² and pq: `outward`, `inward`, and those of log(z − c_j)."""
         whole, parts = self.products()
         count = max(len(whole), parts.shape[1])
-        k = torch.arange(1, count + 1, device=whole.device, dtype=whole.real.dtype)[:, None]
-        outward = torch.cat([torch.zeros_like(whole[:1]), whole / k[: len(whole)]])
+        k, xp = arange(count + 1, whole, start=1)[:, None], namespace(whole)
+        outward = xp.concat([xp.zeros_like(whole[:1]), whole / k[: len(whole)]])
         scaled = self.circles.radii[:, None, None] * parts
         return outward, -scaled[:, 1:] / k[: parts.shape[1] - 1], scaled[:, 0]
 
-    def products(self) -> tuple[Complex[Tensor, "k 3"], Complex[Tensor, "holes l 3"]]:
+    def products(self) -> tuple[Complex[Array, "k 3"], Complex[Array, "holes l 3"]]:
         """Coefficients of p², q² and pq: of z^k, k ≥ 0, and of (r_j/(z − c_j))^k, k > 0.
 
         They are the positive frequencies of the products on the outer circle and on that of hole j.
@@ -118,91 +131,88 @@ class LaurentSeries(torch.nn.Module):
             # number of powers of another circle's coordinate that are not negligible on a circle
             lag = math.ceil(math.log(ROUND_OFF) / math.log(self.circles.nearness))
         n = next_fast_len(lead + 2 * lag + 2)
-        p, q = self.on_circles(n).unbind(-1)
+        values, xp = self.on_circles(n), namespace(self.outward)
+        p, q = values[..., 0], values[..., 1]
         root = self.circles.squared_root(self.circles.circles(n), self.antiperiodic)
-        spectra = torch.fft.fft(torch.stack([p * p, q * q, p * q], dim=-1) * root[..., None], dim=1) / n
+        spectra = xp.fft.fft(xp.stack([p * p, q * q, p * q], axis=-1) * root[..., None], axis=1) / n
         return spectra[0, :ahead], spectra[1:, 1 : 2 * (j + 1)]
 
-    def on_circles(self, n: int) -> Complex[Tensor, "m n 2"]:
+    def on_circles(self, n: int) -> Complex[Array, "m n 2"]:
         """Values of p and q without the factors √(z − c_j), at the points of `CircularDomain.circles`."""
-        return sums_on_circles(self.circles, self.own, n).permute(1, 2, 0)
+        return namespace(self.outward).moveaxis(sums_on_circles(self.circles, self.own, n), 0, -1)
 
     @property
-    def own(self) -> Complex[Tensor, "2 m k"]:
+    def own(self) -> Complex[Array, "2 m k"]:
         """Coefficients of the powers k ≥ 0 of each circle's coordinate; those of k = 0 are 0 for holes."""
-        outward, inward = self.outward.T[:, None], self.inward.movedim(-1, 0)
+        xp = namespace(self.outward)
+        outward, inward = self.outward.mT[:, None], xp.moveaxis(self.inward, -1, 0)
         count = max(outward.shape[-1], inward.shape[-1] + 1)
-        pad = torch.nn.functional.pad
-        rows = pad(outward, (0, count - outward.shape[-1])), pad(inward, (1, count - 1 - inward.shape[-1]))
-        return torch.cat(rows, dim=1)
+        rows = padded(outward, 0, count - outward.shape[-1]), padded(inward, 1, count - 1 - inward.shape[-1])
+        return xp.concat(rows, axis=1)
 
     def config(self) -> dict[str, Any]:
         """Numbers of terms, the holes, and which of them are antiperiodic."""
-        domain = self.circles
         return {
             "outward": len(self.outward),
             "inward": self.inward.shape[1],
-            "centres": torch.view_as_real(domain.centres).tolist(),
-            "log_radii": domain.log_radii.tolist(),
+            "centres": [[centre.real, centre.imag] for centre in self.centres.tolist()],
+            "log_radii": self.log_radii.tolist(),
             "antiperiodic": list(self.antiperiodic),
         }
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> LaurentSeries:
         """A series of zeros with the given sizes."""
-        centres = torch.view_as_complex(torch.tensor(config["centres"], dtype=torch.float64).reshape(-1, 2))
-        holes = CircularDomain(centres=centres, log_radii=torch.tensor(config["log_radii"], dtype=torch.float64))
+        centres = np.array([complex(*centre) for centre in config["centres"]], dtype=np.complex128)
+        holes = CircularDomain(centres=centres, log_radii=np.array(config["log_radii"], dtype=np.float64))
         return cls(
-            torch.zeros(int(config["outward"]), 2, dtype=torch.complex128),
-            torch.zeros(len(centres), int(config["inward"]), 2, dtype=torch.complex128),
+            np.zeros((int(config["outward"]), 2), dtype=np.complex128),
+            np.zeros((len(centres), int(config["inward"]), 2), dtype=np.complex128),
             holes,
             antiperiodic=config["antiperiodic"],
         )
 
-    def sign_changing(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
+    def sign_changing(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts"]:
         """The product of √(z − c_j) over the holes around which p and q change their sign."""
-        return sign_changing(z, self.circles.centres[list(self.antiperiodic)])
+        return sign_changing(z, self.centres[list(self.antiperiodic)])
 
 
-def sums_on_circles(domain: CircularDomain, own: Complex[Tensor, "*rows m k"], n: int) -> Complex[Tensor, "*rows m n"]:
+def sums_on_circles(domain: CircularDomain, own: Complex[Array, "*rows m k"], n: int) -> Complex[Array, "*rows m n"]:
     """Σ_j Σ_k c_jk ζ_j^k at n > k equal steps of every circle, ζ_j the coordinate of circle j."""
     if domain.rims == 1:
-        alone: Tensor = torch.fft.ifft(own, n=n, norm="forward")
-        return alone
+        return namespace(own).fft.ifft(own, n=n, norm="forward")
     return parts_on_circles(domain, own, n).sum(-2)
 
 
-def parts_on_circles(
-    domain: CircularDomain, own: Complex[Tensor, "*rows m k"], n: int
-) -> Complex[Tensor, "*rows m m n"]:
+def parts_on_circles(domain: CircularDomain, own: Complex[Array, "*rows m k"], n: int) -> Complex[Array, "*rows m m n"]:
     """Σ_k c_jk ζ_j^k at n > k equal steps of every circle i: entry (i, j, step)."""
-    m, count = own.shape[-2:]
-    spectrum = own.new_zeros(*own.shape[:-2], m, m, n)
-    torch.diagonal(spectrum, dim1=-3, dim2=-2)[..., :count, :] = own.mT
+    (m, count), xp = own.shape[-2:], namespace(own)
+    spectrum, each = zeros((*own.shape[:-2], m, m, n), own), xp.arange(m)
+    spectrum[..., each, each, :count] = own
     if m > 1:
         # the first hole is concentric with the outer circle: powers of one coordinate are Fourier modes on the other
-        k = torch.arange(count, dtype=own.real.dtype, device=own.device)
+        k = arange(count, own)
         for there, here in ((0, 1), (1, 0)):
             lagging = own[..., there, :] * domain.radii[0] ** k
             spectrum[..., here, there, 0] = lagging[..., 0]
-            spectrum[..., here, there, n - count + 1 :] = lagging[..., 1:].flip(-1)
-    parts: Tensor = torch.fft.ifft(spectrum, norm="forward")
+            spectrum[..., here, there, n - count + 1 :] = xp.flip(lagging[..., 1:], axis=-1)
+    parts = xp.fft.ifft(spectrum, norm="forward")
     if m > 2:
-        apart = torch.ones(m, m, dtype=torch.bool, device=own.device).fill_diagonal_(False)
+        apart = ~np.eye(m, dtype=bool)
         apart[:2, :2] = False
-        here, there = apart.nonzero().T
+        here, there = apart.nonzero()
         zeta = domain.coordinates(domain.circles(n))[there, here]
         terms = math.ceil(math.log(ROUND_OFF) / math.log(float(domain.gaps[apart].max()))) + 1
-        total = parts.new_zeros(*own.shape[:-2], len(here), n)
-        for coefficients in own[..., there, :terms].unbind(-1)[::-1]:
-            total = total * zeta + coefficients[..., None]
+        total = zeros((*own.shape[:-2], len(here), n), parts)
+        for k in reversed(range(min(terms, count))):
+            total = total * zeta + own[..., there, k, None]
         parts[..., here, there, :] = total
     return parts
 
 
 def _sums(
-    zeta: Complex[Tensor, "m *pts"], outward: Complex[Tensor, "k c"], inward: Complex[Tensor, "holes l c"]
-) -> Complex[Tensor, "*pts c"]:
+    zeta: Complex[Array, "m *pts"], outward: Complex[Array, "k c"], inward: Complex[Array, "holes l c"]
+) -> Complex[Array, "*pts c"]:
     outer, *inner = zeta
     total = power_sums(outer, outward)
     for own, coefficients in zip(inner, inward, strict=True):

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, cast
 
+import numpy as np
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
@@ -142,6 +143,13 @@ class ComplexMLP(torch.nn.Module):
         """A network of the given sizes, with arbitrary parameters."""
         sizes = {name: config[name] for name in ("depth", "width", "activation", "radius")}
         return cls(**sizes, center=complex(*config["center"]), generator=torch.Generator().manual_seed(0))
+
+    @classmethod
+    def of_arrays(cls, config: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> ComplexMLP:
+        """The network with given sizes and parameters. Raises RuntimeError if they do not fit."""
+        network = cls.from_config(config)
+        network.load_state_dict({name: torch.tensor(array) for name, array in arrays.items()})
+        return network
 
     def _scaled(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts"]:
         return ((z - self.center) / self.radius).to(self.weights[0].dtype)

@@ -1,30 +1,30 @@
-"""The protocol of holomorphic models, and the table of models that can be saved."""
+"""The protocol of holomorphic models, and the models that can be saved."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Protocol, TypeAlias, get_args, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
-import torch
+import numpy as np
 from jaxtyping import Complex
-from torch import Tensor
 
+from spinor_geom.arrays import Array
 from spinor_geom.errors import OptionError, StorageError
+from spinor_geom.holomorphic.array_model import ArrayModel
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.laurent import LaurentSeries
-from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries
 
 
 @runtime_checkable
 class HolomorphicModel(Protocol):
-    """A `torch.nn.Module` of two holomorphic functions p, q of one complex variable."""
+    """Two holomorphic functions p, q of one complex variable: an `ArrayModel`, or a `torch.nn.Module`."""
 
     kind: ClassVar[str]
 
-    def value(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+    def value(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
         """(p(z), q(z))."""
 
-    def derivative(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+    def derivative(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
         """(p'(z), q'(z))."""
 
     def config(self) -> dict[str, Any]:
@@ -35,22 +35,40 @@ class HolomorphicModel(Protocol):
 class IntegrableModel(HolomorphicModel, Protocol):
     """A model whose products p², q², pq have integrals in closed form."""
 
-    def primitive(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
+    def primitive(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 3"]:
         """(∫ p² dζ, ∫ q² dζ, ∫ pq dζ) from a fixed point to z, to round-off."""
 
 
-Model: TypeAlias = CauchyInterpolant | CauchyNetwork | ComplexMLP | LaurentSeries | PowerSeries
+_ARRAY_MODELS: tuple[Any, ...] = (CauchyInterpolant, CauchyNetwork, LaurentSeries, PowerSeries)
+_CLASSES = {model.kind: model for model in _ARRAY_MODELS}
+KINDS = tuple(sorted([*_CLASSES, "mlp"]))  # of models that can be saved
 
-MODELS: dict[str, type[Model]] = {model.kind: model for model in get_args(Model)}
+
+def saved_arrays(model: HolomorphicModel) -> Mapping[str, Array]:
+    """The arrays that a file of a model contains. Raises StorageError if it cannot be read again."""
+    kind = getattr(model, "kind", type(model).__name__)
+    if kind not in KINDS:
+        raise StorageError(f"a model of kind {kind!r} cannot be saved; known: {', '.join(KINDS)}", kind=kind)
+    if isinstance(model, ArrayModel):
+        return {name: model.arrays[name] for name in (*model.trained, *model.fixed)}
+    arrays: Mapping[str, Array] = model.state_dict()  # type: ignore[attr-defined]
+    return arrays
 
 
-def rebuild(kind: str, config: Mapping[str, Any], state: Mapping[str, Tensor]) -> torch.nn.Module:
-    """Rebuilds a saved model from its kind, `config` and state dict. Raises StorageError if they are inconsistent."""
-    if kind not in MODELS:
-        raise StorageError(f"unknown holomorphic model {kind!r}; known: {', '.join(sorted(MODELS))}")
+def rebuild(kind: str, config: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> HolomorphicModel:
+    """Rebuilds a saved model from its kind, `config` and arrays. Raises StorageError if they are inconsistent."""
+    if kind not in KINDS:
+        raise StorageError(f"unknown holomorphic model {kind!r}; known: {', '.join(KINDS)}")
     try:
-        model = MODELS[kind].from_config(config)
-        model.load_state_dict(dict(state))
+        if kind == "mlp":
+            from spinor_geom.holomorphic.mlp import ComplexMLP
+
+            return ComplexMLP.of_arrays(config, arrays)
+        model = _CLASSES[kind].from_config(config)
+        wanted, found = ({name: array.shape for name, array in some.items()} for some in (saved_arrays(model), arrays))
+        if wanted != found:
+            raise TypeError(f"it needs arrays of shapes {wanted}, got {found}")
+        whole: HolomorphicModel = model.with_arrays(arrays)
+        return whole
     except (KeyError, TypeError, RuntimeError, OptionError) as error:
         raise StorageError(f"the saved {kind!r} model does not fit its description: {error}") from error
-    return model

@@ -12,17 +12,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float
 from scipy.spatial import cKDTree
-from torch import Tensor
 
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import UnplacedZerosError, ZeroOnContourError
 from spinor_geom.mesh.topology import linked
 
-HolomorphicFunction = Callable[[Complex[Tensor, " n"]], Complex[Tensor, " n"]]
+HolomorphicFunction = Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, " n"]]
 
 RESOLUTION = 1e-4  # zeros nearer to each other than this share of the domain's diameter count as one multiple zero
 # A piece of ∂Ω is sampled finely enough when arg f changes by less than this between samples, and halving the steps
@@ -122,9 +120,7 @@ def _newton_limits(
 
 
 def _evaluate(function: HolomorphicFunction, z: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-    with torch.no_grad():
-        values = function(torch.from_numpy(z.ravel()))
-    return np.asarray(values.cpu().resolve_conj().numpy().reshape(z.shape))
+    return function(z.ravel()).reshape(z.shape)
 
 
 def _samples(domain: PlaneDomain, intervals: int) -> Complex[np.ndarray, "e k"]:

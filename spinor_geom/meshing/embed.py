@@ -27,7 +27,7 @@ from spinor_geom.meshing.triangulate import Piece, is_unit_disk, piece_of, trian
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.shown import Shown
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 _FINE = 16  # points at which the length of each piece of the boundary is measured
 _FEWEST = 6  # edges of a side between corners
@@ -162,17 +162,17 @@ def _with_split_edges(
 
 def _piece(solution: PlateauSolution, target_edge_length: float | Literal["auto"]) -> Piece:
     target = edge_length_over([rim.loop for rim in solution.rims], target_edge_length)
-    return piece_of(solution.surface, [rim.points_in_domain() for rim in solution.rims], target, solution.area)
+    return piece_of(solution.array_surface, [rim.points_in_domain() for rim in solution.rims], target, solution.area)
 
 
 def _patch(solution: PlateauSolution, plane: PlaneTriangulation) -> Patch:
-    inner = solution.surface.positions_inside(plane.points[plane.boundary_size :])
+    inner = solution.array_surface.positions_inside(plane.points[plane.boundary_size :])
     if not np.isfinite(inner).all():
         raise DomainError("the surface is not finite inside its domain: p or q has a pole there")
     return Patch.over(plane, np.concatenate([*(rim.loop.points for rim in solution.rims), inner]))
 
 
-def mesh_surface(surface: SpinorSurface, *, vertices: int = 4000) -> Patch:
+def mesh_surface(surface: ArraySurface, *, vertices: int = 4000) -> Patch:
     """Meshes a whole surface with edges of about equal length in space; all vertices are on the surface.
 
     `mesh_patch` meshes a solution with its loop's points as the boundary.
@@ -200,7 +200,7 @@ def mesh_surface(surface: SpinorSurface, *, vertices: int = 4000) -> Patch:
     return Patch.over(plane, positions)
 
 
-def _rim(surface: SpinorSurface, boundary: Boundary, target: float) -> Complex[np.ndarray, " m"]:
+def _rim(surface: ArraySurface, boundary: Boundary, target: float) -> Complex[np.ndarray, " m"]:
     """Points of a part of ∂Ω about `target` apart in space, including its corners."""
     pieces = boundary.parameters
     t = np.append((pieces[:-1, None] + np.diff(pieces)[:, None] * (np.arange(_FINE) / _FINE)).ravel(), 1.0)

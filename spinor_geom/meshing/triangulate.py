@@ -12,7 +12,7 @@ from spinor_geom.domain.polygons import lattice_inside
 from spinor_geom.domain.sizes import GROWTH, NearestPoints, RegionSizes, size_bounds
 from spinor_geom.domain.triangulation import PlaneTriangulation, Seeds, triangulate_regions
 from spinor_geom.errors import TooManyPointsError
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 DECAY = 0.5  # largest decrease of the edge length per distance from the boundary
 SMALLEST_STRETCH = 1e-3  # lower bound of λ per median, for branch points
@@ -47,7 +47,7 @@ def require_few_points(area: float, target: float) -> None:
         raise TooManyPointsError(target=target, area=area, points=points, most=MOST_POINTS)
 
 
-def piece_of(surface: SpinorSurface, rims: Sequence[Complex[np.ndarray, " _"]], target: float, area: float) -> Piece:
+def piece_of(surface: ArraySurface, rims: Sequence[Complex[np.ndarray, " _"]], target: float, area: float) -> Piece:
     """The part of Ω bounded by `rims`, for a target edge length in space; raises a TooManyPointsError."""
     require_few_points(area, target)
     mesh = surface.domain.triangulation

@@ -89,7 +89,7 @@ class ThinnedLoop:
 
     def positions(self, solution: PlateauSolution, mesh: PlaneTriangulation) -> Float[np.ndarray, "n 3"]:
         """A solution's positions at the vertices of a mesh of its Ω; those of the rim at the boundary."""
-        x = solution.surface.position(mesh.points)
+        x = solution.array_surface.position(mesh.points)
         x[: mesh.boundary_size] = self.points
         return x
 
@@ -232,7 +232,7 @@ class _Search:
             self.poor.append(solution)
             return solution
         points = solution.loop_points_in_domain()[self.rim.indices]
-        new = _Entry(solution=solution, normals=solution.surface.normal(points))
+        new = _Entry(solution=solution, normals=solution.array_surface.normal(points))
         known = next((entry for entry in self.entries if self._are_one(entry, new)), None)
         if known is None:
             self.entries.append(new)
@@ -301,10 +301,10 @@ def _departures(solution: PlateauSolution, rim: ThinnedLoop) -> Iterator[Iterato
     if len(mesh.points) == m:  # no inner vertices
         return
     x = rim.positions(solution, mesh)
-    normal = solution.surface.normal(mesh.points)
+    normal = solution.array_surface.normal(mesh.points)
     normal[:m] = 0
     try:
-        _, modes = lowest_modes(solution.surface, mesh, solution.stability.index or 1)
+        _, modes = lowest_modes(solution.array_surface, mesh, solution.stability.index or 1)
     except SingularMatrixError:  # triangles without area
         return
     for mode in modes.T:

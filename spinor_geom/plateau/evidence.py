@@ -13,7 +13,7 @@ from spinor_geom.mesh.intersections import is_graph, self_intersections
 from spinor_geom.plateau.stability import Curvature, Stability, assess_stability, stable_by_curvature
 from spinor_geom.plateau.steps import Clock
 from spinor_geom.plateau.threads import one_thread
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 _ORDER = 3  # Gauss-Legendre nodes along the sides of triangles, boundary pieces, and paths
 
@@ -22,13 +22,13 @@ _ORDER = 3  # Gauss-Legendre nodes along the sides of triangles, boundary pieces
 class Evidence:
     """A surface and its checks, each computed and timed on first use."""
 
-    make: Callable[[], SpinorSurface]  # makes the surface
+    make: Callable[[], ArraySurface]  # makes the surface
     curvature: Curvature | None = None  # total curvature, if known
     is_plane: bool = False  # whether it is a plane region, which does not intersect itself
     clock: Clock = field(default_factory=Clock)  # stages "stability" and "certificates"
 
     @cached_property
-    def surface(self) -> SpinorSurface:
+    def surface(self) -> ArraySurface:
         """The surface."""
         return self.make()
 
@@ -54,10 +54,10 @@ class Evidence:
             return 0 if self.is_plane else crossing_faces(self.surface)
 
 
-def area_in_domain(surface: SpinorSurface) -> float:
+def area_in_domain(surface: ArraySurface) -> float:
     """Area ∫_Ω λ² dx dy by quadrature over Ω's triangles and the pieces between them and ∂Ω.
 
-    It is independent of `SpinorSurface.area`, an integral along ∂Ω. Near rough rims the triangles do not resolve λ.
+    It is independent of `ArraySurface.area`, an integral along ∂Ω. Near rough rims the triangles do not resolve λ.
     """
     mesh = surface.domain.triangulation
     parts = [_on_triangles(mesh.points[mesh.faces]), *map(_beside_rim, surface.domain.boundaries)]
@@ -65,14 +65,14 @@ def area_in_domain(surface: SpinorSurface) -> float:
     return float(weights @ surface.conformal_factor(z) ** 2)
 
 
-def crossing_faces(surface: SpinorSurface) -> int | None:
+def crossing_faces(surface: ArraySurface) -> int | None:
     """Number of pairs of intersecting triangles in the surface's mesh over Ω's triangulation.
 
     None if the mesh has positions that are not finite.
     """
     mesh = surface.domain.triangulation
     # a low order suffices for intersections
-    rough = SpinorSurface(surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, order=_ORDER)
+    rough = ArraySurface(surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, order=_ORDER)
     vertices = rough.position(mesh.points)
     if not np.isfinite(vertices).all():
         return None

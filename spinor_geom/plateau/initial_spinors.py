@@ -1,12 +1,11 @@
 """Initial spinors of a fit, from the frames of a discrete surface along its boundary."""
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float, Int
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
-from torch import Tensor
 
+from spinor_geom.arrays import Array, Place
 from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.domain.delaunay import Rims, edge_codes, plane_coordinates, rim_successors
 from spinor_geom.mesh.operators import mollified_laplacian
@@ -27,10 +26,10 @@ def lifted_spinors(
     faces: Int[np.ndarray, "f 3"],
     points: Complex[np.ndarray, " n"],
     rims: Rims,
-    device: torch.device,
+    place: Place,
     *,
     branch: complex | None = None,
-) -> Complex[Tensor, "m 2"]:
+) -> Complex[Array, "m 2"]:
     """Spinors p and q on each boundary edge of a discrete surface, with signs that are continuous on the surface.
 
     On a ragged boundary neighbouring spinors do not determine the sign. Frames differ less between adjacent faces, so
@@ -41,23 +40,22 @@ def lifted_spinors(
         faces: triangles.
         points: images of the vertices in Ω.
         rims: number of vertices of each boundary.
-        device: device of the result.
+        place: where the result is.
         branch: a point c in a hole around which p and q change sign; p/√(z − c) and q/√(z − c) are returned then.
     """
     after = rim_successors(rims)
     boundary = points[: len(after)]
 
-    def single_valued(phi: Complex[Tensor, "k 3"], z: Complex[np.ndarray, " k"]) -> Complex[Tensor, "k 2"]:
+    def single_valued(phi: Complex[np.ndarray, "k 3"], z: Complex[np.ndarray, " k"]) -> Complex[np.ndarray, "k 2"]:
         if branch is not None:
-            phi = phi / torch.as_tensor(z - branch, device=phi.device)[:, None]
-        return torch.stack(spinors_from_phi(phi), dim=-1)
+            phi = phi / (z - branch)[:, None]
+        return np.stack(spinors_from_phi(phi), axis=-1)
 
-    spinors = single_valued(lifted_frames(vertices, faces, boundary, rims, device), (boundary + boundary[after]) / 2)
+    spinors = single_valued(lifted_frames(vertices, faces, boundary, rims), (boundary + boundary[after]) / 2)
     corner, image = vertices[faces], points[faces]
     tangent, step = corner[:, 1] - corner[:, 0], image[:, 1] - image[:, 0]
     normal = np.cross(tangent, corner[:, 2] - corner[:, 0])
-    frames = (torch.from_numpy(part) for part in (tangent, normal, step, np.ones(len(faces))))
-    inner = single_valued(phi_from_frames(*frames), image.mean(axis=1)).numpy()
+    inner = single_valued(phi_from_frames(tangent, normal, step, np.ones(len(faces))), image.mean(axis=1))
     # face adjacency; that of libigl would start threads
     codes = edge_codes(faces, len(points))
     order = codes.argsort()
@@ -72,8 +70,9 @@ def lifted_spinors(
     while (before != before[before]).any():
         sign, before = sign * sign[before], before[before]
     sign *= sign[before]
-    first = torch.from_numpy(sign[:, None] * inner).to(device)[_faces_along(faces, after)]
-    return torch.where(((first.conj() * spinors).sum(-1, keepdim=True)).real < 0, -spinors, spinors)
+    first = (sign[:, None] * inner)[_faces_along(faces, after)]
+    agrees = (first.conj() * spinors).sum(axis=-1, keepdims=True).real >= 0
+    return place.put(np.where(agrees, spinors, -spinors))
 
 
 def lifted_frames(
@@ -81,8 +80,7 @@ def lifted_frames(
     faces: Int[np.ndarray, "f 3"],
     boundary: Complex[np.ndarray, " m"],
     rims: Rims,
-    device: torch.device,
-) -> Complex[Tensor, "m 3"]:
+) -> Complex[np.ndarray, "m 3"]:
     """φ on each boundary edge of a discrete surface, from the frames of the faces there."""
     m = len(boundary)
     after = rim_successors(rims)
@@ -93,12 +91,8 @@ def lifted_frames(
     flat = np.linalg.norm(normal, axis=1) <= np.finfo(np.float64).eps * np.sum(tangent**2, axis=1)
     normal[flat] = np.cross(tangent[flat], np.eye(3)[np.abs(tangent[flat]).argmin(axis=1)])
     edge = boundary[after] - boundary
-    return phi_from_frames(
-        torch.tensor(tangent, device=device),
-        torch.tensor(normal, device=device),
-        torch.tensor(edge, device=device),
-        torch.tensor(np.linalg.norm(tangent, axis=1) / np.abs(edge), device=device),
-    )
+    scale = np.linalg.norm(tangent, axis=1) / np.abs(edge)
+    return np.asarray(phi_from_frames(tangent, normal, edge, scale))
 
 
 def _faces_along(faces: Int[np.ndarray, "f 3"], after: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:

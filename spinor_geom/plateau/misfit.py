@@ -6,10 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int
-from torch import Tensor
 
+from spinor_geom.arrays import TINY, Array, arange, closed_steps, indices, namespace, norm, square
 from spinor_geom.mesh.curve import SAMPLES_PER_PIECE
 from spinor_geom.plateau.curve_tensors import CurveTensors
 
@@ -33,58 +32,59 @@ class Misfit:
     length: float  # length of Γ
 
     @classmethod
-    def of(cls, r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: CurveTensors) -> Misfit:
+    def of(cls, r: Float[Array, "n 3"], slide: Float[Array, " n"], curve: CurveTensors) -> Misfit:
         """The misfit of points r of the boundary, in order, and the nearby points Γ(slide).
 
         Where Γ is much longer than the boundary, points of Γ between these are included.
         """
         point, tangent = curve.point_and_derivative(slide)
-        known = r, slide, (r - point).norm(dim=-1), tangent.norm(dim=-1), curve.local_edge(slide)
+        known = r, slide, norm(r - point), norm(tangent), curve.local_edge(slide)
         (misfit,) = cls.each(*(part[None] for part in known), alone=lambda _: curve)
         return misfit
 
     @classmethod
     def each(
         cls,
-        r: Float[Tensor, "b n 3"],
-        slide: Float[Tensor, "b n"],
-        distance: Float[Tensor, "b n"],
-        speed: Float[Tensor, "b n"],
-        local_edge: Float[Tensor, "b n"],
+        r: Float[Array, "b n 3"],
+        slide: Float[Array, "b n"],
+        distance: Float[Array, "b n"],
+        speed: Float[Array, "b n"],
+        local_edge: Float[Array, "b n"],
         *,
         alone: Callable[[int], CurveTensors],
     ) -> tuple[Misfit, ...]:
         """The misfits of several boundaries from distances, |Γ′| and local edges; `alone` returns one of the curves."""
-        step, chord = torch.diff(slide, append=slide[:, :1] + 1), (r.roll(-1, 1) - r).norm(dim=-1)
-        arc = step * (speed + speed.roll(-1, 1)) / 2
-        skipped = step * torch.maximum(speed, speed.roll(-1, 1)) > _SKIPPED * chord + distance
-        span = torch.maximum(arc, chord).where(~skipped, 0.0)
-        squares = ((span + span.roll(1, 1)) / 2 * distance.square()).sum(-1)
-        largest, local = distance.amax(-1), (distance / local_edge).amax(-1)
-        for i in skipped.any(-1).nonzero()[:, 0].tolist():
+        xp = namespace(r)
+        step, chord, ahead = closed_steps(slide), norm(xp.roll(r, -1, axis=1) - r), xp.roll(speed, -1, axis=1)
+        arc = step * (speed + ahead) / 2
+        skipped = step * xp.maximum(speed, ahead) > _SKIPPED * chord + distance
+        span = xp.where(skipped, 0.0, xp.maximum(arc, chord))
+        squares = ((span + xp.roll(span, 1, axis=1)) / 2 * square(distance)).sum(-1)
+        largest, local = xp.max(distance, axis=-1), xp.max(distance / local_edge, axis=-1)
+        for i in indices(skipped.any(-1)).tolist():
             curve = alone(i)
-            parameters, missed, weights = _on_skipped(r[i], slide[i], skipped[i].nonzero()[:, 0], curve)
-            squares[i] += weights @ missed.square()
-            largest[i] = torch.maximum(largest[i], missed.max())
-            local[i] = torch.maximum(local[i], (missed / curve.local_edge(parameters)).max())
+            parameters, missed, weights = _on_skipped(r[i], slide[i], indices(skipped[i]), curve)
+            squares[i] += weights @ square(missed)
+            largest[i] = xp.maximum(largest[i], missed.max())
+            local[i] = xp.maximum(local[i], (missed / curve.local_edge(parameters)).max())
         return tuple(
             cls(rms=(square / length) ** 0.5, max=far, max_per_local_edge=ratio, length=length)
-            for square, far, ratio, length in torch.stack([squares, largest, local, arc.sum(-1)], dim=1).tolist()
+            for square, far, ratio, length in xp.stack([squares, largest, local, arc.sum(-1)], axis=1).tolist()
         )
 
     @classmethod
     def from_distances(
         cls,
-        distance: Float[Tensor, " k"],
-        slide: Float[Tensor, " k"],
-        weights: Float[Tensor, " k"],
+        distance: Float[Array, " k"],
+        slide: Float[Array, " k"],
+        weights: Float[Array, " k"],
         curve: CurveTensors,
         *,
         length: float,
     ) -> Misfit:
         """The misfit of distances from Γ at parameters, weighted by arc length."""
         return cls(
-            rms=(float(weights @ distance.square()) / length) ** 0.5,
+            rms=(float(weights @ square(distance)) / length) ** 0.5,
             max=float(distance.max()),
             max_per_local_edge=float((distance / curve.local_edge(slide)).max()),
             length=length,
@@ -165,20 +165,21 @@ class BoundaryResidual:
 
 
 def _on_skipped(
-    r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], over: Int[Tensor, " j"], curve: CurveTensors
-) -> tuple[Float[Tensor, " k"], Float[Tensor, " k"], Float[Tensor, " k"]]:
+    r: Float[Array, "n 3"], slide: Float[Array, " n"], over: Int[Array, " j"], curve: CurveTensors
+) -> tuple[Float[Array, " k"], Float[Array, " k"], Float[Array, " k"]]:
     """Points of Γ on pieces that the boundary skips: parameters, distances, arc lengths.
 
     A boundary that skips a finger of Γ can be near Γ at all of its own points.
     """
-    start, end, step = r[over], r.roll(-1, 0)[over], torch.diff(slide, append=slide[:1] + 1)[over]
-    share = (torch.arange(SAMPLES_PER_PIECE, dtype=step.dtype, device=step.device) + 0.5) / SAMPLES_PER_PIECE
-    parameters = (slide[over, None] + step[:, None] * share).flatten()
+    xp = namespace(r)
+    start, end, step = r[over], xp.roll(r, -1, axis=0)[over], closed_steps(slide)[over]
+    share = (arange(SAMPLES_PER_PIECE, step) + 0.5) / SAMPLES_PER_PIECE
+    parameters = (slide[over, None] + step[:, None] * share).reshape(-1)
     point, tangent = curve.point_and_derivative(parameters)
     chord = (end - start)[:, None]
     offset = point.reshape(len(over), SAMPLES_PER_PIECE, 3) - start[:, None]
     # the chord may have length 0
-    along = (offset * chord).sum(-1) / chord.square().sum(-1).clamp_min(torch.finfo(step.dtype).tiny)
-    missed = (offset - along.clamp(0, 1)[..., None] * chord).norm(dim=-1)
-    arcs = step[:, None] / SAMPLES_PER_PIECE * tangent.norm(dim=-1).reshape(len(over), SAMPLES_PER_PIECE)
-    return parameters, missed.flatten(), arcs.flatten()
+    along = (offset * chord).sum(-1) / xp.clip(square(chord).sum(-1), min=TINY)
+    missed = norm(offset - xp.clip(along, 0, 1)[..., None] * chord)
+    arcs = step[:, None] / SAMPLES_PER_PIECE * norm(tangent).reshape(len(over), SAMPLES_PER_PIECE)
+    return parameters, missed.reshape(-1), arcs.reshape(-1)

@@ -4,10 +4,10 @@ import itertools
 from collections.abc import Callable, Sequence
 from typing import Protocol, TypeAlias, TypeVar
 
-import torch
+import numpy as np
 from jaxtyping import Bool, Float, Int
-from torch import Tensor
 
+from spinor_geom.arrays import Array, add_to_diagonal, cholesky, cholesky_solve, indices, namespace, place_of
 from spinor_geom.deadline import is_out_of_time
 
 MOST_STEPS = 60  # default limit on Newton steps, and on conjugate gradient steps in each
@@ -23,40 +23,40 @@ ROUNDING = 1e-13  # relative rounding error of gradients and energies; with 3e-1
 _MORE_DAMPING, _LEAST_DAMPING = 4.0, 1e-3
 
 E = TypeVar("E", bound="Energies")
-Rows: TypeAlias = Callable[[Float[Tensor, "b k"]], Float[Tensor, "b k"]]  # a linear map of rows of displacements
+Rows: TypeAlias = Callable[[Float[Array, "b k"]], Float[Array, "b k"]]  # a linear map of rows of displacements
 
 
 class Energies(Protocol):
     """Energies of b independent surfaces, with k unknowns each: displacements along Γ, and changes of the moduli."""
 
     @property
-    def energy(self) -> Float[Tensor, " b"]:
+    def energy(self) -> Float[Array, " b"]:
         """The energies, up to a common factor."""
 
     @property
-    def size(self) -> Float[Tensor, " b"]:
+    def size(self) -> Float[Array, " b"]:
         """Relative size of the gradients."""
 
     @property
-    def is_over(self) -> Bool[Tensor, " b"]:
+    def is_over(self) -> Bool[Array, " b"]:
         """Whether the surfaces degenerate, so that the iteration ends."""
 
-    def at(self: E, which: Int[Tensor, " j"]) -> E:
+    def at(self: E, which: Int[Array, " j"]) -> E:
         """The selected surfaces."""
 
-    def replaced(self: E, which: Int[Tensor, " j"], other: E) -> E:
+    def replaced(self: E, which: Int[Array, " j"], other: E) -> E:
         """The surfaces with some of them replaced."""
 
     def direction(
-        self, damping: Float[Tensor, " b"] | None, forcing: Float[Tensor, " b"]
-    ) -> tuple[Float[Tensor, "b k"], Bool[Tensor, " b"]]:
+        self, damping: Float[Array, " b"] | None, forcing: Float[Array, " b"]
+    ) -> tuple[Float[Array, "b k"], Bool[Array, " b"]]:
         """Newton's step, and whether the damped Hessian has a direction of negative curvature.
 
         Newton's equations are solved to the relative residual `forcing`. Without damping the step leads to critical
         points of any index.
         """
 
-    def stepped(self: E, direction: Float[Tensor, "b k"], length: float) -> E:
+    def stepped(self: E, direction: Float[Array, "b k"], length: float) -> E:
         """The surfaces after a step."""
 
 
@@ -93,31 +93,32 @@ def stationary(
     energy = here.energy
     count = len(energy)
     found: list[tuple[list[int], E]] = []
-    limits, falls = energy.new_tensor(tolerances), energy.new_tensor(negligible)
-    number = torch.arange(count, device=energy.device)
-    most = torch.tensor(max_steps, device=energy.device)
-    damping = torch.full_like(limits, 0.0 if near else 1.0)
-    stuck = torch.zeros_like(number, dtype=torch.bool)
-    recent = torch.full((count, _REMEMBERED), torch.inf, dtype=energy.dtype, device=energy.device)
+    place = place_of(energy)
+    xp, put = place.xp, place.put
+    limits, falls = put(np.array(tolerances, dtype=np.float64)), put(np.array(negligible, dtype=np.float64))
+    number, most = put(np.arange(count)), put(np.array(max_steps))
+    damping = put(np.full(count, 0.0 if near else 1.0))
+    stuck = put(np.zeros(count, dtype=bool))
+    recent = put(np.full((count, _REMEMBERED), np.inf))
     # the last energies, and the least energy before each of the last steps
     energies = -recent
     energies[:, -1] = energy
-    lowest = torch.full((count, _REMEMBERED + 1), torch.inf, dtype=energy.dtype, device=energy.device)
+    lowest = put(np.full((count, _REMEMBERED + 1), np.inf))
     lowest[:, -1] = energy
     for steps in itertools.count():
         size = here.size
         # a small gradient that is no longer halved is rounding error
-        at_rounding = (size < SMALL) & (size > recent.amin(-1) / 2)
+        at_rounding = (size < SMALL) & (size > xp.min(recent, axis=-1) / 2)
         # the energy changes by rounding errors only
-        unchanged = energies.amax(-1) - energies.amin(-1) < ROUNDING * here.energy
+        unchanged = xp.max(energies, axis=-1) - xp.min(energies, axis=-1) < ROUNDING * here.energy
         is_flat = (size > SMALL) & (unchanged | (lowest[:, 0] - lowest[:, -1] < falls))
         finished = (size <= limits) | at_rounding | (is_flat & (not saddles)) | stuck | here.is_over | (steps >= most)
         if finished.any():
-            over = finished.nonzero()[:, 0]
+            over = indices(finished)
             found.append((number[over].tolist(), here.at(over)))
             if finished.all():
                 break
-            rest = (~finished).nonzero()[:, 0]
+            rest = indices(~finished)
             here, number, limits, most, falls = here.at(rest), number[rest], limits[rest], most[rest], falls[rest]
             size, damping, recent = size[rest], damping[rest], recent[rest]
             energies, lowest = energies[rest], lowest[rest]
@@ -126,36 +127,38 @@ def stationary(
         if on_step:
             for i, value in zip(number.tolist(), size.tolist(), strict=True):
                 on_step[i](value)
-        recent = torch.cat([recent[:, 1:], size[:, None]], dim=1)
-        recent[damping != 0] = torch.inf
+        recent = xp.concat([recent[:, 1:], size[:, None]], axis=1)
+        recent[damping != 0] = np.inf
         # rough loops take many steps; the first ones are solved inexactly
-        forcing = torch.where(falls > 0, size.sqrt(), size).clamp(max=0.1)
+        forcing = xp.clip(xp.where(falls > 0, xp.sqrt(size), size), max=0.1)
         direction, downwards = here.direction(None if saddles else damping, forcing)
-        here, lengths = _full_step(here, direction) if saddles else _line_search(here, direction, energies.amax(-1))
+        here, lengths = (
+            _full_step(here, direction) if saddles else _line_search(here, direction, xp.max(energies, axis=-1))
+        )
         moved = lengths > 0
-        energies = torch.cat([energies[:, 1:], here.energy[:, None]], dim=1)
-        lowest = torch.cat([lowest[:, 1:], torch.minimum(lowest[:, -1], here.energy)[:, None]], dim=1)
+        energies = xp.concat([energies[:, 1:], here.energy[:, None]], axis=1)
+        lowest = xp.concat([lowest[:, 1:], xp.minimum(lowest[:, -1], here.energy)[:, None]], axis=1)
         stuck = ~moved & (saddles | (damping >= 1))
-        more = torch.where(moved, 10 * _LEAST_DAMPING, 0.1)
-        less = torch.where(damping > _LEAST_DAMPING, damping / _MORE_DAMPING, 0.0)
-        damping = torch.where(
+        more = xp.where(moved, 10 * _LEAST_DAMPING, 0.1 + 0 * damping)
+        less = xp.where(damping > _LEAST_DAMPING, damping / _MORE_DAMPING, 0.0)
+        damping = xp.where(
             ~moved | downwards,
-            torch.maximum(_MORE_DAMPING * damping, more).clamp(max=1.0),
-            torch.where(lengths == 1, less, damping),
+            xp.clip(xp.maximum(_MORE_DAMPING * damping, more), max=1.0),
+            xp.where(lengths == 1, less, damping),
         )
     return found
 
 
 def conjugate_gradients(
-    hessian: Rows, gradient: Float[Tensor, "b k"], precondition: Rows, forcing: Float[Tensor, " b"]
-) -> tuple[Float[Tensor, "b k"], Bool[Tensor, " b"]]:
+    hessian: Rows, gradient: Float[Array, "b k"], precondition: Rows, forcing: Float[Array, " b"]
+) -> tuple[Float[Array, "b k"], Bool[Array, " b"]]:
     """`Energies.direction` by preconditioned conjugate gradients, which stop at a direction of negative curvature."""
-    residual = -gradient
-    x, z = torch.zeros_like(residual), precondition(residual)
+    residual, xp = -gradient, namespace(gradient)
+    x, z = xp.zeros_like(residual), precondition(residual)
     search, metric, size = z, residual, _dot(residual, z)
     enough = forcing[:, None] ** 2 * size
-    unfinished = torch.ones_like(size, dtype=torch.bool)
-    downwards = torch.zeros_like(unfinished)
+    unfinished = xp.ones_like(size, dtype=xp.bool)
+    downwards = xp.zeros_like(unfinished)
     for step in range(MOST_STEPS):
         image = hessian(search)
         curvature, scale = _dot(search, image), _dot(search, metric)
@@ -163,8 +166,8 @@ def conjugate_gradients(
         downwards |= flat & (curvature < -SMALL * scale)
         unfinished &= ~flat
         if step == 0:
-            x = torch.where(flat, z, x)
-        length = torch.where(unfinished, size / curvature, 0.0)
+            x = xp.where(flat, z, x)
+        length = xp.where(unfinished, size / curvature, 0.0)
         x = x + length * search
         residual = residual - length * image
         z = precondition(residual)
@@ -172,49 +175,51 @@ def conjugate_gradients(
         unfinished &= ~(size < enough)
         if not unfinished.any():
             break
-        ratio = torch.where(unfinished, size / before, 0.0)
+        ratio = xp.where(unfinished, size / before, 0.0)
         search, metric = z + ratio * search, residual + ratio * metric
     return x, downwards[:, 0]
 
 
 def factored(
-    matrix: Float[Tensor, "k k"],
-    metric: Float[Tensor, " k"],
-    gradient: Float[Tensor, "1 k"],
-    damping: Float[Tensor, "1"],
-) -> tuple[Float[Tensor, "1 k"], Bool[Tensor, "1"]]:
+    matrix: Float[Array, "k k"],
+    metric: Float[Array, " k"],
+    gradient: Float[Array, "1 k"],
+    damping: Float[Array, "1"],
+) -> tuple[Float[Array, "1 k"], Bool[Array, "1"]]:
     """`Energies.direction` of one surface by a Cholesky factor; damping increases until the matrix is definite."""
-    tried = damping
+    tried, xp = damping, namespace(matrix)
     while True:
-        factor, info = torch.linalg.cholesky_ex(matrix + torch.diag(tried * metric))
-        if int(info) == 0 or float(tried) > 1 / ROUNDING:
-            return torch.cholesky_solve(-gradient.T, factor).T, tried > damping
-        tried = (_MORE_DAMPING * tried).clamp(min=10 * _LEAST_DAMPING)
+        shifted = xp.asarray(matrix, copy=True)
+        add_to_diagonal(shifted, tried * metric)
+        factor = cholesky(shifted)
+        if factor is not None:
+            return cholesky_solve(factor, -gradient.mT).mT, tried > damping
+        if float(tried[0]) > 1 / ROUNDING:
+            return xp.full_like(gradient, np.nan), tried > damping
+        tried = xp.clip(_MORE_DAMPING * tried, min=10 * _LEAST_DAMPING)
 
 
-def _full_step(here: E, direction: Float[Tensor, "b k"]) -> tuple[E, Float[Tensor, " b"]]:
+def _full_step(here: E, direction: Float[Array, "b k"]) -> tuple[E, Float[Array, " b"]]:
     """The surfaces after a full step where that halves the gradient; and the step lengths, 1 or 0."""
     trial = here.stepped(direction, 1.0)
     lower = trial.size < here.size / 2
-    taken = lower.nonzero()[:, 0]
-    return here.replaced(taken, trial.at(taken)), lower.to(trial.size)
+    taken = indices(lower)
+    return here.replaced(taken, trial.at(taken)), namespace(lower).astype(lower, trial.size.dtype)
 
 
-def _line_search(
-    here: E, direction: Float[Tensor, "b k"], highest: Float[Tensor, " b"]
-) -> tuple[E, Float[Tensor, " b"]]:
+def _line_search(here: E, direction: Float[Array, "b k"], highest: Float[Array, " b"]) -> tuple[E, Float[Array, " b"]]:
     """The surfaces after the longest step 1, ½, ¼, … with an energy of at most `highest`; its lengths, 0 if none."""
     start, trial, length = here, here.stepped(direction, 1.0), 1.0
-    highest = highest + ROUNDING * highest.abs()
+    highest, xp = highest + ROUNDING * abs(highest), namespace(highest)
     lower = trial.energy <= highest
-    lengths = lower.to(highest)
+    lengths = xp.astype(lower, highest.dtype)
     if lower.all():
         return trial, lengths
-    which = torch.arange(len(lower), device=lower.device)
+    which = place_of(lower).put(np.arange(len(lower)))
     while True:
         taken = which[lower]
-        here = here.replaced(taken, trial.at(lower.nonzero()[:, 0]))
-        lengths = lengths.index_fill(0, taken, length)
+        here = here.replaced(taken, trial.at(indices(lower)))
+        lengths[taken] = length
         which = which[~lower]
         length /= 2
         if not len(which) or length < SMALL:
@@ -223,6 +228,6 @@ def _line_search(
         lower = trial.energy <= highest[which]
 
 
-def _dot(a: Float[Tensor, "b k"], b: Float[Tensor, "b k"]) -> Float[Tensor, "b 1"]:
-    product: Tensor = torch.linalg.vecdot(a, b)
+def _dot(a: Float[Array, "b k"], b: Float[Array, "b k"]) -> Float[Array, "b 1"]:
+    product: Array = namespace(a).linalg.vecdot(a, b)
     return product[:, None]

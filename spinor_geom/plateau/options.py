@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
-import torch
+import numpy as np
 
+from spinor_geom.arrays import NUMPY, Place
 from spinor_geom.errors import OptionError, require_count, require_positive
 
 if TYPE_CHECKING:
+    import torch
+
     from spinor_geom.mesh.curve import BoundaryCurve
     from spinor_geom.plateau.route_result import RouteResult
     from spinor_geom.plateau.solution import PlateauSolution
@@ -64,14 +67,18 @@ def require_model(model: Model) -> None:
         )
 
 
-def usable_device(name: str | torch.device) -> torch.device:
-    """The device of a name; raises an OptionError if it cannot be used."""
+def usable_place(device: str | torch.device | None) -> Place:
+    """The place of a device of torch, or numpy for None; raises an OptionError if it cannot be used."""
+    if device is None:
+        return NUMPY
+    import torch
+
     try:
-        device = torch.device(name)
-        float(torch.zeros(1, device=device))
+        place = Place(torch.device(device))
+        float(place.put(np.zeros(1))[0])
     except (RuntimeError, AssertionError, TypeError) as error:
-        raise OptionError(f"device {name} cannot be used ({str(error).splitlines()[0]}); choose another") from error
-    return device
+        raise OptionError(f"device {device} cannot be used ({str(error).splitlines()[0]}); choose another") from error
+    return place
 
 
 class Trainer(Protocol):
@@ -82,7 +89,7 @@ class Trainer(Protocol):
         """Whether training can start from p and q of a solution."""
 
     def disk(
-        self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps
+        self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: str | torch.device, steps: Steps
     ) -> RouteResult:
         """A minimal disk over Γ at unit size whose p and q are networks, from a solution over it or a random start."""
 
@@ -101,7 +108,7 @@ class Options:
     max_iterations: int = 400
     unstable: str = "leave"
     between: str = "free"
-    device: torch.device = field(default_factory=lambda: torch.device("cpu"))
+    place: Place = NUMPY
 
     def __post_init__(self) -> None:
         require_model(self.model)

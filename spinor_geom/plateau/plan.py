@@ -115,7 +115,9 @@ def _trained(problem: PlateauProblem) -> RouteResult:
         first = replace(problem, options=replace(problem.options, model="auto", optimizer=None))
         start = minimal_disk(first, plan(first))
     with problem.clock.stage("training"):
-        return trainer.disk(problem.curve, start=start, device=problem.options.device, steps=problem.steps)
+        return trainer.disk(
+            problem.curve, start=start, device=problem.options.place.device or "cpu", steps=problem.steps
+        )
 
 
 def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteResult:

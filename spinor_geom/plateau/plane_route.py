@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float
 
+from spinor_geom.arrays import NUMPY
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.domain.polygons import bound_domain
 from spinor_geom.errors import DomainError
@@ -18,8 +18,8 @@ from spinor_geom.plateau.curve_tensors import CurveTensors, normals_of
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import PlateauProblem, Route
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
+from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.frames import spinors_from_phi
-from spinor_geom.surface.spinor_surface import SpinorSurface
 
 _FLOAT32 = float(np.finfo(np.float32).epsneg)
 
@@ -78,17 +78,16 @@ def _region(problem: PlateauProblem, curves: Sequence[BoundaryCurve]) -> RouteRe
             coefficients[-1] -= plane.centroid
             boundaries.append(SplineBoundary(curve.breaks, coefficients @ axis, curve.corners))
         domain = PlaneDomain.inside(boundaries[0], holes=tuple(boundaries[1:]))
-        spinors = torch.stack(spinors_from_phi(torch.tensor(axis.conj())[None]), dim=-1)
+        spinors = np.stack(spinors_from_phi(axis.conj()[None]), axis=-1)
         constant = plane.centroid + (domain.triangulation.points[domain.root] * axis.conj()).real
-        surface = SpinorSurface(PowerSeries(spinors), domain, constant)
+        surface = ArraySurface(PowerSeries(spinors), domain, constant)
         misfits = []
         for boundary, curve in zip(boundaries, rims, strict=True):
             t = _parameters(curve)
             away = np.linalg.norm(surface.position(boundary.point(t)) - curve.point(t), axis=1)
             arcs = np.linalg.norm(curve.derivative(t), axis=1) * np.repeat(np.diff(curve.breaks), 4) / 4
-            distance, slide, weights = map(torch.as_tensor, (away, t, arcs))
-            tensors = CurveTensors.of(curve, distance.device)
-            misfits.append(Misfit.from_distances(distance, slide, weights, tensors, length=float(arcs.sum())))
+            tensors = CurveTensors.of(curve, NUMPY)
+            misfits.append(Misfit.from_distances(away, t, arcs, tensors, length=float(arcs.sum())))
         between = None
         if len(curves) > 1:
             between = RimsResult(
@@ -99,7 +98,7 @@ def _region(problem: PlateauProblem, curves: Sequence[BoundaryCurve]) -> RouteRe
             )
         return RouteResult(
             domain=domain,
-            surface_at=surface.to(problem.options.device).placed,
+            surface_at=surface.at(problem.options.place).placed,
             curves=rims,
             matchings=tuple(np.repeat(curve.breaks[:-1, None], 2, axis=1) for curve in rims),
             misfit=Misfit.together(misfits),
@@ -133,8 +132,8 @@ def _outermost(rims: Sequence[Float[np.ndarray, "_ 3"]], plane: Plane) -> int | 
 
 def _axis(normal: Float[np.ndarray, "3"]) -> Complex[np.ndarray, "3"]:
     """Complex vector u + iv of an orthonormal basis (u, v) of a plane, counter-clockwise about its normal."""
-    u, v = normals_of(torch.tensor(normal))
-    return torch.complex(u, v).numpy()
+    u, v = normals_of(normal)
+    return np.asarray(u + 1j * v)
 
 
 def _parameters(curve: BoundaryCurve) -> Float[np.ndarray, " n"]:

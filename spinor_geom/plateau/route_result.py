@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from spinor_geom.domain.plane_domain import PlaneDomain
@@ -16,7 +15,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.stability import Curvature
-from spinor_geom.surface.spinor_surface import SpinorSurface, Vector
+from spinor_geom.surface.array_surface import ArraySurface, Vector
 
 # The errors of a route that finds no surface.
 FAILURES = (DomainError, FirstFillError, SingularMatrixError, SurfaceError)
@@ -38,7 +37,7 @@ class RouteResult:
     """A minimal surface over loops whose common diagonal is 1 and whose common centre is 0."""
 
     domain: PlaneDomain  # Ω
-    surface_at: Callable[[float, Vector], SpinorSurface]  # the surface, scaled and then moved
+    surface_at: Callable[[float, Vector], ArraySurface]  # the surface, scaled and then moved
     curves: tuple[BoundaryCurve, ...]  # Γ on each boundary of Ω, in its direction
     matchings: tuple[Float[np.ndarray, "_ 2"], ...]  # see `RimMatch.matching`
     misfit: Misfit  # distance of the surface's boundary from Γ
@@ -49,7 +48,7 @@ class RouteResult:
     between: RimsResult | None = None  # None for a disk
 
     @property
-    def surface(self) -> SpinorSurface:
+    def surface(self) -> ArraySurface:
         """The surface at unit size."""
         return self.surface_at(1.0, np.zeros(3))
 
@@ -63,5 +62,9 @@ def typed_failures() -> Iterator[None]:
     """Raises an UnsolvableError in place of the LinAlgError of numpy, scipy or torch."""
     try:
         yield
-    except (np.linalg.LinAlgError, torch.linalg.LinAlgError) as error:  # type: ignore[attr-defined]
+    except (np.linalg.LinAlgError, RuntimeError) as error:
+        if not type(error).__name__.endswith(
+            "LinAlgError"
+        ):  # that of torch, which need not be imported, is a RuntimeError
+            raise
         raise UnsolvableError(reason=str(error).splitlines()[0].rstrip(".")) from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -21,7 +21,10 @@ from spinor_geom.plateau.stability import Stability
 from spinor_geom.plateau.steps import Clock, Iteration
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.shown import Shown, shortened
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
+
+if TYPE_CHECKING:
+    from spinor_geom.surface.spinor_surface import SpinorSurface
 
 RouteName = Literal[
     "plane", "disk", "vertices", "annulus", "annular network", "circles", "flattened", "unfolded", "network", "trained"
@@ -259,9 +262,16 @@ class PlateauSolution(Shown):
         residual = f"residual {self.boundary_residual.rms_per_edge:.1e} of an edge"
         return shortened(f"PlateauSolution({rims} points, area {self.area:.6g}, {residual}, {self.route!r}, {state})")
 
-    @property
+    @cached_property
     def surface(self) -> SpinorSurface:
-        """The surface, in the loop's coordinates."""
+        """The surface, in the loop's coordinates, as a module of torch."""
+        from spinor_geom.surface.spinor_surface import SpinorSurface
+
+        return SpinorSurface.of(self.array_surface)
+
+    @property
+    def array_surface(self) -> ArraySurface:
+        """The surface, in the loop's coordinates, on arrays: it needs no torch."""
         return self.evidence.surface
 
     @property

@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, overload
 
 import numpy as np
-import torch
 
 from spinor_geom import deadline
 from spinor_geom.adapters import Rim, to_rims
@@ -20,7 +19,7 @@ from spinor_geom.discrete.minimal_surface import first_disks
 from spinor_geom.errors import ArgumentTypeError, OptionError, SpinorGeomError, require_positive
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.harmonic.harmonic_route import BATCH_NODES, FEWEST_NODES, UNIT_DISK, begun_on_unit_disk
-from spinor_geom.plateau.options import Cauchy, Model, Optimizer, Options, usable_device
+from spinor_geom.plateau.options import Cauchy, Model, Optimizer, Options, usable_place
 from spinor_geom.plateau.plan import all_surfaces, minimal_disk, plan, surface_between
 from spinor_geom.plateau.problem import PlateauProblem, Route
 from spinor_geom.plateau.route_result import typed_failures
@@ -30,6 +29,7 @@ from spinor_geom.plateau.threads import one_thread
 from spinor_geom.plateau.vertices.vertex_route import THROUGH_POINTS
 
 if TYPE_CHECKING:
+    import torch
     from typing_extensions import Unpack
 
 _Planned: TypeAlias = tuple[PlateauProblem, tuple[Route, ...]]
@@ -49,7 +49,7 @@ class _Rest(TypedDict, total=False):
     unstable: Literal["leave", "keep"]
     between: Literal["smooth", "free"]
     time_limit: float
-    device: str | torch.device
+    device: str | torch.device | None
     on_iteration: Callable[[Iteration], None] | None
 
 
@@ -81,7 +81,7 @@ def solve_plateau(
     between: Literal["smooth", "free"] = "free",
     all_solutions: bool = False,
     time_limit: float = math.inf,
-    device: str | torch.device = "cpu",
+    device: str | torch.device | None = None,
     on_iteration: Callable[[Iteration], None] | None = None,
 ) -> PlateauSolution | NoConnectedSurface | tuple[PlateauSolution, ...]:
     """A minimal disk bounded by a closed curve, or a connected minimal surface bounded by several curves.
@@ -128,7 +128,8 @@ def solve_plateau(
             unstable ones too; see `find_disks`. It takes several times as long, and may miss some.
         time_limit: seconds after which the best surface so far is returned; `converged` and `reason` report what it
             lacks, and with `all_solutions` others may be missing. A step in progress is finished first.
-        device: where the linear algebra runs; the surface is returned there.
+        device: the torch device where the linear algebra runs, such as "cuda"; the surface is returned there. None for
+            numpy, without torch.
         on_iteration: called after each step.
 
     Returns:
@@ -158,7 +159,7 @@ def solve_plateau(
         max_iterations=max_iterations,
         unstable=unstable,
         between=between,
-        device=usable_device(device),
+        place=usable_place(device),
     )
     rims = to_rims(loop)
     if not rims:
@@ -192,7 +193,7 @@ def solve_plateau_batch(
     unstable: Literal["leave", "keep"] = "leave",
     between: Literal["smooth", "free"] = "free",
     time_limit: float = math.inf,
-    device: str | torch.device = "cpu",
+    device: str | torch.device | None = None,
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
     """`solve_plateau` for an iterable of loops, of which a limited number is in memory at a time.
 
@@ -225,7 +226,7 @@ def solve_plateau_batch(
         max_iterations=max_iterations,
         unstable=unstable,
         between=between,
-        device=usable_device(device),
+        place=usable_place(device),
     )
     require_positive("time_limit", time_limit, finite=False)
     return _side_by_side(iter(loops), options, time_limit)

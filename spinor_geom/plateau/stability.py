@@ -9,18 +9,17 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 import scipy.sparse.linalg as spl
-import torch
 from jaxtyping import Complex, Float, Int
 from scipy.linalg import eigh
 from scipy.sparse import coo_array, csc_array
-from torch import Tensor
 
+from spinor_geom.arrays import Array, namespace
 from spinor_geom.domain.delaunay import edge_codes, plane_coordinates
 from spinor_geom.domain.plane_domain import panel_breaks
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import SingularMatrixError
 from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 Curvature: TypeAlias = tuple[float, float]  # ∫|K| dA, and a bound of its error
 AMPLITUDES = tuple(0.2 * 0.6**k for k in range(8))  # trial displacements from an unstable surface, in diagonals
@@ -63,7 +62,7 @@ def stable_by_curvature(curvature: Curvature) -> Stability | None:
     return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=total)
 
 
-def assess_stability(surface: SpinorSurface) -> Stability:
+def assess_stability(surface: ArraySurface) -> Stability:
     """Verdict of the second variation ∫ |∇u|² + 2Kλ²u² dx dy over u with u = 0 on ∂Ω.
 
     If the total curvature ∫|K| dA, an integral along ∂Ω, is below 2π, the surface is stable. Otherwise the eigenvalues
@@ -118,7 +117,7 @@ def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
 
 
 def lowest_modes(
-    surface: SpinorSurface, mesh: PlaneTriangulation, count: int
+    surface: ArraySurface, mesh: PlaneTriangulation, count: int
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "n k"]]:
     """The smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary of a mesh, ascending, and u as columns, |u| ≤ 1.
 
@@ -149,34 +148,36 @@ def _inner(a: Complex[np.ndarray, "n 2"], b: Complex[np.ndarray, "n 2"]) -> Comp
     return np.asarray(np.conj(a[:, 0]) * b[:, 0] + np.conj(a[:, 1]) * b[:, 1])
 
 
-def curvature_within(rims: Sequence[Complex[Tensor, "*b _ 2"]]) -> Float[Tensor, "2 *b"]:
+def curvature_within(rims: Sequence[Complex[Array, "*b _ 2"]]) -> Float[Array, "2 *b"]:
     """Total curvature of surfaces from p and q at points along each boundary of Ω, and a bound of its error.
 
     By Δ log λ = −Kλ², ∫|K| dA is ∮ ∂_ν log λ |dz|, the area enclosed by the normals along ∂Ω. Each branch point in Ω
     adds 4π to the result. The number of points is even; every second point gives the error.
     """
-    fine, coarse = (torch.stack([_polygon_area(one[..., ::step, :]) for one in rims]).sum(0) for step in (1, 2))
-    return torch.stack([(4 * fine - coarse) / 3, (fine - coarse).abs()])
+    xp = namespace(rims[0])
+    fine, coarse = (xp.stack([_polygon_area(one[..., ::step, :]) for one in rims]).sum(0) for step in (1, 2))
+    return xp.stack([(4 * fine - coarse) / 3, abs(fine - coarse)])
 
 
-def _polygon_area(spinors: Complex[Tensor, "*b n 2"]) -> Float[Tensor, "*b"]:
+def _polygon_area(spinors: Complex[Array, "*b n 2"]) -> Float[Array, "*b"]:
     """Area on the sphere enclosed by the normals at consecutive points of closed curves, with multiplicity.
 
     It is 2∮ Im(p̄ dp + q̄ dq)/λ for normals that move along great circles.
     """
     # squared, so that the change of sign of antiperiodic spinors does not count
-    area: Tensor = torch.linalg.vecdot(spinors, spinors.roll(-1, -2)).square().angle().sum(-1)
-    return area
+    xp = namespace(spinors)
+    turn = xp.linalg.vecdot(spinors, xp.roll(spinors, -1, axis=-2)) ** 2
+    return xp.atan2(turn.imag, turn.real).sum(-1)
 
 
-def _boundary_curvature(surface: SpinorSurface) -> Curvature:
+def _boundary_curvature(surface: ArraySurface) -> Curvature:
     """Total curvature of a surface, with its error."""
     rims = [(boundary, panel_breaks(boundary)) for boundary in surface.domain.boundaries]
     # four points a panel, doubled up to three times while 2π lies within the error
     for level in range(2, 6):
         share = np.arange(2**level) / 2**level
         along = [b.point((breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel()) for b, breaks in rims]
-        curvature, error = curvature_within([torch.from_numpy(surface.spinors(z)) for z in along]).tolist()
+        curvature, error = curvature_within([surface.spinors(z) for z in along]).tolist()
         turns = [(_turning(surface, z) * np.abs(np.roll(z, -1) - z)) for z in along]
         is_resolved = _are_small(np.concatenate(turns))
         if is_resolved and abs(curvature - 2 * np.pi) > error:
@@ -184,7 +185,7 @@ def _boundary_curvature(surface: SpinorSurface) -> Curvature:
     return curvature, error if is_resolved else np.inf
 
 
-def _turning(surface: SpinorSurface, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def _turning(surface: ArraySurface, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """2|(p, q)′|/|(p, q)|: an upper bound of the rotation of the normal, in radians per length in Ω.
 
     It uses derivatives because equidistant samples of a high power can be constant.
@@ -203,14 +204,14 @@ def _are_small(turns: Float[np.ndarray, " n"]) -> bool:
 class _Mesh:
     """A triangulation of Ω with midpoint refinement that follows ∂Ω; coarse vertices come first."""
 
-    surface: SpinorSurface
+    surface: ArraySurface
     points: Complex[np.ndarray, " n"]
     faces: Int[np.ndarray, "f 3"]
     spinors: Complex[np.ndarray, "n 2"]  # p and q at the points
     parameter: Float[np.ndarray, " n"]  # of boundary vertices, see `PlaneDomain.arcs`; NaN inside
 
     @classmethod
-    def of(cls, surface: SpinorSurface, mesh: PlaneTriangulation, rim: Float[np.ndarray, " m"]) -> _Mesh:
+    def of(cls, surface: ArraySurface, mesh: PlaneTriangulation, rim: Float[np.ndarray, " m"]) -> _Mesh:
         """The mesh with the parameters of its boundary vertices."""
         parameter = np.append(rim, np.full(len(mesh.points) - len(rim), np.nan))
         return cls(surface, mesh.points, mesh.faces, surface.spinors(mesh.points), parameter)

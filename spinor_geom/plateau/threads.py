@@ -1,11 +1,13 @@
 """Thread limits around small solves."""
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from threading import Lock, local
+from typing import Any
 
-import torch
+import numpy as np
 from threadpoolctl import OpenBLASController, ThreadpoolController, threadpool_limits
 
 
@@ -13,6 +15,12 @@ from threadpoolctl import OpenBLASController, ThreadpoolController, threadpool_l
 def _blas() -> ThreadpoolController:
     """Controllers of the loaded BLAS libraries, cached because the search for them takes milliseconds."""
     return ThreadpoolController().select(user_api="blas")
+
+
+def _torch() -> Any:
+    """Torch if it has been imported, by whom it is asked for; else None."""
+    torch = sys.modules.get("torch")
+    return torch if hasattr(torch, "set_num_threads") else None  # it may be half imported, in another thread
 
 
 class _Limits:
@@ -30,25 +38,28 @@ class _Limits:
         self.blas: threadpool_limits | None = None
         self.own = local()
 
-    def enter(self) -> int:
+    def enter(self) -> int | None:
         """Limits BLAS and torch to one thread; returns the number of torch threads for `leave` to restore."""
+        torch = _torch()
         with self.lock:
-            depth, threads = getattr(self.own, "depth", 0), torch.get_num_threads()
+            depth, threads = getattr(self.own, "depth", 0), torch.get_num_threads() if torch else None
             if self.blas is None:
                 OpenBLASController.clear_controlling_thread(force=True)
                 self.blas = _blas().limit(limits=1)
                 OpenBLASController.clear_controlling_thread(force=True)
-                self.torch_threads = threads
+                self.torch_threads = threads or self.torch_threads
             elif threads == 1 and not depth:
                 threads = self.torch_threads
             self.inside, self.own.depth = self.inside + 1, depth + 1
-            torch.set_num_threads(1)
+            if torch:
+                torch.set_num_threads(1)
             return threads
 
-    def leave(self, threads: int) -> None:
+    def leave(self, threads: int | None) -> None:
         """Restores the limit of torch, and that of BLAS if no other thread is inside."""
         with self.lock:
-            torch.set_num_threads(threads)
+            if threads:
+                _torch().set_num_threads(threads)
             self.inside, self.own.depth = self.inside - 1, self.own.depth - 1
             if self.blas is not None and not self.inside:
                 OpenBLASController.clear_controlling_thread(force=True)
@@ -64,10 +75,12 @@ _limits = _Limits()
 def one_thread() -> Iterator[None]:
     """Limits linear algebra to one thread in a `with` block; safe in any number of Python threads.
 
-    On matrices of a few hundred rows several threads are up to a hundred times slower than one.
+    On matrices of a few hundred rows several threads are up to a hundred times slower than one. numpy does not warn of
+    overflow and undefined quotients, from which solvers recover.
     """
     threads = _limits.enter()
     try:
-        yield
+        with np.errstate(all="ignore"):
+            yield
     finally:
         _limits.leave(threads)

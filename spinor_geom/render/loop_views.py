@@ -9,6 +9,7 @@ import trimesh
 from jaxtyping import Complex, Float
 from scipy.spatial import cKDTree
 
+from spinor_geom.arrays import to_numpy
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
 from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates, rim_successors
 from spinor_geom.errors import SpinorGeomError, UnplacedZerosError, ZeroOnContourError
@@ -21,7 +22,7 @@ from spinor_geom.meshing.embed import Patch
 from spinor_geom.render.camera import Camera
 from spinor_geom.render.portrait import grid_lines
 from spinor_geom.render.scene import PATCH, Dots, Faces, Layer, Lines, Scale, Scene
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 MEAN = "mean curvature |H| of the mesh, 1/mesh unit"
 DISTANCE = "distance to the discrete minimal surface, mesh units"
@@ -39,7 +40,7 @@ class LoopViews:
 
     outcome: LoopOutcome
     patch: Patch
-    surface: SpinorSurface
+    surface: ArraySurface
     fields: Mapping[str, Float[np.ndarray, " n"]]  # at the patch's vertices, NaN where unknown
     baseline_figures: dict[str, Any]  # of the discrete minimal surface, or the error instead
     normals: Float[np.ndarray, "n 3"]  # of the surface at the patch's vertices, on the side of the patch's faces
@@ -144,7 +145,7 @@ def loop_views(outcome: LoopOutcome) -> LoopViews:
     patch, solution = outcome.patch, outcome.solution
     assert patch is not None
     assert solution is not None
-    surface, distance = solution.surface, np.full(len(patch.vertices), np.nan)
+    surface, distance = solution.array_surface, np.full(len(patch.vertices), np.nan)
     curvature = discrete_mean_curvature(patch.vertices, patch.faces)
     figures: dict[str, Any] = {"|H| of the patch": {"max": curvature.max, "rms": curvature.rms}}
     try:
@@ -175,17 +176,17 @@ def loop_views(outcome: LoopOutcome) -> LoopViews:
     )
 
 
-def _poles(surface: SpinorSurface) -> Complex[np.ndarray, " k"]:
+def _poles(surface: ArraySurface) -> Complex[np.ndarray, " k"]:
     """The poles of a Cauchy network or interpolant; empty for other models."""
     model = surface.model
     if isinstance(model, CauchyNetwork):
-        return np.asarray(model.poles.detach().cpu().resolve_conj().numpy())
+        return to_numpy(model.poles)
     if isinstance(model, CauchyInterpolant):
-        return np.asarray(model.nodes.detach().cpu().resolve_conj().numpy())
+        return to_numpy(model.nodes)
     return np.zeros(0, dtype=np.complex128)
 
 
-def _zeros(surface: SpinorSurface) -> list[Complex[np.ndarray, " _"]]:
+def _zeros(surface: ArraySurface) -> list[Complex[np.ndarray, " _"]]:
     """The zeros of p and those of q in Ω; empty if p or q vanishes on ∂Ω, as on a plane, or zeros were not located."""
     try:
         return [np.array([zero.z for zero in zeros], dtype=np.complex128) for zeros in surface.spinor_zeros()]

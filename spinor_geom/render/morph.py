@@ -14,7 +14,7 @@ from spinor_geom.render.page import Views, document
 from spinor_geom.render.png import drawn
 from spinor_geom.render.portrait import surface_layers
 from spinor_geom.render.scene import Scene
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 SUFFIXES = (".gif", ".html", ".mp4")
 FRAMES = 72
@@ -23,7 +23,7 @@ _PAPER = 240  # palette colours with all channels of at least this become white
 _SIZE = (640, 640)  # MPEG-4 requires multiples of 16
 
 
-def morph(surface: SpinorSurface, path: str | os.PathLike[str], *, frames: int = FRAMES) -> None:
+def morph(surface: ArraySurface, path: str | os.PathLike[str], *, frames: int = FRAMES) -> None:
     """Shows the associate family r_θ = Re ∫ e^{iθ}φ dz of a surface.
 
     Its members are isometric and have the same normals at the same points; θ = 90° is the conjugate surface, θ = 180°
@@ -66,7 +66,7 @@ def checked_suffix(path: Path) -> str:
     return suffix
 
 
-def family_page(surface: SpinorSurface, *, title: str) -> str:
+def family_page(surface: ArraySurface, *, title: str) -> str:
     """A page with the surface, coloured by Gauss curvature, and a slider for θ."""
     text = "Drag to turn, wheel to zoom; the slider sets the angle θ of the associate family."
     scene = Scene(title=text, layers=surface_layers(surface, family=True))

@@ -20,7 +20,7 @@ from spinor_geom.meshing.embed import mesh_surface
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render.png import write_png
 from spinor_geom.render.scene import EYE, GRID_COLOUR, SIDES, Faces, Layer, Lines, Scene, overview
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 SIZE = (900, 720)
 GAUSS = "Gauss curvature"
@@ -36,7 +36,7 @@ class Portrait:
     layers: tuple[Layer, ...]
 
     @classmethod
-    def of(cls, surface: SpinorSurface | PlateauSolution, *, vertices: int = VERTICES) -> Portrait:
+    def of(cls, surface: ArraySurface | PlateauSolution, *, vertices: int = VERTICES) -> Portrait:
         """The picture of a surface or solution, with its boundary and the image of a grid in Ω.
 
         Args:
@@ -48,8 +48,8 @@ class Portrait:
             SurfaceError: the surface is not finite on its domain.
         """
         takes = "a SpinorSurface or a PlateauSolution"
-        require_type(surface, (SpinorSurface, PlateauSolution), function="Portrait.of", takes=takes)
-        whole = surface.surface if isinstance(surface, PlateauSolution) else surface
+        require_type(surface, (ArraySurface, PlateauSolution), function="Portrait.of", takes=takes)
+        whole = surface.array_surface if isinstance(surface, PlateauSolution) else surface
         faces, *lines = surface_layers(whole, vertices=vertices)
         return cls(layers=(replace(faces, fields={}), *lines))
 
@@ -93,7 +93,7 @@ class Portrait:
 
 
 def surface_layers(
-    surface: SpinorSurface, *, vertices: int = VERTICES, family: bool = False
+    surface: ArraySurface, *, vertices: int = VERTICES, family: bool = False
 ) -> tuple[Faces, Lines, Lines]:
     """A surface with its Gauss curvature as a field, the image of a square grid in Ω, and the boundary.
 
@@ -125,7 +125,7 @@ def surface_layers(
     )
 
 
-def _require_closed_conjugate(surface: SpinorSurface) -> None:
+def _require_closed_conjugate(surface: ArraySurface) -> None:
     """Raises a PeriodError if ∮ φ dz ≠ 0 around ∂Ω; around holes `SpinorSurface.associate` checks it."""
     if surface.domain.holes:
         return

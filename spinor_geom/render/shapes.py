@@ -22,7 +22,7 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render.page import Views, document
 from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.scene import Scene, viridis
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 GAUSS, MEAN, NORMAL = "gauss_curvature", "mean_curvature", "normal"
 MOST_FACES = 200_000  # larger meshes are not embedded in a notebook
@@ -89,10 +89,10 @@ def shape_of(shown: Any) -> Shape:
         DomainError: the solution cannot be meshed.
         UnknownMeshTypeError: no adapter knows the type.
     """
-    if isinstance(shown, SpinorSurface):
+    if isinstance(shown, ArraySurface):
         return _minimal(mesh_surface(shown), shown)
     if isinstance(shown, PlateauSolution):
-        return _minimal(mesh_patch(shown), shown.surface)
+        return _minimal(mesh_patch(shown), shown.array_surface)
     if isinstance(shown, (Patch, DiscreteMinimalSurface)):
         mesh = TriangleMesh(shown.vertices, shown.faces)
     else:
@@ -104,7 +104,7 @@ def shape_of(shown: Any) -> Shape:
     return Shape(vertices=mesh.vertices, faces=mesh.faces, values={**mesh.vertex_attributes, MEAN: mean})
 
 
-def _minimal(patch: Patch, surface: SpinorSurface) -> Shape:
+def _minimal(patch: Patch, surface: ArraySurface) -> Shape:
     values = {
         NORMAL: np.asarray(surface.normal(patch.points)),
         GAUSS: np.asarray(surface.gauss_curvature(patch.points)),

@@ -12,15 +12,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import torch
 from jaxtyping import Complex
-from torch import Tensor
 
+from spinor_geom.arrays import cis
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.holomorphic.zeros import RESOLUTION, Zero, find_zeros, zero_inside
 from spinor_geom.surface.frames import loop_invariant
 
-Functions = Callable[[Complex[Tensor, " n"]], Complex[Tensor, "n _"]]
+Functions = Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, "n _"]]
 
 # a generic unit vector (a, b) of ℂ²: a·p + b·q and −b̄·p + ā·q have common zeros only where p and q vanish
 _A, _B = complex(0.552, 0.235), complex(-0.282, 0.749)
@@ -48,7 +47,7 @@ def branch_points(spinors: Functions, phi: Functions, domain: PlaneDomain) -> tu
     They are computed as common zeros of two generic combinations, u = a·p + b·q and v = −b̄·p + ā·q; zeros up to 1e-4 of
     the domain's diameter apart count as common.
     """
-    u, v = torch.tensor([[_A, _B], [-_B.conjugate(), _A.conjugate()]], dtype=torch.complex128)
+    u, v = np.array([[_A, _B], [-_B.conjugate(), _A.conjugate()]])
     common = []
     for zero in find_zeros(lambda z: spinors(z) @ u, domain):
         other = zero_inside(lambda z: spinors(z) @ v, zero.z, RESOLUTION * domain.diameter)
@@ -66,9 +65,7 @@ def with_invariants(zeros: Sequence[Zero], phi: Functions, domain: PlaneDomain) 
     found = []
     for zero, radius in zip(zeros, (_RADIUS * apart.min(axis=1, initial=np.inf)).tolist(), strict=True):
         count = _SAMPLES_PER_TURN * (zero.order + 1)
-        turn = 2 * np.pi * torch.arange(count, dtype=torch.float64) / count
-        out = torch.polar(torch.ones_like(turn), turn)
-        with torch.no_grad():
-            invariant = loop_invariant(phi(zero.z + radius * out), 1j * out)
+        out = cis(2 * np.pi * np.arange(count) / count)
+        invariant = loop_invariant(phi(zero.z + radius * out), 1j * out)
         found.append(BranchPoint(z=zero.z, order=zero.order, invariant=invariant))
     return tuple(found)

@@ -5,33 +5,33 @@
 So p = 1, q = 0 is the plane r = (x, y, 0) with n = +e₃, and p = 0 gives n = −e₃. Mean curvature is positive where the
 surface bends towards n (a sphere with its inner normal).
 
-The functions take tensors of any shape and are differentiable; at a branch point (p = q = 0) quotients are NaN. dp and
-dq are the derivatives p′ and q′. They raise a `DtypeError` for tensors that are not complex.
+The functions take arrays of any shape and are differentiable; at a branch point (p = q = 0) quotients are NaN. dp and
+dq are the derivatives p′ and q′. They raise a `DtypeError` for arrays that are not complex.
 
 Source: Sun & Chern (2026), minimal surfaces from a pair of holomorphic functions.
 """
 
-import torch
+import numpy as np
 from jaxtyping import Complex, Float
-from torch import Tensor
 
+from spinor_geom.arrays import Array, namespace, place_of, square
 from spinor_geom.holomorphic.blocks import require_complex
 
-Values = Complex[Tensor, "*pts"]
+Values = Complex[Array, "*pts"]
 
 
-def phi(p: Values, q: Values) -> Complex[Tensor, "*pts 3"]:
+def phi(p: Values, q: Values) -> Complex[Array, "*pts 3"]:
     """The null curve's derivative φ = (p² − q², −i(p² + q²), 2pq), with φ·φ = 0 for any p, q."""
     require_complex(p=p, q=q)
     return null_vector(p * p, q * q, p * q)
 
 
-def null_vector(pp: Values, qq: Values, pq: Values) -> Complex[Tensor, "*pts 3"]:
+def null_vector(pp: Values, qq: Values, pq: Values) -> Complex[Array, "*pts 3"]:
     """(pp − qq, −i(pp + qq), 2pq): φ from p², q² and pq, or its integral from theirs."""
-    return torch.stack([pp - qq, -1j * (pp + qq), 2 * pq], dim=-1)
+    return namespace(pp).stack([pp - qq, -1j * (pp + qq), 2 * pq], axis=-1)
 
 
-def conformal_factor(p: Values, q: Values) -> Float[Tensor, "*pts"]:
+def conformal_factor(p: Values, q: Values) -> Float[Array, "*pts"]:
     """Conformal factor λ = |p|² + |q|²: length in space per length in Ω.
 
     The first fundamental form is λ²(dx² + dy²); λ = 0 exactly at branch points.
@@ -39,14 +39,14 @@ def conformal_factor(p: Values, q: Values) -> Float[Tensor, "*pts"]:
     Source: Sun & Chern (2026), r_x·r_x = r_y·r_y = ½|φ|².
     """
     require_complex(p=p, q=q)
-    return _square(p) + _square(q)
+    return square(p) + square(q)
 
 
-def normal(p: Values, q: Values) -> Float[Tensor, "*pts 3"]:
+def normal(p: Values, q: Values) -> Float[Array, "*pts 3"]:
     """Unit normal n = (r_x × r_y)/λ² = (−2 Re(p q̄), −2 Im(p q̄), |p|² − |q|²)/λ."""
     require_complex(p=p, q=q)
     pq = p * q.conj()
-    n = torch.stack([-2 * pq.real, -2 * pq.imag, _square(p) - _square(q)], dim=-1)
+    n = namespace(p).stack([-2 * pq.real, -2 * pq.imag, square(p) - square(q)], axis=-1)
     return n / conformal_factor(p, q)[..., None]
 
 
@@ -71,27 +71,22 @@ def hopf_differential(p: Values, q: Values, dp: Values, dq: Values) -> Values:
     return 2 * (p * dq - dp * q)
 
 
-def gauss_curvature(p: Values, q: Values, dp: Values, dq: Values) -> Float[Tensor, "*pts"]:
+def gauss_curvature(p: Values, q: Values, dp: Values, dq: Values) -> Float[Array, "*pts"]:
     """Gauss curvature K = −4|p′q − pq′|²/(|p|² + |q|²)⁴ ≤ 0, in 1/length²."""
-    return -_square(hopf_differential(p, q, dp, dq)) / conformal_factor(p, q) ** 4
+    return -square(hopf_differential(p, q, dp, dq)) / conformal_factor(p, q) ** 4
 
 
-def first_fundamental_form(p: Values, q: Values) -> Float[Tensor, "*pts 2 2"]:
+def first_fundamental_form(p: Values, q: Values) -> Float[Array, "*pts 2 2"]:
     """First fundamental form λ² I in the coordinates x, y of Ω."""
-    square = conformal_factor(p, q).square()
-    return square[..., None, None] * torch.eye(2, dtype=square.dtype, device=square.device)
+    factor = square(conformal_factor(p, q))
+    return factor[..., None, None] * place_of(factor).put(np.eye(2))
 
 
-def second_fundamental_form(p: Values, q: Values, dp: Values, dq: Values) -> Float[Tensor, "*pts 2 2"]:
+def second_fundamental_form(p: Values, q: Values, dp: Values, dq: Values) -> Float[Array, "*pts 2 2"]:
     """Second fundamental form ((r_xx·n, r_xy·n), (r_xy·n, r_yy·n)) = ((Re Q, −Im Q), (−Im Q, −Re Q)).
 
     Q is the Hopf differential; the trace is 0 because the surface is minimal.
     """
     hopf = hopf_differential(p, q, dp, dq)
-    return torch.stack(
-        [torch.stack([hopf.real, -hopf.imag], dim=-1), torch.stack([-hopf.imag, -hopf.real], dim=-1)], dim=-2
-    )
-
-
-def _square(u: Values) -> Float[Tensor, "*pts"]:
-    return u.real.square() + u.imag.square()  # not abs()²: the root's derivative is undefined at 0
+    rows = [hopf.real, -hopf.imag, -hopf.imag, -hopf.real]
+    return namespace(hopf).stack(rows, axis=-1).reshape(*hopf.shape, 2, 2)

@@ -15,10 +15,10 @@ in space", 1996).
 
 from typing import Literal
 
-import torch
+import numpy as np
 from jaxtyping import Bool, Complex, Float
-from torch import Tensor
 
+from spinor_geom.arrays import Array, complex_of, namespace, norm, place_of, unit
 from spinor_geom.errors import OptionError
 from spinor_geom.holomorphic.blocks import require_complex
 
@@ -27,27 +27,27 @@ _LEAST_OVERLAP = 0.5**0.5  # least |inner product| of spinors of neighbours whos
 
 
 def phi_from_frames(
-    tangent: Float[Tensor, "*batch n 3"],
-    normal: Float[Tensor, "*batch n 3"],
-    direction_in_omega: Complex[Tensor, "*batch n"],
-    scale: Float[Tensor, "*batch n"],
-) -> Complex[Tensor, "*batch n 3"]:
+    tangent: Float[Array, "*batch n 3"],
+    normal: Float[Array, "*batch n 3"],
+    direction_in_omega: Complex[Array, "*batch n"],
+    scale: Float[Array, "*batch n"],
+) -> Complex[Array, "*batch n 3"]:
     """φ = λ (T − iν) τ̄ with ν = N × T at the samples of a curve; φ·φ = 0 and |φ|² = 2λ².
 
     The tangent and τ may have any length, and the normal any component along the tangent; none may be 0. The scale is
     λ, length in space per length in Ω.
     """
     require_complex(direction_in_omega=direction_in_omega)
-    unit = torch.nn.functional.normalize(tangent, dim=-1)
-    across = normal - (normal * unit).sum(-1, keepdim=True) * unit
-    conormal = torch.linalg.cross(torch.nn.functional.normalize(across, dim=-1), unit)
-    factor = scale * direction_in_omega.conj() / direction_in_omega.abs()
-    return factor[..., None] * torch.complex(unit, -conormal)
+    along = unit(tangent)
+    across = normal - (normal * along).sum(-1)[..., None] * along
+    conormal = namespace(along).linalg.cross(unit(across), along)
+    factor = scale * direction_in_omega.conj() / abs(direction_in_omega)
+    return factor[..., None] * complex_of(along, -conormal)
 
 
 def spinors_from_phi(
-    phi: Complex[Tensor, "*batch n 3"],
-) -> tuple[Complex[Tensor, "*batch n"], Complex[Tensor, "*batch n"]]:
+    phi: Complex[Array, "*batch n 3"],
+) -> tuple[Complex[Array, "*batch n"], Complex[Array, "*batch n"]]:
     """Spinors p, q at the samples of a curve, with signs that make them continuous along the sequence.
 
     One is the root of the larger of p² = (φ₁ + iφ₂)/2 and q² = −(φ₁ − iφ₂)/2, the other follows from φ₃ = 2pq: no
@@ -57,20 +57,20 @@ def spinors_from_phi(
     require_complex(phi=phi)
     p_squared = (phi[..., 0] + 1j * phi[..., 1]) / 2
     q_squared = -(phi[..., 0] - 1j * phi[..., 1]) / 2
-    use_p = p_squared.abs() >= q_squared.abs()
-    root = torch.where(use_p, p_squared, q_squared).sqrt()
+    use_p, xp = abs(p_squared) >= abs(q_squared), namespace(phi)
+    root = xp.sqrt(xp.where(use_p, p_squared, q_squared))
     other = phi[..., 2] / (2 * root)
-    p, q = torch.where(use_p, root, other), torch.where(use_p, other, root)
-    sign = torch.cat([torch.ones_like(p.real[..., :1]), _signs(p, q)[..., 1:].cumprod(dim=-1)], dim=-1)
+    p, q = xp.where(use_p, root, other), xp.where(use_p, other, root)
+    sign = xp.concat([xp.ones_like(p.real[..., :1]), _signs(p, q)[..., 1:].cumprod(-1)], axis=-1)
     return p * sign, q * sign
 
 
-def signs_close_up(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Bool[Tensor, "*batch"]:
+def signs_close_up(p: Complex[Array, "*batch n"], q: Complex[Array, "*batch n"]) -> Bool[Array, "*batch"]:
     """Whether spinors along closed sequences return to themselves, not to their negatives, by continuity."""
-    return torch.gt(_signs(p, q).prod(-1), 0)
+    return _signs(p, q).prod(-1) > 0
 
 
-def loop_invariant(phi: Complex[Tensor, "n 3"], direction_in_omega: Complex[Tensor, " n"]) -> Literal[0, 1]:
+def loop_invariant(phi: Complex[Array, "n 3"], direction_in_omega: Complex[Array, " n"]) -> Literal[0, 1]:
     """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
 
     The frame is the curve's unit tangent, the surface's normal, and their cross product. Around a circle in an immersed
@@ -80,11 +80,12 @@ def loop_invariant(phi: Complex[Tensor, "n 3"], direction_in_omega: Complex[Tens
     Source: Sun & Chern (2026), on branch points; Pinkall, "Regular homotopy classes of immersed surfaces" (1985).
     """
     tangent = (phi * direction_in_omega[:, None]).real
-    normal = torch.linalg.cross(phi.real, -phi.imag)
-    one = torch.ones_like(direction_in_omega)  # with τ = λ = 1 φ is the frame itself
+    xp = namespace(phi)
+    normal = xp.linalg.cross(phi.real, -phi.imag)
+    one = xp.ones_like(direction_in_omega)  # with τ = λ = 1 φ is the frame itself
     p, q = spinors_from_phi(phi_from_frames(tangent, normal, one, one.real))
     # the inner product of unit quaternions is the cosine of half the angle between the frames
-    overlap = (p * p.roll(1).conj() + q * q.roll(1).conj()).real.abs()
+    overlap = abs((p * xp.roll(p, 1).conj() + q * xp.roll(q, 1).conj()).real)
     if not float(overlap.min()) > _LEAST_OVERLAP:
         k = int(overlap.argmin())
         raise OptionError(
@@ -93,21 +94,23 @@ def loop_invariant(phi: Complex[Tensor, "n 3"], direction_in_omega: Complex[Tens
     return 1 if bool(signs_close_up(p, q)) else 0
 
 
-def _signs(p: Complex[Tensor, "*batch n"], q: Complex[Tensor, "*batch n"]) -> Float[Tensor, "*batch n"]:
+def _signs(p: Complex[Array, "*batch n"], q: Complex[Array, "*batch n"]) -> Float[Array, "*batch n"]:
     """−1 where the spinors at k and k − 1 have opposite signs, else +1; entry 0 compares the first and the last."""
-    overlap = p * p.roll(1, dims=-1).conj() + q * q.roll(1, dims=-1).conj()
-    return torch.where(overlap.real < 0, -1.0, 1.0).to(p.real.dtype)
+    xp = namespace(p)
+    overlap = p * xp.roll(p, 1, axis=-1).conj() + q * xp.roll(q, 1, axis=-1).conj()
+    return xp.where(overlap.real < 0, -1.0, xp.ones_like(overlap.real))
 
 
-def su2_from_rotation(rotation: Float[Tensor, "3 3"]) -> Complex[Tensor, "2 2"]:
+def su2_from_rotation(rotation: Float[Array, "3 3"]) -> Complex[Array, "2 2"]:
     """One of the two U in SU(2) for which φ(U(p, q)) = R φ(p, q), R the rotation; else an OptionError."""
-    error = float((rotation @ rotation.mT - torch.eye(3, dtype=rotation.dtype).to(rotation.device)).abs().max())
+    xp = namespace(rotation)
+    error = float(abs(rotation @ rotation.mT - place_of(rotation).put(np.eye(3))).max())
     if not error <= _ORTHOGONAL:
         raise OptionError(f"a rotation matrix must be orthogonal, R·Rᵀ differs from the identity by {error:.3g}")
-    if not float(torch.linalg.det(rotation)) > 0:
+    if not float(xp.linalg.det(rotation)) > 0:
         raise OptionError(
             "the matrix has determinant −1: it is a reflection, not a rotation; reverse one axis of the domain instead"
         )
-    column = torch.cat(spinors_from_phi(torch.complex(rotation[:, 0], -rotation[:, 1])[None]))
-    column = column / torch.linalg.vector_norm(column)
-    return torch.stack([column, torch.stack([-column[1].conj(), column[0].conj()])], dim=-1)
+    column = xp.concat(spinors_from_phi(complex_of(rotation[:, 0], -rotation[:, 1])[None]))
+    column = column / norm(column)
+    return xp.stack([column, xp.stack([-column[1].conj(), column[0].conj()])], axis=-1)

@@ -10,61 +10,61 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import safetensors
-import torch
-from safetensors.torch import save as to_bytes
-from torch import Tensor
+from safetensors.numpy import save as to_bytes
 
+from spinor_geom.arrays import to_numpy
 from spinor_geom.domain.plane_domain import Boundary, FourierBoundary, PlaneDomain, SplineBoundary
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import StorageError
 from spinor_geom.files import SURFACE_SUFFIX, atomic_path
-from spinor_geom.holomorphic.model import MODELS, HolomorphicModel, rebuild
+from spinor_geom.holomorphic.model import rebuild, saved_arrays
 
 if TYPE_CHECKING:
-    from spinor_geom.surface.spinor_surface import SpinorSurface
+    from spinor_geom.surface.array_surface import ArraySurface
 
 FORMAT = "spinor_geom.surface"
 VERSION = 8
 _BOUNDARY_PARTS = ("parameters", "coefficients", "corners")
 
 
-def write(surface: SpinorSurface, path: str | os.PathLike[str]) -> None:
+def write(surface: ArraySurface, path: str | os.PathLike[str]) -> None:
     """Writes a surface to a file, completely or not at all."""
     if Path(path).suffix.lower() != SURFACE_SUFFIX:
         wrong = f"a surface is saved as {SURFACE_SUFFIX}, not '{Path(path).suffix}'"
         raise StorageError(f"{os.fspath(path)}: {wrong}", path=path)
-    kind = getattr(surface.model, "kind", type(surface.model).__name__)
-    if kind not in MODELS or not isinstance(surface.model, MODELS[kind]):
-        raise StorageError(f"a model of kind {kind!r} cannot be saved; known: {', '.join(sorted(MODELS))}", kind=kind)
     boundaries, mesh = surface.domain.boundaries, surface.domain.triangulation
-    tensors = {
-        **{f"model/{name}": tensor for name, tensor in surface.model.state_dict().items()},
+    arrays = {
+        **{f"model/{name}": to_numpy(array) for name, array in saved_arrays(surface.model).items()},
         **{
-            f"boundary{number}/{name}": torch.tensor(getattr(boundary, name))
+            f"boundary{number}/{name}": getattr(boundary, name)
             for number, boundary in enumerate(boundaries)
             for name in _BOUNDARY_PARTS
         },
-        "constant": surface.constant,
-        "spinor_map": surface.spinor_map,
-        "domain/points": torch.tensor(mesh.points),
-        "domain/faces": torch.tensor(mesh.faces),
-        "domain/log_scale": torch.tensor(surface.domain.log_scale),
+        "constant": to_numpy(surface.constant),
+        "spinor_map": to_numpy(surface.spinor_map),
+        "domain/points": mesh.points,
+        "domain/faces": mesh.faces,
+        "domain/log_scale": surface.domain.log_scale,
     }
     description = {
         "format": FORMAT,
         "version": VERSION,
-        "model": {"kind": kind, "config": cast(HolomorphicModel, surface.model).config()},
+        "model": {"kind": surface.model.kind, "config": surface.model.config()},
         "boundaries": ["fourier" if isinstance(one, FourierBoundary) else "spline" for one in boundaries],
         "quadrature": surface.quadrature,
         "order": surface.order,
-        "complex": sorted(name for name, tensor in tensors.items() if tensor.is_complex()),
+        "complex": sorted(name for name, array in arrays.items() if np.iscomplexobj(array)),
     }
-    held = {name: tensor.detach().cpu().resolve_conj() for name, tensor in tensors.items()}
-    plain = {name: (torch.view_as_real(t) if t.is_complex() else t).contiguous() for name, t in held.items()}
+    # 0-dimensional arrays would become vectors
+    held = {name: np.asarray(array, order="C") for name, array in arrays.items()}
+    plain = {
+        name: one.view(np.float64).reshape(*one.shape, 2) if np.iscomplexobj(one) else one for name, one in held.items()
+    }
     try:
         with atomic_path(Path(path)) as temporary:
             # one entry of metadata: several are in random order, and equal surfaces should make equal files
@@ -73,13 +73,16 @@ def write(surface: SpinorSurface, path: str | os.PathLike[str]) -> None:
         raise StorageError(f"{os.fspath(path)}: cannot be written ({error.strerror or error})", path=path) from error
 
 
+def _as_real(array: np.ndarray) -> np.ndarray:
+    return array.view(np.float64).reshape(*array.shape, 2) if np.iscomplexobj(array) else array
+
+
 def read(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The arguments of the `SpinorSurface` in a file."""
     name = os.fspath(path)
     try:
-        with safetensors.safe_open(name, framework="pt") as file:
-            # cloned: the file's memory is released, and its alignment crashes torch's complex numbers
-            tensors = {key: file.get_tensor(key).clone() for key in file.keys()}  # noqa: SIM118 - not a mapping
+        with safetensors.safe_open(name, framework="np") as file:
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - not a mapping
             description = json.loads((file.metadata() or {}).get("description", "{}"))
     except (OSError, ValueError, safetensors.SafetensorError) as error:
         raise StorageError(f"{name} cannot be read as a saved surface: {error}", path=name) from error
@@ -98,9 +101,9 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
         raise StorageError(f"{name} is not a complete saved surface: {error}", path=name) from error
 
 
-def _parts(description: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> dict[str, Any]:
+def _parts(description: Mapping[str, Any], tensors: Mapping[str, np.ndarray]) -> dict[str, Any]:
     data = {
-        name: torch.view_as_complex(tensor) if name in description["complex"] else tensor
+        name: np.ascontiguousarray(tensor).view(np.complex128)[..., 0] if name in description["complex"] else tensor
         for name, tensor in tensors.items()
     }
     rule(description["quadrature"], description["order"])
@@ -117,12 +120,12 @@ def _parts(description: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> dic
     }
 
 
-def _read_domain(description: Mapping[str, Any], data: Mapping[str, Tensor]) -> PlaneDomain:
+def _read_domain(description: Mapping[str, Any], data: Mapping[str, np.ndarray]) -> PlaneDomain:
     boundary, *holes = (
         _read_boundary(some, {name.removeprefix(f"boundary{number}/"): tensor for name, tensor in data.items()})
         for number, some in enumerate(description["boundaries"])
     )
-    points, faces = data["domain/points"].numpy(), data["domain/faces"].numpy()
+    points, faces = data["domain/points"], data["domain/faces"]
     hole_sizes = tuple(len(hole.vertices) for hole in holes)
     size = len(boundary.vertices) + sum(hole_sizes)
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.min() < 0 or faces.max() >= len(points):
@@ -132,13 +135,13 @@ def _read_domain(description: Mapping[str, Any], data: Mapping[str, Tensor]) -> 
     return PlaneDomain(
         boundary=boundary,
         triangulation=PlaneTriangulation(points=points, faces=faces, boundary_size=size, hole_sizes=hole_sizes),
-        log_scale=data["domain/log_scale"].numpy(),
+        log_scale=data["domain/log_scale"],
         holes=tuple(holes),
     )
 
 
-def _read_boundary(kind: str, parts: Mapping[str, Tensor]) -> Boundary:
-    parameters, coefficients, corners = (parts[name].numpy() for name in _BOUNDARY_PARTS)
+def _read_boundary(kind: str, parts: Mapping[str, np.ndarray]) -> Boundary:
+    parameters, coefficients, corners = (parts[name] for name in _BOUNDARY_PARTS)
     if kind == "fourier":
         return FourierBoundary(coefficients, len(corners))
     if kind == "spline":

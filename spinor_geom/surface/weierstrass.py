@@ -9,21 +9,22 @@ from typing import cast
 import numpy as np
 import torch
 from jaxtyping import Complex, Float, Inexact
-from torch import Tensor
 
+from spinor_geom.arrays import Array, namespace, to_numpy
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.holomorphic.blocks import in_blocks
 from spinor_geom.holomorphic.model import HolomorphicModel
 from spinor_geom.holomorphic.zeros import find_zeros
 from spinor_geom.surface.branch import BranchPoint, with_invariants
+from spinor_geom.surface.module import as_module
 
 _ORDER = 32  # quadrature nodes on each ray
 
 
-def weierstrass_phi(f: Complex[Tensor, "*pts"], g: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
+def weierstrass_phi(f: Complex[Array, "*pts"], g: Complex[Array, "*pts"]) -> Complex[Array, "*pts 3"]:
     """The null curve's derivative φ = (½f(1 − g²), ½i f(1 + g²), f g)."""
-    return torch.stack([f * (1 - g * g) / 2, 0.5j * f * (1 + g * g), f * g], dim=-1)
+    return namespace(f).stack([f * (1 - g * g) / 2, 0.5j * f * (1 + g * g), f * g], axis=-1)
 
 
 class WeierstrassSurface(torch.nn.Module):
@@ -34,19 +35,19 @@ class WeierstrassSurface(torch.nn.Module):
     Source: Sun & Chern (2026), comparison with the Weierstrass-Enneper parametrisation.
     """
 
-    constant: Tensor
+    constant: torch.Tensor
 
-    def __init__(self, model: torch.nn.Module, domain: PlaneDomain, constant: Float[Tensor, "3"]) -> None:
+    def __init__(self, model: HolomorphicModel, domain: PlaneDomain, constant: Float[Array, "3"]) -> None:
         super().__init__()
-        self.model = model
+        self.model = as_module(model)
         self.domain = domain
-        self.constant = torch.nn.Parameter(constant.detach().clone())
+        self.constant = torch.nn.Parameter(torch.tensor(to_numpy(constant)))
 
     def position(self, z: Inexact[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Positions r(z), shape (*pts, 3)."""
         nodes, weights = (torch.tensor(a).to(self.constant.device) for a in rule("gauss", _ORDER))
 
-        def displacement(end: Complex[Tensor, " n"]) -> Float[Tensor, "n 3"]:
+        def displacement(end: Complex[Array, " n"]) -> Float[Array, "n 3"]:
             phi = weierstrass_phi(*self._data(end[:, None] * nodes).unbind(-1))
             return ((phi * weights[:, None]).sum(1) * end[:, None]).real
 
@@ -56,12 +57,12 @@ class WeierstrassSurface(torch.nn.Module):
 
     def branch_points(self) -> tuple[BranchPoint, ...]:
         """Zeros of f in Ω; those of odd order are not removable."""
-        zeros = find_zeros(lambda z: self._data_on_cpu(z)[..., 0], self.domain)
-        return with_invariants(zeros, lambda z: weierstrass_phi(*self._data_on_cpu(z).unbind(-1)), self.domain)
+        zeros = find_zeros(lambda z: self._at(z)[:, 0], self.domain)
+        return with_invariants(zeros, lambda z: weierstrass_phi(*self._at(z).T), self.domain)
 
-    def _data_on_cpu(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
-        return self._data(z.to(self.constant.device)).cpu()
+    def _at(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 2"]:
+        return to_numpy(self._data(torch.tensor(z, device=self.constant.device)))
 
-    def _data(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 2"]:
+    def _data(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
         with torch.no_grad():
             return cast(HolomorphicModel, self.model).value(z)

@@ -18,6 +18,7 @@ import torch
 from jaxtyping import Bool, Complex, Float, Inexact
 from torch import Tensor
 
+from spinor_geom.arrays import Place
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import require_count, require_positive
@@ -80,7 +81,7 @@ class LevenbergMarquardt:
         require_positive("tolerance", self.tolerance, finite=False)
 
     def disk(
-        self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps
+        self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: str | torch.device, steps: Steps
     ) -> RouteResult:
         """A minimal disk over a curve at unit size; see `plateau.options.Trainer`."""
         unit = None
@@ -156,7 +157,7 @@ class _Training:
         # Γ is scaled to the size of Ω, so that p and q are of size 1
         self.diagonal = diagonal_of(curve)
         self.scale = self.domain.diameter / self.diagonal
-        self.curve = CurveTensors.of(curve.placed(self.scale * curve.coefficients[-1], self.scale), self.device)
+        self.curve = CurveTensors.of(curve.placed(self.scale * curve.coefficients[-1], self.scale), Place(self.device))
         self.history: list[TrainingStep] = []
 
     def run(self, matching: Float[np.ndarray, "n 2"]) -> Trained:

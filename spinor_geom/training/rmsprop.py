@@ -18,6 +18,7 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from spinor_geom.arrays import Place
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
@@ -99,7 +100,7 @@ class RMSprop:
             raise OptionError(f"unknown representation {self.representation!r}; choose one of: {', '.join(FORMS)}")
 
     def disk(
-        self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: torch.device, steps: Steps
+        self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: str | torch.device, steps: Steps
     ) -> RouteResult:
         """A minimal disk over a curve at unit size, from random parameters; see `plateau.options.Trainer`."""
         assert start is None
@@ -154,7 +155,7 @@ class _Training:
         ray = rule(options.quadrature, options.order)
         self.boundary = RayBoundary(network, self.gamma.mean(axis=0), options.representation, ray).to(device)
         self.diagonal = diagonal_of(curve)
-        self.curve = CurveTensors.of(curve, device)
+        self.curve = CurveTensors.of(curve, Place(device))
         self.modules = torch.nn.ModuleDict({"surface": self.boundary, "homeomorphism": self.homeomorphism})
         self.optimizers = {
             name: torch.optim.RMSprop(module.parameters(), lr=options.learning_rate)

@@ -45,6 +45,42 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
     assert done.stdout.strip() == "[]"
 
 
+# what a user does without asking for a device or gradients
+PROGRAMS = {
+    "fill": "main(['fill', 'data/demosthenes_low_res.obj', '-o', folder + '/f.ply', '--html', folder + '/p.html'])",
+    "loops": "main(['loops', 'data/demosthenes_low_res.obj'])",
+    "render": "main(['render', 'data/demosthenes_low_res.obj', '-o', f'{folder}/picture.png'])",
+    "C1": "spinor_geom.fill_hole('data/demosthenes_low_res.obj', continuity='C1')",
+    "solutions": (
+        "t = 2 * np.pi * np.arange(40) / 40\n"
+        "circle = np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)\n"
+        "bent = circle + [[0, 0, 0.3 * np.cos(2 * s)] for s in t]\n"
+        "rough = bent + 0.05 * np.sin(7 * np.arange(40))[:, None]\n"
+        "square = np.array([[0, 0, 0], [1, 0, 0.3], [1, 1, 0], [0, 1, 0.3]], dtype=float)\n"
+        "for loop in (circle, bent, rough, square, [circle, circle + [0, 0, 0.5]]):\n"
+        "    solution = spinor_geom.solve_plateau(loop)\n"
+        "    patch = spinor_geom.mesh_patch(solution)\n"
+        "    solution.stability, solution.area_in_domain, solution.self_intersections\n"
+        "    surface = solution.array_surface\n"
+        "    surface.normal(patch.points), surface.gauss_curvature(patch.points), surface.branch_points()\n"
+        "    surface.save(f'{folder}/surface.safetensors')\n"
+        "    type(surface).load(f'{folder}/surface.safetensors').area()\n"
+        "list(spinor_geom.plateau.solve.solve_plateau_batch([bent, rough]))\n"
+        "spinor_geom.discrete_minimal_surface(bent)"
+    ),
+    "worker": "import spinor_geom.batching.solver",
+}
+
+
+@pytest.mark.parametrize("program", PROGRAMS.values(), ids=PROGRAMS.keys())
+def test_torch_is_imported_only_by_those_who_ask_for_it(program: str, tmp_path: Path) -> None:
+    lines = (
+        "import sys\nimport numpy as np\nimport spinor_geom\nfrom spinor_geom.cli.main import main\n"
+        f"folder = {str(tmp_path)!r}\n{program}\nprint('LOADED', 'torch' in sys.modules)\n"
+    )
+    assert run_alone(lines).stdout.rstrip().endswith("LOADED False")
+
+
 def test_modules_of_a_command_are_no_garbage_to_look_through() -> None:
     program = (
         "import gc\n"

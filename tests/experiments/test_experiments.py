@@ -23,10 +23,10 @@ from spinor_geom.experiments import NAMES, figures, forms, integration, paper_su
 from spinor_geom.experiments import experiment as experiments_run
 from spinor_geom.experiments.experiment import Done, Outcome, experiment, report, reproduce
 from spinor_geom.experiments.trainings import DOUGLAS, OURS, PAPER
-from spinor_geom.holomorphic import PowerSeries
+from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.scene import Dots
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, rmsprop, train_by_rmsprop
 
 TINY_NETWORK = LevenbergMarquardt(depth=2, width=10, tolerance=1e-3)

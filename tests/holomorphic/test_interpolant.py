@@ -14,6 +14,7 @@ from spinor_geom.domain import FourierBoundary
 from spinor_geom.errors import DtypeError
 from spinor_geom.holomorphic import blocks
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
+from spinor_geom.surface.module import as_module
 from tests.strategies import SEEDS, analytic_boundaries
 
 # half-axes 2 and 1, 8 and 1, by their own angle; a curve without symmetry
@@ -160,12 +161,12 @@ def test_many_points_are_taken_in_blocks(monkeypatch):
         torch.testing.assert_close(model.derivative(z), derivative, rtol=1e-13, atol=1e-13)
 
 
-def test_values_are_a_copy():
+def test_values_of_a_module_are_a_copy():
     values = torch.ones(8, 2, dtype=torch.complex128)
     z, dz, _ = (torch.from_numpy(row) for row in FourierBoundary.circle().grid(8))
-    model = CauchyInterpolant(z, dz, values)
+    module = as_module(CauchyInterpolant(z, dz, values))
     values[:] = 5
-    assert (model.values == 1).all()
+    assert (module.values == 1).all()
 
 
 @pytest.mark.parametrize("name", ["nodes", "weights", "values"])

@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from spinor_geom.errors import DtypeError, OptionError
-from spinor_geom.holomorphic import LaurentSeries
 from spinor_geom.holomorphic.circular_domain import CircularDomain
+from spinor_geom.holomorphic.laurent import LaurentSeries
 
 SIZES = [(3, 2), (1, 1), (1, 5), (40, 35)]
 ROOTS = [(False, False), (True, False), (False, True), (True, True)]

@@ -8,10 +8,7 @@ from hypothesis import strategies as st
 
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError
-from spinor_geom.holomorphic import (
-    ComplexMLP,
-)
-from spinor_geom.holomorphic.mlp import disk_around
+from spinor_geom.holomorphic.mlp import ComplexMLP, disk_around
 from spinor_geom.training import RMSprop
 
 STEP = 1e-5

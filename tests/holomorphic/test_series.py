@@ -6,7 +6,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.holomorphic import PowerSeries
+from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.surface.module import as_module
 from tests.strategies import SEEDS
 
 
@@ -64,7 +65,7 @@ def test_derivatives_of_the_integrals_are_the_squares():
 
 def test_integrals_are_differentiable_by_the_coefficients():
     def integral(coefficients):
-        series = PowerSeries(torch.zeros(3, 2, dtype=torch.complex128))
+        series = as_module(PowerSeries(torch.zeros(3, 2, dtype=torch.complex128)))
         return torch.func.functional_call(Integral(series), {"series.coefficients": coefficients}, (points_in_disk(4),))
 
     coefficients = random_series(3).coefficients.detach().requires_grad_()

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from spinor_geom import gallery
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import PlateauSolution, solve_plateau
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
 SURFACES = {
     "Enneper": gallery.enneper(0.8),

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-import torch
 
 from spinor_geom import gallery
+from spinor_geom.arrays import NUMPY
 from spinor_geom.comparison import exact_curvature
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.domain.plane_domain import SplineBoundary, panel_breaks
@@ -33,15 +33,15 @@ def panels_on(domain):
 
 def fields_on(domain, panels):
     """The fields made of polynomials and of a pole beside each vertex, as fits make them."""
-    poles, z = edge_poles(domain), torch.from_numpy(panels.z)
+    poles, z = edge_poles(domain), np.asarray(panels.z)
     features = CauchyNetwork.orthonormal_on(
         z,
-        torch.from_numpy(panels.arc_weights),
-        poles=torch.from_numpy(poles.positions),
-        scales=torch.from_numpy(poles.scales),
+        np.asarray(panels.arc_weights),
+        poles=np.asarray(poles.positions),
+        scales=np.asarray(poles.scales),
         degree=8,
-    ).features(torch.from_numpy(np.append(panels.z, path_across(domain)[0])))
-    return ModulusFields.of_corners(domain, panels, features.numpy())
+    ).features(np.asarray(np.append(panels.z, path_across(domain)[0])))
+    return ModulusFields.of_corners(domain, panels, features)
 
 
 def slopes(fields, panels):
@@ -104,7 +104,7 @@ def test_field_of_a_winding_strip_stretches_it_along_its_length():
 
 def test_three_corners_have_no_moduli():
     for domain in (domain_over([(0, 0), (2, 0), (0.5, 1.5)]), PlaneDomain.disk()):
-        curve = CurveTensors.of(BoundaryCurve.from_loop(planar(L_SHAPE, 60)), torch.device("cpu"))
+        curve = CurveTensors.of(BoundaryCurve.from_loop(planar(L_SHAPE, 60)), NUMPY)
         stage = Discretisation.first(domain, (curve,), (np.empty(0),), degree=4, offset=1.0, tolerance=1e-3)
         assert not stage.has_moduli
 

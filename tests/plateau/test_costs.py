@@ -6,9 +6,9 @@ import contextlib
 
 import numpy as np
 import pytest
-import torch
 
 from spinor_geom import BoundaryLoop, solve_plateau
+from spinor_geom.arrays import NUMPY
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import DomainError, SpinorGeomError
 from spinor_geom.plateau.harmonic.harmonic_route import HarmonicSolver
@@ -43,7 +43,7 @@ def test_slides_and_domains_have_at_most_16_nodes_a_point(n: int) -> None:
 def test_narrow_domains_are_left_to_other_routes_before_they_are_made() -> None:
     circle = FourierBoundary.circle(1.0, 28)
     with pytest.raises(DomainError, match="needs 2688 steps around it, at most 1024"):
-        resolved_form(circle, 2688, torch.device("cpu"), most=1024)
+        resolved_form(circle, 2688, NUMPY, most=1024)
 
 
 def test_narrow_smooth_loops_keep_the_area_of_their_curve() -> None:

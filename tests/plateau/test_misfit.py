@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-import torch
 
+from spinor_geom.arrays import NUMPY
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import BoundaryResidual, Misfit
 
-CPU = torch.device("cpu")
 OFF = 1e-3
 
 
@@ -24,11 +23,11 @@ def circle(points: int, radius: float = 1.0, fingers: int = 0) -> np.ndarray:
 
 
 def tensors(points: np.ndarray) -> CurveTensors:
-    return CurveTensors.of(BoundaryCurve.from_loop(BoundaryLoop.from_points(points, corners=())), CPU)
+    return CurveTensors.of(BoundaryCurve.from_loop(BoundaryLoop.from_points(points, corners=())), NUMPY)
 
 
 def misfit(boundary: np.ndarray, slide: np.ndarray, curve: CurveTensors) -> Misfit:
-    return Misfit.of(torch.tensor(boundary), torch.tensor(slide), curve)
+    return Misfit.of(np.array(boundary), np.array(slide), curve)
 
 
 @pytest.mark.parametrize("bend", [0.0, 0.9])
@@ -37,7 +36,7 @@ def test_rms_is_a_mean_by_arc_length_however_the_boundary_is_sampled(bend):
     t = np.arange(400) / 400
     s = t + bend * np.sin(2 * np.pi * t) / (2 * np.pi)  # steps between a tenth and nearly two of the mean one
     off = OFF * (1 + np.cos(2 * np.pi * s))
-    boundary = (1 + off)[:, None] * curve.point_and_derivative(torch.tensor(s))[0].numpy()
+    boundary = (1 + off)[:, None] * curve.point_and_derivative(np.array(s))[0]
     told = misfit(boundary, s, curve)
     assert told.rms == pytest.approx(OFF * 1.5**0.5, rel=5e-3)
     assert told.max == pytest.approx(2 * OFF, rel=1e-9)
@@ -48,7 +47,7 @@ def test_rms_is_a_mean_by_arc_length_however_the_boundary_is_sampled(bend):
 def test_a_finger_that_is_passed_over_is_missed_by_many_of_its_edges():
     points = circle(200, fingers=12)
     curve = tensors(points)
-    breaks = curve.breaks[:-1].numpy()
+    breaks = curve.breaks[:-1]
     chord = 2 * np.pi / 200
     near = np.concatenate([[0], np.arange(13, len(points))])
     told = misfit(points[near], breaks[near], curve)
@@ -61,7 +60,7 @@ def test_a_finger_that_is_passed_over_is_missed_by_many_of_its_edges():
 def test_a_boundary_that_runs_off_is_far():
     curve = tensors(circle(40))
     t = np.arange(400) / 400
-    boundary = curve.point_and_derivative(torch.tensor(t))[0].numpy()
+    boundary = curve.point_and_derivative(np.array(t))[0]
     # out to a distance of 1 and back while the nearest point of Γ stays
     out = np.interp(np.arange(50), [0, 25, 49], [0, 1, 0])
     spike = np.outer(1 + out, boundary[0])

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom import gallery
+from spinor_geom.arrays import NUMPY
 from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.domain import FourierBoundary
 from spinor_geom.domain.polygons import is_simple
@@ -23,7 +24,7 @@ from spinor_geom.plateau.harmonic.smooth_domain import (
     rounded_boundary,
 )
 from tests.loops import noisy_ellipse, planar
-from tests.plateau.slides import CPU, PEANUT, ellipse
+from tests.plateau.slides import PEANUT, ellipse
 from tests.strategies import rough_loops, smooth_loops
 
 POINTS, STEPS, WIDTH = 128, 512, 0.35 / 128
@@ -99,7 +100,7 @@ def test_rounded_boundary_is_simple_and_stays_near_its_polygon(loop):
     assert np.abs(boundary.point(EVEN) - polygon).max() < 0.2 * np.abs(np.diff(polygon)).max()
     assert len(boundary.vertices) == len(loop)
     assert len(boundary.coefficients) == 2 * (STEPS // 4) + 1
-    assert resolved_form(boundary, STEPS, CPU).error < 1e-4
+    assert resolved_form(boundary, STEPS, NUMPY).error < 1e-4
 
 
 def test_rounding_leaves_an_ellipse_an_ellipse_and_rounds_a_square_off():
@@ -121,26 +122,26 @@ def test_rounding_leaves_an_ellipse_an_ellipse_and_rounds_a_square_off():
 def test_domains_that_cross_themselves_or_are_too_narrow_are_refused():
     eight = FourierBoundary(np.array([0.8, 0, 0, 1, 0]), 64)
     with pytest.raises(DomainError, match="crosses itself"):
-        resolved_form(eight, 256, CPU)
+        resolved_form(eight, 256, NUMPY)
     with pytest.raises(DomainError, match="too narrow somewhere for 64 steps around it"):
-        resolved_form(PEANUT, 64, CPU)
+        resolved_form(PEANUT, 64, NUMPY)
     # Λ of an ellipse is symmetric however few steps there are
     with pytest.raises(DomainError, match="too narrow somewhere for 32 steps"):
-        resolved_form(ellipse(8.0), 32, CPU)
-    assert resolved_form(PEANUT, 256, CPU).error < 1e-5
+        resolved_form(ellipse(8.0), 32, NUMPY)
+    assert resolved_form(PEANUT, 256, NUMPY).error < 1e-5
 
 
 def test_domain_far_too_narrow_is_refused_before_its_form_is_made(monkeypatch):
     monkeypatch.setattr(DirichletForm, "of", None)
     with pytest.raises(DomainError, match="too narrow somewhere for 128 steps"):
-        resolved_form(ellipse(100.0), 128, CPU)
+        resolved_form(ellipse(100.0), 128, NUMPY)
 
 
 def test_domain_that_asks_for_more_memory_than_there_is_room_for_is_refused_at_once(monkeypatch):
     monkeypatch.setattr(DirichletForm, "of", None)
     # what a slit of 400 to 1 asks for
     with pytest.raises(DomainError, match="needs 7160 steps around it, at most 4096"):
-        resolved_form(ellipse(400.0), 7160, CPU)
+        resolved_form(ellipse(400.0), 7160, NUMPY)
 
 
 @pytest.mark.parametrize("width", [0.5, 2.0])

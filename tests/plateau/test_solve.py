@@ -328,7 +328,7 @@ def test_solution_cannot_be_changed():
         ({"max_iterations": 0}, "max_iterations"),
         ({"device": "abacus"}, "abacus cannot be used"),
         ({"device": "meta"}, "meta cannot be used"),
-        ({"device": None}, "None cannot be used"),
+        ({"device": 1.5}, "1.5 cannot be used"),
         ({"model": "perceptron"}, "'perceptron'"),
     ],
 )

@@ -9,10 +9,10 @@ import pytest
 
 from spinor_geom import gallery
 from spinor_geom.errors import OptionError
-from spinor_geom.holomorphic import ComplexMLP
+from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau, solve_plateau_batch
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 
 CURVE = gallery.twisted_circle()
@@ -30,7 +30,7 @@ def test_levenberg_marquardt_is_the_default_and_meets_the_curve(optimizer):
     solution = solve_plateau(CURVE, model="mlp", optimizer=optimizer, on_iteration=heard.append)
     assert solution.route == "trained"
     assert solution.converged
-    assert isinstance(solution.surface.model, ComplexMLP)
+    assert isinstance(solution.array_surface.model, ComplexMLP)
     assert farthest(solution) < 1.1e-6 * solution.loop.diagonal
     assert abs(solution.area / CURVE.disks[0].area - 1) < 1e-6
     assert solution.stability.verdict == "stable"

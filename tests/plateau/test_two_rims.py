@@ -5,9 +5,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-import torch
 
 from spinor_geom import SpinorSurface, mesh_patch, solve_plateau
+from spinor_geom.arrays import NUMPY
 from spinor_geom.errors import (
     LoopsMeetError,
     LoopTooShortError,
@@ -178,7 +178,7 @@ def test_inertia_of_the_energy_is_the_index_of_the_area(h):
     rims = []
     for number, formula in enumerate(coaxial(h)):
         curve = BoundaryCurve.from_formula(formula)
-        ways = tuple(CurveTensors.of(way, torch.device("cpu")) for way in (curve, curve.reversed()))
+        ways = tuple(CurveTensors.of(way, NUMPY) for way in (curve, curve.reversed()))
         rims.append(Rim(number=number, directions=ways))
     start = start_between(*rims, 48, back=True)
     problem = RimsProblem(curves=start.surface.curves)

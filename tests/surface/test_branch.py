@@ -8,10 +8,11 @@ from numpy.polynomial import polynomial as poly
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError, ZeroOnContourError
 from spinor_geom.gallery import catenoid, enneper, plane_disk
-from spinor_geom.holomorphic import PowerSeries
+from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.holomorphic.zeros import Zero
-from spinor_geom.surface import SpinorSurface, frames
+from spinor_geom.surface import frames
 from spinor_geom.surface.branch import with_invariants
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface, weierstrass_phi
 
 

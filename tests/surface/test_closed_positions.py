@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.gallery import catenoid, enneper, helicoid
-from spinor_geom.holomorphic import PowerSeries
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from tests.strategies import SEEDS
 
 

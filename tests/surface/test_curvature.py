@@ -6,8 +6,8 @@ import torch
 
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.gallery import catenoid, helicoid, polynomial
-from spinor_geom.surface import SpinorSurface
 from spinor_geom.surface.curvature import mean_curvature
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
 
 def points(domain, n, seed=0):

@@ -10,7 +10,7 @@ from spinor_geom.domain.plane_domain import SplineBoundary
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.holomorphic import cauchy_sums
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
 BOUNDARY = FourierBoundary(np.array([0.1j, 0.6, 0.2, 1.5, 0.1]), 64)
 

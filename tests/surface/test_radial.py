@@ -7,8 +7,9 @@ import torch
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.experiments.integration import radial_mean_curvature
 from spinor_geom.gallery import enneper
-from spinor_geom.holomorphic import ComplexMLP, PowerSeries
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.holomorphic.mlp import ComplexMLP
+from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
 DISK = PlaneDomain.disk()
 # (p, q) = (e^{z/2}, e^{−z/2})-like series, far from polynomials of low degree

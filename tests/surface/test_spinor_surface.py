@@ -10,9 +10,11 @@ from scipy.spatial.transform import Rotation
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import DomainError, DtypeError, OptionError
 from spinor_geom.gallery import catenoid, enneper, helicoid, plane_disk, polynomial
-from spinor_geom.holomorphic import CauchyNetwork, LaurentSeries, PowerSeries
+from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.circular_domain import CircularDomain
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.holomorphic.laurent import LaurentSeries
+from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
 
 def inside(domain, n, seed=0):

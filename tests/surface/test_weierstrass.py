@@ -4,8 +4,8 @@ import numpy as np
 import torch
 
 from spinor_geom.domain import PlaneDomain
-from spinor_geom.holomorphic import PowerSeries
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 
 DISK = PlaneDomain.disk()

@@ -8,12 +8,13 @@ from spinor_geom import gallery
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.gallery import curves
-from spinor_geom.holomorphic import ComplexMLP, PowerSeries
+from spinor_geom.holomorphic.mlp import ComplexMLP
+from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.curve_tensors import CurveTensors
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, train_by_levenberg_marquardt
 from spinor_geom.training.boundary import BoundaryNodes
 from spinor_geom.training.levenberg_marquardt import Distillation, Polish, descend, rms

@@ -11,9 +11,9 @@ from spinor_geom import deadline
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.errors import OptionError, StorageError
 from spinor_geom.gallery import curves
-from spinor_geom.holomorphic import ComplexMLP
+from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.surface import SpinorSurface
+from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
 from spinor_geom.training import RMSprop, rmsprop, train_by_rmsprop
 from spinor_geom.training.boundary import FORMS, RayBoundary

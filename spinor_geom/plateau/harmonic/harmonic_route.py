@@ -13,11 +13,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float
 from scipy.fft import next_fast_len
-from torch import Tensor
 
+from spinor_geom.arrays import Array, namespace, to_numpy
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.minimal_surface import first_disk
@@ -71,7 +70,7 @@ class HarmonicSolver:
 
     def below_on_disk(self, matching: Float[np.ndarray, "n 2"]) -> RouteResult | None:
         """A minimal disk of less area, by descent from an unstable one on the unit disk; None if none is found."""
-        slide = torch.tensor(matching[:, 1], device=self.problem.options.device)
+        slide = self.problem.options.place.put(matching[:, 1])
         # `slide_downhill` costs O(n³)
         few = resampled(slide, min(len(slide), 2 * FEWEST_NODES))
         try:
@@ -118,19 +117,19 @@ class HarmonicSolver:
         self, polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"], name: RouteName
     ) -> RouteResult:
         """The minimal disk on the smooth Ω fitted to a polygon with parameters t."""
-        unit, device = self.problem.unit, self.problem.options.device
+        unit, place = self.problem.unit, self.problem.options.place
         with self.problem.clock.stage("flattening"):
             # Ω has at least one point per vertex
             is_fine = self.is_rough and len(unit) <= self._density.points
             shape, form = resolved(
-                polygon, t, self._density, is_fine, count=points_of_domain(unit), most=self.most_nodes, device=device
+                polygon, t, self._density, is_fine, count=points_of_domain(unit), most=self.most_nodes, place=place
             )
-        start = torch.tensor(self._density.slide(np.arange(shape.steps) / shape.steps), device=device)
+        start = place.put(self._density.slide(np.arange(shape.steps) / shape.steps))
         with self.problem.clock.stage("slide"):
             curve = self.exact
             if self.is_rough and not is_fine:
                 # smoothed: Ω has too few nodes to resolve its curvature
-                curve = CurveTensors.of(self.problem.curve.smoothed(1 / self._density.points), device)
+                curve = CurveTensors.of(self.problem.curve.smoothed(1 / self._density.points), place)
             (disk,) = minimise_dirichlet_energies(
                 CurveTensors.batch([curve]),
                 form,
@@ -151,9 +150,9 @@ class HarmonicSolver:
         points = max(FEWEST_NODES, len(self.problem.unit))
         step = 1 << ((points - 1).bit_length() - 3)
         n = step * math.ceil(points / step)
-        return self._fit(self._unit_disk, torch.arange(n, dtype=torch.float64, device=self.problem.options.device) / n)
+        return self._fit(self._unit_disk, self.problem.options.place.put(np.arange(n) / n))
 
-    def _fit(self, form: DirichletForm, slide: Float[Tensor, " n"]) -> DiskFit:
+    def _fit(self, form: DirichletForm, slide: Float[Array, " n"]) -> DiskFit:
         """A fit on Ω that starts from a slide."""
         return DiskFit(solver=self, form=form, slide=slide, nodes=even(max(len(slide), len(self.problem.unit))))
 
@@ -172,7 +171,7 @@ class HarmonicSolver:
             curves=(self.problem.curve,),
             domain=domain,
             surface_at=surface_of(lift, domain),
-            matchings=(np.column_stack([np.arange(n) / n, disk.slide.cpu().numpy()]),),
+            matchings=(np.column_stack([np.arange(n) / n, to_numpy(disk.slide)]),),
             misfit=lift.misfit,
             area=lift.area,
             route=route,
@@ -183,7 +182,7 @@ class HarmonicSolver:
     @cached_property
     def exact(self) -> CurveTensors:
         """Γ as tensors."""
-        return CurveTensors.of(self.problem.curve, self.problem.options.device)
+        return CurveTensors.of(self.problem.curve, self.problem.options.place)
 
     @cached_property
     def is_rough(self) -> bool:
@@ -254,7 +253,7 @@ class DiskFit:
 
     solver: HarmonicSolver
     form: DirichletForm
-    slide: Float[Tensor, " n"]  # the start, then the last slide found
+    slide: Float[Array, " n"]  # the start, then the last slide found
     nodes: int  # number of nodes of the next attempt
     best: tuple[Lift, HarmonicDisk] | None = None  # the nearest surface so far, and its harmonic disk
     limit: str = ""  # why the fit has finished, as the end of a sentence; "" while it runs
@@ -314,7 +313,7 @@ def _advance(fits: Sequence[DiskFit]) -> None:
     disks = minimise_dirichlet_energies(
         curves,
         form,
-        torch.stack([resampled(fit.slide, nodes) for fit in fits]),
+        namespace(fits[0].slide).stack([resampled(fit.slide, nodes) for fit in fits]),
         tolerances=[fit.solver.fine_gradient for fit in fits],
         max_steps=[min(MOST_STEPS, fit.solver.problem.steps.left) for fit in fits],
         near=fits[0].attempt > 0,

@@ -11,17 +11,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache, partial
 from typing import TypeVar
 
 import numpy as np
-import torch
-from jaxtyping import Bool, Complex, Float, Int
-from torch import Tensor
+from jaxtyping import Bool, Complex, Float, Int, Shaped
 
+from spinor_geom.arrays import (
+    EPS,
+    NUMPY,
+    Array,
+    Place,
+    add_to_diagonal,
+    closed_steps,
+    contiguous,
+    indices,
+    namespace,
+    norm,
+    padded,
+    place_of,
+    replaced,
+    square,
+)
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.errors import SurfaceError
+from spinor_geom.holomorphic.array_model import ArrayModel
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.laurent import LaurentSeries
@@ -32,9 +48,9 @@ from spinor_geom.plateau.harmonic.douglas import HarmonicDisk, resampled
 from spinor_geom.plateau.harmonic.traces import OnCircles, OnCurve, changes, closed, gap_rows, gaps, moves_by, slopes
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.stability import Curvature, curvature_within
+from spinor_geom.surface.array_surface import ArraySurface, Vector
 from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
-from spinor_geom.surface.spinor_surface import SpinorSurface, Vector
 
 # Steps for the constant and the closest points; with one the distance from folded curves is 2 % too large.
 _PLACING_STEPS = 2
@@ -51,10 +67,10 @@ class Lift:
     """A minimal surface over Ω, and its boundary at three points per node."""
 
     traces: OnCircles | OnCurve  # discretisation on ∂Ω
-    functions: Complex[Tensor, "2 m t"]  # p and q in that discretisation
+    functions: Complex[Array, "2 m t"]  # p and q in that discretisation
     # ∫ φ dz along each rim at equal steps, with log |z − c| for log(z − c); its real part is the boundary
-    null_curve: Complex[Tensor, "m k 3"]
-    slides: Float[Tensor, "m k"]  # parameters of the closest points of Γ
+    null_curve: Complex[Array, "m k 3"]
+    slides: Float[Array, "m k"]  # parameters of the closest points of Γ
     misfit: Misfit  # distance of the boundary from Γ
     area: float  # ½∮ r·Im(φ dz)
     curvature: Curvature  # total curvature
@@ -72,17 +88,16 @@ class Lift:
         return self.model
 
     @cached_property
-    def shift(self) -> Float[Tensor, "3"]:
+    def shift(self) -> Float[Array, "3"]:
         """The constant to add to Re ∫ φ dz in closed form, over several rims."""
-        with torch.no_grad():
-            start = self.series.primitive(self.null_curve.new_ones(1))
-        return self.null_curve[0, 0].real - null_vector(*start.unbind(-1))[0].real
+        start = self.series.primitive(namespace(self.null_curve).ones_like(self.null_curve[0, 0, :1]))
+        return self.null_curve[0, 0].real - null_vector(*start[0]).real
 
 
 def lifted_between(
     domain: CircularDomain,
-    points: Float[Tensor, "m n 3"],
-    slides: Float[Tensor, "m n"],
+    points: Float[Array, "m n 3"],
+    slides: Float[Array, "m n"],
     curves: CurveTensors,
     *,
     allowed: float,
@@ -101,7 +116,7 @@ def lifted_between(
     """
     form = CirclesForm.of(domain, points.shape[1])
     traces = OnCircles.of(domain, slopes(form, points))
-    (lift,) = _lifted(traces, form, points[None], slides[None], curves, slides.new_tensor([allowed]))
+    (lift,) = _lifted(traces, form, points[None], slides[None], curves, place_of(slides).put(np.array([allowed])))
     if lift is None:
         raise SurfaceError(
             "the harmonic surface between the rims has a branch point of odd order, p and q change sign around an odd "
@@ -117,45 +132,46 @@ def lifted_together(
 
     The disks have the same number of nodes and are independent; `allowed` is as for `lifted_between`, for each.
     """
-    slides, points = torch.stack([disk.slide for disk in disks]), torch.stack([disk.points for disk in disks])
+    xp = namespace(disks[0].slide)
+    slides, points = xp.stack([disk.slide for disk in disks]), xp.stack([disk.points for disk in disks])
     slides, points, n = slides[:, None], points[:, None], slides.shape[1]
     traces: OnCircles | OnCurve
     if form.kernel is None:
-        none = slides.new_zeros(0)
-        traces = OnCircles(domain=CircularDomain(centres=none.to(torch.complex128), log_radii=none), nodes=n)
+        none = slides.reshape(-1)[:0]
+        traces = OnCircles(domain=CircularDomain(centres=none + 0j, log_radii=none), nodes=n)
     else:
         traces = OnCurve(boundary=form.boundary, kernel=form.kernel, nodes=n)
-    return _lifted(traces, form, points, slides, curves, slides.new_tensor(allowed))
+    return _lifted(traces, form, points, slides, curves, place_of(slides).put(np.array(allowed)))
 
 
 def _lifted(
     traces: OnCircles | OnCurve,
     form: CirclesForm | DirichletForm,
-    points: Float[Tensor, "b m n 3"],
-    slides: Float[Tensor, "b m n"],
+    points: Float[Array, "b m n 3"],
+    slides: Float[Array, "b m n"],
     curves: CurveTensors,
-    allowed: Float[Tensor, " b"],
+    allowed: Float[Array, " b"],
 ) -> tuple[Lift | None, ...]:
     every = sampled = _SampledBoundary.of(traces, form, slides, curves)
-    number = torch.arange(len(slides), device=slides.device)
+    xp, place = namespace(slides), place_of(slides)
+    number, is_lifted = place.put(np.arange(len(slides))), place.put(np.zeros(len(slides), dtype=bool))
     best: _Placed | None = None
-    is_lifted = torch.zeros_like(number, dtype=torch.bool)
     while True:
         spinors, better = sampled.spinors(points)
         placed = sampled.placed(spinors, sampled.start)
-        far = (better & (placed.rms > allowed[number])).nonzero()[:, 0]
+        far = indices(better & (placed.rms > allowed[number]))
         if len(far):
             placed = placed.replaced(far, sampled.at(far).brought_nearer(placed.at(far)))
         if best is None:
             best = placed
         else:
             better = better & (placed.rms < WORTHWHILE * best.rms[number])
-            best = best.replaced(number[better], placed.at(better.nonzero()[:, 0]))
+            best = best.replaced(number[better], placed.at(indices(better)))
         is_lifted[number[better]] = True
-        left = (better & (placed.rms > allowed[number])).nonzero()[:, 0]
+        left = indices(better & (placed.rms > allowed[number]))
         if not len(left):
             return every.lifts(best, is_lifted)
-        points = points[left] - placed.error[left][..., ::_EACH].movedim(1, -1)
+        points = points[left] - xp.moveaxis(placed.error[left][..., ::_EACH], 1, -1)
         number, sampled = number[left], sampled.at(left)
 
 
@@ -163,15 +179,15 @@ def _lifted(
 class _OnCurves:
     """Points of Γ for b surfaces, k on each of m rims."""
 
-    slides: Tensor  # (b, m, k)
-    point: Tensor  # (b, 3, m, k), Γ(slide)
-    tangent: Tensor  # (b, 3, m, k), Γ'(slide)
-    bend: Tensor  # (b, 3, m, k), Γ"(slide)
+    slides: Array  # (b, m, k)
+    point: Array  # (b, 3, m, k), Γ(slide)
+    tangent: Array  # (b, 3, m, k), Γ'(slide)
+    bend: Array  # (b, 3, m, k), Γ"(slide)
 
-    def at(self: _Points, which: Int[Tensor, " j"]) -> _Points:
+    def at(self: _Points, which: Int[Array, " j"]) -> _Points:
         return type(self)(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
 
-    def moved(self, by: Float[Tensor, "b m k"]) -> _OnCurves:
+    def moved(self, by: Float[Array, "b m k"]) -> _OnCurves:
         """The points moved along Γ by changes of the slides, to second order."""
         along = by[:, None]
         return _OnCurves(
@@ -181,11 +197,10 @@ class _OnCurves:
             bend=self.bend,
         )
 
-    def replaced(self: _Points, which: Int[Tensor, " j"], other: _Points) -> _Points:
+    def replaced(self: _Points, which: Int[Array, " j"], other: _Points) -> _Points:
         """The points with those of some surfaces replaced."""
         copied = {
-            field.name: getattr(self, field.name).index_copy(0, which, getattr(other, field.name))
-            for field in fields(self)
+            field.name: replaced(getattr(self, field.name), which, getattr(other, field.name)) for field in fields(self)
         }
         return type(self)(**copied)
 
@@ -194,12 +209,12 @@ class _OnCurves:
 class _Placed(_OnCurves):
     """Surfaces with given p and q and the best constants, and the closest points of Γ."""
 
-    functions: Tensor  # (b, 2, m, terms), p and q
-    spinors: Tensor  # (b, 2, m, k), their values
-    velocity: Tensor  # (b, 3, m, k), φ dz/dτ
-    null_curve: Tensor  # (b, 3, m, k)
-    error: Tensor  # (b, 3, m, k), r − Γ(slide)
-    rms: Tensor  # (b,)
+    functions: Array  # (b, 2, m, terms), p and q
+    spinors: Array  # (b, 2, m, k), their values
+    velocity: Array  # (b, 3, m, k), φ dz/dτ
+    null_curve: Array  # (b, 3, m, k)
+    error: Array  # (b, 3, m, k), r − Γ(slide)
+    rms: Array  # (b,)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -209,50 +224,50 @@ class _SampledBoundary:
     traces: OnCircles | OnCurve
     form: CirclesForm | DirichletForm
     curves: CurveTensors  # b m of them
-    dz: Tensor  # (m, k), the weights of φ
+    dz: Array  # (m, k), the weights of φ
     start: _OnCurves  # points of Γ at the slides of the harmonic surfaces
-    weights: Tensor  # (b, m, k), share of the arc length of Γ around each
+    weights: Array  # (b, m, k), share of the arc length of Γ around each
 
     @classmethod
     def of(
         cls,
         traces: OnCircles | OnCurve,
         form: CirclesForm | DirichletForm,
-        nodes: Float[Tensor, "b m n"],
+        nodes: Float[Array, "b m n"],
         curves: CurveTensors,
     ) -> _SampledBoundary:
         slides = resampled(nodes, _EACH * nodes.shape[-1])
         start = _on(curves, slides)
-        step = torch.diff(start.slides, append=start.slides[..., :1] + 1)
-        weights = (step + step.roll(1, -1)) * start.tangent.square().sum(1).sqrt()
-        weights = weights / weights.sum((1, 2), keepdim=True)
+        step, xp = closed_steps(start.slides), namespace(slides)
+        weights = (step + xp.roll(step, 1, axis=-1)) * xp.sqrt(square(start.tangent).sum(1))
+        weights = weights / weights.sum((1, 2))[:, None, None]
         return cls(
             traces=traces, form=form, curves=curves, dz=traces.weights(slides.shape[-1]), start=start, weights=weights
         )
 
-    def at(self, which: Int[Tensor, " j"]) -> _SampledBoundary:
+    def at(self, which: Int[Array, " j"]) -> _SampledBoundary:
         """The boundaries of the selected surfaces; several surfaces have one rim each."""
         if len(which) == len(self.weights):
             return self
         return replace(self, curves=self.curves.at(which), start=self.start.at(which), weights=self.weights[which])
 
-    def spinors(self, points: Float[Tensor, "b m n 3"]) -> tuple[Complex[Tensor, "b 2 m t"], Bool[Tensor, " b"]]:
+    def spinors(self, points: Float[Array, "b m n 3"]) -> tuple[Complex[Array, "b 2 m t"], Bool[Array, " b"]]:
         """Functions p and q of harmonic surfaces, from values at the nodes; and whether their signs close up."""
         p, q = spinors_from_phi(slopes(self.form, points) * (1 / self.dz[:, ::_EACH, None]))
-        return self.traces.functions(torch.stack([p, q], dim=1)), signs_close_up(p, q).all(-1)
+        return self.traces.functions(namespace(p).stack([p, q], axis=1)), signs_close_up(p, q).all(-1)
 
-    def placed(self, functions: Complex[Tensor, "b 2 m t"], near: _OnCurves) -> _Placed:
+    def placed(self, functions: Complex[Array, "b 2 m t"], near: _OnCurves) -> _Placed:
         """The surfaces with given p and q, corrected to close around holes, and the closest points of Γ.
 
         The constant minimises the mean squared distance; Newton's method finds the closest points.
         """
         functions, spinors, velocity = closed(self.traces, functions, self.dz)
-        null_curve, most = self.traces.integral(velocity), 1 / self.dz.shape[1]
+        null_curve, most, xp = self.traces.integral(velocity), 1 / self.dz.shape[1], namespace(velocity)
         for _ in range(_PLACING_STEPS):
             null_curve = null_curve - self._mean(null_curve.real - near.point)[..., None, None]
-            error, speed2 = null_curve.real - near.point, near.tangent.square().sum(1)
-            move = (error * near.tangent).sum(1) / torch.maximum(speed2 - (error * near.bend).sum(1), speed2 / 2)
-            near = near.moved(move.clamp(-most, most))
+            error, speed2 = null_curve.real - near.point, square(near.tangent).sum(1)
+            move = (error * near.tangent).sum(1) / xp.maximum(speed2 - (error * near.bend).sum(1), speed2 / 2)
+            near = near.moved(xp.clip(move, -most, most))
         near = _on(self.curves, near.slides)
         error = null_curve.real - near.point
         return _Placed(
@@ -265,75 +280,81 @@ class _SampledBoundary:
             velocity=velocity,
             null_curve=null_curve,
             error=error,
-            rms=self._mean(error.square().sum(1, keepdim=True))[:, 0].sqrt(),
+            rms=xp.sqrt(self._mean(square(error).sum(1)[:, None])[:, 0]),
         )
 
-    def _mean(self, values: Float[Tensor, "b c m k"]) -> Float[Tensor, "b c"]:
+    def _mean(self, values: Float[Array, "b c m k"]) -> Float[Array, "b c"]:
         """Mean with respect to arc length of Γ."""
         return (self.weights[:, None] * values).sum((-2, -1))
 
     def brought_nearer(self, placed: _Placed) -> _Placed:
         """The surfaces after Gauss-Newton steps in the powers of p and q that reduce the distance."""
-        number, sampled = torch.arange(len(placed.rms), device=placed.rms.device), self
+        number, sampled = place_of(placed.rms).put(np.arange(len(placed.rms))), self
         while True:
             before = placed.at(number)
             nearer = sampled.placed(before.functions + sampled._gauss_newton_step(before), before)
-            better = (nearer.rms < before.rms).nonzero()[:, 0]
+            better = indices(nearer.rms < before.rms)
             placed = placed.replaced(number[better], nearer.at(better))
-            left = (nearer.rms <= WORTHWHILE * before.rms).nonzero()[:, 0]
+            left = indices(nearer.rms <= WORTHWHILE * before.rms)
             if not len(left):
                 return placed
             number, sampled = number[left], sampled.at(left)
 
-    def _gauss_newton_step(self, placed: _Placed) -> Complex[Tensor, "b 2 m t"]:
+    def _gauss_newton_step(self, placed: _Placed) -> Complex[Array, "b 2 m t"]:
         """The Gauss-Newton step of p and q, in low powers, for the errors normal to Γ at the nodes."""
         nodes, dz = (..., slice(None, None, _EACH)), self.dz[..., ::_EACH]
         spinors, moves = placed.spinors[nodes], self.traces.powers_at_nodes * dz
-        by_p, by_q = (self.traces.integral(spinors[:, i, None] * moves).flatten(2) for i in (0, 1))
-        root, error = self.weights[nodes].flatten(1)[:, None].sqrt(), placed.error[nodes].flatten(2)
+        xp, b = namespace(spinors), len(spinors)
+        by_p, by_q = (_side_by_side(self.traces.integral(spinors[:, i, None] * moves)) for i in (0, 1))
+        root, error = xp.sqrt(self.weights[nodes].reshape(b, 1, -1)), _side_by_side(placed.error[nodes])
         rows, right = [], []
-        for normal in normals_of(placed.tangent[nodes].flatten(2).mT):
+        for normal in normals_of(_side_by_side(placed.tangent[nodes]).mT):
             e = root * normal.mT
-            rows.append(torch.cat([moves_by(e, by_p, by_q), e], dim=1))
+            rows.append(xp.concat([moves_by(e, by_p, by_q), e], axis=1))
             right.append(-(e * error).sum(1))
-        matrix = torch.cat(rows, dim=2)
-        gram = torch.stack([one @ one.T for one in matrix])
-        diagonal = gram.diagonal(dim1=1, dim2=2)
+        matrix = xp.concat(rows, axis=2)
+        gram = xp.stack([one @ one.mT for one in matrix])
+        own = xp.arange(gram.shape[1])
         # the matrix is singular: conformal maps of Ω onto itself move the boundary along Γ
-        diagonal.add_(len(diagonal[0]) * torch.finfo(gram.dtype).eps * diagonal.mean(-1, keepdim=True))
-        wanted = (matrix * torch.cat(right, dim=1)[:, None]).sum(-1)
+        add_to_diagonal(gram, len(own) * EPS * gram[:, own, own].mean(-1)[:, None])
+        wanted = (matrix * xp.concat(right, axis=1)[:, None]).sum(-1)
         if len(self.dz) == 1:
             x = _each_solved(gram, wanted)
         else:
-            constraints = torch.nn.functional.pad(gap_rows(spinors, moves), (0, 0, 0, 3))
-            solved = torch.linalg.solve(gram, torch.cat([wanted[..., None], constraints], dim=-1))
+            constraints = padded(gap_rows(spinors, moves).mT, 0, 3).mT
+            solved = xp.linalg.solve(gram, xp.concat([wanted[..., None], constraints], axis=-1))
             free, response = solved[..., 0], solved[..., 1:]
-            violation = (constraints.mT @ free[..., None])[..., 0] + gaps(placed.velocity)
-            multipliers = torch.linalg.solve(constraints.mT @ response, violation)
-            x = free - (response @ multipliers[..., None])[..., 0]
+            violation = constraints.mT @ free[..., None] + gaps(placed.velocity)[..., None]
+            multipliers = xp.linalg.solve(constraints.mT @ response, violation)
+            x = free - (response @ multipliers)[..., 0]
         return changes(x[:, :-3], self.traces.powers)
 
-    def lifts(self, placed: _Placed, is_lifted: Bool[Tensor, " b"]) -> tuple[Lift | None, ...]:
+    def lifts(self, placed: _Placed, is_lifted: Bool[Array, " b"]) -> tuple[Lift | None, ...]:
         """The lift of each surface, or None."""
-        r, slides, m = placed.null_curve.real, placed.slides.flatten(0, 1), len(self.dz)
+        r, m, xp = placed.null_curve.real, len(self.dz), namespace(placed.rms)
+        slides, points, errors, tangents = (
+            part.reshape(-1, *part.shape[2:])
+            for part in (placed.slides, *(xp.moveaxis(part, 1, -1) for part in (r, placed.error, placed.tangent)))
+        )
         misfits = Misfit.each(
-            r.movedim(1, -1).flatten(0, 1),
+            points,
             slides,
-            placed.error.square().sum(1).sqrt().flatten(0, 1),
-            placed.tangent.square().sum(1).sqrt().flatten(0, 1),
+            norm(errors),
+            norm(tangents),
             self.curves.local_edge(slides),
             alone=self.curves.alone,
         )
         areas = np.pi * (r * placed.velocity.imag).sum((1, 2, 3)) / self.dz.shape[-1]
-        curvatures = curvature_within(placed.spinors.permute(2, 0, 3, 1).unbind())
-        open_by = gaps(placed.velocity).reshape(len(r), 3, m - 1).norm(dim=1)
-        periods = 2 * np.pi * torch.nn.functional.pad(open_by, (0, 1)).amax(-1)
-        figures = torch.stack([areas, periods, *curvatures], dim=1).tolist()
+        curvatures = curvature_within([*xp.permute_dims(placed.spinors, (2, 0, 3, 1))])
+        open_by = norm(gaps(placed.velocity).reshape(len(r), 3, m - 1).mT)
+        periods = 2 * np.pi * xp.max(padded(open_by, 0, 1), axis=-1)
+        figures = xp.stack([areas, periods, *curvatures], axis=1).tolist()
         return tuple(
             Lift(
                 traces=self.traces,
                 functions=placed.functions[i],
-                null_curve=placed.null_curve[i].movedim(0, -1),
+                # contiguous: the rounding of products depends on strides, which depend on the batch
+                null_curve=contiguous(xp.moveaxis(placed.null_curve[i], 0, -1)),
                 slides=placed.slides[i],
                 misfit=Misfit.together(misfits[m * i : m * (i + 1)]),
                 area=area,
@@ -348,18 +369,31 @@ class _SampledBoundary:
         )
 
 
-def _each_solved(matrices: Float[Tensor, "b n n"], right: Float[Tensor, "b n"]) -> Float[Tensor, "b n"]:
+def _each_solved(matrices: Float[Array, "b n n"], right: Float[Array, "b n"]) -> Float[Array, "b n"]:
     """Solutions of linear systems, on a CPU bit-equal to those of each alone; undefined for singular matrices."""
-    solve: Callable[..., tuple[Tensor, Tensor]] = torch.linalg.solve_ex
+    if place_of(matrices) == NUMPY:
+        solved, solve = [np.full_like(b, np.nan) for b in right], np.linalg.solve
+        for x, one, b in zip(solved, matrices, right, strict=True):
+            with suppress(np.linalg.LinAlgError):
+                # copied to an aligned address: LAPACK's rounding depends on alignment
+                x[:] = solve(one.copy(), b)
+        return np.stack(solved)
+    import torch
+
+    solve_ex: Callable[..., tuple[Array, Array]] = torch.linalg.solve_ex
     if matrices.is_cuda:
-        return solve(matrices, right)[0]
-    # cloned to an aligned address: LAPACK's rounding depends on alignment
-    return torch.stack([solve(one.clone(), b)[0] for one, b in zip(matrices, right, strict=True)])
+        return solve_ex(matrices, right)[0]
+    return torch.stack([solve_ex(one.clone(), b)[0] for one, b in zip(matrices, right, strict=True)])
 
 
-def _on(curves: CurveTensors, slides: Float[Tensor, "b m k"]) -> _OnCurves:
-    parts = curves.point_and_derivatives(slides.flatten(0, 1))
-    point, tangent, bend = (part.reshape(*slides.shape, 3).movedim(-1, 1) for part in parts)
+def _side_by_side(values: Shaped[Array, "b c m n"]) -> Shaped[Array, "b c mn"]:
+    """Values on all rims in one row."""
+    return values.reshape(*values.shape[:2], -1)
+
+
+def _on(curves: CurveTensors, slides: Float[Array, "b m k"]) -> _OnCurves:
+    parts = curves.point_and_derivatives(slides.reshape(-1, slides.shape[-1]))
+    point, tangent, bend = (namespace(part).moveaxis(part.reshape(*slides.shape, 3), -1, 1) for part in parts)
     return _OnCurves(slides=slides, point=point, tangent=tangent, bend=bend)
 
 
@@ -375,36 +409,34 @@ def domain_of(lift: Lift, *boundaries: FourierBoundary) -> PlaneDomain:
     return PlaneDomain.inside(boundary, holes=tuple(holes))
 
 
-def surface_of(lift: Lift, domain: PlaneDomain) -> Callable[[float, Vector], SpinorSurface]:
+def surface_of(lift: Lift, domain: PlaneDomain) -> Callable[[float, Vector], ArraySurface]:
     """A function that makes the surface of a lift at a scale and translation; of the lift it keeps p and q only."""
     if domain.holes:
-        root = lift.null_curve.new_tensor([domain.triangulation.points[domain.root]])
-        with torch.no_grad():
-            constant = null_vector(*lift.series.primitive(root).unbind(-1)).real[0] + lift.shift
+        root = place_of(lift.null_curve).put(domain.triangulation.points[[domain.root]])
+        constant = null_vector(*lift.series.primitive(root)[0]).real + lift.shift
     else:
-        constant = (_at_root(domain, lift.slides.shape[1], lift.slides.device) @ lift.null_curve[0]).real
+        constant = (_at_root(domain, lift.slides.shape[1], place_of(lift.slides)) @ lift.null_curve[0]).real
     # the model is made with the surface: many surfaces are never used
     return partial(_surface_at, lift.traces.model_of(lift.functions), domain, constant)
 
 
 def _surface_at(
-    model: Callable[[], torch.nn.Module],
+    model: Callable[[], ArrayModel],
     domain: PlaneDomain,
-    constant: Float[Tensor, "3"],
+    constant: Float[Array, "3"],
     scale: float,
     translation: Vector,
-) -> SpinorSurface:
-    return SpinorSurface(model(), domain, constant).placed(scale, translation)
+) -> ArraySurface:
+    return ArraySurface(model(), domain, constant).placed(scale, translation)
 
 
 @lru_cache(maxsize=16)
-def _at_root(domain: PlaneDomain, n: int, device: torch.device) -> Complex[Tensor, " n"]:
+def _at_root(domain: PlaneDomain, n: int, place: Place) -> Complex[Array, " n"]:
     """Weights of the values at n equal steps of ∂Ω that give the value at Ω's root, by Cauchy's formula."""
     assert isinstance(domain.boundary, FourierBoundary)
-    z, dz = torch.tensor(domain.boundary.grid(n)[:2], device=device)
-    unit = dz / (z - complex(domain.triangulation.points[domain.root]))
-    weights: Tensor = unit / unit.sum()
-    return weights
+    z, dz, _ = domain.boundary.grid(n)
+    unit = dz / (z - domain.triangulation.points[domain.root])
+    return place.put(unit / unit.sum())
 
 
 def circles_of(domain: CircularDomain, counts: Sequence[int]) -> list[FourierBoundary]:

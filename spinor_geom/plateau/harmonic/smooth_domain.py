@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float
 from scipy.interpolate import CubicSpline
 
+from spinor_geom.arrays import Place
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.domain.polygons import is_simple
 from spinor_geom.errors import DomainError
@@ -122,7 +122,7 @@ def resolved(
     *,
     count: int,
     most: int,
-    device: torch.device,
+    place: Place,
 ) -> tuple[DomainShape, DirichletForm]:
     """The smooth Ω fitted to a polygon with parameters t, with the fewest steps that resolve it, and its Λ.
 
@@ -136,7 +136,7 @@ def resolved(
         shape = DomainShape(density=density, count=count, steps=steps * n, width=rounding / n)
         try:
             boundary = rounded_boundary(polygon, t, shape)
-            return shape, resolved_form(boundary, shape.steps, device, most=min(most, _MOST_STEPS))
+            return shape, resolved_form(boundary, shape.steps, place, most=min(most, _MOST_STEPS))
         except DomainError as error:
             failure = error
     raise failure
@@ -154,7 +154,7 @@ def rounded_boundary(
     return FourierBoundary(coefficients * np.exp(-0.5 * (2 * np.pi * k * shape.width) ** 2), shape.count)
 
 
-def resolved_form(boundary: FourierBoundary, n: int, device: torch.device, *, most: int = _MOST_STEPS) -> DirichletForm:
+def resolved_form(boundary: FourierBoundary, n: int, place: Place, *, most: int = _MOST_STEPS) -> DirichletForm:
     """Λ on n steps of ∂Ω.
 
     Raises:
@@ -168,7 +168,7 @@ def resolved_form(boundary: FourierBoundary, n: int, device: torch.device, *, mo
     polygon = boundary.grid(n)[0]
     # cheap tests first: Λ costs O(n³), and is not resolved where facing parts are within two steps
     is_wide = _steps_across(polygon) > 2 and is_simple(polygon)
-    form = DirichletForm.of(boundary, n, device) if is_wide else None
+    form = DirichletForm.of(boundary, n, place) if is_wide else None
     if form is None or not form.error <= _RESOLVED:
         raise DomainError(
             f"the domain crosses itself or is too narrow somewhere for {n} steps around it",

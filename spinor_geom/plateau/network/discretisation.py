@@ -13,12 +13,11 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg
-import torch
 from jaxtyping import Complex, Float
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
-from torch import Tensor
 
+from spinor_geom.arrays import EPS, Array, namespace, norm, place_of, square, to_numpy
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks
 from spinor_geom.domain.quadrature import Panels
@@ -100,12 +99,12 @@ class Discretisation:
         return self._network_with(self.poles)
 
     def _network_with(self, poles: Poles) -> CauchyNetwork:
-        device = self.curves[0].breaks.device
+        put = place_of(self.curves[0].breaks).put
         return CauchyNetwork.orthonormal_on(
-            torch.as_tensor(self.panels.z, device=device),
-            torch.as_tensor(self.panels.arc_weights, device=device),
-            poles=torch.as_tensor(poles.positions, device=device),
-            scales=torch.as_tensor(poles.scales, device=device),
+            put(self.panels.z),
+            put(self.panels.arc_weights),
+            poles=put(poles.positions),
+            scales=put(poles.scales),
             degree=self.degree,
             branch=self.branch,
         )
@@ -165,22 +164,22 @@ class Discretisation:
         if self.domain.holes and not self.domain.corners.any():
             return ModulusFields.of_hole(self.domain, self.panels)
         # the spline of the moved boundary does not resolve features with poles clustered at corners
-        z = torch.as_tensor(np.append(self.panels.z, path_across(self.domain)[0]), device=self.problem.dz.device)
+        z = place_of(self.problem.dz).put(np.append(self.panels.z, path_across(self.domain)[0]))
         smooth = replace(self, branch=None)._network_with(edge_poles(self.domain)).features(z)
-        return ModulusFields.of_corners(self.domain, self.panels, smooth.cpu().numpy())
+        return ModulusFields.of_corners(self.domain, self.panels, to_numpy(smooth))
 
     @property
     def flexible_problem(self) -> NetworkProblem:
         """The problem with an unknown for each modulus field of Ω."""
-        return replace(self.problem, fields=torch.as_tensor(self._modulus_fields.nodes, device=self.problem.dz.device))
+        return replace(self.problem, fields=place_of(self.problem.dz).put(self._modulus_fields.nodes))
 
     def length_of_move(self, fit: Fit) -> float:
         """Largest displacement of a vertex of ∂Ω by the `amounts` of a fit."""
-        return float(np.abs(self._modulus_fields.vertices @ fit.amounts.cpu().numpy()).max(initial=0.0))
+        return float(np.abs(self._modulus_fields.vertices @ to_numpy(fit.amounts)).max(initial=0.0))
 
     def moved(self, fit: Fit, *, offset: float) -> Discretisation:
         """The discretisation of Ω moved by the `amounts` of a fit, with new poles."""
-        domain = self._modulus_fields.moved(self.domain, fit.amounts.cpu().numpy())
+        domain = self._modulus_fields.moved(self.domain, to_numpy(fit.amounts))
         rims = zip(self.breaks, self.domain.boundaries, domain.boundaries, strict=True)
         return replace(
             self,
@@ -189,28 +188,26 @@ class Discretisation:
             breaks=tuple(np.interp(some, old.parameters, new.parameters) for some, old, new in rims),
         )
 
-    def readout_of(self, spinors: Complex[Tensor, "nodes 2"]) -> Complex[Tensor, "n 2"]:
+    def readout_of(self, spinors: Complex[Array, "nodes 2"]) -> Complex[Array, "n 2"]:
         """Read-out weights that fit values of p and q at the nodes by least squares."""
-        return self.problem.features[: self.problem.nodes].mH @ (self.problem.arc_weights[:, None] * spinors)
+        return self.problem.features[: self.problem.nodes].mT.conj() @ (self.problem.arc_weights[:, None] * spinors)
 
     def matchings(self, fit: Fit) -> tuple[Float[np.ndarray, "_ 2"], ...]:
         """`RimMatch.matching` of each boundary."""
-        slides = self.problem.by_rim(fit.slide.detach())
+        slides = self.problem.by_rim(fit.slide)
         return tuple(
-            np.column_stack([t, slide.cpu().numpy()])
-            for t, slide in zip(self.panels.own_parameters, slides, strict=True)
+            np.column_stack([t, to_numpy(slide)]) for t, slide in zip(self.panels.own_parameters, slides, strict=True)
         )
 
-    def transferred(self, other: Discretisation, fit: Fit) -> tuple[Complex[Tensor, "n 2"], Float[Tensor, " nodes"]]:
+    def transferred(self, other: Discretisation, fit: Fit) -> tuple[Complex[Array, "n 2"], Float[Array, " nodes"]]:
         """Read-outs and slide, for this discretisation, of a fit on another one."""
         domains = zip(self.panels.own_parameters, self.domain.boundaries, other.domain.boundaries, strict=True)
         rims = [np.interp(t, here.parameters, there.parameters) for t, here, there in domains]
         points = [boundary.point(t) for boundary, t in zip(other.domain.boundaries, rims, strict=True)]
-        z = torch.as_tensor(np.concatenate(points), device=fit.readout.device)
-        with torch.no_grad():
-            spinors = other.network.features(z) @ fit.readout
+        put = place_of(fit.readout).put
+        spinors = other.network.features(put(np.concatenate(points))) @ fit.readout
         slides = [interpolate_matching(matching, t) for matching, t in zip(other.matchings(fit), rims, strict=True)]
-        return self.readout_of(spinors), torch.as_tensor(np.concatenate(slides), device=z.device)
+        return self.readout_of(spinors), put(np.concatenate(slides))
 
 
 def interpolate_matching(matching: Float[np.ndarray, "n 2"], t: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
@@ -237,29 +234,29 @@ def independent_residual(
     velocity = problem.velocities(fit.readout)
     r = problem.integrate(velocity).real + fit.constant
     pairs = zip(stage.matchings(fit), dense.own_parameters, strict=True)
-    slide = torch.as_tensor(np.concatenate([interpolate_matching(*pair) for pair in pairs]), device=r.device)
+    slide = place_of(r).put(np.concatenate([interpolate_matching(*pair) for pair in pairs]))
     squares, rims = [], []
     for position, parameter, curve in zip(problem.by_rim(r), problem.by_rim(slide), problem.curves, strict=True):
         parameter = projected(position, parameter, curve, limit=0.5 / len(stage.panels.t))
-        squares.append((position - curve.point_and_derivative(parameter)[0]).square().sum(1))
+        squares.append(square(position - curve.point_and_derivative(parameter)[0]).sum(1))
         rims.append(Misfit.of(position, parameter, curve))
     misfit = Misfit.together(rims)
     # closing the gap around the hole moves the boundary by about the gap
-    gap = float(problem.around_hole(velocity).real.norm())
-    energy = (problem.arc_weights * torch.cat(squares)).reshape(count, order).sum(1)
-    return misfit.with_offset(gap), energy.cpu().numpy()
+    gap = float(norm(problem.around_hole(velocity).real.reshape(-1)))
+    energy = (problem.arc_weights * namespace(r).concat(squares)).reshape(count, order).sum(1)
+    return misfit.with_offset(gap), to_numpy(energy)
 
 
 def projected(
-    r: Float[Tensor, "n 3"], slide: Float[Tensor, " n"], curve: CurveTensors, *, limit: float
-) -> Float[Tensor, " n"]:
+    r: Float[Array, "n 3"], slide: Float[Array, " n"], curve: CurveTensors, *, limit: float
+) -> Float[Array, " n"]:
     """Parameters of the points of Γ nearest to given points, by Gauss-Newton steps of at most `limit` from a start."""
     for _ in range(_PROJECTIONS):
         point, tangent = curve.point_and_derivative(slide)
-        move = ((r - point) * tangent).sum(1) / tangent.square().sum(1)
-        slide = slide + move.clamp(-limit, limit)
+        move = ((r - point) * tangent).sum(1) / square(tangent).sum(1)
+        slide = slide + namespace(move).clip(move, -limit, limit)
         # quadratic convergence: the next step is rounding error
-        if float(move.abs().max()) < torch.finfo(move.dtype).eps ** 0.5:
+        if float(abs(move).max()) < EPS**0.5:
             break
     return slide
 

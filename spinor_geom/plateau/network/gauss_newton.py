@@ -6,15 +6,28 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import torch
+import numpy as np
 from jaxtyping import Complex, Float, Int
-from torch import Tensor
 
+from spinor_geom.arrays import (
+    EPS,
+    Array,
+    add_to_diagonal,
+    cholesky,
+    cholesky_solve,
+    complex_of,
+    gram,
+    indices,
+    namespace,
+    place_of,
+    square,
+    unit,
+    zeros,
+)
 from spinor_geom.deadline import require_time
 from spinor_geom.plateau.curve_tensors import normals_of
 from spinor_geom.plateau.network.network_problem import NetworkProblem
 from spinor_geom.plateau.steps import STALLED, Steps
-from spinor_geom.plateau.vertices.through_points import gram
 
 _FIRST_DAMPING = 1e-2  # damping of the first step, over the mean diagonal entry of the normal equations
 
@@ -23,26 +36,26 @@ _FIRST_DAMPING = 1e-2  # damping of the first step, over the mean diagonal entry
 class Fit:
     """The unknowns of a fit, and the residual at them."""
 
-    readout: Complex[Tensor, "n 2"]  # read-outs of p and q
-    constant: Float[Tensor, "3"]  # c: position at the start of the first panel
-    slide: Float[Tensor, " nodes"]  # curve parameters of the nodes
-    amounts: Float[Tensor, " k"]  # coefficients of the modulus fields that move Ω; in the error to first order
-    error: Float[Tensor, "nodes 3"]  # r + c − Γ(slide)
-    tangent: Float[Tensor, "nodes 3"]  # Γ′(slide)
-    gap: Float[Tensor, "holes 3"]  # Re ∮ φ dz around each hole
+    readout: Complex[Array, "n 2"]  # read-outs of p and q
+    constant: Float[Array, "3"]  # c: position at the start of the first panel
+    slide: Float[Array, " nodes"]  # curve parameters of the nodes
+    amounts: Float[Array, " k"]  # coefficients of the modulus fields that move Ω; in the error to first order
+    error: Float[Array, "nodes 3"]  # r + c − Γ(slide)
+    tangent: Float[Array, "nodes 3"]  # Γ′(slide)
+    gap: Float[Array, "holes 3"]  # Re ∮ φ dz around each hole
     energy: float  # mean of |error|² by arc length of ∂Ω, plus the sum of |gap|²
 
     @classmethod
     def at(
         cls,
         problem: NetworkProblem,
-        readout: Complex[Tensor, "n 2"],
-        slide: Float[Tensor, " nodes"],
-        constant: Float[Tensor, "3"] | None = None,
-        amounts: Float[Tensor, " k"] | None = None,
+        readout: Complex[Array, "n 2"],
+        slide: Float[Array, " nodes"],
+        constant: Float[Array, "3"] | None = None,
+        amounts: Float[Array, " k"] | None = None,
     ) -> Fit:
         """The residual at given unknowns; by default with the best constant and a fixed Ω."""
-        amounts = problem.weights.new_zeros(problem.fields.shape[1]) if amounts is None else amounts
+        amounts = zeros((problem.fields.shape[1],), problem.weights) if amounts is None else amounts
         point, tangent = problem.point_and_derivative(slide)
         velocity, weights = problem.velocities(readout), problem.arc_weights
         error = problem.integrate(velocity).real - point + problem.moved(readout) @ amounts
@@ -57,7 +70,7 @@ class Fit:
             error=error,
             tangent=tangent,
             gap=gap,
-            energy=float(weights @ error.square().sum(1) + gap.square().sum()),
+            energy=float(weights @ square(error).sum(1) + square(gap).sum()),
         )
 
     @property
@@ -68,8 +81,8 @@ class Fit:
 
 def gauss_newton(
     problem: NetworkProblem,
-    readout: Complex[Tensor, "n 2"],
-    slide: Float[Tensor, " nodes"],
+    readout: Complex[Array, "n 2"],
+    slide: Float[Array, " nodes"],
     *,
     allowed: float,
     steps: Steps,
@@ -99,7 +112,7 @@ def gauss_newton(
             linear, fresh = _Linear.at(problem, fit), True
         else:
             fresh = False
-        damping = max(damping / 8, torch.finfo(torch.float64).eps)
+        damping = max(damping / 8, EPS)
     return fit
 
 
@@ -111,86 +124,89 @@ class _Linear:
     `amounts`.
     """
 
-    rows: Tensor  # (equations, k)
-    normal_matrix: Tensor  # (k, k), lower triangle
-    held: Tensor  # indices of the nodes at a bound of the slide
+    rows: Array  # (equations, k)
+    normal_matrix: Array  # (k, k), lower triangle
+    held: Array  # indices of the nodes at a bound of the slide
 
     @classmethod
     def at(cls, problem: NetworkProblem, state: Fit) -> _Linear:
-        root = problem.arc_weights.sqrt()[:, None]
-        p, q = (problem.features @ state.readout).unbind(-1)
+        xp = namespace(problem.arc_weights)
+        root = xp.sqrt(problem.arc_weights)[:, None]
+        p, q = (problem.features @ state.readout).mT
         slopes = [(2 * value * problem.dz)[:, None] * problem.features for value in (p, q)]
         parts = _in_parts(*map(problem.integrate, slopes))
         around = _in_parts(*map(problem.around_hole, slopes))
         moved = problem.moved(state.readout)
         # at nodes whose slide would cross a bound, the distance along Γ' is a residual too
-        low, high = problem.slide_bounds.T
+        low, high = problem.slide_bounds.mT
         beyond = (state.tangent * state.error).sum(1)
-        held = (((state.slide <= low) & (beyond < 0)) | ((state.slide >= high) & (beyond > 0))).nonzero()[:, 0]
+        held = indices(((state.slide <= low) & (beyond < 0)) | ((state.slide >= high) & (beyond > 0)))
         directions = list(_directions(state.tangent, held))
         counts = [len(direction) for direction, _ in directions]
         n = 4 * parts.shape[2]
         # written in place, by real products: copying rows costs as much as computing them
         gaps = 3 * len(around)
-        rows = parts.new_zeros(sum(counts) + gaps, n + 3 + moved.shape[2])
-        for (direction, nodes), block in zip(directions, torch.split(rows[: sum(counts)], counts), strict=True):
+        rows, end = zeros((sum(counts) + gaps, n + 3 + moved.shape[2]), parts), 0
+        for (direction, nodes), count in zip(directions, counts, strict=True):
+            block, end = rows[end : end + count], end + count
             e = root[nodes] * direction
-            block[:, :n] = (_by_spinors(e) @ parts[nodes]).flatten(1)
+            block[:, :n] = (_by_spinors(e) @ parts[nodes]).reshape(count, -1)
             block[:, n : n + 3] = e
-            block[:, n + 3 :] = torch.einsum("mi,mik->mk", e, moved[nodes])
+            block[:, n + 3 :] = (e[:, None] @ moved[nodes])[:, 0]
         if gaps:
-            axes = torch.eye(3, dtype=rows.dtype, device=rows.device)
-            rows[-gaps:, :n] = (_by_spinors(axes) @ around[:, None]).flatten(2).flatten(0, 1)
+            rows[-gaps:, :n] = (_by_spinors(place_of(rows).put(np.eye(3))) @ around[:, None]).reshape(gaps, -1)
         return cls(rows=rows, normal_matrix=gram(rows), held=held)
 
-    def gradient(self, problem: NetworkProblem, state: Fit) -> Float[Tensor, " k"]:
-        root = problem.arc_weights.sqrt()[:, None]
+    def gradient(self, problem: NetworkProblem, state: Fit) -> Float[Array, " k"]:
+        xp = namespace(problem.arc_weights)
+        root = xp.sqrt(problem.arc_weights)[:, None]
         residual = [
             (root[nodes] * direction * state.error[nodes]).sum(1)
             for direction, nodes in _directions(state.tangent, self.held)
         ]
-        return self.rows.T @ torch.cat([*residual, state.gap.flatten()])
+        return self.rows.mT @ xp.concat([*residual, state.gap.reshape(-1)])
 
 
-def _in_parts(by_p: Complex[Tensor, "m n"], by_q: Complex[Tensor, "m n"]) -> Float[Tensor, "m 4 n"]:
-    return torch.stack([by_p.real, by_p.imag, by_q.real, by_q.imag], dim=1)
+def _in_parts(by_p: Complex[Array, "m n"], by_q: Complex[Array, "m n"]) -> Float[Array, "m 4 n"]:
+    return namespace(by_p).stack([by_p.real, by_p.imag, by_q.real, by_q.imag], axis=1)
 
 
-def _by_spinors(e: Float[Tensor, "m 3"]) -> Float[Tensor, "m 4 4"]:
+def _by_spinors(e: Float[Array, "m 3"]) -> Float[Array, "m 4 4"]:
     """Matrices that map the parts of ∫ 2p f dz and ∫ 2q f dz to derivatives of e · Re ∫ φ dz.
 
     Rows: derivatives with respect to the real parts of δp and δq, then the imaginary parts, with
     δφ = (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)).
     """
-    x, y, z = e.unbind(1)
-    o = torch.zeros_like(x)
-    rows = ((x, y, z, o), (z, o, -x, y), (y, -x, o, -z), (o, -z, y, x))
-    return torch.stack([torch.stack(row, dim=1) for row in rows], dim=1)
+    (x, y, z), xp = e.mT, namespace(e)
+    o = xp.zeros_like(x)
+    rows = [x, y, z, o, z, o, -x, y, y, -x, o, -z, o, -z, y, x]
+    return xp.stack(rows, axis=1).reshape(-1, 4, 4)
 
 
 def _directions(
-    tangent: Float[Tensor, "nodes 3"], held: Int[Tensor, " k"]
-) -> Iterator[tuple[Float[Tensor, "n 3"], Tensor | slice]]:
+    tangent: Float[Array, "nodes 3"], held: Int[Array, " k"]
+) -> Iterator[tuple[Float[Array, "n 3"], Array | slice]]:
     """Directions on which the residual is projected, with their nodes: both normals; the tangent at held nodes."""
     for normal in normals_of(tangent):
         yield normal, slice(None)
     if len(held):
-        yield torch.nn.functional.normalize(tangent[held], dim=1), held
+        yield unit(tangent[held]), held
 
 
 def _damped_step(problem: NetworkProblem, state: Fit, linear: _Linear, damping: float) -> tuple[Fit, float]:
     """The fit after the first step, with increasing damping, that lowers the energy; unchanged if none does."""
     n = problem.features.shape[1]
     gradient = linear.gradient(problem, state)
-    scale = linear.normal_matrix.diagonal().mean()
-    speed2 = state.tangent.square().sum(1)
-    while damping < 1 / torch.finfo(torch.float64).eps:
-        shifted = linear.normal_matrix.clone()
-        shifted.diagonal().add_(scale * damping)
-        factor, info = torch.linalg.cholesky_ex(shifted)
-        if int(info) == 0:
-            step = -torch.cholesky_solve(gradient[:, None], factor)[:, 0]
-            change = torch.complex(step[: 2 * n], step[2 * n : 4 * n]).reshape(2, n).T
+    xp, own = namespace(gradient), namespace(gradient).arange(len(gradient))
+    scale = linear.normal_matrix[own, own].mean()
+    speed2 = square(state.tangent).sum(1)
+    while damping < 1 / EPS:
+        shifted = xp.asarray(linear.normal_matrix, copy=True)
+        add_to_diagonal(shifted, scale * damping)
+        factor = cholesky(shifted)
+        if factor is not None:
+            step = -cholesky_solve(factor, gradient[:, None])[:, 0]
+            change = complex_of(step[: 2 * n], step[2 * n : 4 * n]).reshape(2, n).mT
             shift, amounts = step[4 * n : 4 * n + 3], step[4 * n + 3 :]
             unknowns = state.constant + shift, state.amounts + amounts
             error = Fit.at(problem, state.readout + change, state.slide, *unknowns).error

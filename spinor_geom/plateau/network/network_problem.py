@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float, Shaped
 from scipy.optimize import isotonic_regression
-from torch import Tensor
 
+from spinor_geom.arrays import Array, is_real, namespace, place_of, to_numpy
 from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
 from spinor_geom.domain.quadrature import Panels, path_to
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.surface.array_surface import PATH_ORDER
 from spinor_geom.surface.formulas import phi
-from spinor_geom.surface.spinor_surface import PATH_ORDER
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,14 +23,14 @@ class NetworkProblem:
     """Γ, and the features of the network at the nodes on ∂Ω, then on a path to the hole, if any."""
 
     curves: tuple[CurveTensors, ...]  # Γ, one curve for each boundary of Ω
-    features: Complex[Tensor, "points n"]  # at the nodes and on the path
-    dz: Complex[Tensor, " points"]  # dz/dt
-    weights: Float[Tensor, " points"]  # quadrature weights in t
-    widths: Float[Tensor, " panels"]  # lengths of the panels in t
+    features: Complex[Array, "points n"]  # at the nodes and on the path
+    dz: Complex[Array, " points"]  # dz/dt
+    weights: Float[Array, " points"]  # quadrature weights in t
+    widths: Float[Array, " panels"]  # lengths of the panels in t
     rims: tuple[int, ...]  # number of panels of each boundary
-    cumulative: Float[Tensor, "order order"]  # integration matrix of a panel of length 1
-    slide_bounds: Float[Tensor, "nodes 2"]  # lowest and highest curve parameter of each node
-    fields: Complex[Tensor, "nodes k"]  # fields along which Ω may move to change its moduli
+    cumulative: Float[Array, "order order"]  # integration matrix of a panel of length 1
+    slide_bounds: Float[Array, "nodes 2"]  # lowest and highest curve parameter of each node
+    fields: Complex[Array, "nodes k"]  # fields along which Ω may move to change its moduli
 
     @classmethod
     def on_panels(
@@ -42,21 +42,19 @@ class NetworkProblem:
         corners: tuple[Float[np.ndarray, " _"], ...],
     ) -> NetworkProblem:
         """The problem on the nodes of panels, for a fixed domain; `corners` are as for `slide_bounds`."""
-        device = network.poles.device
+        put = place_of(network.poles).put
         path, steps = path_across(domain)
         sides = zip(domain.boundaries, corners, panels.own_parameters, strict=True)
-        with torch.no_grad():
-            features = network.features(torch.tensor(np.append(panels.z, path), device=device))
         return cls(
             curves=curves,
-            features=features,
-            dz=torch.tensor(np.append(panels.dz, steps), device=device),
-            weights=torch.tensor(np.append(panels.weights, np.ones(len(path))), device=device),
-            widths=torch.tensor(panels.widths, device=device),
+            features=network.features(put(np.append(panels.z, path))),
+            dz=put(np.append(panels.dz, steps)),
+            weights=put(np.append(panels.weights, np.ones(len(path)))),
+            widths=put(panels.widths),
             rims=panels.rims,
-            cumulative=torch.tensor(panels.cumulative, device=device),
-            slide_bounds=torch.tensor(np.concatenate([slide_bounds(*side) for side in sides]), device=device),
-            fields=torch.zeros(len(panels.z), 0, dtype=torch.complex128, device=device),
+            cumulative=put(panels.cumulative),
+            slide_bounds=put(np.concatenate([slide_bounds(*side) for side in sides])),
+            fields=put(np.zeros((len(panels.z), 0), dtype=np.complex128)),
         )
 
     @property
@@ -65,60 +63,65 @@ class NetworkProblem:
         return len(self.widths) * len(self.cumulative)
 
     @property
-    def arc_weights(self) -> Float[Tensor, " nodes"]:
+    def arc_weights(self) -> Float[Array, " nodes"]:
         """Weights of the mean by arc length of ∂Ω, with sum 1."""
-        weights = (self.weights * self.dz.abs())[: self.nodes]
+        weights = (self.weights * abs(self.dz))[: self.nodes]
         return weights / weights.sum()
 
-    def by_rim(self, values: Shaped[Tensor, "nodes *rest"]) -> tuple[Shaped[Tensor, "_ *rest"], ...]:
+    def by_rim(self, values: Shaped[Array, "nodes *rest"]) -> tuple[Shaped[Array, "_ *rest"], ...]:
         """Values at the nodes of each boundary."""
-        return torch.split(values, [count * len(self.cumulative) for count in self.rims])
+        ends = np.cumsum([0, *self.rims]) * len(self.cumulative)
+        return tuple(values[start:end] for start, end in pairwise(ends.tolist()))
 
     def point_and_derivative(
-        self, slide: Float[Tensor, " nodes"]
-    ) -> tuple[Float[Tensor, "nodes 3"], Float[Tensor, "nodes 3"]]:
+        self, slide: Float[Array, " nodes"]
+    ) -> tuple[Float[Array, "nodes 3"], Float[Array, "nodes 3"]]:
         """Γ and Γ' at the slide of each node, on the curve of its boundary."""
         parts = [curve.point_and_derivative(s) for curve, s in zip(self.curves, self.by_rim(slide), strict=True)]
         points, tangents = zip(*parts, strict=True)
-        return torch.cat(points), torch.cat(tangents)
+        xp = namespace(slide)
+        return xp.concat(points), xp.concat(tangents)
 
-    def increasing(self, slide: Float[Tensor, " nodes"], speed: Float[Tensor, " nodes"]) -> Float[Tensor, " nodes"]:
+    def increasing(self, slide: Float[Array, " nodes"], speed: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
         """The nearest increasing slides within the bounds, by `nearest_increasing`."""
-        arrays = [[part.cpu().numpy() for part in self.by_rim(one)] for one in (slide, speed, self.slide_bounds)]
+        arrays = [[to_numpy(part) for part in self.by_rim(one)] for one in (slide, speed, self.slide_bounds)]
         parts = [nearest_increasing(*one) for one in zip(*arrays, strict=True)]
-        return torch.as_tensor(np.concatenate(parts), device=slide.device)
+        return place_of(slide).put(np.concatenate(parts))
 
-    def integrate(self, f: Complex[Tensor, "points k"]) -> Complex[Tensor, "nodes k"]:
+    def integrate(self, f: Complex[Array, "points k"]) -> Complex[Array, "nodes k"]:
         """∫ f dt from the start of the first panel to each node, along ∂Ω and the path to the hole."""
-        order = len(self.cumulative)
+        order, (cumulative, weights) = len(self.cumulative), (self.cumulative, self.weights)
+        if not is_real(f):
+            cumulative, weights = cumulative + 0j, weights + 0j
         by_panel = f[: self.nodes].reshape(-1, order, f.shape[1])
-        local = (self.cumulative.to(f.dtype) @ by_panel) * self.widths[:, None, None]
-        total = (self.weights[: self.nodes].reshape(-1, 1, order).to(f.dtype) @ by_panel)[:, 0]
-        starts = [part.cumsum(0) - part for part in torch.split(total, list(self.rims))]
+        local = (cumulative @ by_panel) * self.widths[:, None, None]
+        total = (weights[: self.nodes].reshape(-1, 1, order) @ by_panel)[:, 0]
+        ends = np.cumsum([0, *self.rims]).tolist()
+        starts = [total[start:end].cumsum(0) - total[start:end] for start, end in pairwise(ends)]
         if len(f) > self.nodes:
-            starts[1] = starts[1] + self.weights[self.nodes :].to(f.dtype) @ f[self.nodes :]
-        return (local + torch.cat(starts)[:, None]).reshape(self.nodes, -1)
+            starts[1] = starts[1] + weights[self.nodes :] @ f[self.nodes :]
+        return (local + namespace(f).concat(starts)[:, None]).reshape(self.nodes, -1)
 
-    def positions(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3"]:
+    def positions(self, readout: Complex[Array, "n 2"]) -> Float[Array, "nodes 3"]:
         """Positions r at the nodes, up to a constant: the real part of ∫ φ dz along ∂Ω."""
         return self.integrate(self.velocities(readout)).real
 
-    def around_hole(self, f: Complex[Tensor, "points k"]) -> Complex[Tensor, "holes k"]:
+    def around_hole(self, f: Complex[Array, "points k"]) -> Complex[Array, "holes k"]:
         """∮ f dt around each hole."""
         last = self.nodes - self.rims[-1] * len(self.cumulative)
-        total = self.weights[None, last : self.nodes].to(f.dtype) @ f[last : self.nodes]
+        total = (self.weights[None, last : self.nodes] + 0j) @ f[last : self.nodes]
         return total[: len(self.rims) - 1]
 
-    def velocities(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "points 3"]:
+    def velocities(self, readout: Complex[Array, "n 2"]) -> Complex[Array, "points 3"]:
         """φ dz/dt at the nodes and on the path; its real part is dr/dt."""
         return self.null_curve(readout) * self.dz[:, None]
 
-    def null_curve(self, readout: Complex[Tensor, "n 2"]) -> Complex[Tensor, "points 3"]:
+    def null_curve(self, readout: Complex[Array, "n 2"]) -> Complex[Array, "points 3"]:
         """φ at the nodes and on the path."""
-        p, q = (self.features @ readout).unbind(-1)
+        p, q = (self.features @ readout).mT
         return phi(p, q)
 
-    def moved(self, readout: Complex[Tensor, "n 2"]) -> Float[Tensor, "nodes 3 k"]:
+    def moved(self, readout: Complex[Array, "n 2"]) -> Float[Array, "nodes 3 k"]:
         """Derivative of r at the nodes with respect to the coefficient of each field v: Re(φ v)."""
         return (self.null_curve(readout)[: self.nodes, :, None] * self.fields[:, None, :]).real
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Complex, Float
-from torch import Tensor
 
+from spinor_geom.arrays import Array, namespace, place_of, square
 from spinor_geom.deadline import require_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
@@ -36,9 +36,9 @@ from spinor_geom.plateau.roughness import is_rough, roughness
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
 from spinor_geom.plateau.steps import SPENT, STALLED
 from spinor_geom.plateau.vertices.through_points import PointEquations
+from spinor_geom.surface.array_surface import PATH_ORDER, ArraySurface
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up
-from spinor_geom.surface.spinor_surface import PATH_ORDER, SpinorSurface
 
 _NEGLIGIBLE_MOVE = 0.01  # displacement of Ω treated as 0, over the residual; with 1 areas are off by 5e-4
 # Number of pieces per side of polygons given by their corners alone: with 8 the residual of the tetrahedron's
@@ -154,7 +154,7 @@ class NetworkSolver:
 
     def _fitted_from(self, start: Disk) -> Fitted:
         """The fit from a discrete surface: its flattening gives Ω, its frames give p and q."""
-        sides, device = self._sides, self.problem.options.device
+        sides, place = self._sides, self.problem.options.place
 
         def boundaries(rims: tuple[Complex[np.ndarray, "_"], ...]) -> list[SplineBoundary]:
             return [SplineBoundary.through(rim, side.corners) for rim, side in zip(rims, sides, strict=True)]
@@ -171,32 +171,30 @@ class NetworkSolver:
             domain = PlaneDomain.inside(outer, flat.log_scale, holes=tuple(holes))
         with self.problem.clock.stage("features"):
             images = images_in_plane(start.vertices, start.faces, flat.boundary)
-            lifted = partial(lifted_spinors, start.vertices, start.faces, images, self._sizes, device)
+            lifted = partial(lifted_spinors, start.vertices, start.faces, images, self._sizes, place)
             spinors, branch = lifted(), None
-            rims = torch.split(spinors, list(self._sizes))
-            if holes and not any(bool(signs_close_up(*rim.unbind(-1))) for rim in rims):
+            ends = np.cumsum([0, *self._sizes]).tolist()
+            if holes and not any(bool(signs_close_up(*spinors[a:b].mT)) for a, b in pairwise(ends)):
                 branch = _point_in_hole(flat.rims[1])
                 spinors = lifted(branch=branch)
             stage = Discretisation.first(
                 domain,
-                tuple(CurveTensors.of(side.curve, device) for side in sides),
+                tuple(CurveTensors.of(side.curve, place) for side in sides),
                 tuple(side.knots[:-1][side.corners] for side in sides),
                 degree=self.problem.options.cauchy.degree,
                 offset=self.problem.options.cauchy.pole_offset,
                 tolerance=self.problem.options.tolerance,
                 branch=branch,
             )
-            edge = torch.as_tensor(np.searchsorted(domain.arcs[:, 0], stage.panels.t, side="right") - 1, device=device)
-            z = torch.as_tensor(stage.panels.z, device=device)
+            edge = place.put(np.searchsorted(domain.arcs[:, 0], stage.panels.t, side="right") - 1)
+            z = place.put(stage.panels.z)
             readout = stage.readout_of(spinors[edge] * stage.network.sign_changing(z)[:, None])
             parts = zip(stage.panels.own_parameters, domain.boundaries, sides, strict=True)
             slides = [np.interp(t, boundary.parameters, side.knots) for t, boundary, side in parts]
         with self.problem.clock.stage("fit"):
-            return self._refined(stage, readout, torch.as_tensor(np.concatenate(slides), device=device))
+            return self._refined(stage, readout, place.put(np.concatenate(slides)))
 
-    def _refined(
-        self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]
-    ) -> Fitted:
+    def _refined(self, stage: Discretisation, readout: Complex[Array, "n 2"], slide: Float[Array, " nodes"]) -> Fitted:
         """The best of several rounds of Gauss-Newton, each with more poles where the last residual was large."""
         # the moduli of a flattened mesh are inexact; with wrong moduli a fit may be near Γ at its nodes only
         begin = self._with_right_moduli if stage.has_moduli else self._fitted
@@ -226,7 +224,7 @@ class NetworkSolver:
         return bool(self.problem.excess(now.misfit) <= now.stage.room**order)
 
     def _with_right_moduli(
-        self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]
+        self, stage: Discretisation, readout: Complex[Array, "n 2"], slide: Float[Array, " nodes"]
     ) -> Fitted:
         """A fit in which the conformal moduli of Ω are unknowns too."""
         last, folds = np.inf, False
@@ -252,7 +250,7 @@ class NetworkSolver:
             last = fit.residual
         return replace(self._fitted(stage, readout, slide), folds=folds)
 
-    def _fitted(self, stage: Discretisation, readout: Complex[Tensor, "n 2"], slide: Float[Tensor, " nodes"]) -> Fitted:
+    def _fitted(self, stage: Discretisation, readout: Complex[Array, "n 2"], slide: Float[Array, " nodes"]) -> Fitted:
         fit = gauss_newton(stage.problem, readout, slide, allowed=self.problem.allowed, steps=self.problem.steps)
         return self._measured(stage, fit)
 
@@ -314,46 +312,41 @@ def _point_in_hole(hole: Complex[np.ndarray, " n"]) -> complex:
     return complex(np.average(corners[radius.argmax()], weights=sides[radius.argmax()]))
 
 
-def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[SpinorSurface, float]:
+def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[ArraySurface, float]:
     """The fitted surface at unit size, and the RMS distance of its boundary from the fit's.
 
     The fit integrates φ along ∂Ω, the surface along paths in Ω: they agree unless a path comes too near to a pole.
     """
     stage, fit = fitted.stage, fitted.fit
-    network, device = stage.network, fit.readout.device
-    with torch.no_grad():
-        network.readout.copy_(fit.readout)
-    some = torch.arange(stage.panels.order // 2, len(stage.panels.t), stage.panels.order, device=device)
+    place, xp = place_of(fit.readout), namespace(fit.readout)
+    network = replace(stage.network, readout=fit.readout)
+    some = xp.arange(stage.panels.order // 2, len(stage.panels.t), stage.panels.order)
     weight = stage.problem.arc_weights.reshape(-1, stage.panels.order).sum(1)
     # at notches edges of the polygon can leave Ω and come near poles; a finer polygon avoids this
     for parts in (1, _PARTS):
         domain = stage.domain if parts == 1 else stage.domain.divided(parts)
-        surface = SpinorSurface(network, domain, order=PATH_ORDER * fitted.rounds).to(device)
+        order = PATH_ORDER * fitted.rounds
         if domain.holes:
-            close_period(surface)
-        boundary = (stage.problem.positions(network.readout.detach()) + fit.constant)[some]
-        with torch.no_grad():
-            offset = boundary - surface.position(torch.as_tensor(stage.panels.z, device=device)[some])
-            # the median ignores paths that come too near to a pole
-            constant = offset.median(0).values
-            surface.constant.copy_(constant)
-        rms_offset = float(weight @ (offset - constant).square().sum(1)) ** 0.5
+            network = with_closed_period(network, domain, order)
+        boundary = (stage.problem.positions(network.readout) + fit.constant)[some]
+        offset = boundary - ArraySurface(network, domain, order=order).position(place.put(stage.panels.z)[some])
+        # the median ignores paths that come too near to a pole
+        constant = xp.sort(offset, axis=0)[(len(offset) - 1) // 2]
+        rms_offset = float(weight @ square(offset - constant).sum(1)) ** 0.5
         if rms_offset <= max(fitted.misfit.rms, allowed):
             break
-    return surface, rms_offset
+    return ArraySurface(network, domain, constant, order=order), rms_offset
 
 
-def close_period(surface: SpinorSurface) -> None:
-    """Changes a network's read-outs by the least amount so that Re ∮ φ dz = 0 around the hole, by Newton's method."""
-    network, (hole,) = surface.model, surface.domain.holes
-    assert isinstance(network, CauchyNetwork)
-    device = network.readout.device
-    panels = Panels.on(hole, panel_breaks(hole), surface.order)
-    with torch.no_grad():
-        features = network.features(torch.as_tensor(panels.z, device=device))
-        step = torch.as_tensor(panels.dz * panels.weights, device=device)[:, None]
-        for _ in range(4):
-            values = features @ network.readout
-            gap = (step * phi(*values.unbind(-1))).sum(0).real
-            by_p, by_q = (2 * (step * values).mT @ features).conj()[..., None]
-            network.readout.add_(PointEquations.of(by_p, by_q).step(gap[None], None))
+def with_closed_period(network: CauchyNetwork, domain: PlaneDomain, order: int) -> CauchyNetwork:
+    """A network with the least change of read-outs for which Re ∮ φ dz = 0 around the hole, by Newton's method."""
+    (hole,), put = domain.holes, place_of(network.readout).put
+    panels = Panels.on(hole, panel_breaks(hole), order)
+    features, readout = network.features(put(panels.z)), network.readout
+    step = put(panels.dz * panels.weights)[:, None]
+    for _ in range(4):
+        values = features @ readout
+        gap = (step * phi(*values.mT)).sum(0).real
+        by_p, by_q = (2 * (step * values).mT @ features).conj()[..., None]
+        readout = readout + PointEquations.of(by_p, by_q).step(gap[None], None)
+    return replace(network, readout=readout)

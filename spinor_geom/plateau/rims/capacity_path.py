@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
-import torch
+import numpy as np
 from jaxtyping import Float
 from scipy.optimize import brentq
-from torch import Tensor
 
+from spinor_geom.arrays import Array, namespace, place_of, square
 from spinor_geom.deadline import require_time
 from spinor_geom.errors import SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
@@ -35,7 +35,7 @@ def mean_modulus(domain: CircularDomain, n: int = 64) -> float:
 def _capacity(form: CirclesForm) -> tuple[float, Moduli]:
     """M, and the derivatives of T/2 with respect to the moduli, as sums over the nodes."""
     m = form.domain.rims
-    indicators = torch.eye(m, dtype=form.own.dtype, device=form.own.device)[:, None].repeat(1, form.steps, 1)
+    indicators = place_of(form.own).put(np.repeat(np.eye(m)[:, None], form.steps, axis=1))
     normal = form(indicators)
     return m * form.steps / float((indicators * normal).sum()), Moduli.of(form, indicators, normal)
 
@@ -96,33 +96,33 @@ class _OnPath:
         return math.log(self._capacity[0])
 
     @cached_property
-    def _pull(self) -> Float[Tensor, " k"]:
+    def _pull(self) -> Float[Array, " k"]:
         """The gradient of T/2 with respect to arc length (0) and the moduli."""
-        return torch.cat([torch.zeros_like(self.here.by_slides), self._capacity[1].slopes])
+        return namespace(self.here.slides).concat([0 * self.here.by_slides, self._capacity[1].slopes])
 
     @cached_property
-    def _by_log_modulus(self) -> Float[Tensor, " k"]:
+    def _by_log_modulus(self) -> Float[Array, " k"]:
         """The gradient of log M."""
-        return self._pull * (-2 * self._capacity[0] / self.here.slides.numel())
+        return self._pull * (-2 * self._capacity[0] / self.here.count)
 
     @cached_property
-    def _gradient(self) -> Float[Tensor, " k"]:
+    def _gradient(self) -> Float[Array, " k"]:
         """The gradient of E − λT."""
         return self.here.gradient[0] - self.multiplier * self._pull
 
     def _residual(self, log_modulus: float) -> float:
         """Residual of the equations of the path at a given log M."""
-        slides, moduli = torch.split(self._gradient, [self.here.slides.numel(), len(self.here.moduli.slopes)])
-        along = slides.square().mean().sqrt() / self.here.normal.square().sum(-1).mean().sqrt()
-        return max(float(along), float(moduli.abs().max() / self.here.energy), abs(self.log_modulus - log_modulus))
+        slides, moduli = self._gradient[: self.here.count], self._gradient[self.here.count :]
+        along = float(square(slides).mean() / square(self.here.normal).sum(-1).mean()) ** 0.5
+        return max(along, float(abs(moduli).max() / self.here.energy[0]), abs(self.log_modulus - log_modulus))
 
     @cached_property
-    def _steps(self) -> Float[Tensor, "2 k"]:
+    def _steps(self) -> Float[Array, "2 k"]:
         """Newton's step at fixed λ, and the derivative of the step with respect to λ."""
-        matrix, count = self.here.matrix(), self.here.slides.numel()
+        matrix, count = self.here.matrix(), self.here.count
         matrix[count:, count:] -= self.multiplier * self._capacity[1].hessian
-        steps: Tensor = torch.linalg.solve(matrix, torch.stack([-self._gradient, self._pull], dim=1)).T
-        return steps
+        xp = namespace(matrix)
+        return xp.linalg.solve(matrix, xp.stack([-self._gradient, self._pull], axis=1)).mT
 
     @cached_property
     def rise(self) -> float:
@@ -179,7 +179,7 @@ def _zero(problem: RimsProblem, low: _OnPath, high: _OnPath) -> HarmonicSurface:
         middle = _from_nearer((low, high), low.log_modulus + min(max(share, 0.1), 0.9) * width)
         found = problem.stationary(middle.here, saddles=True)
         is_between = low.log_modulus <= _OnPath.near(found).log_modulus <= high.log_modulus
-        if middle in (low, high) or width < _LEAST_STEP or (is_between and float(found.size) < SMALL):
+        if middle in (low, high) or width < _LEAST_STEP or (is_between and float(found.size[0]) < SMALL):
             return found
         low, high = (middle, high) if middle.multiplier * low.multiplier > 0 else (low, middle)
 

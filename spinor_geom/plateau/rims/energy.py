@@ -12,10 +12,21 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import torch
+import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
-from torch import Tensor
 
+from spinor_geom.arrays import (
+    Array,
+    add_to_diagonal,
+    cholesky,
+    closed_steps,
+    complex_of,
+    namespace,
+    norm,
+    place_of,
+    square,
+    zeros,
+)
 from spinor_geom.errors import OutOfTimeError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
@@ -40,27 +51,27 @@ class HarmonicSurface:
     """
 
     curves: CurveTensors  # a batch of the rims in the direction of ∂Ω
-    slides: Float[Tensor, "m n"]  # curve parameters
-    points: Float[Tensor, "m n 3"]  # Γ
-    speed: Float[Tensor, "m n"]  # |Γ′|
-    unit: Float[Tensor, "m n 3"]  # unit tangents
-    bends: Float[Tensor, "m n"]  # Γ″·ΛX by arc length
+    slides: Float[Array, "m n"]  # curve parameters
+    points: Float[Array, "m n 3"]  # Γ
+    speed: Float[Array, "m n"]  # |Γ′|
+    unit: Float[Array, "m n 3"]  # unit tangents
+    bends: Float[Array, "m n"]  # Γ″·ΛX by arc length
     form: CirclesForm  # Λ
     negligible: float  # as for `CirclesForm.of`
-    energy: Float[Tensor, "1"]  # E
-    by_slides: Float[Tensor, " mn"]  # derivative of E with respect to arc length along Γ
-    normal: Float[Tensor, "m n 3"]  # ΛX
+    energy: Float[Array, "1"]  # E
+    by_slides: Float[Array, " mn"]  # derivative of E with respect to arc length along Γ
+    normal: Float[Array, "m n 3"]  # ΛX
     held: bool = False  # whether the moduli are held fixed
 
     @classmethod
     def of(
-        cls, curves: CurveTensors, slides: Float[Tensor, "m n"], domain: CircularDomain, negligible: float
+        cls, curves: CurveTensors, slides: Float[Array, "m n"], domain: CircularDomain, negligible: float
     ) -> HarmonicSurface:
         """The energy and its derivatives at given slides and domain."""
         points, tangent, second = curves.point_and_derivatives(slides)
         form = CirclesForm.of(domain, slides.shape[1], negligible=negligible)
         normal = form(points)
-        speed = tangent.square().sum(-1).sqrt()
+        speed = norm(tangent)
         unit = tangent / speed[..., None]
         return cls(
             curves=curves,
@@ -68,11 +79,11 @@ class HarmonicSurface:
             points=points,
             speed=speed,
             unit=unit,
-            bends=(second * normal).sum(-1) / speed.square(),
+            bends=(second * normal).sum(-1) / square(speed),
             form=form,
             negligible=negligible,
-            energy=0.5 * (points * normal).sum()[None],
-            by_slides=(normal * unit).sum(-1).flatten(),
+            energy=0.5 * (points * normal).sum().reshape(1),
+            by_slides=(normal * unit).sum(-1).reshape(-1),
             normal=normal,
         )
 
@@ -89,13 +100,12 @@ class HarmonicSurface:
     @property
     def dirichlet_energy(self) -> float:
         """The Dirichlet energy: the area if the surface is conformal, more otherwise."""
-        return float(self.energy) * 2 * math.pi / self.slides.shape[1]
+        return float(self.energy[0]) * 2 * math.pi / self.slides.shape[1]
 
     @property
     def crowded(self) -> bool:
         """Whether a large part of a curve has no nodes."""
-        steps = torch.diff(self.slides, append=self.slides[:, :1] + 1)
-        return float(steps.max()) > min(CROWDED / self.slides.shape[1], _LARGE_PART)
+        return float(closed_steps(self.slides).max()) > min(CROWDED / self.slides.shape[1], _LARGE_PART)
 
     @property
     def is_apart(self) -> bool:
@@ -108,23 +118,23 @@ class HarmonicSurface:
         return self.crowded or self.is_apart
 
     @property
-    def is_over(self) -> Bool[Tensor, "1"]:
+    def is_over(self) -> Bool[Array, "1"]:
         """Whether the surface degenerates."""
-        return torch.tensor([self.falls_apart], device=self.slides.device)
+        return place_of(self.slides).put(np.array([self.falls_apart]))
 
     @cached_property
-    def size(self) -> Float[Tensor, "1"]:
+    def size(self) -> Float[Array, "1"]:
         """Relative gradient: the larger of its RMS in arc length over that of ΛX, and of its maximum in moduli over E.
 
         Rotations of Ω are projected out.
         """
-        by_slides, normal = self.gradient[:, : len(self.by_slides)], self.normal.square().sum(-1).mean()
-        along: Tensor = (by_slides.square().mean(-1) / normal).sqrt()
-        return along.maximum(self._slopes.abs().max() / self.energy)
+        by_slides, normal = self.gradient[:, : len(self.by_slides)], square(self.normal).sum(-1).mean()
+        xp = namespace(self.slides)
+        return xp.maximum(xp.sqrt(square(by_slides).mean(-1) / normal), abs(self._slopes).max() / self.energy)
 
     @property
-    def _slopes(self) -> Float[Tensor, " p"]:
-        return torch.zeros_like(self.moduli.slopes) if self.held else self.moduli.slopes
+    def _slopes(self) -> Float[Array, " p"]:
+        return 0 * self.moduli.slopes if self.held else self.moduli.slopes
 
     @property
     def stiffness(self) -> float:
@@ -132,107 +142,121 @@ class HarmonicSurface:
         return float(self.form.own.mean())
 
     @cached_property
-    def gradient(self) -> Float[Tensor, "1 k"]:
+    def gradient(self) -> Float[Array, "1 k"]:
         """The gradient in arc length and the moduli, orthogonal to rotations of Ω."""
-        gradient = torch.cat([self.by_slides, self._slopes])
+        gradient = namespace(self.slides).concat([self.by_slides, self._slopes])
         along = (gradient @ self.rotation) / (self.rotation @ self.rotation)
         return (gradient - along * self.rotation)[None]
 
-    def matrix(self) -> Float[Tensor, "k k"]:
+    def matrix(self) -> Float[Array, "k k"]:
         """The Hessian in arc length and the moduli, with a stiffness against rotations of Ω."""
-        unit, count = self.unit.reshape(-1, 3), self.slides.numel()
-        matrix = unit.new_empty(len(self.rotation), len(self.rotation))
-        torch.mul(unit @ unit.T, self.form.matrix(), out=matrix[:count, :count])
-        matrix.diagonal()[:count] += self.bends.flatten()
-        matrix[count:, :count], matrix[:count, count:] = self.mixed, self.mixed.T
-        matrix[count:, count:] = self._by_moduli
-        return matrix.addr_(self.rotation, self.rotation, alpha=self.stiffness)
+        unit, count = self.unit.reshape(-1, 3), self.count
+        matrix = (self.stiffness * self.rotation)[:, None] * self.rotation
+        own = (unit @ unit.mT) * self.form.matrix()
+        add_to_diagonal(own, self.bends.reshape(-1))
+        matrix[:count, :count] += own
+        matrix[count:, :count] += self.mixed
+        matrix[:count, count:] += self.mixed.mT
+        matrix[count:, count:] += self._by_moduli
+        return matrix
 
     def direction(
-        self, damping: Float[Tensor, "1"] | None, forcing: Float[Tensor, "1"]
-    ) -> tuple[Float[Tensor, "1 k"], Bool[Tensor, "1"]]:
+        self, damping: Float[Array, "1"] | None, forcing: Float[Array, "1"]
+    ) -> tuple[Float[Array, "1 k"], Bool[Array, "1"]]:
         """Newton's step; for few nodes by a Cholesky factor, damped until the matrix is definite."""
         if damping is None:
-            step = torch.linalg.solve(self.matrix(), -self.gradient[0])
-            return step[None], torch.zeros_like(self.energy, dtype=torch.bool)
-        if self.slides.numel() > DENSE:
+            step = namespace(self.slides).linalg.solve(self.matrix(), -self.gradient.mT)
+            return step.mT, self.energy != self.energy
+        if self.count > DENSE:
             return conjugate_gradients(self._hessian(damping), self.gradient, self._precondition, forcing)
-        metric = torch.cat([2 * (-self.bends).clamp(min=0).flatten(), self._by_moduli.diagonal().abs()])
+        xp = namespace(self.slides)
+        metric = xp.concat([2 * xp.clip(-self.bends, min=0).reshape(-1), self._scales])
         return factored(self.matrix(), metric, self.gradient, damping)
 
     @cached_property
-    def _by_moduli(self) -> Float[Tensor, "p p"]:
+    def _by_moduli(self) -> Float[Array, "p p"]:
         """The Hessian in the moduli."""
-        hessian = self.moduli.hessian
-        return hessian + torch.diag(torch.full_like(hessian[0], _HELD * float(self.energy))) if self.held else hessian
+        hessian = namespace(self.slides).asarray(self.moduli.hessian, copy=True)
+        if self.held:
+            add_to_diagonal(hessian, _HELD * float(self.energy[0]))
+        return hessian
 
-    def _hessian(self, damping: Float[Tensor, "1"]) -> Rows:
+    @property
+    def _scales(self) -> Float[Array, " p"]:
+        own = namespace(self.slides).arange(len(self._by_moduli))
+        return abs(self._by_moduli[own, own])
+
+    @property
+    def count(self) -> int:
+        """Number of nodes on all rims."""
+        return math.prod(self.slides.shape)
+
+    def _hessian(self, damping: Float[Array, "1"]) -> Rows:
         """Products with the damped `matrix`."""
         bends = reflected(self.bends, damping)
-        moduli = self._by_moduli + torch.diag(damping * self._by_moduli.diagonal().abs())
+        moduli, xp = namespace(self.slides).asarray(self._by_moduli, copy=True), namespace(self.slides)
+        add_to_diagonal(moduli, damping * self._scales)
 
-        def applied(rows: Float[Tensor, "1 k"]) -> Float[Tensor, "1 k"]:
+        def applied(rows: Float[Array, "1 k"]) -> Float[Array, "1 k"]:
             (x,) = rows
-            along, by_moduli = x[: bends.numel()], x[bends.numel() :]
+            along, by_moduli = x[: self.count], x[self.count :]
             u = along.reshape(bends.shape)
             image = (self.unit * self.form(self.unit * u[..., None])).sum(-1) + bends * u
-            slides = image.flatten() + self.mixed.T @ by_moduli
-            whole = torch.cat([slides, self.mixed @ along + moduli @ by_moduli])
-            stiffened: Tensor = whole + self.stiffness * (self.rotation @ x) * self.rotation
+            slides = image.reshape(-1) + self.mixed.mT @ by_moduli
+            whole = xp.concat([slides, self.mixed @ along + moduli @ by_moduli])
+            stiffened: Array = whole + self.stiffness * (self.rotation @ x) * self.rotation
             return stiffened[None]
 
         return applied
 
-    def _precondition(self, u: Float[Tensor, "1 k"]) -> Float[Tensor, "1 k"]:
-        count, scales = self.slides.numel(), self._by_moduli.diagonal().abs()
+    def _precondition(self, u: Float[Array, "1 k"]) -> Float[Array, "1 k"]:
+        count, scales = self.count, self._scales
         smooth = smoothed(u[0, :count].reshape(self.slides.shape))
-        return torch.cat([smooth.flatten(), u[0, count:] / scales])[None]
+        return namespace(u).concat([smooth.reshape(-1), u[0, count:] / scales])[None]
 
-    def at(self, which: Int[Tensor, " _"]) -> HarmonicSurface:
+    def at(self, which: Int[Array, " _"]) -> HarmonicSurface:
         """This surface."""
         return self
 
-    def replaced(self, which: Int[Tensor, " _"], other: HarmonicSurface) -> HarmonicSurface:
+    def replaced(self, which: Int[Array, " _"], other: HarmonicSurface) -> HarmonicSurface:
         """The other surface if `which` is not empty, else this one."""
         return other if len(which) else self
 
     @property
     def is_minimum(self) -> bool:
         """Whether the Morse index is 0; faster than `index`."""
-        return int(torch.linalg.cholesky_ex(self.matrix())[1]) == 0
+        return cholesky(self.matrix()) is not None
 
     @property
     def index(self) -> int:
         """Morse index: the number of negative eigenvalues of the Hessian."""
-        values = torch.linalg.eigvalsh(self.matrix())
-        return int((values < -ROUNDING * values.abs().max()).sum())
+        values = namespace(self.slides).linalg.eigvalsh(self.matrix())
+        return int((values < -ROUNDING * abs(values).max()).sum())
 
     @cached_property
-    def mixed(self) -> Float[Tensor, "p mn"]:
+    def mixed(self) -> Float[Array, "p mn"]:
         """Second derivatives in a modulus and arc length."""
-        mixed: Tensor = (self.moduli.changes * self.unit).sum(-1).flatten(1)
-        return mixed
+        return (self.moduli.changes * self.unit).sum(-1).reshape(-1, self.count)
 
     @cached_property
-    def rotation(self) -> Float[Tensor, " k"]:
+    def rotation(self) -> Float[Array, " k"]:
         """The displacement by an infinitesimal rotation of Ω, in arc length and the moduli."""
-        steps = torch.diff(self.slides, append=self.slides[:, :1] + 1)
-        signs = -torch.ones_like(steps[:, :1])
+        steps, xp = closed_steps(self.slides), namespace(self.slides)
+        signs = -xp.ones_like(steps[:, :1])
         signs[0] = 1
-        turned: Tensor = self.speed * (steps + steps.roll(1, -1)) * signs
+        turned = (self.speed * (steps + xp.roll(steps, 1, axis=-1)) * signs).reshape(-1)
         centre = -1j * self.domain.centres / self.domain.room[0] * (4 * math.pi / steps.shape[1])
-        centres = torch.stack([centre.real, centre.imag, torch.zeros_like(centre.real)], dim=-1).flatten()
-        rotation: Tensor = torch.cat([turned.flatten(), _without_first_centre(centres)]) / turned.norm()
-        return rotation
+        centres = xp.stack([centre.real, centre.imag, 0 * centre.real], axis=-1).reshape(-1)
+        return xp.concat([turned, _without_first_centre(centres)]) / norm(turned)
 
-    def stepped(self, direction: Float[Tensor, "1 k"], length: float = 1.0) -> HarmonicSurface:
+    def stepped(self, direction: Float[Array, "1 k"], length: float = 1.0) -> HarmonicSurface:
         """The surface after a step; this surface with infinite energy if circles would meet."""
-        count = self.slides.numel()
+        count = self.count
         slides, along = direction[0, :count].reshape(self.slides.shape) / self.speed, direction[0, count:]
-        length = min(length, _LARGEST_STEP / max(float(along.abs().max()), 1e-300))
+        length = min(length, _LARGEST_STEP / max(float(abs(along).max()), 1e-300))
         domain = self.domain.moved(length * along)
         if not float(domain.room[1].min()) > 0:
-            return replace(self, energy=torch.full_like(self.energy, torch.inf))
+            return replace(self, energy=namespace(self.slides).full_like(self.energy, math.inf))
         moved = slid(self.slides, slides, length)
         return replace(HarmonicSurface.of(self.curves, moved, domain, self.negligible), held=self.held)
 
@@ -245,63 +269,60 @@ class Moduli:
     """
 
     form: CirclesForm  # Λ
-    null: Complex[Tensor, "h n c"]  # ∂X/∂τ + iΛX on the holes
-    moves: Complex[Tensor, "h 3 n"]  # v/z′ for the three moduli of each hole
+    null: Complex[Array, "h n c"]  # ∂X/∂τ + iΛX on the holes
+    moves: Complex[Array, "h 3 n"]  # v/z′ for the three moduli of each hole
 
     @classmethod
-    def of(cls, form: CirclesForm, points: Float[Tensor, "m n c"], normal: Float[Tensor, "m n c"]) -> Moduli:
+    def of(cls, form: CirclesForm, points: Float[Array, "m n c"], normal: Float[Array, "m n c"]) -> Moduli:
         """The derivatives for boundary values X and ΛX."""
         room, modulus = form.domain.room
         turn = form.domain.circles(form.steps)[0]
         along = (room / form.domain.radii)[:, None] * turn
-        moves = torch.stack([1j * along, -along, (-1j * modulus)[:, None].expand_as(along)], dim=1)
-        return cls(form=form, null=torch.complex(derivative(points[1:]), without_highest(normal[1:])), moves=moves)
+        moves = namespace(turn).stack([1j * along, -along, 0 * along - 1j * modulus[:, None]], axis=1)
+        return cls(form=form, null=complex_of(derivative(points[1:]), without_highest(normal[1:])), moves=moves)
 
     @cached_property
-    def _carried(self) -> Complex[Tensor, "h 3 n c"]:
+    def _carried(self) -> Complex[Array, "h 3 n c"]:
         return self.null[:, None] * self.moves[..., None]
 
     @cached_property
-    def _all_slopes(self) -> Float[Tensor, "h 3"]:
-        total: Tensor = -0.5 * (self.null[:, None] * self._carried).imag.sum((-2, -1))
-        return total
+    def _all_slopes(self) -> Float[Array, "h 3"]:
+        return -0.5 * (self.null[:, None] * self._carried).imag.sum((-2, -1))
 
     @cached_property
-    def slopes(self) -> Float[Tensor, " p"]:
+    def slopes(self) -> Float[Array, " p"]:
         """First derivatives of E."""
-        return _without_first_centre(self._all_slopes.flatten())
+        return _without_first_centre(self._all_slopes.reshape(-1))
 
     @cached_property
-    def changes(self) -> Float[Tensor, "p m n c"]:
+    def changes(self) -> Float[Array, "p m n c"]:
         """The derivative of ΛX in each modulus."""
         h, _, n, columns = self._carried.shape
-        values = self.null.real.new_zeros(h, 3, h + 1, n, columns)
-        own = torch.arange(h)
+        values, xp, own = zeros((h, 3, h + 1, n, columns), self.null.real), namespace(self.null), np.arange(h)
         values[own, :, own + 1] = self._carried.real
-        side_by_side = _without_first_centre(values.flatten(0, 1)).permute(1, 2, 0, 3)
-        changes = -self.form(side_by_side.flatten(-2)).reshape(side_by_side.shape).permute(2, 0, 1, 3)
+        side_by_side = xp.permute_dims(_without_first_centre(values.reshape(3 * h, h + 1, n, columns)), (1, 2, 0, 3))
+        changed = -self.form(side_by_side.reshape(h + 1, n, -1)).reshape(side_by_side.shape)
         values[own, :, own + 1] = derivative(self._carried.imag)
-        return changes + _without_first_centre(values.flatten(0, 1))
+        return xp.permute_dims(changed, (2, 0, 1, 3)) + _without_first_centre(values.reshape(3 * h, h + 1, n, columns))
 
     @cached_property
-    def hessian(self) -> Float[Tensor, "p p"]:
+    def hessian(self) -> Float[Array, "p p"]:
         """Second derivatives of E."""
         h = len(self.null)
-        hole = _without_first_centre(torch.arange(h).repeat_interleave(3))
-        carried = _without_first_centre(self._carried.real.flatten(0, 1))
-        second = -torch.einsum("pnc,qpnc->pq", carried, self.changes[:, hole + 1])
+        hole = _without_first_centre(np.repeat(np.arange(h), 3))
+        carried = _without_first_centre(self._carried.real.reshape(3 * h, *self._carried.shape[2:]))
+        second = -(carried * self.changes[:, hole + 1]).sum((-2, -1)).mT
         # the units of centres and log moduli depend on the modulus
-        of_units = torch.zeros(h, 3, h, 3, dtype=second.dtype, device=second.device)
-        own = torch.arange(h)
+        of_units, own = zeros((h, 3, h, 3), second), np.arange(h)
         _, modulus = self.form.domain.room
         of_units[own, :2, own, 2] = modulus[:, None] * self._all_slopes[:, :2]
         of_units[own, 2, own, 2] = self._all_slopes[:, 2]
         rows = _without_first_centre(of_units.reshape(3 * h, 3 * h))
-        second = second + _without_first_centre(rows.T).T
-        return (second + second.T) / 2
+        second = second + _without_first_centre(rows.mT).mT
+        return (second + second.mT) / 2
 
 
-def _without_first_centre(rows: Tensor) -> Tensor:
+def _without_first_centre(rows: Array) -> Array:
     """Rows for all moduli, without the two for the centre of the first hole."""
     return rows[2:]
 

@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from scipy.interpolate import BPoly, PPoly
 from scipy.optimize import brentq
-from torch import Tensor
 
+from spinor_geom.arrays import Array, to_numpy
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import OutOfTimeError, SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
@@ -117,7 +116,7 @@ class RimsSolver:
         for loop, average, slide, circle in zip(loops, averages, smooth.slides, circles, strict=True):
             match = RimMatch(loop=loop, curve=average, boundary=circle, matching=_matching(slide))
             points.append(loop.points)
-            starts.append(torch.as_tensor(match.points_in_domain(), device=self.problem.options.device))
+            starts.append(self.problem.options.place.put(match.points_in_domain()))
         with self.problem.clock.stage("fit"):
             found = surface_through(smooth, starts, points, allowed=self.problem.allowed, steps=self.problem.steps)
         return replace(found, between=_between(placed, smooth.series.antiperiodic, found.surface.largest_period()))
@@ -185,10 +184,10 @@ class RimsSolver:
     @cached_property
     def _rims(self) -> tuple[tuple[Rim, ...], ...]:
         """The rims at each step of the continuation."""
-        device = self.problem.options.device
+        place = self.problem.options.place
         return tuple(
             tuple(
-                Rim(number=k, directions=(CurveTensors.of(curve, device), CurveTensors.of(curve.reversed(), device)))
+                Rim(number=k, directions=(CurveTensors.of(curve, place), CurveTensors.of(curve.reversed(), place)))
                 for k, curve in enumerate(curves)
             )
             for curves in self._continuation
@@ -234,7 +233,7 @@ class RimsSolver:
         tried: list[tuple[Lift, HarmonicSurface]] = []
         limit, before = "more nodes on the rims do not help", math.inf
         for finer in self._finer(placed, saddles=saddles):
-            goal = self.problem.allowed * (_WELL_BELOW if finer.slides.numel() <= DENSE else 1.0)
+            goal = self.problem.allowed * (_WELL_BELOW if finer.count <= DENSE else 1.0)
             if self.problem.options.is_series:
                 goal = float(np.finfo(np.float64).tiny)
             with self.problem.clock.stage("lift"):
@@ -320,9 +319,9 @@ def _from_average(curve: BoundaryCurve) -> list[BoundaryCurve]:
     return [average, *(average.towards(curve, share) for share in shares)]
 
 
-def _matching(slide: Float[Tensor, " n"]) -> Float[np.ndarray, "n 2"]:
+def _matching(slide: Float[Array, " n"]) -> Float[np.ndarray, "n 2"]:
     """`RimMatch.matching` for slides at equal steps, shifted so that the first one is in [0, 1)."""
-    return np.column_stack([np.arange(len(slide)) / len(slide), (slide - slide[0].floor()).cpu().numpy()])
+    return np.column_stack([np.arange(len(slide)) / len(slide), to_numpy(slide - float(slide[0]) // 1)])
 
 
 def _lifted(surface: HarmonicSurface, curves: CurveTensors, *, allowed: float) -> Lift:

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float
-from torch import Tensor
 
+from spinor_geom.arrays import Array, Place, cis, namespace, norm, place_of, to_numpy, unit
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -41,11 +40,14 @@ class Rim:
     number: int  # index of the given loop
     directions: tuple[CurveTensors, CurveTensors]  # the curve as given, and reversed
 
-    def samples(self, n: int, *, back: bool = False) -> Float[Tensor, "n 3"]:
+    @property
+    def place(self) -> Place:
+        """Where the curve is."""
+        return place_of(self.directions[0].breaks)
+
+    def samples(self, n: int, *, back: bool = False) -> Float[np.ndarray, "n 3"]:
         """Points at equal steps of the parameter."""
-        breaks = self.directions[back].breaks
-        even = torch.arange(n, dtype=breaks.dtype, device=breaks.device) / n
-        return self.directions[back].point_and_derivative(even)[0]
+        return to_numpy(self.directions[back].point_and_derivative(self.place.put(np.arange(n) / n))[0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,11 +60,13 @@ class OrientedSurface:
 
     @classmethod
     def of(
-        cls, rims: Sequence[Rim], back: Sequence[bool], slides: Float[Tensor, "m n"], domain: CircularDomain
+        cls, rims: Sequence[Rim], back: Sequence[bool], slides: Float[Array, "m n"], domain: CircularDomain
     ) -> OrientedSurface:
-        """The surface with given slides over a given domain."""
+        """The surface with given slides over a given domain, which are moved to where the curves are."""
+        put = rims[0].place.put
+        domain = CircularDomain(centres=put(domain.centres), log_radii=put(domain.log_radii))
         curves = CurveTensors.batch([rim.directions[is_back] for rim, is_back in zip(rims, back, strict=True)])
-        surface = HarmonicSurface.of(curves, slides, domain, ROUND_OFF)
+        surface = HarmonicSurface.of(curves, put(slides), domain, ROUND_OFF)
         return cls(rims=tuple(rims), back=tuple(back), surface=surface)
 
     def as_run(self, given: Sequence[_LoopOrCurve]) -> list[_LoopOrCurve]:
@@ -76,7 +80,8 @@ class OrientedSurface:
             return self
         slides, domain = self.surface.slides, self.surface.domain
         mirrored = CircularDomain(centres=domain.centres.conj(), log_radii=domain.log_radii)
-        ahead = torch.cat([1 - slides[:, :1], 2 - slides[:, 1:].flip(1)], dim=1)
+        xp = namespace(slides)
+        ahead = xp.concat([1 - slides[:, :1], 2 - xp.flip(slides[:, 1:], axis=1)], axis=1)
         return OrientedSurface.of(self.rims, [not back for back in self.back], ahead, mirrored)
 
 
@@ -86,23 +91,21 @@ def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> OrientedSur
     The modulus is that of the first minimum of the energy, else of the first maximum of its slope, else 1 more than
     that between concentric circles of the curves' lengths.
     """
-    points = torch.stack([first.samples(n), second.samples(n, back=back)])
-    spectrum = torch.fft.rfft(points, dim=1)
-    weight = torch.full_like(points[0, : n // 2 + 1, 0], 2.0)
+    points = np.stack([first.samples(n), second.samples(n, back=back)])
+    spectrum = np.fft.rfft(points, axis=1)
+    weight = np.full(n // 2 + 1, 2.0)
     weight[0] = weight[-1] = 1.0
-    square = weight * spectrum.abs().square().sum((0, 2)) / n
+    square = weight * (np.abs(spectrum) ** 2).sum(axis=(0, 2)) / n
     cross = (spectrum[0] * spectrum[1]).sum(-1)
-    logarithms = torch.arange(math.log(2 * math.pi / n), math.log(MOST_MODULUS), _STEP, dtype=weight.dtype)
-    moduli = logarithms.to(weight.device).exp()
+    moduli = np.exp(np.arange(math.log(2 * math.pi / n), math.log(MOST_MODULUS), _STEP))
     own, other = multipliers(moduli, n)
     # for all shifts of the second curve by j steps; a row for each modulus
-    energy, shift = (0.5 * (own @ square)[:, None] + torch.fft.irfft(other * cross, n=n, dim=-1)).min(dim=1)
-    sizes = (points.roll(-1, 1) - points).norm(dim=-1).sum(1).log().tolist()
-    usual = int((moduli - 1 - abs(sizes[0] - sizes[1])).abs().argmin())
-    row = _first_valley(energy, usual)
-    even = torch.arange(n, dtype=weight.dtype, device=weight.device) / n
-    domain = CircularDomain.annulus(float(moduli[row]), weight.device)
-    slides = torch.stack([even, even + float(shift[row]) / n])
+    energies = 0.5 * (own @ square)[:, None] + np.fft.irfft(other * cross, n=n)
+    sizes = np.log(norm(np.roll(points, -1, axis=1) - points).sum(axis=1)).tolist()
+    usual = int(np.abs(moduli - 1 - abs(sizes[0] - sizes[1])).argmin())
+    row = _first_valley(energies.min(axis=1), usual)
+    even, domain = np.arange(n) / n, CircularDomain.annulus(float(moduli[row]))
+    slides = np.stack([even, even + int(energies[row].argmin()) / n])
     return OrientedSurface.of((first, second), (False, back), slides, domain)
 
 
@@ -112,89 +115,88 @@ def projected_starts(rims: Sequence[Rim], n: int) -> list[OrientedSurface]:
     Rims of a junction do not overlap in the projection from their centre; those of a hole with islands do not in one
     from above. Circles that cross are shrunk.
     """
-    samples = torch.stack([rim.samples(n) for rim in rims])
-    middle = samples.mean(1).mean(0)
-    axes = torch.linalg.eigh(torch.einsum("mni,mnj->ij", samples - middle, samples - middle))[1].T
-    size = (samples - middle).norm(dim=-1).max()
-    views = [torch.zeros_like(axes[0]), *(share * axis for share in _VIEW_DISTANCES for axis in (*axes, *-axes))]
+    samples = np.stack([rim.samples(n) for rim in rims])
+    middle = samples.mean(axis=1).mean(axis=0)
+    axes = np.linalg.eigh(np.einsum("mni,mnj->ij", samples - middle, samples - middle))[1].T
+    size = norm(samples - middle).max()
+    views = [np.zeros(3), *(share * axis for share in _VIEW_DISTANCES for axis in (*axes, *-axes))]
     starts = [_projected(rims, samples, middle + size * view) for view in views]
     found = sorted((start for start in starts if start is not None), key=lambda start: start.surface.dirichlet_energy)
     return [start.with_first_as_given() for start in found[:_KEPT]]
 
 
 def _projected(
-    rims: Sequence[Rim], samples: Float[Tensor, "m n 3"], view: Float[Tensor, "3"]
+    rims: Sequence[Rim], samples: Float[np.ndarray, "m n 3"], view: Float[np.ndarray, "3"]
 ) -> OrientedSurface | None:
     """The start from the projection around a view point; None where the projected rims overlap."""
     m, n = samples.shape[:2]
-    away = torch.nn.functional.normalize(samples - view, dim=-1)
-    mean = away.mean(1)
-    axis = torch.linalg.eigh(torch.einsum("mni,mnj->mij", away - mean[:, None], away - mean[:, None]))[1][..., 0]
-    height = (away @ axis[..., None]).mean((1, 2))
+    away = unit(samples - view)
+    mean = away.mean(axis=1)
+    axis = np.linalg.eigh(np.einsum("mni,mnj->mij", away - mean[:, None], away - mean[:, None]))[1][..., 0]
+    height = (away @ axis[..., None]).mean(axis=(1, 2))
     # orient each axis away from the other rims
-    side = torch.einsum("kni,mi->mkn", away, axis) - height[:, None, None]
-    side[torch.arange(m), torch.arange(m)] = 0
-    sign = -side.sum((1, 2)).sign()
-    axis, width = sign[:, None] * axis, (sign * height).clamp(-_NARROWEST, _NARROWEST).acos()
+    side = np.einsum("kni,mi->mkn", away, axis) - height[:, None, None]
+    side[np.arange(m), np.arange(m)] = 0
+    sign = -np.sign(side.sum(axis=(1, 2)))
+    axis, width = sign[:, None] * axis, np.arccos(np.clip(sign * height, -_NARROWEST, _NARROWEST))
     # the widest circle is the outer one, the one opposite to it surrounds 0
     opposite = axis @ axis[width.argmax()]
-    order = opposite.index_fill(0, width.argmax(), -math.inf).argsort()
+    opposite[width.argmax()] = -math.inf
+    order = opposite.argsort()
     projected = _circles_on_sphere(axis[order], width[order], away[order])
     if projected is None:
         return None
     domain, points = projected
-    even, coordinates = np.arange(n) / n, domain.coordinates(points).cpu().numpy()
+    even, coordinates = np.arange(n) / n, domain.coordinates(points)
     slides, back = [], []
     for k in range(m):
         turn = np.unwrap(np.angle(coordinates[k, k])) / (2 * np.pi)
         back.append(bool(turn[-1] < turn[0]))
         own = -even if back[-1] else even
         slides.append(even + np.interp(even, turn, own - turn, period=1))
-    return OrientedSurface.of(
-        [rims[k] for k in order.tolist()], back, torch.as_tensor(np.stack(slides), device=away.device), domain
-    )
+    return OrientedSurface.of([rims[k] for k in order.tolist()], back, np.stack(slides), domain)
 
 
 def _circles_on_sphere(
-    axis: Float[Tensor, "m 3"], width: Float[Tensor, " m"], points: Float[Tensor, "m k 3"]
-) -> tuple[CircularDomain, Complex[Tensor, "m k"]] | None:
+    axis: Float[np.ndarray, "m 3"], width: Float[np.ndarray, " m"], points: Float[np.ndarray, "m k 3"]
+) -> tuple[CircularDomain, Complex[np.ndarray, "m k"]] | None:
     """Ω between circles on a sphere, the first one outer and the second one around 0, and images of points in Ω.
 
     None if circles still cross after shrinking.
     """
-    distance = (axis @ axis.T).clamp(-1, 1).acos()
-    distance.fill_diagonal_(math.inf)
+    distance = np.arccos(np.clip(axis @ axis.T, -1, 1))
+    np.fill_diagonal(distance, math.inf)
     for _ in range(_SHRINKINGS):
-        excess = (width[:, None] + width - distance).max(dim=1).values.clamp(min=0)
+        excess = np.maximum((width[:, None] + width - distance).max(axis=1), 0)
         if not excess.any():
             break
-        width = (width - excess).maximum(width / 2)
-    basis = torch.linalg.qr(axis[:1].T, mode="complete")[0]
-    frame = torch.stack([basis[:, 1], torch.linalg.cross(axis[0], basis[:, 1]), axis[0]])
+        width = np.maximum(width - excess, width / 2)
+    basis = np.linalg.qr(axis[:1].T, mode="complete")[0]
+    frame = np.stack([basis[:, 1], np.cross(axis[0], basis[:, 1]), axis[0]])
     # stereographic projection from the pole of the first circle, which becomes the unit circle
-    outer = torch.tan(width[0] / 2)
-    x, y, z = (points @ frame.T).unbind(-1)
-    flat = torch.complex(x, y) / (1 - z) * outer
+    outer = np.tan(width[0] / 2)
+    x, y, z = np.moveaxis(points @ frame.T, -1, 0)
+    flat = (x + 1j * y) / (1 - z) * outer
     # images of the two points of each circle on the meridian of its axis
-    x, y, z = (axis[1:] @ frame.T).unbind(-1)
-    angle = z.clamp(-1, 1).acos()
-    near, far = (outer / torch.tan((angle + sign * width[1:]) / 2) for sign in (1, -1))
-    centre, radius = torch.polar((near + far) / 2, torch.atan2(y, x)), (far - near) / 2
+    x, y, z = (axis[1:] @ frame.T).T
+    angle = np.arccos(np.clip(z, -1, 1))
+    near, far = (outer / np.tan((angle + sign * width[1:]) / 2) for sign in (1, -1))
+    centre, radius = (near + far) / 2 * cis(np.arctan2(y, x)), (far - near) / 2
     # a Möbius map of the unit disk moves the second circle's centre to 0
     product = 1 + near[0] * far[0]
-    root = (near + far)[0] / (product + (product.square() - (near + far)[0].square()).clamp(min=0).sqrt())
-    to = torch.polar(root, centre[0].angle())
-    below = (1 - to.conj() * centre).abs().square() - (root * radius).square()
-    centre = ((centre - to) * (1 - to * centre.conj()) + to * radius.square()) / below
+    root = (near + far)[0] / (product + np.sqrt(max(product**2 - (near + far)[0] ** 2, 0.0)))
+    to = root * np.exp(1j * np.angle(centre[0]))
+    below = np.abs(1 - to.conj() * centre) ** 2 - (root * radius) ** 2
+    centre = ((centre - to) * (1 - to * centre.conj()) + to * radius**2) / below
     centre[0] = 0
-    domain = CircularDomain(centres=centre, log_radii=(radius * (1 - root.square()) / below).log())
+    domain = CircularDomain(centres=centre, log_radii=np.log(radius * (1 - root**2) / below))
     return (domain, (flat - to) / (1 - to.conj() * flat)) if domain.nearness < 1 else None
 
 
-def _first_valley(energy: Float[Tensor, " k"], usual: int) -> int:
+def _first_valley(energy: Float[np.ndarray, " k"], usual: int) -> int:
     """Index of the first local minimum of a function, else of the first local maximum of its slope, else `usual`."""
     inner = (energy[1:-1] <= energy[:-2]) & (energy[1:-1] < energy[2:])
     if not inner.any():
-        slope = energy.diff()
+        slope = np.diff(energy)
         inner = (slope[1:-1] > slope[:-2]) & (slope[1:-1] >= slope[2:])
-    return 1 + int(inner.to(torch.int8).argmax()) if inner.any() else usual
+    return 1 + int(inner.argmax()) if inner.any() else usual

@@ -11,11 +11,23 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float
-from scipy.linalg.blas import dsyrk, zherk
-from torch import Tensor
 
+from spinor_geom.arrays import (
+    EPS,
+    Array,
+    Place,
+    add_to_diagonal,
+    cholesky_solve,
+    complex_of,
+    definite_cholesky,
+    gram,
+    namespace,
+    place_of,
+    solve_lower,
+    square,
+    zeros,
+)
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
@@ -37,52 +49,45 @@ _LENGTHS = (1.0, 0.5, 0.25)
 DEGREE = 24  # degree of the polynomials; with 12 two of these rims keep 1e-3 to 3e-3 of an edge, 48 improves none
 
 
-def gram(rows: Float[Tensor, "m k"] | Complex[Tensor, "m k"]) -> Float[Tensor, "k k"] | Complex[Tensor, "k k"]:
-    """Lower triangle of rowsᴴ·rows."""
-    if rows.is_cuda:
-        return rows.mH @ rows
-    # BLAS computes one triangle only: the upper one by columns, which is the lower one by rows
-    product = zherk if rows.is_complex() else dsyrk
-    return torch.from_numpy(product(1.0, rows.numpy().T).T)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointEquations:
     """Linearised distances of n points from their targets, as functions of orthonormal read-outs."""
 
-    by_p: Complex[Tensor, "k n"]  # conjugates of ∫ 2pf dz to each point for all features f
-    by_q: Complex[Tensor, "k n"]  # likewise of ∫ 2qf dz
-    factor: Float[Tensor, "n3 n3"]  # of the Gram matrix of the 3n functions
+    by_p: Complex[Array, "k n"]  # conjugates of ∫ 2pf dz to each point for all features f
+    by_q: Complex[Array, "k n"]  # likewise of ∫ 2qf dz
+    factor: Float[Array, "n3 n3"]  # of the Gram matrix of the 3n functions
 
     @classmethod
-    def of(cls, by_p: Complex[Tensor, "k n"], by_q: Complex[Tensor, "k n"]) -> PointEquations:
+    def of(cls, by_p: Complex[Array, "k n"], by_q: Complex[Array, "k n"]) -> PointEquations:
         """The equations with their factor."""
         n = by_p.shape[1]
-        lower = gram(torch.cat([by_p, by_q], dim=1))
+        xp = namespace(by_p)
+        lower = gram(xp.concat([by_p, by_q], axis=1))
         pp, qp, qq = lower[:n, :n], lower[n:, :n], lower[n:, n:]
-        matrix = torch.zeros(3 * n, 3 * n, dtype=torch.float64, device=lower.device)
+        matrix = zeros((3 * n, 3 * n), lower.real)
         for k in range(3):
             matrix[k * n : (k + 1) * n, k * n : (k + 1) * n] = (pp + qq).real
-        difference = (pp - qq).imag.tril()
+        difference = xp.tril((pp - qq).imag)
         matrix[n : 2 * n, :n] = difference - difference.mT
-        matrix[2 * n :, :n] = (qp - qp.mH).real
-        matrix[2 * n :, n : 2 * n] = -(qp + qp.mH).imag
-        matrix.diagonal().add_(_DAMPING * matrix.diagonal().mean())
-        return cls(by_p=by_p, by_q=by_q, factor=torch.linalg.cholesky(matrix))
+        matrix[2 * n :, :n] = (qp - qp.mT.conj()).real
+        matrix[2 * n :, n : 2 * n] = -(qp + qp.mT.conj()).imag
+        own = xp.arange(3 * n)
+        add_to_diagonal(matrix, _DAMPING * matrix[own, own].mean())
+        return cls(by_p=by_p, by_q=by_q, factor=definite_cholesky(matrix))
 
-    def step(self, error: Float[Tensor, "n 3"], away: Complex[Tensor, "k 2"] | None) -> Complex[Tensor, "k 2"]:
+    def step(self, error: Float[Array, "n 3"], away: Complex[Array, "k 2"] | None) -> Complex[Array, "k 2"]:
         """The change of least norm of the read-outs that removes an error.
 
         With `away`, the difference of the read-outs from given ones, the new read-outs are the nearest to those.
         """
-        right = error
+        right, xp = error, namespace(error)
         if away is not None:
-            (pp, pq), (qp, qq) = (self.by_p.mH @ away).T, (self.by_q.mH @ away).T
-            right = error - torch.stack([pp - qq, -1j * (pp + qq), qp + pq], dim=1).real
-        x, y, z = torch.cholesky_solve(right.T.reshape(-1, 1), self.factor).reshape(3, -1)
-        xy, z = torch.complex(x, y), torch.complex(z, torch.zeros_like(z))
+            (pp, pq), (qp, qq) = (self.by_p.mT.conj() @ away).mT, (self.by_q.mT.conj() @ away).mT
+            right = error - xp.stack([pp - qq, -1j * (pp + qq), qp + pq], axis=1).real
+        x, y, z = cholesky_solve(self.factor, right.mT.reshape(-1, 1)).reshape(3, -1)
+        xy, z = complex_of(x, y), z + 0j
         p, q = self.by_p, self.by_q
-        change = -torch.stack([p @ xy + q @ z, p @ z - q @ xy.conj()], dim=1)
+        change = -xp.stack([p @ xy + q @ z, p @ z - q @ xy.conj()], axis=1)
         return change if away is None else change - away
 
 
@@ -90,75 +95,75 @@ class PointEquations:
 class OnRim:
     """The features on one rim of Ω, times the function that changes sign around holes."""
 
-    polygon: Complex[Tensor, " n"]
-    dz: Complex[Tensor, "n g"]  # weights of integrals, at Gauss-Legendre nodes on the edges
-    sign: Complex[Tensor, "n g"]
-    features: Complex[Tensor, "n g k"]
+    polygon: Complex[Array, " n"]
+    dz: Complex[Array, "n g"]  # weights of integrals, at Gauss-Legendre nodes on the edges
+    sign: Complex[Array, "n g"]
+    features: Complex[Array, "n g k"]
     own: slice  # the features of the rim's own poles
-    norm: Complex[Tensor, "c c"]  # L with LLᴴ the Gram matrix of the own features in H¹
+    norm: Complex[Array, "c c"]  # L with LLᴴ the Gram matrix of the own features in H¹
 
-    def nearest(self, spinors: Complex[Tensor, "n g 2"]) -> Complex[Tensor, "c 2"]:
+    def nearest(self, spinors: Complex[Array, "n g 2"]) -> Complex[Array, "c 2"]:
         """Orthonormal read-outs of the own features, without sign change, nearest in H¹ to values at the nodes."""
-        norm = _norm_of_edge(spinors.shape[1], spinors.device).to(spinors)
+        norm = _norm_of_edge(spinors.shape[1], place_of(spinors)) + 0j
         weighted = norm.mT @ (norm @ spinors) * shares(self.polygon)[:, None, None] / self.sign.conj()[..., None]
-        nearest: Tensor = torch.linalg.solve_triangular(
-            self.norm, self.features[..., self.own].flatten(0, 1).mH @ weighted.flatten(0, 1), upper=False
-        )
-        return nearest
+        features = self.features[..., self.own]
+        rows = features.reshape(-1, features.shape[-1])
+        return solve_lower(self.norm, rows.mT.conj() @ weighted.reshape(-1, 2))
 
-    def nearest_between(self, spinors: Complex[Tensor, "n 2"]) -> Complex[Tensor, "k 2"]:
+    def nearest_between(self, spinors: Complex[Array, "n 2"]) -> Complex[Array, "k 2"]:
         """Orthonormal read-outs nearest in H¹ to values at the midpoints of the edges, linear between them."""
-        place = torch.tensor(rule("gauss", self.features.shape[1]).nodes, device=spinors.device)[:, None]
-        edge = shares(self.polygon)[:, None, None]
-        before, after = spinors.roll(1, 0)[:, None], spinors.roll(-1, 0)[:, None]
-        back = (0.5 - place).clamp(min=0) * edge * 2 / (edge + edge.roll(1, 0))
-        ahead = (place - 0.5).clamp(min=0) * edge * 2 / (edge + edge.roll(-1, 0))
+        share = place_of(spinors).put(rule("gauss", self.features.shape[1]).nodes)[:, None]
+        edge, xp = shares(self.polygon)[:, None, None], namespace(spinors)
+        before, after = xp.roll(spinors, 1, axis=0)[:, None], xp.roll(spinors, -1, axis=0)[:, None]
+        back = xp.clip(0.5 - share, min=0) * edge * 2 / (edge + xp.roll(edge, 1, axis=0))
+        ahead = xp.clip(share - 0.5, min=0) * edge * 2 / (edge + xp.roll(edge, -1, axis=0))
         return self.nearest((1 - back - ahead) * spinors[:, None] + back * before + ahead * after)
 
-    def steps(self, spinors: Complex[Tensor, "n g 2"]) -> Float[Tensor, "n 3"]:
+    def steps(self, spinors: Complex[Array, "n g 2"]) -> Float[Array, "n 3"]:
         """Re ∫ φ dz over each edge."""
         squares = (spinors * self.dz[..., None]).mT @ spinors
         return null_vector(squares[:, 0, 0], squares[:, 1, 1], squares[:, 0, 1]).real
 
-    def changes(self, spinors: Complex[Tensor, "n g 2"]) -> Complex[Tensor, "2 n k"]:
+    def changes(self, spinors: Complex[Array, "n g 2"]) -> Complex[Array, "2 n k"]:
         """∫ 2pf dz and ∫ 2qf dz over each edge for all features f."""
-        return (2 * (spinors * self.dz[..., None]).mT @ self.features).transpose(0, 1)
+        return (2 * (spinors * self.dz[..., None]).mT @ self.features).swapaxes(0, 1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Basis:
     """Polynomials and Cauchy units, those of the outer rim first, with the H¹ norm of each rim's features."""
 
-    hessenberg: Complex[Tensor, "d1 d"]
-    poles: Complex[Tensor, " m"]
-    scales: Float[Tensor, " m"]
-    branches: Complex[Tensor, " b"]
+    hessenberg: Complex[Array, "d1 d"]
+    poles: Complex[Array, " m"]
+    scales: Float[Array, " m"]
+    branches: Complex[Array, " b"]
     rims: tuple[OnRim, ...]
-    ways: tuple[tuple[Complex[Tensor, "_ k"], Complex[Tensor, "_"]], ...]  # features on a path to each rim, and dz
+    ways: tuple[tuple[Complex[Array, "_ k"], Complex[Array, "_"]], ...]  # features on a path to each rim, and dz
 
     @classmethod
     def on(
         cls,
-        polygons: Sequence[Complex[Tensor, "_"]],
+        polygons: Sequence[Complex[Array, "_"]],
         poles: Sequence[Poles],
         *,
         nodes: int,
         ways: Sequence[tuple[Complex[np.ndarray, "_"], Complex[np.ndarray, "_"]]] = (),
-        branches: Complex[Tensor, " b"] | None = None,
+        branches: Complex[Array, " b"] | None = None,
     ) -> Basis:
         """The features on the rims of Ω.
 
         Raises:
             OutOfTimeError: time ran out.
         """
-        outer = polygons[0]
+        outer, xp = polygons[0], namespace(polygons[0])
+        place = place_of(outer)
         branches = outer[:0] if branches is None else branches
-        positions = torch.as_tensor(np.concatenate([each.positions for each in poles]), device=outer.device)
-        scales = torch.as_tensor(np.concatenate([each.scales for each in poles]), device=outer.device)
-        gauss = torch.tensor(rule("gauss", nodes).weights, device=outer.device)
+        positions = place.put(np.concatenate([each.positions for each in poles]))
+        scales = place.put(np.concatenate([each.scales for each in poles]))
+        gauss = place.put(rule("gauss", nodes).weights)
         weight = shares(outer)[:, None] * gauss
         hessenberg = arnoldi_hessenberg(
-            nodes_on_edges(outer, nodes).flatten(), weight.flatten(), min(DEGREE, max(2, len(outer) // 2))
+            nodes_on_edges(outer, nodes).reshape(-1), weight.reshape(-1), min(DEGREE, max(2, len(outer) // 2))
         )
         # polynomials count as features of the outer rim
         ends = [0, *(len(hessenberg) + np.cumsum([len(each.positions) for each in poles])).tolist()]
@@ -170,23 +175,24 @@ class Basis:
             features = raw_features(z, hessenberg, positions, scales)
             require_time()
             own = slice(*ends[number : number + 2])
-            root = _norm_of_edge(nodes, outer.device).to(features) * shares(polygon).sqrt()[:, None, None]
-            matrix = gram((root @ features[..., own]).flatten(0, 1))
+            root = _norm_of_edge(nodes, place) * xp.sqrt(shares(polygon))[:, None, None] + 0j
+            rows = root @ features[..., own]
+            matrix, each = gram(rows.reshape(-1, rows.shape[-1])), xp.arange(rows.shape[-1])
             # units with neighbouring poles are nearly linearly dependent
-            matrix.diagonal().add_(torch.finfo(root.real.dtype).eps ** 0.5 * matrix.diagonal().real.mean())
+            add_to_diagonal(matrix, EPS**0.5 * matrix[each, each].real.mean())
             rims.append(
                 OnRim(
                     polygon=polygon,
-                    dz=(polygon.roll(-1) - polygon)[:, None] * gauss,
+                    dz=(xp.roll(polygon, -1) - polygon)[:, None] * gauss,
                     sign=sign,
-                    features=features.mul_(sign[..., None]) if len(branches) else features,
+                    features=features * sign[..., None] if len(branches) else features,
                     own=own,
-                    norm=torch.linalg.cholesky(matrix),
+                    norm=definite_cholesky(matrix),
                 )
             )
         on_ways = [
             (raw_features(z, hessenberg, positions, scales) * sign_changing(z, branches)[..., None], dz)
-            for z, dz in ([torch.as_tensor(part, device=outer.device) for part in way] for way in ways)
+            for z, dz in ([place.put(part) for part in way] for way in ways)
         ]
         return cls(
             hessenberg=hessenberg,
@@ -197,19 +203,16 @@ class Basis:
             ways=tuple(on_ways),
         )
 
-    def raw(self, readout: Complex[Tensor, "k 2"]) -> Complex[Tensor, "k 2"]:
+    def raw(self, readout: Complex[Array, "k 2"]) -> Complex[Array, "k 2"]:
         """Read-outs of the features from read-outs of the orthonormal ones."""
-        return torch.cat(
-            [torch.linalg.solve_triangular(rim.norm.mH, readout[rim.own], upper=True) for rim in self.rims]
-        )
+        parts = [solve_lower(rim.norm, readout[rim.own], adjoint=True) for rim in self.rims]
+        return namespace(readout).concat(parts)
 
-    def orthonormal(self, rows: Complex[Tensor, "r k"]) -> Complex[Tensor, "k r"]:
+    def orthonormal(self, rows: Complex[Array, "r k"]) -> Complex[Array, "k r"]:
         """Conjugates of linear functions of the features, as functions of the orthonormal ones."""
-        return torch.cat(
-            [torch.linalg.solve_triangular(rim.norm, rows[:, rim.own].mH, upper=False) for rim in self.rims]
-        )
+        return namespace(rows).concat([solve_lower(rim.norm, rows[:, rim.own].mT.conj()) for rim in self.rims])
 
-    def network(self, raw: Complex[Tensor, "k 2"]) -> CauchyNetwork:
+    def network(self, raw: Complex[Array, "k 2"]) -> CauchyNetwork:
         """The network with given read-outs of the features."""
         return CauchyNetwork.of_raw_features(
             self.rims[0].polygon,
@@ -226,45 +229,46 @@ class Passing:
     """A surface of given read-outs, and the points of all rims that it has to pass through."""
 
     basis: Basis
-    points: tuple[Float[Tensor, "_ 3"], ...]
-    raw: Complex[Tensor, "k 2"]
+    points: tuple[Float[Array, "_ 3"], ...]
+    raw: Complex[Array, "k 2"]
 
     @cached_property
-    def _spinors(self) -> tuple[Complex[Tensor, "_ g 2"], ...]:
+    def _spinors(self) -> tuple[Complex[Array, "_ g 2"], ...]:
         return tuple(rim.features @ self.raw for rim in self.basis.rims)
 
     @cached_property
-    def _steps(self) -> tuple[Float[Tensor, "_ 3"], ...]:
+    def _steps(self) -> tuple[Float[Array, "_ 3"], ...]:
         return tuple(rim.steps(spinors) for rim, spinors in zip(self.basis.rims, self._spinors, strict=True))
 
     @property
-    def _gaps(self) -> list[Float[Tensor, "3"]]:
+    def _gaps(self) -> list[Float[Array, "3"]]:
         """Re ∮ φ dz around each hole."""
         return [steps.sum(0) for steps in self._steps[1:]]
 
     @property
-    def _changes(self) -> list[Complex[Tensor, "2 _ k"]]:
+    def _changes(self) -> list[Complex[Array, "2 _ k"]]:
         return [rim.changes(spinors) for rim, spinors in zip(self.basis.rims, self._spinors, strict=True)]
 
     @cached_property
-    def _on_ways(self) -> tuple[Complex[Tensor, "_ 2"], ...]:
+    def _on_ways(self) -> tuple[Complex[Array, "_ 2"], ...]:
         return tuple(way @ self.raw for way, _ in self.basis.ways)
 
     @cached_property
-    def error(self) -> Float[Tensor, "n 3"]:
+    def error(self) -> Float[Array, "n 3"]:
         """Differences from the points, with mean 0, followed by the periods of r around each hole."""
         rows = [step.cumsum(0) - step - points for step, points in zip(self._steps, self.points, strict=True)]
         for row, values, (_, steps) in zip(rows, self._on_ways, self.basis.ways, strict=False):
-            row += (phi(*values.unbind(-1)) * steps[:, None]).sum(0).real
-        error = torch.cat(rows)
-        return torch.cat([error - error.mean(0), *(gap[None] for gap in self._gaps)])
+            row += (phi(*values.mT) * steps[:, None]).sum(0).real
+        xp = namespace(self.raw)
+        error = xp.concat(rows)
+        return xp.concat([error - error.mean(0), *(gap[None] for gap in self._gaps)])
 
     @cached_property
     def distance(self) -> float:
         """Root mean square of the error."""
-        return float(self.error.square().sum(1).mean().sqrt())
+        return float(square(self.error).sum(1).mean()) ** 0.5
 
-    def at(self, readout: Complex[Tensor, "k 2"]) -> Passing:
+    def at(self, readout: Complex[Array, "k 2"]) -> Passing:
         """The surface with other read-outs."""
         return replace(self, raw=self.basis.raw(readout))
 
@@ -272,23 +276,24 @@ class Passing:
         """The derivative of the error with respect to the read-outs."""
         by_points, by_gaps = [], []
         for over_edge in self._changes:
-            by_points.append(over_edge.cumsum(1).sub_(over_edge))
-            by_gaps.append(over_edge.sum(1, keepdim=True))
+            by_points.append(over_edge.cumsum(1) - over_edge)
+            by_gaps.append(over_edge.sum(1)[:, None])
         for changes, values, (way, steps) in zip(by_points, self._on_ways, self.basis.ways, strict=False):
             changes += (2 * (values * steps[:, None]).mT @ way)[:, None]
-        rows = torch.cat([*by_points, *by_gaps[1:]], dim=1)
+        rows = namespace(self.raw).concat([*by_points, *by_gaps[1:]], axis=1)
         points = rows[:, : sum(map(len, self.points))]
-        points -= points.mean(1, keepdim=True)
+        points -= points.mean(1)[:, None]
         return PointEquations.of(*map(self.basis.orthonormal, rows))
 
-    def closed(self, readout: Complex[Tensor, "k 2"]) -> Complex[Tensor, "k 2"]:
+    def closed(self, readout: Complex[Array, "k 2"]) -> Complex[Array, "k 2"]:
         """The nearest read-outs whose periods are 0, to first order."""
-        rows = torch.stack([over_edge.sum(1) for over_edge in self._changes[1:]], dim=1)
-        return readout + PointEquations.of(*map(self.basis.orthonormal, rows)).step(torch.stack(self._gaps), None)
+        xp = namespace(self.raw)
+        rows = xp.stack([over_edge.sum(1) for over_edge in self._changes[1:]], axis=1)
+        return readout + PointEquations.of(*map(self.basis.orthonormal, rows)).step(xp.stack(self._gaps), None)
 
 
 @lru_cache
-def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
+def _norm_of_edge(count: int, place: Place) -> Float[Array, "d g"]:
     """R with |Rf|² = ∫ |f|² + |f′|² over an edge of length 1, from values at the nodes.
 
     f is projected on polynomials of a degree of half the nodes: p and q hardly vary along an edge.
@@ -299,12 +304,12 @@ def _norm_of_edge(count: int, device: torch.device) -> Float[Tensor, "d g"]:
     slopes = 2 * np.polynomial.legendre.legval(2 * places - 1, np.polynomial.legendre.legder(np.eye(len(degrees)))).T
     both = np.diag(1 / (2 * degrees + 1)) + slopes.T @ (weights[:, None] * slopes)
     projection = (2 * degrees[:, None] + 1) * (values * weights[:, None]).T
-    return torch.tensor(np.linalg.cholesky(both).T @ projection, device=device)
+    return place.put(np.linalg.cholesky(both).T @ projection)
 
 
 def nearest_through(
-    here: Passing, readout: Complex[Tensor, "k 2"], *, start: Complex[Tensor, "k 2"], allowed: float, steps: Steps
-) -> Complex[Tensor, "k 2"]:
+    here: Passing, readout: Complex[Array, "k 2"], *, start: Complex[Array, "k 2"], allowed: float, steps: Steps
+) -> Complex[Array, "k 2"]:
     """Read-outs nearest to `start` whose surface passes through all points, to allowed/2, by Newton's method.
 
     Raises:
@@ -336,14 +341,13 @@ def nearest_through(
     return readout
 
 
-def nodes_on_edges(polygon: Complex[Tensor, " n"], count: int) -> Complex[Tensor, "n g"]:
+def nodes_on_edges(polygon: Complex[Array, " n"], count: int) -> Complex[Array, "n g"]:
     """Gauss-Legendre nodes on the edges of a polygon."""
-    place = torch.tensor(rule("gauss", count).nodes, device=polygon.device)
-    nodes: Tensor = polygon[:, None] + place * (polygon.roll(-1) - polygon)[:, None]
-    return nodes
+    share = place_of(polygon).put(rule("gauss", count).nodes)
+    return polygon[:, None] + share * (namespace(polygon).roll(polygon, -1) - polygon)[:, None]
 
 
-def shares(polygon: Complex[Tensor, " n"]) -> Float[Tensor, " n"]:
+def shares(polygon: Complex[Array, " n"]) -> Float[Array, " n"]:
     """Lengths of a polygon's edges over its perimeter."""
-    edge = (polygon.roll(-1) - polygon).abs()
+    edge = abs(namespace(polygon).roll(polygon, -1) - polygon)
     return edge / edge.sum()

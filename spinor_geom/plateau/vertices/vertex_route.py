@@ -15,10 +15,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float, Int
-from torch import Tensor
 
+from spinor_geom.arrays import Array, namespace, place_of, square, to_numpy
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import Flattening, flatten
@@ -38,9 +37,9 @@ from spinor_geom.plateau.problem import PlateauProblem, Route
 from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.vertices.through_points import DEGREE, NODES, Basis, Passing, nearest_through, nodes_on_edges
+from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.interior import RimPrimitive
-from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Largest distance of a start from the points, and of Γ from the rim's edges, in mean edges. No start beyond it
 # converged; of rims cut along triangles one in seven exceeds half of it.
@@ -55,7 +54,7 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
         DomainError: the disk has no simple flattening.
         OutOfTimeError: time ran out.
     """
-    loop, device, allowed = problem.unit, problem.options.device, problem.allowed
+    loop, place, allowed = problem.unit, problem.options.place, problem.allowed
     (points, are_own), clock = problem.divided_points, problem.clock
     with clock.stage("first fill"):
         disk = problem.start or first_disk(points)
@@ -63,12 +62,12 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
         flat = flatten(disk.vertices, disk.faces, len(points))
         images = images_in_plane(disk.vertices, disk.faces, flat.boundary)
         domain = _domain(disk.faces, images, flat)
-        spinors = lifted_spinors(disk.vertices, disk.faces, images, (len(points),), device)
-    raw: Complex[Tensor, "k 2"] | None = None
+        spinors = lifted_spinors(disk.vertices, disk.faces, images, (len(points),), place)
+    raw: Complex[Array, "k 2"] | None = None
     for nodes in (NODES, 2 * NODES):
         try:
             with clock.stage("features"):
-                polygon = torch.as_tensor(flat.boundary, device=device)
+                polygon = place.put(flat.boundary)
                 basis = Basis.on([polygon], [polygon_poles(flat.boundary)], nodes=nodes)
             with clock.stage("fit"):
                 raw = _fitted(basis, spinors, raw, problem)
@@ -77,8 +76,8 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
                 raise
             break  # keep the surface of fewer nodes
         with clock.stage("surface"):
-            surface = SpinorSurface(basis.network(raw), domain).to(device)
-            (rim,) = surface.rim_primitives(2 * nodes)
+            network = basis.network(raw)
+            (rim,) = ArraySurface(network, domain).rim_primitives(2 * nodes)
             error = rim.at_breaks[:-1].real - points
             error -= error.mean(axis=0)
         if np.linalg.norm(error) <= allowed * len(points) ** 0.5 or is_out_of_time():
@@ -86,8 +85,7 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
     with clock.stage("surface"):
         root = domain.root
         at_root = rim.at_breaks[root] if root < len(points) else rim.inside(domain.triangulation.points[[root]])[0]
-        with torch.no_grad():
-            surface.constant.copy_(torch.tensor(points[0] + error[0] + at_root.real))
+        surface = ArraySurface(network, domain, points[0] + error[0] + at_root.real)
         found = _passed(surface, [rim], [points], [error], area=rim.area, near="the discrete one")
         found = replace(found, curves=(replace(found.curves[0], at_points=are_own),))
         bulge = found.curves[0].bulge() / loop.mean_edge_length
@@ -102,13 +100,13 @@ THROUGH_POINTS = Route("vertices", disk_through_points)
 
 
 def _fitted(
-    basis: Basis, spinors: Complex[Tensor, "n 2"], raw: Complex[Tensor, "k 2"] | None, problem: PlateauProblem
-) -> Complex[Tensor, "k 2"]:
+    basis: Basis, spinors: Complex[Array, "n 2"], raw: Complex[Array, "k 2"] | None, problem: PlateauProblem
+) -> Complex[Array, "k 2"]:
     """Read-outs of the surface through all points nearest to spinors at edge midpoints; `raw` is an initial guess."""
     (rim,) = basis.rims
     start = rim.nearest_between(spinors)
-    readout = start if raw is None else rim.norm.mH @ raw
-    wanted = torch.tensor(problem.divided_points[0], device=start.device)
+    readout = start if raw is None else rim.norm.mT.conj() @ raw
+    wanted = place_of(start).put(problem.divided_points[0])
     here = Passing(basis=basis, points=(wanted,), raw=basis.raw(readout))
     in_edges = here.distance / problem.unit.mean_edge_length
     if not in_edges <= _FAR:
@@ -131,7 +129,7 @@ def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], fl
 
 def surface_through(
     smooth: Lift,
-    starts: Sequence[Complex[Tensor, " _"]],
+    starts: Sequence[Complex[Array, " _"]],
     points: Sequence[Float[np.ndarray, "_ 3"]],
     *,
     allowed: float,
@@ -150,10 +148,8 @@ def surface_through(
         DomainError: a hole is too narrow for the teeth of its rim.
         SurfaceError: the surface is not finite.
     """
-    wanted = [torch.tensor(each, device=smooth.shift.device) for each in points]
-    outer, *holes = (
-        _polygon_through(_feet(smooth, z, each).cpu().numpy()) for z, each in zip(starts, wanted, strict=True)
-    )
+    wanted = [place_of(smooth.shift).put(each) for each in points]
+    outer, *holes = (_polygon_through(to_numpy(_feet(smooth, z, each))) for z, each in zip(starts, wanted, strict=True))
     domain = PlaneDomain.inside(outer, holes=tuple(holes))
     basis, start = _basis_around(domain, smooth.series)
     here = Passing(basis=basis, points=tuple(wanted), raw=basis.raw(start))
@@ -161,32 +157,30 @@ def surface_through(
     here = here.at(here.at(readout).closed(readout))
     if not np.isfinite(here.distance):
         raise SurfaceError("p and q of the surface over averages of the rims overflow near their points")
-    surface = SpinorSurface(basis.network(here.raw), domain).to(here.raw.device)
+    surface = ArraySurface(basis.network(here.raw), domain)
     # differences from the points, by integrals along ∂Ω with twice as many nodes
     rims = surface.rim_primitives(2 * NODES)
     places = surface.position(np.array([boundary.vertices[0] for boundary in domain.boundaries]))
     off = [place + rim.at_breaks[:-1].real - each for place, rim, each in zip(places, rims, points, strict=True)]
     mean = np.concatenate(off).mean(axis=0)
-    with torch.no_grad():
-        surface.constant.sub_(surface.constant.new_tensor(mean))
+    surface = ArraySurface(surface.model, domain, -mean)
     area = sum(rim.area + 0.5 * float(place @ rim.at_breaks[-1].imag) for place, rim in zip(places, rims, strict=True))
     return _passed(surface, rims, points, [each - mean for each in off], area=area, near="that over averages")
 
 
-def _feet(smooth: Lift, start: Complex[Tensor, " n"], points: Float[Tensor, "n 3"]) -> Complex[Tensor, " n"]:
+def _feet(smooth: Lift, start: Complex[Array, " n"], points: Float[Array, "n 3"]) -> Complex[Array, " n"]:
     """Points of Ω where a surface is nearest to given points, by a step along its tangent planes."""
-    with torch.no_grad():
-        velocity = phi(*smooth.series.value(start).unbind(-1))
-        away = points - smooth.shift - null_vector(*smooth.series.primitive(start).unbind(-1)).real
-        return start + 2 * (away * velocity.conj()).sum(-1) / velocity.abs().square().sum(-1)
+    velocity = phi(*smooth.series.value(start).mT)
+    away = points - smooth.shift - null_vector(*smooth.series.primitive(start).mT).real
+    return start + 2 * (away * velocity.conj()).sum(-1) / square(velocity).sum(-1)
 
 
-def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Complex[Tensor, "k 2"]]:
+def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Complex[Array, "k 2"]]:
     """The features on the rims of Ω, and the orthonormal read-outs of the smooth surface."""
     circles = smooth.circles
-    device = circles.radii.device
+    place = place_of(circles.radii)
     poles = [polygon_poles(boundary.vertices) for boundary in domain.boundaries]
-    if domain.contains(circles.centres.cpu().numpy()).any():
+    if domain.contains(to_numpy(circles.centres)).any():
         raise DomainError("a hole of Ω is too narrow for the teeth of its rim", vertices=len(domain.vertices))
     for number, centre in enumerate(circles.centres.tolist(), 1):
         # halfway to its centre, for low frequencies around the hole: as many as there are polynomials
@@ -196,26 +190,28 @@ def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Co
     sizes = [len(boundary.vertices) for boundary in domain.boundaries]
     firsts = [sum(sizes[:number]) for number in range(len(sizes))]
     basis = Basis.on(
-        [torch.as_tensor(boundary.vertices, device=device) for boundary in domain.boundaries],
+        [place.put(boundary.vertices) for boundary in domain.boundaries],
         poles,
         nodes=NODES,
         ways=[path_to(domain, first, NODES) for first in firsts],
-        branches=circles.centres[torch.tensor(smooth.antiperiodic, device=device)],
+        branches=circles.centres[np.flatnonzero(smooth.antiperiodic)],
     )
     parts = [_part(smooth, nodes_on_edges(rim.polygon, NODES), number) for number, rim in enumerate(basis.rims)]
-    return basis, torch.cat([rim.nearest(part) for rim, part in zip(basis.rims, parts, strict=True)])
+    return basis, namespace(circles.radii).concat(
+        [rim.nearest(part) for rim, part in zip(basis.rims, parts, strict=True)]
+    )
 
 
-def _part(smooth: LaurentSeries, z: Complex[Tensor, "*pts"], number: int) -> Complex[Tensor, "*pts 2"]:
+def _part(smooth: LaurentSeries, z: Complex[Array, "*pts"], number: int) -> Complex[Array, "*pts 2"]:
     """The part of one circle's powers in p and q, without the function that changes sign."""
     zeta = smooth.circles.coordinates(z)[number]
     if number == 0:
-        return power_sums(zeta, smooth.outward.detach())
-    return zeta[..., None] * power_sums(zeta, smooth.inward[number - 1].detach())
+        return power_sums(zeta, smooth.outward)
+    return zeta[..., None] * power_sums(zeta, smooth.inward[number - 1])
 
 
 def _passed(
-    surface: SpinorSurface,
+    surface: ArraySurface,
     rims: Sequence[RimPrimitive],
     points: Sequence[Float[np.ndarray, "_ 3"]],
     errors: Sequence[Float[np.ndarray, "_ 3"]],

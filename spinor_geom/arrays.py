@@ -1,0 +1,236 @@
+"""One code for numpy arrays and torch tensors: namespaces, devices, and operations that the array API lacks.
+
+Everything is computed on numpy arrays, unless a torch device or gradients are asked for. torch is imported by those who
+ask, never here. Functions that may be differentiated do not write into arrays.
+
+Source: the Python array API standard, which numpy implements; `array_api_compat` adds it to torch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Inexact, Shaped
+
+if TYPE_CHECKING:
+    import torch
+
+Array: TypeAlias = Any  # an array of numpy or a tensor of torch
+
+EPS = float(np.finfo(np.float64).eps)
+TINY = float(np.finfo(np.float64).tiny)
+
+
+def is_numpy(x: object) -> bool:
+    """Whether an array is one of numpy."""
+    return isinstance(x, (np.ndarray, np.generic))
+
+
+def namespace(x: Array) -> Any:
+    """The module with the array API's functions for an array."""
+    if is_numpy(x):
+        return np
+    import array_api_compat
+
+    return array_api_compat.array_namespace(x)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where arrays are: in numpy's memory, or on a device of torch."""
+
+    device: torch.device | None = None  # None for numpy
+
+    @property
+    def xp(self) -> Any:
+        """The module with the array API's functions."""
+        if self.device is None:
+            return np
+        import array_api_compat.torch
+
+        return cast(ModuleType, array_api_compat.torch)
+
+    def put(self, values: Any) -> Array:
+        """An array or tensor as an array in this place; on devices a copy."""
+        if self.device is None:
+            return to_numpy(values)
+        import torch
+
+        if isinstance(values, torch.Tensor):
+            return values.to(self.device)
+        return torch.tensor(values, device=self.device)
+
+
+NUMPY = Place()
+
+
+def place_of(x: Array) -> Place:
+    """Where an array is."""
+    return NUMPY if is_numpy(x) else Place(x.device)
+
+
+def to_numpy(x: Any) -> np.ndarray:
+    """An array, without gradients, as one of numpy; a copy only of tensors on devices."""
+    if is_numpy(x):
+        return np.asarray(x)
+    if hasattr(x, "detach"):
+        return np.asarray(x.detach().cpu().resolve_conj().numpy())
+    return np.asarray(x)
+
+
+def complex_of(real: Float[Array, "*any"], imag: Float[Array, "*any"]) -> Complex[Array, "*any"]:
+    """Real + i·imag."""
+    if is_numpy(real):
+        whole = np.empty(real.shape, dtype=np.complex128)
+        whole.real, whole.imag = real, imag
+        return whole
+    import torch
+
+    return torch.complex(real, imag)
+
+
+def cis(angle: Float[Array, "*any"]) -> Complex[Array, "*any"]:
+    """e^{i·angle}."""
+    xp = namespace(angle)
+    return complex_of(xp.cos(angle), xp.sin(angle))
+
+
+def norm(v: Inexact[Array, "*any k"]) -> Float[Array, "*any"]:
+    """Lengths of vectors, the rows."""
+    xp = namespace(v)
+    return xp.sqrt(square(v).sum(-1))
+
+
+def square(v: Inexact[Array, "*any"]) -> Float[Array, "*any"]:
+    """|v|², differentiable at 0."""
+    return v * v if is_real(v) else v.real * v.real + v.imag * v.imag
+
+
+def is_real(v: Array) -> bool:
+    """Whether an array has no imaginary parts."""
+    return v.dtype.kind != "c" if is_numpy(v) else not v.is_complex()
+
+
+def unit(v: Float[Array, "*any k"]) -> Float[Array, "*any k"]:
+    """Vectors, the rows, divided by their lengths; 0 for 0."""
+    return v / namespace(v).clip(norm(v), min=TINY**0.5)[..., None]
+
+
+def closed_steps(s: Float[Array, "*b n"]) -> Float[Array, "*b n"]:
+    """s_{j+1} − s_j with s_n = s_0 + 1."""
+    xp = namespace(s)
+    return xp.concat([s[..., 1:], s[..., :1] + 1], axis=-1) - s
+
+
+def replaced(x: Shaped[Array, "b *rest"], which: Array, by: Shaped[Array, "j *rest"]) -> Shaped[Array, "b *rest"]:
+    """A copy with some rows replaced."""
+    copy = namespace(x).asarray(x, copy=True)
+    copy[which] = by
+    return copy
+
+
+def indices(mask: Bool[Array, " n"]) -> Array:
+    """Indices at which a mask is true."""
+    return namespace(mask).nonzero(mask)[0]
+
+
+def add_to_diagonal(matrix: Shaped[Array, "*b n n"], values: Any) -> None:
+    """Adds to the diagonals of matrices, in place."""
+    own = namespace(matrix).arange(matrix.shape[-1])
+    matrix[..., own, own] += values
+
+
+def cholesky(matrix: Inexact[Array, "n n"]) -> Inexact[Array, "n n"] | None:
+    """The lower Cholesky factor of a matrix, of which only the lower triangle is read; None unless it is definite."""
+    if is_numpy(matrix):
+        from scipy.linalg.lapack import dpotrf, zpotrf
+
+        factor, info = (dpotrf if is_real(matrix) else zpotrf)(matrix, lower=True)
+        return None if info else factor
+    import torch
+
+    factor, info = torch.linalg.cholesky_ex(matrix)
+    return None if int(info) else factor
+
+
+def definite_cholesky(matrix: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]:
+    """`cholesky`; raises LinAlgError if the matrix is not definite."""
+    factor = cholesky(matrix)
+    if factor is None:
+        raise np.linalg.LinAlgError("a matrix is not positive definite")
+    return factor
+
+
+def cholesky_solve(factor: Inexact[Array, "n n"], right: Inexact[Array, "n k"]) -> Inexact[Array, "n k"]:
+    """The solution x of LLᴴ x = right from a lower factor L."""
+    if is_numpy(factor):
+        from scipy.linalg.lapack import dpotrs, zpotrs
+
+        return (dpotrs if is_real(factor) else zpotrs)(factor, right, lower=True)[0]
+    import torch
+
+    return torch.cholesky_solve(right, factor)
+
+
+def solve_lower(
+    factor: Inexact[Array, "n n"], right: Inexact[Array, "n k"], *, adjoint: bool = False
+) -> Inexact[Array, "n k"]:
+    """The solution x of L x = right, or of Lᴴ x = right, for a lower triangle L."""
+    if is_numpy(factor):
+        from scipy.linalg import solve_triangular
+
+        return solve_triangular(factor, right, lower=True, trans="C" if adjoint else "N", check_finite=False)
+    import torch
+
+    matrix = factor.mH if adjoint else factor
+    return torch.linalg.solve_triangular(matrix, right, upper=adjoint)
+
+
+def gram(rows: Inexact[Array, "m k"]) -> Inexact[Array, "k k"]:
+    """Lower triangle of rowsᴴ·rows."""
+    place = place_of(rows)
+    if place.device is not None and place.device.type != "cpu":
+        return rows.mT.conj() @ rows
+    from scipy.linalg.blas import dsyrk, zherk
+
+    # BLAS computes one triangle only: the upper one by columns, which is the lower one by rows
+    product = dsyrk if is_real(rows) else zherk
+    lower = product(1.0, to_numpy(rows).T).T
+    return lower if place.device is None else place.put(lower)
+
+
+def on_device_of(x: Array) -> dict[str, Any]:
+    """The argument for functions that make arrays where another one is."""
+    return {} if is_numpy(x) else {"device": x.device}
+
+
+def padded(x: Shaped[Array, "*any n"], before: int, after: int) -> Shaped[Array, "*any m"]:
+    """Rows with zeros added at both ends."""
+    xp = namespace(x)
+    ends = [xp.zeros((*x.shape[:-1], count), dtype=x.dtype, **on_device_of(x)) for count in (before, after)]
+    return xp.concat([ends[0], x, ends[1]], axis=-1)
+
+
+def contiguous(x: Array) -> Array:
+    """The array, or a copy whose rows are not strided."""
+    return np.ascontiguousarray(x) if is_numpy(x) else x.contiguous()
+
+
+def zeros(shape: Sequence[int], like: Array) -> Array:
+    """Zeros of the kind of an array."""
+    if is_numpy(like):
+        return np.zeros(tuple(shape), dtype=like.dtype)
+    return like.new_zeros(tuple(shape))
+
+
+def arange(stop: int, like: Array, *, start: int = 0) -> Float[Array, " n"]:
+    """Numbers start … stop − 1 in double precision where an array is."""
+    if is_numpy(like):
+        return np.arange(start, stop, dtype=np.float64)
+    import torch
+
+    return torch.arange(start, stop, dtype=torch.float64, device=like.device)

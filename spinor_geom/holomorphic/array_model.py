@@ -1,0 +1,43 @@
+"""Holomorphic models that are frozen dataclasses of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, ClassVar, TypeVar
+
+from spinor_geom.arrays import Array, Place
+
+M = TypeVar("M", bound="ArrayModel")
+
+
+class ArrayModel:
+    """p and q as functions of arrays: numpy's, or tensors on one device, by which they can be differentiated.
+
+    Methods take points of the same kind as the arrays.
+    """
+
+    kind: ClassVar[str]
+    trained: ClassVar[tuple[str, ...]]  # names of the arrays that training changes
+    fixed: ClassVar[tuple[str, ...]] = ()  # names of others that files contain
+    described: ClassVar[tuple[str, ...]] = ()  # names of others that `config` contains
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """All arrays by name."""
+        return {name: getattr(self, name) for name in (*self.trained, *self.fixed, *self.described)}
+
+    def with_arrays(self: M, arrays: Mapping[str, Array]) -> M:
+        """The model with other arrays of the same shapes, which are not checked."""
+        other = object.__new__(type(self))
+        unchanged = {field.name: vars(self)[field.name] for field in fields(self)}  # type: ignore[arg-type]
+        vars(other).update({**unchanged, **arrays})
+        return other
+
+    def at(self: M, place: Place) -> M:
+        """The model in another place."""
+        return self.with_arrays({name: place.put(array) for name, array in self.arrays.items()})
+
+    def config(self) -> dict[str, Any]:
+        """Sizes from which `from_config` makes a model of the same shape; JSON-ready."""
+        raise NotImplementedError

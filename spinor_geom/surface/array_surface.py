@@ -1,0 +1,432 @@
+"""An exact minimal surface from two holomorphic functions on a plane domain, on arrays."""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+from numpy.typing import ArrayLike, NDArray
+
+from spinor_geom.arrays import NUMPY, Array, Place, cis, indices, is_numpy, namespace, place_of, to_numpy, zeros
+from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.quadrature import RuleName, rule
+from spinor_geom.errors import DtypeError, OptionError, PeriodError, require_positive
+from spinor_geom.holomorphic.array_model import ArrayModel
+from spinor_geom.holomorphic.blocks import in_blocks
+from spinor_geom.holomorphic.model import HolomorphicModel, IntegrableModel
+from spinor_geom.holomorphic.zeros import Zero, find_zeros
+from spinor_geom.shown import Shown
+from spinor_geom.surface import branch, formulas, frames, storage
+from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for, find_anchors, require_finite
+
+if TYPE_CHECKING:
+    import torch
+
+PATH_ORDER = 16  # quadrature nodes on each piece of a path in Ω
+Points = TypeVar("Points", NDArray[Any], "torch.Tensor")  # of Ω, and results of the same kind
+Vector = Sequence[float] | NDArray[Any] | Array  # three numbers
+S = TypeVar("S", bound="ArraySurface")
+_CLOSED = 1e-9  # largest period of a surface that closes, as a share of the square root of its area
+
+
+class ArraySurface(Shown):
+    """The minimal surface r(z) = c + Re ∫ φ dz, φ = (p² − q², −i(p² + q²), 2pq), of two holomorphic functions p, q.
+
+    The integral starts at `root`, where r = c. (p, q) is the output of a model times a constant matrix for rotation,
+    scaling and associates. It does not use torch, unless the model and c are tensors; `SpinorSurface` is the same
+    surface as a module of torch.
+
+    Methods take complex points of any shape (*pts) inside Ω, as an array or as a tensor, and return the same kind.
+    x and y are the coordinates of Ω, z = x + iy.
+
+    Attributes:
+        model: z ↦ (p, q) before `spinor_map`; see `HolomorphicModel`.
+        domain: Ω.
+        constant: c, shape (3,), the position of `root`.
+        spinor_map: (2, 2) complex; (p, q) = spinor_map · model.value(z).
+        quadrature: name of the rule on each straight piece of a path.
+        order: number of its nodes ("gauss") or intervals ("trapezoid", "simpson").
+
+    Source: Sun & Chern (2026); the sign conventions are those of `formulas`.
+    """
+
+    model: Any
+    constant: Float[Array, "3"]
+    spinor_map: Complex[Array, "2 2"]
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._model_name} over {self.domain!r})"
+
+    def __init__(
+        self,
+        model: HolomorphicModel,
+        domain: PlaneDomain,
+        constant: Vector = (0.0, 0.0, 0.0),
+        *,
+        spinor_map: Complex[Array, "2 2"] | None = None,
+        quadrature: RuleName = "gauss",
+        order: int = PATH_ORDER,
+    ) -> None:
+        """Raises OptionError for an unknown rule, an unsupported order, or a constant not of shape (3,)."""
+        rule(quadrature, order)
+        self.domain, self.quadrature, self.order = domain, quadrature, order
+        position, matrix = np.array(to_numpy(constant), dtype=np.float64), np.eye(2, dtype=np.complex128)
+        if position.shape != (3,):
+            raise OptionError(f"constant must be one point, shape (3,), got shape {tuple(position.shape)}")
+        place = _place_of_model(model)
+        self._hold(model, place.put(position), place.put(matrix if spinor_map is None else spinor_map))
+
+    def _hold(self, model: Any, constant: Float[Array, "3"], spinor_map: Complex[Array, "2 2"]) -> None:
+        self.model, self.constant, self.spinor_map = model, constant, spinor_map
+
+    @property
+    def _model_name(self) -> str:
+        return type(self.model).__name__
+
+    @property
+    def root(self) -> complex:
+        """The point of Ω where r = constant, a vertex of the triangulation near the middle."""
+        return complex(self.domain.triangulation.points[self.domain.root])
+
+    @property
+    def has_closed_positions(self) -> bool:
+        """Whether positions need no quadrature: the model has closed integrals, and the rule is the default."""
+        return self.quadrature == "gauss" and hasattr(self.model, "primitive")
+
+    def spinors(self, z: Points) -> Points:
+        """(p, q), shape (*pts, 2)."""
+        return self._evaluate(_spinors, z)
+
+    def spinor_derivatives(self, z: Points) -> Points:
+        """(p′, q′), shape (*pts, 2)."""
+        return self._evaluate(_spinor_derivatives, z)
+
+    def weierstrass_data(self, z: Points) -> tuple[Points, Points]:
+        """Weierstrass data f = φ₁ − iφ₂ = −2q² and g = −p/q (infinite where q = 0), (*pts) each."""
+        data = self._evaluate(lambda on, w: namespace(w).stack(formulas.weierstrass_data(*_pair(on, w)), axis=-1), z)
+        return data[..., 0], data[..., 1]
+
+    def gauss_map(self, z: Points) -> Points:
+        """The normal projected stereographically from +e₃, g = (n₁ + i n₂)/(1 − n₃) = −p/q, shape (*pts)."""
+        return self._evaluate(lambda on, w: formulas.gauss_map(*_pair(on, w)), z)
+
+    def position(self, z: Points) -> Points:
+        """Positions r(z), shape (*pts, 3).
+
+        The integral is in closed form if the model has one and the rule is "gauss"; else by quadrature along edges of
+        the triangulation to a vertex near z, and along the segment to z. Raises DomainError for NaN or infinite z.
+        """
+        if not _is_tensor(z):
+            z = _complex(z)
+            require_finite(z)
+        return self._evaluate(_position, z)
+
+    def positions_inside(self, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """`position` of many points not on ∂Ω, by few evaluations of p and q.
+
+        Without holes and without a closed form it uses Cauchy's formula on ∂Ω, to 1e-10 of the surface's size.
+        """
+        if self.has_closed_positions or self.domain.holes or len(z) == 0:
+            return np.asarray(self.position(z))
+        is_inner = self.domain.root >= self.domain.triangulation.boundary_size
+        boundary, ends = self.domain.boundary, np.append(z, self.root) if is_inner else z
+        moved = RimPrimitive.along(boundary, self._null_curve, ORDER, breaks_for(boundary, ends)).inside(ends).real
+        constant = to_numpy(self.constant) - moved[-1] if is_inner else self.position(z[0]) - moved[0]
+        return np.asarray(moved[: len(z)] + constant)
+
+    def integrate(self, start: Points, end: Points) -> Points:
+        """Displacements r(end) − r(start) by quadrature along segments in Ω, shape (*pts, 3)."""
+        return self._evaluate(integrate, start, end)
+
+    def normal(self, z: Points) -> Points:
+        """Unit normals n = (r_x × r_y)/λ², shape (*pts, 3); NaN at branch points."""
+        return self._evaluate(lambda on, w: formulas.normal(*_pair(on, w)), z)
+
+    def conformal_factor(self, z: Points) -> Points:
+        """λ = |p|² + |q|²: length in space per length in Ω, shape (*pts)."""
+        return self._evaluate(lambda on, w: formulas.conformal_factor(*_pair(on, w)), z)
+
+    def first_fundamental_form(self, z: Points) -> Points:
+        """λ²·identity in the coordinates x, y, shape (*pts, 2, 2)."""
+        return self._evaluate(lambda on, w: formulas.first_fundamental_form(*_pair(on, w)), z)
+
+    def second_fundamental_form(self, z: Points) -> Points:
+        """Normal parts of r_xx, r_xy and r_yy from p, q, p′, q′, shape (*pts, 2, 2)."""
+        return self._evaluate(lambda on, w: formulas.second_fundamental_form(*_pair(on, w), *_slopes(on, w)), z)
+
+    def gauss_curvature(self, z: Points) -> Points:
+        """K = −4|p′q − pq′|²/λ⁴ in 1/length², shape (*pts); NaN at branch points."""
+        return self._evaluate(lambda on, w: formulas.gauss_curvature(*_pair(on, w), *_slopes(on, w)), z)
+
+    def mean_curvature(self, z: Points) -> Points:
+        """H in 1/length, shape (*pts), measured by automatic differentiation of the position.
+
+        It is 0 up to errors of quadrature and rounding if the model is holomorphic. Positive where the surface bends
+        towards n; NaN at branch points.
+        """
+        from spinor_geom.surface.spinor_surface import SpinorSurface
+
+        return SpinorSurface.of(self).mean_curvature(z)
+
+    def area(self) -> float:
+        """Area of the whole surface by an integral over ∂Ω alone, A = ½ ∮ (r − c) · Im(φ dz)."""
+        rims = self.rim_primitives(self.order)
+        area = sum(rim.area for rim in rims)
+        if self.domain.holes:
+            # `rim.area` has r = 0 at the start of the rim, and ∮ Im(φ dz) of a rim need not vanish
+            start = self.position(np.array([b.point(np.zeros(())) for b in self.domain.boundaries]))
+            area += 0.5 * float(((start - start[0]) * [rim.at_breaks[-1].imag for rim in rims]).sum())
+        return area
+
+    def rim_primitives(self, order: int) -> tuple[RimPrimitive, ...]:
+        """∫ φ dz along every boundary of Ω, by panels of `order` nodes."""
+        return tuple(RimPrimitive.along(boundary, self._null_curve, order) for boundary in self.domain.boundaries)
+
+    def periods(self) -> Complex[np.ndarray, "holes 3"]:
+        """Periods ∮ φ dz along the boundary of each hole of Ω, clockwise.
+
+        The real part is the gap of the surface around the hole, 0 to rounding for a surface that closes. The imaginary
+        part is the flux, up to its sign the force of surface tension across a curve around the hole.
+        """
+        rims = [RimPrimitive.along(boundary, self._null_curve, self.order) for boundary in self.domain.holes]
+        return np.array([rim.at_breaks[-1] for rim in rims], dtype=np.complex128).reshape(-1, 3)
+
+    def largest_period(self) -> float:
+        """The largest |Re ∮ φ dz| around a hole, 0 without holes."""
+        return float(np.linalg.norm(self.periods().real, axis=1).max(initial=0.0))
+
+    def branch_points(self) -> tuple[branch.BranchPoint, ...]:
+        """Common zeros of p and q in Ω, where the surface is not an immersion.
+
+        Raises the errors of `find_zeros`: ZeroOnContourError and UnplacedZerosError.
+        """
+        return branch.branch_points(self._single_valued, self._null_curve, self.domain)
+
+    def spinor_zeros(self) -> tuple[tuple[Zero, ...], tuple[Zero, ...]]:
+        """The zeros in Ω of p, where n = −e₃, and of q, where n = e₃ and the Gauss map has poles.
+
+        Raises the errors of `find_zeros`; ZeroOnContourError also if p or q vanishes identically.
+        """
+        p, q = (lambda z: self._single_valued(z)[:, 0]), (lambda z: self._single_valued(z)[:, 1])
+        return find_zeros(p, self.domain), find_zeros(q, self.domain)
+
+    def _single_valued(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 2"]:
+        """(p, q) times the model's factor that changes sign around holes, which has no zeros in Ω."""
+        values = self.spinors(z)
+        if hasattr(self.model, "sign_changing"):
+            values = values * self._evaluate(lambda on, w: on.model.sign_changing(w), z)[:, None]
+        return values
+
+    def loop_invariant(self, z: Complex[np.ndarray, " n"]) -> Literal[0, 1]:
+        """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
+
+        It is 0 for simple curves, since branch points of spinors are removable. The samples are in order, without the
+        first at the end. Raises OptionError if the frames of neighbours differ by 90° or more.
+        """
+        closed = np.asarray(z, dtype=np.complex128)
+        return frames.loop_invariant(self._null_curve(closed), np.roll(closed, -1) - np.roll(closed, 1))
+
+    def associate(self: S, angle: float) -> S:
+        """The associate surface with e^{i·angle}φ, the angle in radians, on a copy of the model.
+
+        It is isometric to this one and has the same normals and position of `root`; the angle π/2 gives the conjugate
+        surface (a helicoid for the catenoid). Raises PeriodError if it does not close around a hole of Ω, because the
+        flux is not 0; see `periods`.
+        """
+        if self.domain.holes:
+            moved = (np.exp(1j * angle) * self.periods()).real
+            worst = int(np.linalg.norm(moved, axis=1).argmax())
+            if np.linalg.norm(moved[worst]) > _CLOSED * self.area() ** 0.5:
+                raise PeriodError(angle=angle, around=f"hole {worst} of the domain", period=moved[worst].tolist())
+        half = complex(cis(np.array(angle / 2)))
+        return self._over(copy.deepcopy(self.model), half * self.spinor_map, self.constant)
+
+    def transform(
+        self: S, rotation: ArrayLike | Array | None = None, scale: float = 1.0, translation: Vector = (0.0, 0.0, 0.0)
+    ) -> S:
+        """The surface scale·R·r + translation, on a copy of the model.
+
+        Args:
+            rotation: R, a (3, 3) rotation matrix; None for the identity.
+            scale: a positive factor.
+            translation: (3,), in the units of the result.
+
+        Raises:
+            OptionError: the matrix is not a rotation, the scale not positive, or the translation not three numbers.
+        """
+        require_positive("scale", scale)
+        place = place_of(self.constant)
+        matrix = place.put(_real("rotation", np.eye(3) if rotation is None else rotation, 3, 3))
+        shift = place.put(_real("translation", translation, 3))
+        # without a rotation p and q are scaled without rounding errors of a matrix product
+        turned = self.spinor_map if rotation is None else frames.su2_from_rotation(matrix) @ self.spinor_map
+        return self._over(copy.deepcopy(self.model), scale**0.5 * turned, scale * (matrix @ self.constant) + shift)
+
+    def placed(self: S, scale: float, translation: Vector) -> S:
+        """`transform` without a rotation and without a copy of the model, which both surfaces share."""
+        shift = place_of(self.constant).put(np.asarray(translation, dtype=np.float64))
+        return self._over(self.model, scale**0.5 * self.spinor_map, scale * self.constant + shift)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the surface and its domain to a .safetensors file with a JSON description; overwrites the file.
+
+        Raises StorageError for another suffix, a path that cannot be written, or a kind of model that cannot be loaded
+        again.
+        """
+        storage.write(self, path)
+
+    @classmethod
+    def load(cls: type[S], path: str | os.PathLike[str]) -> S:
+        """The surface that `save` wrote, bit for bit. Raises StorageError if the file holds none of this version."""
+        return cls(**storage.read(path))
+
+    def _evaluate(self, function: Callable[..., Array], *points: Points) -> Points:
+        """A function of a surface and points, here."""
+        with np.errstate(all="ignore"):  # quotients are NaN or infinite at branch points and poles
+            if _is_tensor(points[0]):
+                require_complex_points(points)
+                place = Place(points[0].device)
+                value: Points = function(self if place_of(self.constant) == place else self.at(place), *points)
+                return value
+            arrays = tuple(_complex(z) for z in points)
+            place = place_of(self.constant)
+            return to_numpy(function(self, *(arrays if place == NUMPY else map(place.put, arrays))))
+
+    def _null_curve(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
+        """φ of an array."""
+        return self._evaluate(_phi, z)
+
+    def at(self, place: Place) -> ArraySurface:
+        """The surface in another place."""
+        return ArraySurface(
+            self.model.at(place),
+            self.domain,
+            self.constant,
+            spinor_map=self.spinor_map,
+            quadrature=self.quadrature,
+            order=self.order,
+        )
+
+    def _over(self: S, model: Any, spinor_map: Complex[Array, "2 2"], constant: Float[Array, "3"]) -> S:
+        return type(self)(
+            model, self.domain, constant, spinor_map=spinor_map, quadrature=self.quadrature, order=self.order
+        )
+
+
+def _spinors(on: ArraySurface, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
+    return on.model.value(z) @ on.spinor_map.mT
+
+
+def _spinor_derivatives(on: ArraySurface, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
+    return on.model.derivative(z) @ on.spinor_map.mT
+
+
+def _pair(on: ArraySurface, z: Complex[Array, "*pts"]) -> tuple[Complex[Array, "*pts"], Complex[Array, "*pts"]]:
+    values = _spinors(on, z)
+    return values[..., 0], values[..., 1]
+
+
+def _slopes(on: ArraySurface, z: Complex[Array, "*pts"]) -> tuple[Complex[Array, "*pts"], Complex[Array, "*pts"]]:
+    values = _spinor_derivatives(on, z)
+    return values[..., 0], values[..., 1]
+
+
+def _phi(on: ArraySurface, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 3"]:
+    return formulas.phi(*_pair(on, z))
+
+
+def _position(on: ArraySurface, z: Complex[Array, "*pts"]) -> Float[Array, "*pts 3"]:
+    xp, end = namespace(z), z.reshape(-1)
+    if on.has_closed_positions:
+        integral = _null_integral(on, xp.concat([end, xp.full_like(end[:1], on.root) if len(end) else end])).real
+        return on.constant + (integral[: len(end)] - integral[-1:]).reshape(*z.shape, 3)
+    index, start = anchors(on, end)
+    moved = indices(start != end)  # a vertex is its own anchor
+    places = _anchor_positions(on, index)[place_of(z).put(index)]
+    displacement = zeros((len(end), 3), places)
+    displacement[moved] = integrate(on, start[moved], end[moved])
+    return (places + displacement).reshape(*z.shape, 3)
+
+
+def anchors(on: ArraySurface, z: Complex[Array, " n"]) -> tuple[Int[np.ndarray, " n"], Complex[Array, " n"]]:
+    """Vertices of the triangulation connected to points by segments in Ω: indices and positions in Ω."""
+    index = find_anchors(to_numpy(z), on.domain)
+    return index, place_of(z).put(on.domain.triangulation.points[index])
+
+
+def _null_integral(on: ArraySurface, z: Complex[Array, " n"]) -> Complex[Array, "n 3"]:
+    """∫ φ dζ from a fixed point to z, in closed form."""
+    integrals = cast(IntegrableModel, on.model).primitive(z)
+    pp, qq, pq = integrals[..., 0], integrals[..., 1], integrals[..., 2]
+    (a, b), (c, d) = on.spinor_map
+    return formulas.null_vector(
+        a * a * pp + b * b * qq + 2 * a * b * pq,
+        c * c * pp + d * d * qq + 2 * c * d * pq,
+        a * c * pp + b * d * qq + (a * d + b * c) * pq,
+    )
+
+
+def _anchor_positions(on: ArraySurface, wanted: Int[np.ndarray, " k"]) -> Float[Array, "n 3"]:
+    """Positions of the wanted vertices, by sums along the tree of paths; the others are arbitrary."""
+    place, before = place_of(on.constant), on.domain.parents
+    visited, vertices = on.domain.visited(wanted), on.domain.triangulation.points
+    steps = integrate(on, place.put(vertices[before[visited]]), place.put(vertices[visited]))
+    total = zeros((len(vertices), 3), steps)
+    total[place.put(visited)] = steps
+    # each pass doubles the number of edges summed; the root is its own parent and adds 0
+    while (before != on.domain.root).any():
+        total, before = total + total[place.put(before)], before[before]
+    return on.constant + total
+
+
+def integrate(on: ArraySurface, start: Complex[Array, "*pts"], end: Complex[Array, "*pts"]) -> Float[Array, "*pts 3"]:
+    """Displacements by quadrature along segments."""
+    nodes, weights = map(place_of(start).put, rule(on.quadrature, on.order))
+
+    def segments(a: Complex[Array, " n"], b: Complex[Array, " n"]) -> Float[Array, "n 3"]:
+        step = b - a
+        phi = _phi(on, a[:, None] + nodes * step[:, None])
+        return ((phi * weights[:, None]).sum(-2) * step[:, None]).real
+
+    return in_blocks(segments, start, end, width=len(nodes))
+
+
+def _place_of_model(model: HolomorphicModel) -> Place:
+    if isinstance(model, ArrayModel):
+        return place_of(next(iter(model.arrays.values())))
+    import torch
+
+    return Place(next(model.parameters(), torch.empty(0)).device)  # type: ignore[attr-defined]
+
+
+def _is_tensor(z: object) -> bool:
+    return not is_numpy(z) and hasattr(z, "detach")
+
+
+def require_complex_points(points: Sequence[Array]) -> None:
+    """Raises a DtypeError for tensors that are not complex."""
+    if not all(z.is_complex() for z in points):
+        raise DtypeError(f"points of Ω must be complex, got {points[0].dtype}; use torch.complex(x, y)")
+
+
+def _real(name: str, value: Any, *shape: int) -> Float[np.ndarray, "..."]:
+    """An array of finite numbers of a given shape, or an OptionError."""
+    try:
+        array = np.asarray(to_numpy(value), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"{name} must be numbers of shape {shape}: {error}") from None
+    if array.shape != shape or not np.isfinite(array).all():
+        raise OptionError(f"{name} must be finite numbers of shape {shape}, got {value!s:.60}")
+    return array
+
+
+def _complex(z: Any) -> np.ndarray:
+    """A complex copy of points, or a DtypeError."""
+    try:
+        return np.array(z, dtype=np.complex128)
+    except (TypeError, ValueError):
+        raise DtypeError(f"points of Ω must be complex numbers, got {type(z).__name__} {z!r:.60}") from None

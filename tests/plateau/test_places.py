@@ -1,0 +1,78 @@
+"""numpy and torch give the same surfaces, to rounding."""
+
+import numpy as np
+import pytest
+import torch
+
+from spinor_geom import gallery
+from spinor_geom.errors import OptionError
+from spinor_geom.gallery import noisy_loop
+from spinor_geom.plateau import solve_plateau, solve_plateau_batch
+from tests.loops import noisy_ellipse
+from tests.plateau.rims import facing
+
+FACING = facing(np.array([[1.0, 0, 0], [-1.0, -0.2, -0.1]]), away=0.3)
+LOOPS = {
+    "plane": gallery.polygon([(0, 0, 0), (3, 0, 0), (3, 1, 0), (0, 2, 0)]).sample(24),
+    "disk": gallery.enneper(0.8).rim(64),
+    "disk of a formula": gallery.twisted_circle(),
+    "unstable disk": gallery.tennis_seam(0.75).sample(64),
+    "flattened": gallery.ellipse(8.0, 0.5).sample(96),
+    "corners": gallery.scherk().sample(48),
+    "quadrilateral": gallery.polygon([(0, 0, 0), (1, 0, 1), (1, 1, 0), (0, 1, 1)]).sample(4),
+    "noisy": noisy_ellipse(40),
+    "noisy disk": noisy_loop(gallery.enneper(0.8).rim(80), 0.3, seed=1),
+}
+SEVERAL = {"two rims": FACING, "noisy rims": [noisy_loop(loop, 0.1, seed=1) for loop in FACING]}
+
+
+def check(by_numpy, by_torch):
+    assert (by_numpy.route, by_numpy.converged) == (by_torch.route, by_torch.converged)
+    # where a step almost meets a criterion, rounding decides about one more
+    assert abs(len(by_numpy.history) - len(by_torch.history)) <= 2
+    surface, other = by_numpy.array_surface, by_torch.array_surface
+    assert isinstance(surface.constant, np.ndarray)
+    assert isinstance(other.constant, torch.Tensor)
+    # stopped at a relative gradient of 1e-7 or more, steps differ by the rounding errors of their sums
+    scale = by_numpy.boundary_residual.diagonal
+    assert by_torch.area == pytest.approx(by_numpy.area, rel=1e-9)
+    np.testing.assert_allclose(
+        by_torch.boundary_residual.rms, by_numpy.boundary_residual.rms, rtol=0, atol=1e-7 * scale
+    )
+    z = by_numpy.domain.triangulation.points
+    z = z[by_numpy.domain.triangulation.boundary_size :][::7]
+    np.testing.assert_allclose(other.position(z), surface.position(z), rtol=0, atol=1e-7 * scale)
+    np.testing.assert_allclose(other.normal(z), surface.normal(z), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("loop", LOOPS.values(), ids=LOOPS.keys())
+def test_disks_are_the_same_by_numpy_and_by_torch(loop):
+    check(solve_plateau(loop), solve_plateau(loop, device="cpu"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loops", SEVERAL.values(), ids=SEVERAL.keys())
+def test_surfaces_between_rims_are_the_same_by_numpy_and_by_torch(loops):
+    check(solve_plateau(loops), solve_plateau(loops, device="cpu"))
+
+
+def test_batches_are_the_same_by_numpy_and_by_torch():
+    loops = [LOOPS[name] for name in ("disk", "noisy", "noisy disk", "unstable disk")]
+    for pair in zip(solve_plateau_batch(loops), solve_plateau_batch(loops, device="cpu"), strict=True):
+        check(*pair)
+
+
+def test_a_solution_by_torch_is_on_its_device_and_one_by_numpy_becomes_a_module_on_demand():
+    loop = LOOPS["disk"]
+    for device in (None, "cpu"):
+        surface = solve_plateau(loop, device=device).surface
+        assert isinstance(surface, torch.nn.Module)
+        z = torch.tensor([0.1 + 0.2j], dtype=torch.complex128, requires_grad=True)
+        surface.position(z).sum().backward()
+        assert z.grad is not None
+        assert all(parameter.grad is not None for parameter in surface.parameters())
+
+
+def test_a_device_that_is_not_there_is_refused():
+    with pytest.raises(OptionError, match="device no-such cannot be used"):
+        solve_plateau(LOOPS["disk"], device="no-such")
