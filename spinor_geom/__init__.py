@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from spinor_geom.plateau.solve import solve_plateau as solve_plateau
     from spinor_geom.plateau.solve import solve_plateau_batch as solve_plateau_batch
     from spinor_geom.render.report import report as report
+    from spinor_geom.surface.array_surface import ArraySurface as ArraySurface
     from spinor_geom.surface.spinor_surface import SpinorSurface as SpinorSurface
 
 _NAMES = {
@@ -62,6 +63,7 @@ _NAMES = {
     "plateau.solution": "NoConnectedSurface PlateauSolution",
     "plateau.solve": "solve_plateau solve_plateau_batch",
     "render.report": "report",
+    "surface.array_surface": "ArraySurface",
     "surface.spinor_surface": "SpinorSurface",
 }
 _MODULES = {name: f"spinor_geom.{module}" for module, names in _NAMES.items() for name in names.split()}

@@ -93,7 +93,7 @@ class CurveTensors:
         value, first, second = _horner(self._pieces, piece, h)
         if self._slope_pieces is not None:
             first, second, _ = _horner(self._slope_pieces, piece, h)
-        return tuple(xp.moveaxis(part, 0, -1) for part in (value, first, second))  # type: ignore[return-value]
+        return tuple(xp.moveaxis(part, 0, -1) for part in (value, first, second))
 
     def point_and_derivative(self, s: Float[Array, "*pts"]) -> tuple[Float[Array, "*pts 3"], Float[Array, "*pts 3"]]:
         """Γ(s) and Γ'(s); s is taken modulo 1."""
