@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, ClassVar, TypeVar
 
+from jaxtyping import Complex
+
 from spinor_geom.arrays import Array, Place
 
 M = TypeVar("M", bound="ArrayModel")
@@ -37,6 +39,14 @@ class ArrayModel:
     def at(self: M, place: Place) -> M:
         """The model in another place."""
         return self.with_arrays({name: place.put(array) for name, array in self.arrays.items()})
+
+    def value(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
+        """(p(z), q(z))."""
+        raise NotImplementedError
+
+    def derivative(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
+        """(p'(z), q'(z))."""
+        raise NotImplementedError
 
     def config(self) -> dict[str, Any]:
         """Sizes from which `from_config` makes a model of the same shape; JSON-ready."""

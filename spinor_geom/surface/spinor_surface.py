@@ -56,7 +56,8 @@ class SpinorSurface(ArraySurface, torch.nn.Module):
     def _evaluate(self, function: Callable[..., Array], *points: Points) -> Points:
         if isinstance(points[0], torch.Tensor):
             require_complex_points(points)
-            return function(self, *(z.to(torch.complex128) for z in points))
+            values: Points = function(self, *(z.to(torch.complex128) for z in points))
+            return values
         if function is _mean_curvature or self.constant.device.type != "cpu" or not isinstance(self.model, ModelModule):
             with torch.no_grad():
                 return super()._evaluate(function, *points)
