@@ -24,6 +24,10 @@ class ArrayModel:
     fixed: ClassVar[tuple[str, ...]] = ()  # names of others that files contain
     described: ClassVar[tuple[str, ...]] = ()  # names of others that `config` contains
 
+    def __repr__(self) -> str:
+        shapes = ", ".join(f"{name} {tuple(array.shape)}" for name, array in self.arrays.items())
+        return f"{type(self).__name__}({shapes})"
+
     @property
     def arrays(self) -> dict[str, Array]:
         """All arrays by name."""

@@ -22,7 +22,7 @@ from spinor_geom.holomorphic.series import power_sums
 ROUND_OFF = 1e-17  # smaller powers on a circle are neglected
 
 
-@dataclass(frozen=True, init=False, eq=False)
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class LaurentSeries(ArrayModel):
     """p and q as Σ_{k ≥ 0} a_k z^k + Σ_j Σ_{k > 0} b_jk (r_j/(z − c_j))^k where |z| < 1 and all |z − c_j| > r_j.
 
