@@ -1,4 +1,4 @@
-"""Boundary curves as tensors: points and derivatives of many curves at once."""
+"""Boundary curves in the place of a solve: points and derivatives of many curves at once."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurveTensors:
-    """A piecewise polynomial curve as tensors, or a padded batch of curves."""
+    """A piecewise polynomial curve as arrays in one place, or a padded batch of curves."""
 
     breaks: Float[Array, "*batch m1"]  # in [0, 1], padded with 2
     coefficients: Float[Array, "d1 *batch m 3"]  # highest power first, padded with 0
