@@ -31,4 +31,5 @@ from spinor_geom.plateau.solution import PlateauSolution as PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau as solve_plateau
 from spinor_geom.plateau.solve import solve_plateau_batch as solve_plateau_batch
 from spinor_geom.render.report import report as report
+from spinor_geom.surface.array_surface import ArraySurface as ArraySurface
 from spinor_geom.surface.spinor_surface import SpinorSurface as SpinorSurface

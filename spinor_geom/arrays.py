@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from types import ModuleType
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Inexact, Shaped
@@ -52,7 +51,7 @@ class Place:
             return np
         import array_api_compat.torch
 
-        return cast(ModuleType, array_api_compat.torch)
+        return array_api_compat.torch
 
     def put(self, values: Any) -> Array:
         """An array or tensor as an array in this place; on devices a copy."""

@@ -51,13 +51,13 @@ def start_figures(name: str, folder: Path, repeat: int) -> dict[str, Any]:
         "seconds": min(float(seconds) for seconds, *_ in figures),
         "memory_mib": min(float(memory) for _, memory, _ in figures),
         "torch": figures[0][2] == "True",
-        "told": ", ".join(f"{package} {1e3 * cost:.0f} ms" for package, cost in imports.most_common(_PACKAGES)),
+        "told": ", ".join(f"{package} {cost / 1000:.0f} ms" for package, cost in imports.most_common(_PACKAGES)),
     }
 
 
 def imports_by_package(report: str) -> Counter[str]:
-    """Seconds of imports by top-level package, from the report of `python -X importtime`."""
+    """Microseconds of imports by top-level package, from the report of `python -X importtime`."""
     total: Counter[str] = Counter()
     for microseconds, module in re.findall(r"^import time:\s+(\d+) \|\s+\d+ \|\s*(\S+)$", report, flags=re.MULTILINE):
-        total[module.partition(".")[0]] += int(microseconds) * 1e-6
+        total[module.partition(".")[0]] += int(microseconds)
     return total

@@ -15,6 +15,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_levenberg_marquardt
 
@@ -73,7 +74,7 @@ def reconstructed(options: LevenbergMarquardt) -> dict[str, SpinorSurface]:
     return {name: surface for name, surface in found.items() if isinstance(surface, SpinorSurface)}
 
 
-def boundary_distance(surface: SpinorSurface, curve: BoundaryCurve) -> float:
+def boundary_distance(surface: ArraySurface, curve: BoundaryCurve) -> float:
     """Largest distance of the boundary from Γ, and of the parts of Γ that it skips from the boundary."""
     r = surface.position(surface.domain.boundary.point(np.arange(_MEASURED) / _MEASURED))
     slide = np.unwrap(curve.nearest(r), period=1.0)

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, ClassVar, TypeVar
 
+from jaxtyping import Complex
+
 from spinor_geom.arrays import Array, Place
 
 M = TypeVar("M", bound="ArrayModel")
@@ -22,6 +24,10 @@ class ArrayModel:
     fixed: ClassVar[tuple[str, ...]] = ()  # names of others that files contain
     described: ClassVar[tuple[str, ...]] = ()  # names of others that `config` contains
 
+    def __repr__(self) -> str:
+        shapes = ", ".join(f"{name} {tuple(array.shape)}" for name, array in self.arrays.items())
+        return f"{type(self).__name__}({shapes})"
+
     @property
     def arrays(self) -> dict[str, Array]:
         """All arrays by name."""
@@ -37,6 +43,14 @@ class ArrayModel:
     def at(self: M, place: Place) -> M:
         """The model in another place."""
         return self.with_arrays({name: place.put(array) for name, array in self.arrays.items()})
+
+    def value(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
+        """(p(z), q(z))."""
+        raise NotImplementedError
+
+    def derivative(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
+        """(p'(z), q'(z))."""
+        raise NotImplementedError
 
     def config(self) -> dict[str, Any]:
         """Sizes from which `from_config` makes a model of the same shape; JSON-ready."""

@@ -16,7 +16,7 @@ from spinor_geom.holomorphic.blocks import in_blocks, require_complex
 from spinor_geom.holomorphic.interpolant import interpolated, interpolated_slope
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class CauchyNetwork(ArrayModel):
     """p and q as linear combinations of polynomials and Cauchy units d_k/(z − ζ_k) with poles ζ_k outside Ω.
 

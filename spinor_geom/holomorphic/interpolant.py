@@ -20,7 +20,7 @@ Values = Complex[Array, "n 2"]  # of p and q at the nodes
 _MANY = 700  # above this number of nodes and of points the fast multipole method is faster
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CauchyInterpolant(ArrayModel):
     """p and q as rational functions with given values at nodes on ∂Ω.
 

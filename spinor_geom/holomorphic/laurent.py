@@ -22,7 +22,7 @@ from spinor_geom.holomorphic.series import power_sums
 ROUND_OFF = 1e-17  # smaller powers on a circle are neglected
 
 
-@dataclass(frozen=True, init=False, eq=False)
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class LaurentSeries(ArrayModel):
     """p and q as Σ_{k ≥ 0} a_k z^k + Σ_j Σ_{k > 0} b_jk (r_j/(z − c_j))^k where |z| < 1 and all |z − c_j| > r_j.
 
@@ -200,13 +200,13 @@ def parts_on_circles(domain: CircularDomain, own: Complex[Array, "*rows m k"], n
     if m > 2:
         apart = ~np.eye(m, dtype=bool)
         apart[:2, :2] = False
-        here, there = apart.nonzero()
-        zeta = domain.coordinates(domain.circles(n))[there, here]
+        rows, columns = apart.nonzero()
+        zeta = domain.coordinates(domain.circles(n))[columns, rows]
         terms = math.ceil(math.log(ROUND_OFF) / math.log(float(domain.gaps[apart].max()))) + 1
-        total = zeros((*own.shape[:-2], len(here), n), parts)
+        total = zeros((*own.shape[:-2], len(rows), n), parts)
         for k in reversed(range(min(terms, count))):
-            total = total * zeta + own[..., there, k, None]
-        parts[..., here, there, :] = total
+            total = total * zeta + own[..., columns, k, None]
+        parts[..., rows, columns, :] = total
     return parts
 
 

@@ -157,7 +157,8 @@ class ComplexMLP(torch.nn.Module):
     def _at(
         self, function: Callable[[Complex[Tensor, " n"]], Complex[Tensor, "n c"]], z: Complex[Tensor, "*pts"]
     ) -> Complex[Tensor, "*pts c"]:
-        return in_blocks(function, self._scaled(z), width=2 * self.width).to(z.dtype)
+        values: Tensor = in_blocks(function, self._scaled(z), width=2 * self.width)
+        return values.to(z.dtype)
 
     def _layers(
         self, u: Complex[Tensor, " n"]

@@ -17,7 +17,7 @@ from spinor_geom.holomorphic.array_model import ArrayModel
 _POWERS, _POINTS = 32, 1 << 10
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PowerSeries(ArrayModel):
     """p and q as polynomials Σ a_k ((z − centre)/radius)^k.
 

@@ -1,4 +1,4 @@
-"""Boundary curves as tensors: points and derivatives of many curves at once."""
+"""Boundary curves in the place of a solve: points and derivatives of many curves at once."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurveTensors:
-    """A piecewise polynomial curve as tensors, or a padded batch of curves."""
+    """A piecewise polynomial curve as arrays in one place, or a padded batch of curves."""
 
     breaks: Float[Array, "*batch m1"]  # in [0, 1], padded with 2
     coefficients: Float[Array, "d1 *batch m 3"]  # highest power first, padded with 0
@@ -93,7 +93,7 @@ class CurveTensors:
         value, first, second = _horner(self._pieces, piece, h)
         if self._slope_pieces is not None:
             first, second, _ = _horner(self._slope_pieces, piece, h)
-        return tuple(xp.moveaxis(part, 0, -1) for part in (value, first, second))  # type: ignore[return-value]
+        return tuple(xp.moveaxis(part, 0, -1) for part in (value, first, second))
 
     def point_and_derivative(self, s: Float[Array, "*pts"]) -> tuple[Float[Array, "*pts 3"], Float[Array, "*pts 3"]]:
         """Γ(s) and Γ'(s); s is taken modulo 1."""

@@ -121,8 +121,7 @@ class ArraySurface(Shown):
         the triangulation to a vertex near z, and along the segment to z. Raises DomainError for NaN or infinite z.
         """
         if not _is_tensor(z):
-            z = _complex(z)
-            require_finite(z)
+            require_finite(_complex(z))
         return self._evaluate(_position, z)
 
     def positions_inside(self, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
@@ -289,12 +288,13 @@ class ArraySurface(Shown):
         with np.errstate(all="ignore"):  # quotients are NaN or infinite at branch points and poles
             if _is_tensor(points[0]):
                 require_complex_points(points)
-                place = Place(points[0].device)
+                place = place_of(points[0])
                 value: Points = function(self if place_of(self.constant) == place else self.at(place), *points)
                 return value
             arrays = tuple(_complex(z) for z in points)
             place = place_of(self.constant)
-            return to_numpy(function(self, *(arrays if place == NUMPY else map(place.put, arrays))))
+            found: Any = to_numpy(function(self, *(arrays if place == NUMPY else map(place.put, arrays))))
+            return cast(Points, found)
 
     def _null_curve(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
         """φ of an array."""

@@ -51,4 +51,5 @@ def mean_curvature_of_integrals(
     def mean(a: Points, b: Points) -> Float[Tensor, " n"]:
         return mean_curvature(lambda x, y: integrate(a, torch.complex(x, y)), b.real, b.imag)
 
-    return in_blocks(mean, start, end, width=_ENTRIES_PER_NODE * order)
+    curvature: Tensor = in_blocks(mean, start, end, width=_ENTRIES_PER_NODE * order)
+    return curvature

@@ -52,4 +52,4 @@ class ModelModule(torch.nn.Module):
 
 def as_module(model: HolomorphicModel | torch.nn.Module) -> torch.nn.Module:
     """A model as a module with a copy of its arrays; modules are returned as they are."""
-    return ModelModule(cast(ArrayModel, model)) if isinstance(model, ArrayModel) else cast(torch.nn.Module, model)
+    return ModelModule(model) if isinstance(model, ArrayModel) else cast(torch.nn.Module, model)

@@ -17,16 +17,12 @@ from spinor_geom.surface.module import ModelModule, as_module
 class SpinorSurface(ArraySurface, torch.nn.Module):
     """An `ArraySurface` whose model and constant can be trained by any torch optimiser.
 
-    Tensors are differentiable by the parameters and by z. Arrays are evaluated without torch where the parameters are
-    in the memory of the CPU.
+    The model is copied into a module, unless it is one. Tensors are differentiable by the parameters and by z. Arrays
+    are evaluated without torch where the parameters are in the memory of the CPU.
     """
 
-    def __init__(self, *args: Any, **options: Any) -> None:
-        """Takes the arguments of `ArraySurface`; the model is copied into a module, unless it is one."""
-        torch.nn.Module.__init__(self)
-        super().__init__(*args, **options)
-
     def _hold(self, model: Any, constant: Float[Array, "3"], spinor_map: Complex[Array, "2 2"]) -> None:
+        torch.nn.Module.__init__(self)
         self.model = as_module(model)
         self.constant = torch.nn.Parameter(torch.as_tensor(constant).detach().clone())
         self.register_buffer("spinor_map", torch.as_tensor(spinor_map).detach().clone())
@@ -56,7 +52,8 @@ class SpinorSurface(ArraySurface, torch.nn.Module):
     def _evaluate(self, function: Callable[..., Array], *points: Points) -> Points:
         if isinstance(points[0], torch.Tensor):
             require_complex_points(points)
-            return function(self, *(z.to(torch.complex128) for z in points))
+            values: Points = function(self, *(z.to(torch.complex128) for z in points))
+            return values
         if function is _mean_curvature or self.constant.device.type != "cpu" or not isinstance(self.model, ModelModule):
             with torch.no_grad():
                 return super()._evaluate(function, *points)

@@ -66,7 +66,7 @@ class BoundaryNodes:
 
     def positions(self, spinors: Complex[Tensor, "n 2"]) -> Float[Tensor, "n 3"]:
         """Positions of the nodes, up to a constant, from p and q there."""
-        velocity = (phi(spinors[:, 0], spinors[:, 1]) * self.dz[:, None]).real
+        velocity: Tensor = (phi(spinors[:, 0], spinors[:, 1]) * self.dz[:, None]).real
         return self.integral @ velocity
 
     def matched(
@@ -137,7 +137,8 @@ class RayBoundary(torch.nn.Module):
         return position + (s - s.detach())[:, None] * velocity, live
 
     def _null(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
-        return self.phi(*self.network.value(z).unbind(-1))
+        null: Tensor = self.phi(*self.network.value(z).unbind(-1))
+        return null
 
 
 def _circle(s: Float[Tensor, " n"]) -> Complex[Tensor, " n"]:

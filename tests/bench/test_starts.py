@@ -13,7 +13,7 @@ def test_imports_are_summed_by_package() -> None:
         "import time:        20 |         20 | zipimport\n"
         "a line of the program\n"
     )
-    assert dict(imports_by_package(report)) == pytest.approx({"scipy": 1.25e-3, "zipimport": 2e-5})
+    assert imports_by_package(report) == {"scipy": 1250, "zipimport": 20}
 
 
 @pytest.mark.parametrize("name", ["help", "fill of a small mesh"])

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from spinor_geom import gallery
+from spinor_geom.arrays import Place
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.gallery import curves
@@ -157,7 +158,7 @@ def test_networks_that_are_too_small_stop_with_the_reason(solutions):
 def test_polishing_brings_a_rough_fit_nearer(solutions):
     solution = solutions["twisted circle"]
     nodes = BoundaryNodes.on(solution.domain, 128, CPU)
-    curve = CurveTensors.of(solution.curve, CPU)
+    curve = CurveTensors.of(solution.curve, Place(CPU))
     network = ComplexMLP(generator=torch.Generator().manual_seed(0))
     slide = torch.from_numpy(np.interp(nodes.t, *solution.matching.T, period=1))
     values = torch.from_numpy(solution.surface.spinors(nodes.z.numpy()))
@@ -172,7 +173,7 @@ def test_polishing_brings_a_rough_fit_nearer(solutions):
 
 def test_polishing_takes_steps_back_that_overflow(monkeypatch):
     nodes = BoundaryNodes.on(PlaneDomain.disk(), 32, CPU)
-    curve = CurveTensors.of(BoundaryCurve.from_formula(CURVES["twisted circle"]), CPU)
+    curve = CurveTensors.of(BoundaryCurve.from_formula(CURVES["twisted circle"]), Place(CPU))
     network = ComplexMLP(generator=torch.Generator().manual_seed(0))
     before = network.value(nodes.z).detach()
     monkeypatch.setattr(Polish, "step", lambda self, damping: torch.full((32, 2), 1e200, dtype=torch.complex128))

@@ -176,7 +176,7 @@ def _laurent_series(
 @lru_cache(maxsize=16)
 def grid_of(boundary: FourierBoundary, n: int, place: Place) -> Complex[Array, "2 n"]:
     """The points at n equal steps of a boundary's parameter t, and dz/dt."""
-    return place.put(np.stack(boundary.grid(n)[:2]))
+    return place.put(boundary.grid(n)[:2])
 
 
 def slopes(form: CirclesForm | DirichletForm, points: Float[Array, "*b m n 3"]) -> Complex[Array, "*b m n 3"]:

@@ -145,7 +145,7 @@ class Discretisation:
     @property
     def room(self) -> float:
         """Ratio of the largest number of features to the present one."""
-        return _MAX_FEATURES / self.network.mixing.shape[1]
+        return float(_MAX_FEATURES / self.network.mixing.shape[1])
 
     def share_at_corners(self, energy: Float[np.ndarray, " panels"]) -> float:
         """Share of a residual on the edges of ∂Ω that end at its corners."""

@@ -113,7 +113,7 @@ class _OnPath:
     def _residual(self, log_modulus: float) -> float:
         """Residual of the equations of the path at a given log M."""
         slides, moduli = self._gradient[: self.here.count], self._gradient[self.here.count :]
-        along = float(square(slides).mean() / square(self.here.normal).sum(-1).mean()) ** 0.5
+        along = math.sqrt(square(slides).mean() / square(self.here.normal).sum(-1).mean())
         return max(along, float(abs(moduli).max() / self.here.energy[0]), abs(self.log_modulus - log_modulus))
 
     @cached_property

@@ -100,12 +100,13 @@ class HarmonicSurface:
     @property
     def dirichlet_energy(self) -> float:
         """The Dirichlet energy: the area if the surface is conformal, more otherwise."""
-        return float(self.energy[0]) * 2 * math.pi / self.slides.shape[1]
+        energy: float = self.energy[0]
+        return float(energy * 2 * math.pi / self.slides.shape[1])
 
     @property
     def crowded(self) -> bool:
         """Whether a large part of a curve has no nodes."""
-        return float(closed_steps(self.slides).max()) > min(CROWDED / self.slides.shape[1], _LARGE_PART)
+        return bool(closed_steps(self.slides).max() > min(CROWDED / self.slides.shape[1], _LARGE_PART))
 
     @property
     def is_apart(self) -> bool:

@@ -6,6 +6,7 @@ points follow from two complex matrices, ∫ 2pf dz and ∫ 2qf dz for all featu
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -266,7 +267,7 @@ class Passing:
     @cached_property
     def distance(self) -> float:
         """Root mean square of the error."""
-        return float(square(self.error).sum(1).mean()) ** 0.5
+        return math.sqrt(square(self.error).sum(1).mean())
 
     def at(self, readout: Complex[Array, "k 2"]) -> Passing:
         """The surface with other read-outs."""
