@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinor_geom.domain.delaunay import unique_edges
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.operators import Bending, crossing_angles
 from spinor_geom.mesh.topology import HalfEdges
@@ -43,6 +44,12 @@ class Collar:
     length: float  # correlation length ℓ of H, in mesh units; 0 for noise, and where H is constant
     roughness: float  # variance of H between neighbours by its total: 0 on a smooth mesh, 1 and more in noise
     creased: int  # number of boundary vertices at creases
+
+    @property
+    def rim_edges(self) -> Int[np.ndarray, "e 2"]:
+        """The edges of the mesh between vertices of the boundary."""
+        edges = unique_edges(self.faces, len(self.vertices))
+        return edges[edges[:, 1] < self.boundary_size]
 
 
 def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:

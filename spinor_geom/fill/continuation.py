@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, TypeAlias
 
@@ -13,7 +12,8 @@ from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
 from spinor_geom.fill.collar import Bend, Collar
 from spinor_geom.fill.fairing import SMALLEST_ANGLE, Faired, Order, brought_to_rest, thin_plate
 from spinor_geom.mesh.operators import vertex_angles
-from spinor_geom.meshing.embed import Patch, over_domain_of_angles, over_own_domain, remesh
+from spinor_geom.meshing.embed import Patch, over_domain_of_angles
+from spinor_geom.meshing.remeshing import remesh
 
 # A patch with edges stretched by more is remeshed, as its triangles are too coarse for the bulge: with 4 the ends of
 # two fingers bend by 7.6° across the rim instead of 5.9°; 1.4 takes 14 % more steps for the same smallest angles.
@@ -114,7 +114,7 @@ class Continuation:
         return {**asdict(self), "before": self.before.to_dict(), "after": self.after.to_dict()}
 
 
-def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal: bool) -> Faired:
+def continue_patch(patch: Patch, collar: Collar, target: float) -> Faired:
     """Moves a patch's inner vertices to the smooth continuation of the mesh around it.
 
     1. The curvature functional is minimised by Newton's method (`brought_to_rest`).
@@ -130,16 +130,15 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
         TooManyPointsError: the target length needs too many vertices.
     """
     faired = brought_to_rest(patch, collar)
-    is_poor = faired.defect or (faired.stretch > _MOST_STRETCHED and not is_conformal)
-    if is_poor and not patch.hole_sizes and not is_out_of_time():
+    if faired.defect and not patch.hole_sizes and not is_out_of_time():
         again = _from_domain_of_angles(patch, collar, target)
         if again is not None and _rank(again)[:2] <= _rank(faired)[:2]:
-            faired, is_conformal = replace(again, steps=faired.steps + again.steps, remeshed=True), True
-    faired = _remeshed(faired, collar, target, is_conformal=is_conformal)
+            faired = replace(again, steps=faired.steps + again.steps, remeshed=True)
+    faired = _remeshed(faired, collar, target)
     if faired.defect and not is_out_of_time():
         plate = replace(thin_plate(patch, collar), lowered=faired.defect)
         if plate.is_thin:
-            plate = _remeshed(plate, collar, target, is_conformal=is_conformal)
+            plate = _remeshed(plate, collar, target)
         if not plate.defect:
             return replace(plate, steps=faired.steps)
     return faired
@@ -155,46 +154,24 @@ def _from_domain_of_angles(patch: Patch, collar: Collar, target: float) -> Faire
     return brought_to_rest(start, collar) if len(start.vertices) > start.boundary_size else None
 
 
-def _remeshed(faired: Faired, collar: Collar, target: float, *, is_conformal: bool) -> Faired:
+def _remeshed(faired: Faired, collar: Collar, target: float) -> Faired:
     """Remeshes a patch and minimises again, until it is good or no longer improves."""
     for _ in range(_ROUNDS):
-        is_good = faired.converged and not faired.is_thin and faired.stretch <= _MOST_STRETCHED
-        if is_good or is_out_of_time():
+        is_stretched = faired.stretch > _MOST_STRETCHED
+        if (faired.converged and not faired.is_thin and not is_stretched) or is_out_of_time():
             break
-        better = _remeshed_once(faired, collar, target, is_conformal=is_conformal)
-        if better is None:
-            break
-        faired, is_conformal = better, False
-    return faired
-
-
-def _remeshed_once(faired: Faired, collar: Collar, target: float, *, is_conformal: bool) -> Faired | None:
-    """The better of the meshes over a flattening of the current shape and over the patch's Ω; None if neither is."""
-    domains = []
-    if not faired.patch.hole_sizes:
-        with suppress(DomainError, OutOfTimeError, SingularMatrixError):
-            domains.append(over_own_domain(faired.patch))
-    if is_conformal:
-        domains.append(faired.patch)
-    best = None
-    for domain in domains:
         try:
-            finer = remesh(domain, target)
+            finer = remesh(faired.patch, target, collar.rim_edges)
         except OutOfTimeError:
             break
-        except DomainError:  # the boundary polygon of this domain is not simple
-            continue
         if len(finer.vertices) == finer.boundary_size:
-            continue
+            break
         again = thin_plate(finer, collar) if faired.order == "thin plate" else brought_to_rest(finer, collar)
         again = replace(again, steps=faired.steps + again.steps, remeshed=True, lowered=faired.lowered)
-        before = best or faired
-        needs_finer = best is None and faired.stretch > _MOST_STRETCHED
-        if _rank(again) < _rank(before) or (needs_finer and _rank(again)[:2] <= _rank(before)[:2]):
-            best = again
-        if best is not None and not best.defect and not best.is_thin:
+        if not (_rank(again) < _rank(faired) or (is_stretched and _rank(again)[:2] <= _rank(faired)[:2])):
             break
-    return best
+        faired = again
+    return faired
 
 
 def _rank(faired: Faired) -> tuple[bool, float, float]:

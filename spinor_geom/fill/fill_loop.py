@@ -170,7 +170,7 @@ def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch
         return _not_continued(start)
     collar = collar_of(patched, start.rim, start.patch)
     try:
-        faired = continue_patch(start.patch, collar, target, is_conformal=start.kind != "discrete")
+        faired = continue_patch(start.patch, collar, target)
     except (SingularMatrixError, TooManyPointsError) as error:
         return _not_continued(start, f": {error}")
     before, after = bend_across(collar, start.patch), bend_across(collar, faired.patch)
