@@ -39,8 +39,9 @@ class Continuation:
         converged: whether the next step would move no vertex by more than 0.01 of a mean edge of the patch.
         next_step: the largest displacement of a vertex in the next step, in mean edges of the patch.
         area_ratio: the area divided by that of the surface before.
-        smallest_angle: of the triangles with an inner vertex, in degrees; None if there are none.
-        smallest_rim_angle: of all triangles; those of three rim vertices cannot be improved.
+        smallest_angle: of all triangles, in degrees.
+        smallest_rim_angle: of the angles between two edges of the rim that one triangle fills; None without such a
+            triangle. No triangulation has larger angles there.
         correlation_length: ℓ, over which the mean curvature of the mesh around changes, in mesh units.
         roughness: variance of that curvature between neighbours, divided by its total variance: 0 on a smooth mesh, 1
             and more in noise, which is not continued.
@@ -57,8 +58,8 @@ class Continuation:
     converged: bool
     next_step: float
     area_ratio: float
-    smallest_angle: float | None
-    smallest_rim_angle: float
+    smallest_angle: float
+    smallest_rim_angle: float | None
     correlation_length: float
     roughness: float
     creased: int
@@ -68,6 +69,7 @@ class Continuation:
         cls, faired: Faired, collar: Collar, *, start: Start, before: Bend, after: Bend, area_ratio: float
     ) -> Continuation:
         """The figures of a faired patch and its collar."""
+        rim_angle = faired.smallest_angles[0]
         return cls(
             started_from=start,
             before=before,
@@ -79,8 +81,8 @@ class Continuation:
             converged=faired.converged,
             next_step=faired.next_step,
             area_ratio=area_ratio,
-            smallest_angle=faired.smallest_angles[0],
-            smallest_rim_angle=faired.smallest_angles[1],
+            smallest_angle=min(faired.smallest_angles),
+            smallest_rim_angle=rim_angle if np.isfinite(rim_angle) else None,
             correlation_length=collar.length,
             roughness=collar.roughness,
             creased=collar.creased,
@@ -105,8 +107,9 @@ class Continuation:
             found.append(f"the patch is a thin plate, as the continuation of the mean curvature {self.lowered}")
         if self.area_ratio > MOST_AREA:
             found.append(f"the patch has {self.area_ratio:.2g} times the area of the surface it started from")
-        if self.smallest_angle is not None and self.smallest_angle < SMALLEST_ANGLE:
-            found.append(f"the smallest angle of the patch's triangles is {self.smallest_angle:.2g}°")
+        if self.smallest_angle < SMALLEST_ANGLE:
+            where = ", between two edges of the rim" if self.smallest_angle == self.smallest_rim_angle else ""
+            found.append(f"the smallest angle of the patch's triangles is {self.smallest_angle:.2g}°{where}")
         return tuple(found)
 
     def to_dict(self) -> dict[str, Any]:

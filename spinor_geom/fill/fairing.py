@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy.sparse import csc_array, diags_array
 
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.domain.delaunay import unique_edges
+from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.fill.collar import Collar
 from spinor_geom.mesh.operators import (
     Bending,
@@ -68,16 +68,21 @@ class Faired:
         return folded_sides(self.patch)
 
     @cached_property
-    def smallest_angles(self) -> tuple[float | None, float]:
-        """The smallest angle of the triangles with an inner vertex (None without any), and of all, in degrees."""
+    def smallest_angles(self) -> tuple[float, float]:
+        """The smallest angles, in degrees, of triangles that fill a corner of the rim there, and all others; ∞ for none."""
         faces = np.asarray(self.patch.faces)
-        angles = np.degrees(internal_angles(self.patch.vertices, faces).min(axis=1))
-        inner = angles[(faces >= self.patch.boundary_size).any(axis=1)]
-        return float(inner.min()) if len(inner) else None, float(angles.min())
+        angles = np.degrees(np.nan_to_num(internal_angles(self.patch.vertices, faces)))
+        after = np.append(
+            rim_successors(self.patch.rims), np.full(len(self.patch.vertices) - self.patch.boundary_size, -1)
+        )
+        on_rim = after[faces] == np.roll(faces, -1, axis=1)
+        # both edges at this corner of the triangle are the rim's
+        fills = on_rim & np.roll(on_rim, 1, axis=1)
+        return float(angles[fills].min(initial=np.inf)), float(angles[~fills].min(initial=np.inf))
 
     @property
     def is_thin(self) -> bool:
-        """Whether a triangle has an angle below 10°."""
+        """Whether a triangle has an angle below 10° that is not one of the rim."""
         return self.smallest_angles[1] < SMALLEST_ANGLE
 
     @property

@@ -9,7 +9,7 @@ Source: Botsch & Kobbelt, "A remeshing approach to multiresolution modeling", Sy
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import igl
 import numpy as np
@@ -18,7 +18,7 @@ from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
 from spinor_geom.deadline import require_time
-from spinor_geom.domain.delaunay import edge_codes, rim_successors, unique_edges
+from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.domain.sizes import GROWTH
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.operators import face_areas, face_normals, internal_angles, vertex_normals
@@ -26,10 +26,11 @@ from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import DECAY, require_few_points
 
-_ROUNDS = 5
+_ROUNDS = 3
 # shortest and longest edges, in wanted lengths
-_SHORTEST, _LONGEST = 0.8, 4 / 3
+_SHORTEST, _LONGEST = 0.6, 4 / 3
 _GOOD = np.radians(25.0)  # triangles with larger angles are not improved by single vertices
+_THIN = np.radians(10.0)
 _MOST_FLIPS = 50  # rounds of flips
 # a vertex of a poor triangle is tried at eight places around it, at these multiples of the mean length of its edges
 _STEPS = (0.3, 0.3, 0.15, 0.15, 0.08, 0.08)
@@ -95,7 +96,7 @@ class _Mesh:
             ends = ends[sides[:, 0]]
             # beside a longer edge of the rim halves of other edges would be too long again
             excess = np.where(length[sides[:, 0]] < longest, 0.0, self._relative_length(ends))
-            excess[self._has_edges(self._taken, ends)] = np.inf
+            excess[self._has_edges(self._taken, ends) | self._are_thin_chords(sides, ends)] = np.inf
             sides, ends, excess = (each[excess > _LONGEST] for each in (sides, ends, excess))
             if not len(ends):
                 return
@@ -109,6 +110,13 @@ class _Mesh:
             second[np.arange(len(face)), corner] = new
             self.faces[face, (corner + 1) % 3] = new
             self.faces = np.concatenate([self.faces, second])
+
+    def _are_thin_chords(self, sides: Int[np.ndarray, "e 2"], ends: Int[np.ndarray, "e 2"]) -> Bool[np.ndarray, " e"]:
+        """Which inner edges between two vertices of the rims have a small angle at one of them."""
+        angles = internal_angles(self.vertices, self.faces)
+        face, corner = np.divmod(sides, 3)
+        least = np.minimum(angles[face, corner], angles[face, (corner + 1) % 3]).min(axis=1)
+        return (ends < self.rim).all(axis=1) & ~(least >= _THIN)
 
     def collapse(self) -> None:
         """Collapses inner edges that are too short, unless that makes an angle too small or an edge too long."""
