@@ -81,7 +81,8 @@ def fill_loop(
         clock.lap("failed")
         timings = clock.seconds()
         return unfilled(place, loop, error, solution=solved.solution, joined_to=joined_to, timings=timings), None
-    patch, is_planned = new.patch, new.solution is not None and not new.faces_replaced
+    patch, is_remeshed = new.patch, new.continuation is not None and new.continuation.remeshed
+    is_planned = new.solution is not None and not new.faces_replaced and not is_remeshed
     attributes = patch_attributes(patched.mesh, new.rim, patch, new.surface, is_planned=is_planned)
     clock.lap("attributes")
     outcome = LoopOutcome(
