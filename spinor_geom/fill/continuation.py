@@ -140,7 +140,7 @@ def continue_patch(patch: Patch, collar: Collar, target: float) -> Faired:
     faired = _remeshed(faired, collar, target)
     if faired.defect and not is_out_of_time():
         plate = replace(thin_plate(patch, collar), lowered=faired.defect)
-        if plate.is_thin:
+        if plate.is_thin and not plate.folds:
             plate = _remeshed(plate, collar, target)
         if not plate.defect:
             return replace(plate, steps=faired.steps)

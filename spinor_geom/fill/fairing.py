@@ -69,7 +69,7 @@ class Faired:
 
     @cached_property
     def smallest_angles(self) -> tuple[float, float]:
-        """The smallest angle, in degrees, of the rim's corners that one triangle fills, and of the others; ∞ for none."""
+        """The smallest angle, in degrees, at corners of the rim filled by one triangle, and elsewhere; ∞ for none."""
         faces = np.asarray(self.patch.faces)
         angles = np.degrees(np.nan_to_num(internal_angles(self.patch.vertices, faces)))
         after = np.append(

@@ -18,7 +18,7 @@ from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.triangulation import PlaneTriangulation, one_by_one_on_error
 from spinor_geom.errors import DomainError, OptionError, SpinorGeomError, SurfaceError, require_positive, require_type
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.operators import cotangent_laplacian, face_areas, vertex_angles
+from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.mesh.spacing import edge_lengths
 from spinor_geom.meshing.split_edges import edges_far_from_arcs, triangulated_with_split_edges
 from spinor_geom.meshing.triangulate import Piece, is_unit_disk, piece_of, triangulate_pieces

@@ -26,14 +26,18 @@ from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import DECAY, require_few_points
 
-_ROUNDS = 3
+_ROUNDS = 2
 # shortest and longest edges, in wanted lengths
 _SHORTEST, _LONGEST = 0.6, 4 / 3
 _GOOD = np.radians(25.0)  # triangles with larger angles are not improved by single vertices
 _THIN = np.radians(10.0)
-_MOST_FLIPS = 50  # rounds of flips
-# a vertex of a poor triangle is tried at eight places around it, at these multiples of the mean length of its edges
+_MOST_SPLITS = 30  # rounds of splits
+_FLIPS_BETWEEN = 2
+_MOST_FLIPS, _LEAST_GAIN = 50, 1e-3  # rounds of flips, and the smallest increase of an angle
+# a vertex of a poor triangle is tried at eight places around it, at these multiples of the wanted edge length
 _STEPS = (0.3, 0.3, 0.15, 0.15, 0.08, 0.08)
+_AROUND = np.exp(2j * np.pi * np.arange(8) / 8)
+_CORRECTIONS = 10  # of a smoothing that turns triangles over
 
 Positions = Float[np.ndarray, "n 3"]
 Faces = Int[np.ndarray, "f 3"]
@@ -83,11 +87,11 @@ class _Mesh:
     def __init__(self, patch: Patch, target: float, taken: Int[np.ndarray, "e 2"]) -> None:
         self.vertices, self.faces, self.rim = patch.vertices, np.array(patch.faces), patch.boundary_size
         self._size, self._taken = _graded_size(patch, target), taken
-        self.sizes = self._size(self.vertices)  # wanted lengths at the vertices
+        self._sizes = self._size(self.vertices)  # wanted lengths at the vertices
 
     def split(self) -> None:
-        """Halves inner edges that are too long, and those between vertices that must not be joined."""
-        while True:
+        """Halves inner edges that are too long, chords that cut off small angles, and those that must not be there."""
+        for _ in range(_MOST_SPLITS):
             half_edges = HalfEdges.of(self.faces)
             sides = half_edges.pairs
             ends = np.stack([half_edges.origin, half_edges.target], axis=1)
@@ -104,19 +108,20 @@ class _Mesh:
             new = np.repeat(len(self.vertices) + np.arange(chosen.sum()), 2)
             middles = self.vertices[ends[chosen]].mean(axis=1)
             self.vertices = np.concatenate([self.vertices, middles])
-            self.sizes = np.concatenate([self.sizes, self._size(middles)])
+            self._sizes = np.concatenate([self._sizes, self._size(middles)])
             face, corner = np.divmod(sides[chosen].ravel(), 3)
             second = self.faces[face]
             second[np.arange(len(face)), corner] = new
             self.faces[face, (corner + 1) % 3] = new
             self.faces = np.concatenate([self.faces, second])
+            self.flip(_FLIPS_BETWEEN)  # halves of thin triangles would have to be halved very often
 
     def _are_thin_chords(self, sides: Int[np.ndarray, "e 2"], ends: Int[np.ndarray, "e 2"]) -> Bool[np.ndarray, " e"]:
         """Which inner edges between two vertices of the rims have a small angle at one of them."""
-        angles = internal_angles(self.vertices, self.faces)
+        angles = _angles(self.vertices, self.faces)
         face, corner = np.divmod(sides, 3)
         least = np.minimum(angles[face, corner], angles[face, (corner + 1) % 3]).min(axis=1)
-        return (ends < self.rim).all(axis=1) & ~(least >= _THIN)
+        return (ends < self.rim).all(axis=1) & (least < _THIN)
 
     def collapse(self) -> None:
         """Collapses inner edges that are too short, unless that makes an angle too small or an edge too long."""
@@ -133,55 +138,52 @@ class _Mesh:
             if not len(short):
                 break
             short = short[self._independent(short, -self._relative_length(short), rings=2)]
-            good = self._collapsed(short)
+            good = self._are_good_collapses(short)
+            self.vertices, faces = self._collapsed(short[good])
+            self.faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
             refused = np.concatenate([refused, short[~good]])
         used = np.zeros(count, dtype=bool)
         used[self.faces] = True
         used[: self.rim] = True
-        self.vertices, self.sizes = self.vertices[used], self.sizes[used]
+        self.vertices, self._sizes = self.vertices[used], self._sizes[used]
         self.faces = (np.cumsum(used) - 1)[self.faces]
 
-    def _collapsed(self, edges: Int[np.ndarray, "k 2"]) -> Bool[np.ndarray, " k"]:
-        """Collapses edges without common neighbours into their first vertex; returns which of them were good enough."""
-        count = len(self.vertices)
-        kept, gone = edges.T
-        good = np.ones(len(edges), dtype=bool)
-        before = self._least_angles(self.vertices, self.faces)
-        least = np.minimum(before[kept], before[gone])
-        for _ in range(2):  # all of them, then the good ones
-            vertices, number = self.vertices.copy(), np.arange(count)
-            number[gone[good]] = kept[good]
-            inner = good & (kept >= self.rim)
-            vertices[kept[inner]] = self.vertices[edges[inner]].mean(axis=1)
-            faces = number[self.faces]
-            left = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-            turned = _turned(self.vertices, self.faces[left], vertices, faces[left])
-            faces = faces[left]
-            is_bad = np.zeros(count, dtype=bool)
-            is_bad[faces[turned]] = True
-            sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-            length = np.linalg.norm(vertices[sides[:, 0]] - vertices[sides[:, 1]], axis=1)
-            is_long = length > _LONGEST * self.sizes[sides].mean(axis=1)
-            is_bad[sides[is_long]] = True
-            if good.all():
-                angles = self._least_angles(vertices, faces)
-                good = ~is_bad[kept] & (angles[kept] >= np.minimum(least, _GOOD))
-        self.vertices, self.faces = vertices, faces
-        return good
+    def _collapsed(self, edges: Int[np.ndarray, "k 2"]) -> tuple[Positions, Faces]:
+        """The mesh with edges collapsed to their middles, or to their vertices on a rim; two faces of each are flat."""
+        vertices, number = self.vertices.copy(), np.arange(len(self.vertices))
+        number[edges[:, 1]] = edges[:, 0]
+        inner = edges[edges[:, 0] >= self.rim]
+        vertices[inner[:, 0]] = self.vertices[inner].mean(axis=1)
+        return vertices, number[self.faces]
 
-    def flip(self) -> None:
+    def _are_good_collapses(self, edges: Int[np.ndarray, "k 2"]) -> Bool[np.ndarray, " k"]:
+        """Whether the triangles around edges far from each other stay good when these are collapsed."""
+        vertices, faces = self._collapsed(edges)
+        left = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+        turned = _turned(self.vertices, self.faces[left], vertices, faces[left])
+        faces = faces[left]
+        sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        length = np.linalg.norm(vertices[sides[:, 0]] - vertices[sides[:, 1]], axis=1)
+        is_wrong = (length > _LONGEST * self._sizes[sides].mean(axis=1)) | self._has_edges(self._taken, sides)
+        is_bad = np.zeros(len(vertices), dtype=bool)
+        is_bad[faces[turned]] = True
+        is_bad[sides[is_wrong]] = True
+        least = np.minimum(_least_angles(self.vertices, self.faces)[edges].min(axis=1), _GOOD)
+        return np.asarray(~is_bad[edges[:, 0]] & (_least_angles(vertices, faces)[edges[:, 0]] >= least))
+
+    def flip(self, rounds: int = _MOST_FLIPS) -> None:
         """Flips inner edges where that increases the smallest angle of the two triangles."""
-        for _ in range(_MOST_FLIPS):
+        for _ in range(rounds):
             half_edges = HalfEdges.of(self.faces)
             sides = half_edges.pairs
             (a, b), (c, d) = half_edges.origin[sides].T, half_edges.opposite[sides].T
             old = self.faces[sides // 3]
             new = np.stack([np.stack([a, d, c], axis=1), np.stack([b, c, d], axis=1)], axis=1)
-            least = [internal_angles(self.vertices, f.reshape(-1, 3)).reshape(-1, 6).min(axis=1) for f in (old, new)]
-            gain = least[1] - least[0]
+            least = [_angles(self.vertices, each.reshape(-1, 3)).reshape(-1, 6).min(axis=1) for each in (new, old)]
+            gain = least[0] - least[1]
             across = np.stack([c, d], axis=1)
             edges = np.concatenate([unique_edges(self.faces, len(self.vertices)), self._taken])
-            chosen = np.flatnonzero((gain > 1e-3) & ~self._has_edges(edges, across))
+            chosen = np.flatnonzero((gain > _LEAST_GAIN) & ~self._has_edges(edges, across))
             chosen = chosen[~_is_sharper(self.vertices, old[chosen], new[chosen])]
             if not len(chosen):
                 return
@@ -189,76 +191,54 @@ class _Mesh:
             self.faces[sides[chosen] // 3] = new[chosen]
 
     def smooth(self) -> None:
-        """Moves inner vertices, in their tangent planes, to the weighted mean of the triangles around them."""
-        v, f, n = self.vertices, self.faces, len(self.vertices)
-        centres = v[f].mean(axis=1)
-        weights = face_areas(v, f) / self.sizes[f].mean(axis=1) ** 2
-        total = np.bincount(f.ravel(), np.repeat(weights, 3), minlength=n)
-        mean = np.stack([np.bincount(f.ravel(), np.repeat(weights * x, 3), minlength=n) for x in centres.T], axis=1)
-        step = mean / np.maximum(total, np.finfo(np.float64).tiny)[:, None] - v
+        """Moves inner vertices, in their tangent planes, to the mean of the triangles around them, of even density."""
+        x, faces, count = self.vertices, self.faces, len(self.vertices)
+        weights = np.repeat(face_areas(x, faces) / self._sizes[faces].mean(axis=1) ** 2, 3)
+        total = np.maximum(np.bincount(faces.ravel(), weights, count), np.finfo(np.float64).tiny)
+        centres = np.repeat(x[faces].mean(axis=1), 3, axis=0).T
+        step = np.stack([np.bincount(faces.ravel(), weights * each, count) / total for each in centres], axis=1) - x
+        normals = vertex_normals(x, faces)
+        step -= np.einsum("nd,nd->n", step, normals)[:, None] * normals
         step[: self.rim] = 0
-        self._moved(self._along(step))
-        self.sizes = self._size(self.vertices)
-
-    def _moved(self, step: Positions) -> None:
-        before = np.minimum(internal_angles(self.vertices, self.faces).min(axis=1), _GOOD)
-        for _ in range(10):
-            moved = self.vertices + step
-            angles = internal_angles(moved, self.faces).min(axis=1)
-            wrong = _turned(self.vertices, self.faces, moved, self.faces) | ~(angles >= before)
+        least = np.minimum(_angles(x, faces).min(axis=1), _GOOD)
+        for _ in range(_CORRECTIONS):
+            wrong = _turned(x, faces, x + step, faces) | (_angles(x + step, faces).min(axis=1) < least)
             if not wrong.any():
+                self.vertices = x + step
+                self._sizes = self._size(self.vertices)
                 break
-            step[self.faces[wrong]] = 0
-        else:
-            return
-        self.vertices = moved
+            step[faces[wrong]] = 0
 
     def polish(self) -> None:
         """Moves single vertices of triangles with small angles to where the smallest angle around them is larger."""
-        turns = 2 * np.pi * np.arange(8) / 8
         for share in _STEPS:
-            least = self._least_angles(self.vertices, self.faces)
+            x, faces = self.vertices, self.faces
+            least = _least_angles(x, faces)
             ids = self.rim + np.flatnonzero(least[self.rim :] < _GOOD)
-            if not len(ids):
-                return
             ids = ids[self._independent(ids[:, None], -least[ids], rings=1)]
-            edges = unique_edges(self.faces, len(self.vertices))
-            length = np.linalg.norm(self.vertices[edges[:, 0]] - self.vertices[edges[:, 1]], axis=1)
-            ends = edges.ravel()
-            mean = np.bincount(ends, np.repeat(length, 2)) / np.maximum(np.bincount(ends), 1)
-            normals = vertex_normals(self.vertices, self.faces)[ids]
-            first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
-            first /= np.linalg.norm(first, axis=1)[:, None]
-            second = np.cross(normals, first)
-            best, found = self.vertices.copy(), least[ids]
-            for turn in turns:
-                moved = self.vertices.copy()
-                moved[ids] += share * mean[ids, None] * (np.cos(turn) * first + np.sin(turn) * second)
-                angles = self._least_angles(moved, self.faces)
-                is_turned = np.zeros(len(moved), dtype=bool)
-                is_turned[self.faces[_turned(self.vertices, self.faces, moved, self.faces)]] = True
-                better = (angles[ids] > found) & ~is_turned[ids]
-                best[ids[better]], found[better] = moved[ids[better]], angles[ids[better]]
+            normals = vertex_normals(x, faces)[ids]
+            across = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
+            across *= (share * self._sizes[ids] / np.linalg.norm(across, axis=1))[:, None]
+            along = np.cross(normals, across)
+            best, found = x.copy(), least[ids]
+            for turn in _AROUND:
+                moved = x.copy()
+                moved[ids] += turn.real * across + turn.imag * along
+                is_turned = np.zeros(len(x), dtype=bool)
+                is_turned[faces[_turned(x, faces, moved, faces)]] = True
+                angles = _least_angles(moved, faces)[ids]
+                better = (angles > found) & ~is_turned[ids]
+                best[ids[better]], found[better] = moved[ids[better]], angles[better]
             self.vertices = best
-
-    def _along(self, step: Positions) -> Positions:
-        normals = vertex_normals(self.vertices, self.faces)
-        return step - np.einsum("nd,nd->n", step, normals)[:, None] * normals
 
     def _relative_length(self, edges: Int[np.ndarray, "e 2"]) -> Float[np.ndarray, " e"]:
         """Lengths of edges by the wanted ones."""
         ends = self.vertices[edges]
-        return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / self.sizes[edges].mean(axis=1)
+        return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / self._sizes[edges].mean(axis=1)
 
     def _has_edges(self, edges: Int[np.ndarray, "e 2"], pairs: Int[np.ndarray, "k 2"]) -> Bool[np.ndarray, " k"]:
         count = len(self.vertices)
         return np.isin(np.sort(pairs, axis=1) @ [count, 1], np.sort(edges, axis=1) @ [count, 1])
-
-    def _least_angles(self, vertices: Positions, faces: Faces) -> Float[np.ndarray, " n"]:
-        """The smallest angle of the triangles at each vertex; π without any."""
-        least = np.full(len(vertices), np.pi)
-        np.minimum.at(least, faces.ravel(), np.repeat(np.nan_to_num(internal_angles(vertices, faces)).min(axis=1), 3))
-        return least
 
     def _independent(
         self, groups: Int[np.ndarray, "k c"], priority: Float[np.ndarray, " k"], *, rings: int = 0
@@ -287,6 +267,18 @@ def _graded_size(patch: Patch, target: float) -> Size:
         return np.asarray(np.minimum(np.maximum(target, lowest), (own[nearest] + GROWTH * distance).min(axis=1)))
 
     return size
+
+
+def _angles(vertices: Positions, faces: Faces) -> Float[np.ndarray, "f 3"]:
+    """`internal_angles`, 0 in triangles with equal vertices."""
+    return np.nan_to_num(internal_angles(vertices, faces))
+
+
+def _least_angles(vertices: Positions, faces: Faces) -> Float[np.ndarray, " n"]:
+    """The smallest angle of the triangles at each vertex; π without any."""
+    least = np.full(len(vertices), np.pi)
+    np.minimum.at(least, faces.ravel(), np.repeat(_angles(vertices, faces).min(axis=1), 3))
+    return least
 
 
 def _turned(old: Positions, old_faces: Faces, new: Positions, new_faces: Faces) -> Bool[np.ndarray, " f"]:
