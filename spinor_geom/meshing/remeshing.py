@@ -60,6 +60,7 @@ def remesh(patch: Patch, target: float, taken: Int[np.ndarray, "e 2"]) -> Patch:
     """
     require_few_points(patch.area, target)
     mesh = _Mesh(patch, target, taken)
+    mesh.flip()
     for _ in range(_ROUNDS):
         require_time()
         mesh.split()
