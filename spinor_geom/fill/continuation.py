@@ -9,8 +9,8 @@ import numpy as np
 
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
-from spinor_geom.fill.collar import Bend, Collar
-from spinor_geom.fill.fairing import SMALLEST_ANGLE, Faired, Order, brought_to_rest, thin_plate
+from spinor_geom.fill.collar import Bend, Collar, bend_inside
+from spinor_geom.fill.fairing import SMALLEST_ANGLE, Faired, Order, brought_to_rest, smallest_angles, thin_plate
 from spinor_geom.mesh.operators import vertex_angles
 from spinor_geom.meshing.embed import Patch, over_domain_of_angles
 from spinor_geom.meshing.remeshing import remesh
@@ -19,6 +19,7 @@ from spinor_geom.meshing.remeshing import remesh
 # two fingers bend by 7.6° across the rim instead of 5.9°; 1.4 takes 14 % more steps for the same smallest angles.
 _MOST_STRETCHED = 2.0
 _ROUNDS = 4  # of remeshing, to bound the time: two give the same results on all test holes
+_MOST_BENT, _SLIGHT_BEND = 2.0, 1.0
 MOST_AREA = 2.0  # by the area before: a hemisphere by its disk; a larger patch is reported
 
 Start: TypeAlias = Literal["minimal", "discrete", "strip"]
@@ -32,6 +33,8 @@ class Continuation:
         started_from: the surface before: a minimal one, a discrete one, or a strip of straight lines between two rims.
         before: the bend across the rim before the continuation.
         after: the bend across the rim after it.
+        inside: the bend between neighbouring faces of the patch, at edges that do not touch the rim.
+        around: the bend between neighbouring faces of the mesh, in three rings around the hole.
         order: the functional minimised: "curvature" ∫H² + ℓ²|∇H|², "thin plate" ∫|Δx|² over the surface before.
         lowered: why the thin plate was used; empty if it was not.
         steps: number of Newton steps.
@@ -51,6 +54,8 @@ class Continuation:
     started_from: Start
     before: Bend
     after: Bend
+    inside: Bend
+    around: Bend
     order: Order
     lowered: str
     steps: int
@@ -69,11 +74,12 @@ class Continuation:
         cls, faired: Faired, collar: Collar, *, start: Start, before: Bend, after: Bend, area_ratio: float
     ) -> Continuation:
         """The figures of a faired patch and its collar."""
-        rim_angle = faired.smallest_angles[0]
         return cls(
             started_from=start,
             before=before,
             after=after,
+            inside=bend_inside(faired.patch),
+            around=collar.bend,
             order=faired.order,
             lowered=faired.lowered,
             steps=faired.steps,
@@ -81,12 +87,15 @@ class Continuation:
             converged=faired.converged,
             next_step=faired.next_step,
             area_ratio=area_ratio,
-            smallest_angle=min(faired.smallest_angles),
-            smallest_rim_angle=rim_angle if np.isfinite(rim_angle) else None,
+            **_angles_of(faired.patch),
             correlation_length=collar.length,
             roughness=collar.roughness,
             creased=collar.creased,
         )
+
+    def with_angles_of(self, patch: Patch) -> Continuation:
+        """The same for a patch whose triangles were changed later."""
+        return replace(self, **_angles_of(patch))
 
     def __repr__(self) -> str:
         bend = f"bend {self.before.rms:.3g}° to {self.after.rms:.3g}°"
@@ -101,12 +110,16 @@ class Continuation:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks on a thin plate, a large area and thin triangles."""
+        """Remarks on a thin plate, a large area, a large bend and thin triangles."""
         found = []
         if self.lowered:
             found.append(f"the patch is a thin plate, as the continuation of the mean curvature {self.lowered}")
         if self.area_ratio > MOST_AREA:
             found.append(f"the patch has {self.area_ratio:.2g} times the area of the surface it started from")
+        if self.inside.rms > _MOST_BENT * self.around.rms + _SLIGHT_BEND:
+            found.append(
+                f"the patch bends by {self.inside.rms:.2g}° from face to face, the mesh around by {self.around.rms:.2g}°"
+            )
         if self.smallest_angle < SMALLEST_ANGLE:
             where = ", between two edges of the rim" if self.smallest_angle == self.smallest_rim_angle else ""
             found.append(f"the smallest angle of the patch's triangles is {self.smallest_angle:.2g}°{where}")
@@ -114,7 +127,17 @@ class Continuation:
 
     def to_dict(self) -> dict[str, Any]:
         """The figures in JSON's types."""
-        return {**asdict(self), "before": self.before.to_dict(), "after": self.after.to_dict()}
+        return {
+            **asdict(self),
+            "before": self.before.to_dict(),
+            "after": self.after.to_dict(),
+            "around": self.around.to_dict(),
+        }
+
+
+def _angles_of(patch: Patch) -> dict[str, Any]:
+    rim, others = smallest_angles(patch)
+    return {"smallest_angle": min(rim, others), "smallest_rim_angle": rim if np.isfinite(rim) else None}
 
 
 def continue_patch(patch: Patch, collar: Collar, target: float) -> Faired:

@@ -69,16 +69,8 @@ class Faired:
 
     @cached_property
     def smallest_angles(self) -> tuple[float, float]:
-        """The smallest angle, in degrees, at corners of the rim filled by one triangle, and elsewhere; ∞ for none."""
-        faces = np.asarray(self.patch.faces)
-        angles = np.degrees(np.nan_to_num(internal_angles(self.patch.vertices, faces)))
-        after = np.append(
-            rim_successors(self.patch.rims), np.full(len(self.patch.vertices) - self.patch.boundary_size, -1)
-        )
-        on_rim = after[faces] == np.roll(faces, -1, axis=1)
-        # both edges at this corner of the triangle are the rim's
-        fills = on_rim & np.roll(on_rim, 1, axis=1)
-        return float(angles[fills].min(initial=np.inf)), float(angles[~fills].min(initial=np.inf))
+        """As `smallest_angles`."""
+        return smallest_angles(self.patch)
 
     @property
     def is_thin(self) -> bool:
@@ -91,6 +83,17 @@ class Faired:
         if not self.converged:
             return f"did not converge: the next step would move a vertex by {self.next_step:.2g} of an edge"
         return "is folded" if self.folds else ""
+
+
+def smallest_angles(patch: Patch) -> tuple[float, float]:
+    """The smallest angle, in degrees, at corners of the rim filled by one triangle, and elsewhere; ∞ for none."""
+    faces, inner = np.asarray(patch.faces), len(patch.vertices) - patch.boundary_size
+    angles = np.degrees(np.nan_to_num(internal_angles(patch.vertices, faces)))
+    after = np.append(rim_successors(patch.rims), np.full(inner, -1))
+    on_rim = after[faces] == np.roll(faces, -1, axis=1)
+    # both edges at this corner of the triangle are the rim's
+    fills = on_rim & np.roll(on_rim, 1, axis=1)
+    return float(angles[fills].min(initial=np.inf)), float(angles[~fills].min(initial=np.inf))
 
 
 def folded_sides(patch: Patch) -> int:

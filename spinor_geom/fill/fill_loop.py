@@ -185,7 +185,7 @@ def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch
         return _not_continued(start, reason_against)
     continuation = Continuation.of(faired, collar, start=start.kind, before=before, after=after, area_ratio=ratio)
     smooth = replace(start, patch=faired.patch, continuation=continuation, reason=continuation.reason)
-    smooth = replace(smooth, remarks=continuation.remarks).fitted(patched)
+    smooth = smooth.fitted(patched)
     if is_second_best and (after.rms >= 90 or faired.folds):
         # a patch that is folded or turns back over the mesh is only kept if it has fewer intersections
         if len(smooth.crossings) == len(start.crossings) or not (before.rms >= 90 or folded_sides(start.patch)):
@@ -205,7 +205,10 @@ def _cleared_continuation(patched: PatchedMesh, smooth: NewPatch, start: NewPatc
     """
     notes = smooth.crossings.notes
     smooth = _cleared(patched, smooth)
-    if smooth.continuation is None or not (len(smooth.crossings) or smooth.faces_replaced):
+    if smooth.continuation is None:
+        return smooth
+    smooth = replace(smooth, continuation=smooth.continuation.with_angles_of(smooth.patch))
+    if not len(smooth.crossings) and not smooth.faces_replaced:
         return smooth
     start = _cleared(patched, start)
     ranks = [(len(new.crossings), bool(new.faces_replaced)) for new in (smooth, start)]

@@ -17,7 +17,6 @@ from spinor_geom.mesh.topology import HalfEdges, boundary_edges
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.remeshing import remesh
 
-
 NONE = np.zeros((0, 2), dtype=np.int64)
 
 
@@ -56,7 +55,7 @@ def test_a_tiny_edge_length_is_refused() -> None:
 def over(polygon: np.ndarray, height: float = 0.0) -> Patch:
     """A patch without inner vertices over a plane polygon, bent over a cylinder of radius 1/height."""
     plane = triangulate_polygon(polygon, lambda z: np.full(len(z), 100.0))
-    x, y = polygon.real, polygon.imag
+    x = polygon.real
     z = np.cos(height * x) / height if height else 0 * x
     inner = plane.points[len(polygon) :]
     vertices = np.column_stack([plane.points.real, plane.points.imag, np.append(z, np.zeros(len(inner)))])
