@@ -118,11 +118,15 @@ class _Mesh:
             self.flip(_FLIPS_BETWEEN)  # halves of thin triangles would have to be halved very often
 
     def _are_thin_chords(self, sides: Int[np.ndarray, "e 2"], ends: Int[np.ndarray, "e 2"]) -> Bool[np.ndarray, " e"]:
-        """Which inner edges between two vertices of the rims have a small angle at one of them."""
+        """Which inner edges between two vertices of the rims have a small angle at one of them.
+
+        An edge opposite to a small angle is none of them: halving it would halve this angle.
+        """
         angles = _angles(self.vertices, self.faces)
         face, corner = np.divmod(sides, 3)
-        least = np.minimum(angles[face, corner], angles[face, (corner + 1) % 3]).min(axis=1)
-        return (ends < self.rim).all(axis=1) & (least < _THIN)
+        beside = np.minimum(angles[face, corner], angles[face, (corner + 1) % 3]).min(axis=1)
+        opposite = angles[face, (corner + 2) % 3].min(axis=1)
+        return np.asarray((ends < self.rim).all(axis=1) & (beside < _THIN) & (opposite > 2 * _THIN))
 
     def collapse(self) -> None:
         """Collapses inner edges that are too short, unless that makes an angle too small or an edge too long."""
