@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from spinor_geom.discrete.strip import ruled_annulus
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import TooManyPointsError
+from spinor_geom.measures import distances_to_mesh
 from spinor_geom.mesh.operators import internal_angles
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges
 from spinor_geom.meshing.embed import Patch
@@ -41,9 +42,8 @@ def test_a_bulge_gets_edges_of_one_length_and_keeps_its_shape() -> None:
     fine = remesh(bulge, 0.1, NONE)
     assert (fine.vertices[:60] == bulge.vertices[:60]).all()
     assert np.median(lengths(fine)) == pytest.approx(0.1, rel=0.5)
-    # on the old faces: the chords' height over an edge of 0.1 in Ω
-    x, y, z = fine.vertices.T
-    assert np.abs(z - 3 * (1 - x**2 - y**2)).max() < 0.03
+    # vertices move in tangent planes: at the top, of radius 1/6, from these by up to 0.1² · 6/2
+    assert distances_to_mesh(fine.vertices, bulge.vertices, np.asarray(bulge.faces)).max() < 0.03
     assert fine.area == pytest.approx(bulge.area, rel=0.01)
 
 
@@ -131,8 +131,8 @@ def test_taken_pairs_are_not_joined() -> None:
     require_same_rims(new, square)
 
 
-@settings(max_examples=15, deadline=None)
-@given(seed=st.integers(0, 10**6), count=st.integers(5, 20))
+@settings(max_examples=6, deadline=None)
+@given(seed=st.integers(0, 10**6), count=st.integers(5, 12))
 def test_stars_keep_rims_area_and_scale(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     radius = rng.uniform(0.6, 1.2, count)
