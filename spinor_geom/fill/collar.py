@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinor_geom.domain.delaunay import unique_edges
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.operators import Bending, crossing_angles
 from spinor_geom.mesh.topology import HalfEdges
@@ -18,7 +19,7 @@ _RINGS = 3  # rings of faces from which the correlation of H is estimated
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bend:
-    """The angle between the normals of a patch and of the mesh along their common edges, in degrees; RMS by length."""
+    """The angle between the normals of neighbouring faces along some edges, in degrees; RMS by length."""
 
     largest: float
     rms: float
@@ -43,6 +44,13 @@ class Collar:
     length: float  # correlation length ℓ of H, in mesh units; 0 for noise, and where H is constant
     roughness: float  # variance of H between neighbours by its total: 0 on a smooth mesh, 1 and more in noise
     creased: int  # number of boundary vertices at creases
+    bend: Bend  # between neighbouring faces of the three rings
+
+    @property
+    def rim_edges(self) -> Int[np.ndarray, "e 2"]:
+        """The edges of the mesh between vertices of the boundary."""
+        edges = unique_edges(self.faces, len(self.vertices))
+        return edges[edges[:, 1] < self.boundary_size]
 
 
 def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
@@ -60,8 +68,9 @@ def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) ->
     closed = HalfEdges.of(np.concatenate([faces, _numbered_after(patch, len(ids))]))
     bends = ~closed.unclosed(len(ids) + len(patch.vertices) - m)[: len(ids)]
     half_edges = HalfEdges.of(faces)
+    angles = crossing_angles(half_edges, vertices)
     creased = np.zeros(len(ids), dtype=bool)
-    creased[half_edges.origin[crossing_angles(half_edges, vertices) > CREASE]] = True
+    creased[half_edges.origin[angles > CREASE]] = True
     bends &= ~creased
     bending = Bending.of(vertices, faces)
     length, roughness = _correlation(bending, half_edges, bends & (np.arange(len(ids)) >= m), vertices)
@@ -74,6 +83,7 @@ def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) ->
         length=length,
         roughness=roughness,
         creased=int(creased[:m].sum()),
+        bend=_bend(half_edges, vertices, angles, np.flatnonzero(half_edges.twin >= 0)),
     )
 
 
@@ -83,10 +93,27 @@ def bend_across(collar: Collar, patch: Patch) -> Bend:
     half_edges = HalfEdges.of(np.concatenate([_numbered_after(patch, len(collar.vertices)), collar.faces]))
     here = np.arange(3 * len(patch.faces))
     across = here[half_edges.twin[here] >= len(here)]
-    if not len(across):
+    return _bend(half_edges, vertices, crossing_angles(half_edges, vertices), across)
+
+
+def bend_inside(patch: Patch) -> Bend:
+    """The bend between faces of a patch at edges that do not touch its boundary."""
+    half_edges = HalfEdges.of(np.asarray(patch.faces))
+    inner = np.minimum(half_edges.origin, half_edges.target) >= patch.boundary_size
+    return _bend(half_edges, patch.vertices, crossing_angles(half_edges, patch.vertices), np.flatnonzero(inner))
+
+
+def _bend(
+    half_edges: HalfEdges,
+    vertices: Float[np.ndarray, "n 3"],
+    angles: Float[np.ndarray, " h"],
+    at: Int[np.ndarray, " k"],
+) -> Bend:
+    """The bend at some half-edges, from the angles between the faces of each; 0 for none."""
+    if not len(at):
         return Bend(largest=0.0, rms=0.0)
-    length = np.linalg.norm(vertices[half_edges.origin[across]] - vertices[half_edges.target[across]], axis=1)
-    angle = np.degrees(crossing_angles(half_edges, vertices)[across])
+    length = np.linalg.norm(vertices[half_edges.origin[at]] - vertices[half_edges.target[at]], axis=1)
+    angle = np.degrees(angles[at])
     return Bend(largest=float(angle.max()), rms=float(np.sqrt(length @ angle**2 / length.sum())))
 
 

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy.sparse import csc_array, diags_array
 
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.domain.delaunay import unique_edges
+from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.fill.collar import Collar
 from spinor_geom.mesh.operators import (
     Bending,
@@ -68,16 +68,13 @@ class Faired:
         return folded_sides(self.patch)
 
     @cached_property
-    def smallest_angles(self) -> tuple[float | None, float]:
-        """The smallest angle of the triangles with an inner vertex (None without any), and of all, in degrees."""
-        faces = np.asarray(self.patch.faces)
-        angles = np.degrees(internal_angles(self.patch.vertices, faces).min(axis=1))
-        inner = angles[(faces >= self.patch.boundary_size).any(axis=1)]
-        return float(inner.min()) if len(inner) else None, float(angles.min())
+    def smallest_angles(self) -> tuple[float, float]:
+        """As `smallest_angles`."""
+        return smallest_angles(self.patch)
 
     @property
     def is_thin(self) -> bool:
-        """Whether a triangle has an angle below 10°."""
+        """Whether a triangle has an angle below 10° that is not one of the rim."""
         return self.smallest_angles[1] < SMALLEST_ANGLE
 
     @property
@@ -86,6 +83,17 @@ class Faired:
         if not self.converged:
             return f"did not converge: the next step would move a vertex by {self.next_step:.2g} of an edge"
         return "is folded" if self.folds else ""
+
+
+def smallest_angles(patch: Patch) -> tuple[float, float]:
+    """The smallest angle, in degrees, at corners of the rim filled by one triangle, and elsewhere; ∞ for none."""
+    faces, inner = np.asarray(patch.faces), len(patch.vertices) - patch.boundary_size
+    angles = np.degrees(np.nan_to_num(internal_angles(patch.vertices, faces)))
+    after = np.append(rim_successors(patch.rims), np.full(inner, -1))
+    on_rim = after[faces] == np.roll(faces, -1, axis=1)
+    # both edges at this corner of the triangle are the rim's
+    fills = on_rim & np.roll(on_rim, 1, axis=1)
+    return float(angles[fills].min(initial=np.inf)), float(angles[~fills].min(initial=np.inf))
 
 
 def folded_sides(patch: Patch) -> int:

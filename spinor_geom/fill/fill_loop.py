@@ -81,7 +81,8 @@ def fill_loop(
         clock.lap("failed")
         timings = clock.seconds()
         return unfilled(place, loop, error, solution=solved.solution, joined_to=joined_to, timings=timings), None
-    patch, is_planned = new.patch, new.solution is not None and not new.faces_replaced
+    patch, is_remeshed = new.patch, new.continuation is not None and new.continuation.remeshed
+    is_planned = new.solution is not None and not new.faces_replaced and not is_remeshed
     attributes = patch_attributes(patched.mesh, new.rim, patch, new.surface, is_planned=is_planned)
     clock.lap("attributes")
     outcome = LoopOutcome(
@@ -170,7 +171,7 @@ def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch
         return _not_continued(start)
     collar = collar_of(patched, start.rim, start.patch)
     try:
-        faired = continue_patch(start.patch, collar, target, is_conformal=start.kind != "discrete")
+        faired = continue_patch(start.patch, collar, target)
     except (SingularMatrixError, TooManyPointsError) as error:
         return _not_continued(start, f": {error}")
     before, after = bend_across(collar, start.patch), bend_across(collar, faired.patch)
@@ -184,7 +185,7 @@ def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch
         return _not_continued(start, reason_against)
     continuation = Continuation.of(faired, collar, start=start.kind, before=before, after=after, area_ratio=ratio)
     smooth = replace(start, patch=faired.patch, continuation=continuation, reason=continuation.reason)
-    smooth = replace(smooth, remarks=continuation.remarks).fitted(patched)
+    smooth = smooth.fitted(patched)
     if is_second_best and (after.rms >= 90 or faired.folds):
         # a patch that is folded or turns back over the mesh is only kept if it has fewer intersections
         if len(smooth.crossings) == len(start.crossings) or not (before.rms >= 90 or folded_sides(start.patch)):
@@ -204,7 +205,10 @@ def _cleared_continuation(patched: PatchedMesh, smooth: NewPatch, start: NewPatc
     """
     notes = smooth.crossings.notes
     smooth = _cleared(patched, smooth)
-    if smooth.continuation is None or not (len(smooth.crossings) or smooth.faces_replaced):
+    if smooth.continuation is None:
+        return smooth
+    smooth = replace(smooth, continuation=smooth.continuation.with_angles_of(smooth.patch))
+    if not len(smooth.crossings) and not smooth.faces_replaced:
         return smooth
     start = _cleared(patched, start)
     ranks = [(len(new.crossings), bool(new.faces_replaced)) for new in (smooth, start)]

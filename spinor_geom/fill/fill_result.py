@@ -33,7 +33,7 @@ class LoopOutcome:
         solution: the exact surface of which the patch is a mesh, or was before its continuation; for an open loop
             the one that was found, if any.
         patch: its mesh, with the positions of its vertices in Ω; None if it is not filled. Ω is the unit disk for a
-            discrete patch, and a new domain for one that was remeshed.
+            discrete patch. In a patch that was remeshed, triangles may overlap in Ω.
         continuation: how the patch was continued from the mesh around it; None if it was not.
         joined_to: the index of the next loop of its bridge, for the last loop that of the first; None for a loop that
             is filled alone. The patch of a bridge, and what is measured on it, is in the first of its outcomes only.

@@ -23,8 +23,6 @@ _LEAST_SHARE = 0.3
 _TINY = np.finfo(np.float64).tiny ** 0.5
 # Least excess of two sides of a mollified triangle over the third, per longest side: it bounds the cotangents.
 _SLACK = 1e-6
-# The same per mean edge where edges are flipped: below 1e-5, flips of needles may not terminate.
-_SLACK_OF_METRIC = 1e-4
 
 
 def cotangent_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
@@ -51,20 +49,6 @@ def mollified_edge_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray
     longest = np.maximum(length.max(axis=1), np.finfo(np.float64).tiny ** 0.2)
     slack = length.sum(axis=1) - 2 * length.max(axis=1)
     return np.asarray(length + np.maximum(_SLACK * longest - slack, 0.0)[:, None])
-
-
-def delaunay_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
-    """The cotangent Laplacian of the intrinsic Delaunay triangulation of a mesh, with non-negative weights.
-
-    Where two sides of a face exceed the third by less than 1e-4 of the mean edge, all edges of the mesh are lengthened
-    by the largest difference, so that an edge has the same length in both of its faces.
-
-    Source: Sharp & Crane (2020), "A Laplacian for nonmanifold triangle meshes".
-    """
-    lengths = igl.edge_lengths(*igl_arrays(vertices, faces))
-    slack = (lengths.sum(axis=1) - 2 * lengths.max(axis=1)).min()
-    lengths = lengths + max(_SLACK_OF_METRIC * lengths.mean() - slack, 0.0)
-    return intrinsic_laplacian(*igl.intrinsic_delaunay_triangulation(*igl_arrays(lengths, faces))[:2])
 
 
 def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Faces) -> csc_array:

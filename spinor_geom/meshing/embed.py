@@ -1,4 +1,4 @@
-"""Triangulation of solved surfaces with the loops as boundary, and of any surface; remeshing of patches."""
+"""Triangulation of solved surfaces with the loops as boundary, and of any surface."""
 
 from __future__ import annotations
 
@@ -7,20 +7,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
-import igl
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, relaxed_surface
-from spinor_geom.domain.delaunay import Rims, cross, flat_coordinates, plane_coordinates
+from spinor_geom.domain.delaunay import Rims, plane_coordinates
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.triangulation import PlaneTriangulation, one_by_one_on_error
 from spinor_geom.errors import DomainError, OptionError, SpinorGeomError, SurfaceError, require_positive, require_type
-from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.operators import cotangent_laplacian, delaunay_laplacian, face_areas, vertex_angles
+from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.mesh.spacing import edge_lengths
 from spinor_geom.meshing.split_edges import edges_far_from_arcs, triangulated_with_split_edges
 from spinor_geom.meshing.triangulate import Piece, is_unit_disk, piece_of, triangulate_pieces
@@ -214,27 +212,6 @@ def _rim(surface: ArraySurface, boundary: Boundary, target: float) -> Complex[np
     return boundary.point(np.interp(np.concatenate(at) % length[-1], length, t))
 
 
-def remesh(patch: Patch, target: float) -> Patch:
-    """A patch remeshed to an edge length in space, with the same boundary and new inner vertices on its faces."""
-    faces, m = np.asarray(patch.faces), patch.boundary_size
-    flat = flat_coordinates(patch.points)
-    areas = np.stack([face_areas(patch.vertices, faces), face_areas(flat, faces)])
-    space, plane = (np.bincount(faces.ravel(), np.repeat(each, 3), minlength=len(flat)) for each in areas)
-    tiny = np.finfo(np.float64).tiny
-    stretch = np.sqrt(np.maximum(space, tiny) / np.maximum(plane, tiny))
-    rims = np.split(patch.points[:m], np.cumsum(patch.rims)[:-1])
-    piece = Piece(rims=rims, samples=patch.points, factor=stretch, target=target, area=patch.area)
-    (plan,) = triangulate_pieces([piece])
-    at = flat_coordinates(plan.points[m:])
-    if not len(at):
-        return Patch.over(plan, patch.vertices[:m])
-    _, face, nearest = igl.point_mesh_squared_distance(at, *igl_arrays(flat, faces))
-    corners = faces[np.asarray(face).reshape(-1)]
-    weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), *(flat[corners[:, k]] for k in range(3)))
-    inner = np.einsum("ki,kid->kd", np.asarray(weights), patch.vertices[corners])
-    return Patch.over(plan, np.concatenate([patch.vertices[:m], inner]))
-
-
 def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target: float) -> Patch:
     """A harmonic patch over the same loop, on a domain with given interior angles, in radians, at the loop's points.
 
@@ -254,26 +231,6 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
     (plan,) = triangulate_pieces([piece])
     vertices = harmonic_extension(cotangent_laplacian(plane_coordinates(plan.points), plan.faces), rim)
     return Patch.over(plan, vertices)
-
-
-def over_own_domain(patch: Patch) -> Patch:
-    """The same mesh of one loop, with positions in a domain computed from its shape.
-
-    The domain has the loop's edge lengths and the patch's angles, as in `over_domain_of_angles`; the inner vertices are
-    placed by a harmonic map with positive weights.
-
-    Raises:
-        DomainError: No simple domain was found, or the map flips triangles.
-        SingularMatrixError: The patch's triangles are degenerate.
-    """
-    faces = np.asarray(patch.faces)
-    boundary = _boundary_of_angles(patch, vertex_angles(patch.vertices, faces)[: patch.boundary_size])
-    laplacian = delaunay_laplacian(patch.vertices, faces)
-    points = harmonic_extension(laplacian, plane_coordinates(boundary)) @ [1.0, 1.0j]
-    a, b, c = points[faces].T
-    if not (cross(b - a, c - a) > 0).all():
-        raise DomainError("the harmonic map of the patch flips triangles")
-    return replace(patch, points=points)
 
 
 def _boundary_of_angles(patch: Patch, angles: Float[np.ndarray, " m"]) -> Complex[np.ndarray, " m"]:

@@ -327,7 +327,7 @@ def test_a_finer_mesh_without_inner_vertices_has_nothing_to_move(monkeypatch: py
     film = fill_hole(mesh, return_report=True)[1].loops[0].patch
     collar = collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, film)
     monkeypatch.setattr("spinor_geom.fill.continuation.remesh", lambda *_: fan(loop))
-    moved = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True)
+    moved = continue_patch(film, collar, loop.mean_edge_length)
     assert moved.stretch > 2
     assert len(moved.patch.vertices) > len(loop)
 
@@ -338,7 +338,7 @@ def test_a_continuation_out_of_time_is_kept_where_it_is_nearer_and_told() -> Non
     film = fill_hole(mesh, return_report=True)[1].loops[0].patch
     collar = collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, film)
     with time_limit(0.0):
-        moved = continue_patch(film, collar, loop.mean_edge_length, is_conformal=True)
+        moved = continue_patch(film, collar, loop.mean_edge_length)
     assert (moved.converged, moved.steps) == (False, 0)
     assert bend_across(collar, moved.patch).rms < bend_across(collar, film).rms
 

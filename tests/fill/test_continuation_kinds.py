@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from spinor_geom.bench.cut_outs import named_cut_out
+from spinor_geom.bench.ragged import reported_bowls
 from spinor_geom.fill import fairing
-from spinor_geom.fill.fairing import Faired
+from spinor_geom.fill.collar import Bend
+from spinor_geom.fill.fairing import Faired, smallest_angles
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.loop_choice import boundary_loops
@@ -151,20 +154,61 @@ def test_what_does_not_come_to_rest_is_a_thin_plate_with_the_reason(monkeypatch:
 
 
 @pytest.mark.parametrize(("angle", "is_thin"), [(7.0, True), (14.0, False)])
-def test_angles_below_ten_degrees_are_reported_unless_the_rim_gives_them(angle: float, is_thin: bool) -> None:
-    # a thin triangle from a rim of three points to an inner one, and a thinner one over the rim alone
+def test_angles_below_ten_degrees_are_reported_and_those_of_the_rim_told_apart(angle: float, is_thin: bool) -> None:
+    # a thin triangle from a rim of four points to an inner one, and a thinner one that fills a corner of the rim
     tip = [0.5, 0.5 * np.tan(np.radians(angle)), 0.0]
-    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 0.01, 0], tip])
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0.01, 0], [1, 0.02, 0], tip])
     points = vertices @ [1, 1j, 0]
-    patch = Patch(vertices=vertices, faces=np.array([[0, 1, 3], [0, 1, 2]]), boundary_size=3, points=points)
-    moved = Faired(patch=patch, steps=0, next_step=0.0, stretch=1.0)
-    free, least = moved.smallest_angles
-    assert free == pytest.approx(angle)
-    assert least < 2
+    patch = Patch(vertices=vertices, faces=np.array([[0, 1, 4], [1, 2, 3]]), boundary_size=4, points=points)
+    corner, others = smallest_angles(patch)
+    assert others == pytest.approx(angle)
+    assert corner == pytest.approx(np.degrees(internal_angles(vertices, np.array([[1, 2, 3]]))[0, 1]))
+    assert corner < 2
+    assert Faired(patch=patch, steps=0, next_step=0.0, stretch=1.0).is_thin == is_thin
     (smooth, _) = patched(KINDS["saddle"](np.random.default_rng(0)))
     assert smooth.continuation is not None
-    told = replace(smooth.continuation, smallest_angle=free)
+    told = smooth.continuation.with_angles_of(patch)
+    assert told.smallest_angle == told.smallest_rim_angle == corner
+    assert any("between two edges of the rim" in remark for remark in told.remarks)
+    told = replace(told, smallest_angle=others)
     assert any("smallest angle" in remark for remark in told.remarks) == is_thin
+
+
+@pytest.mark.parametrize(("bend", "is_told"), [(1.1, True), (0.9, False)])
+def test_a_patch_that_bends_more_than_the_mesh_around_says_so(bend: float, is_told: bool) -> None:
+    (smooth, _) = patched(KINDS["saddle"](np.random.default_rng(0)))
+    told = smooth.continuation
+    assert told is not None
+    # a smooth saddle bends in the hole as around it
+    assert 0.5 * told.around.rms < told.inside.rms < 1.5 * told.around.rms
+    bent = replace(told, inside=Bend(largest=90.0, rms=bend * (2 * told.around.rms + 1)))
+    assert any("from face to face" in remark for remark in bent.remarks) == is_told
+
+
+def test_a_wide_band_between_two_rims_has_no_slivers() -> None:
+    band = named_cut_out("cylinder-band-wide")
+    mesh, places = (band.hole.vertices, band.hole.faces), band.hole.rim_indices
+    report = fill_hole(mesh, bridge=places, continuity="C1", return_report=True)[1]
+    (smooth,) = (outcome for outcome in report.loops if outcome.patch is not None)
+    assert (smooth.kind, smooth.converged, smooth.intersections) == ("smooth", True, 0)
+    assert smooth.continuation is not None
+    assert smooth.continuation.started_from == "strip"
+    assert smooth.continuation.smallest_angle > 25
+    # the mean distance of vertices at rest, with the tolerance of the steps; the slivers' was 0.0017
+    assert np.sqrt(np.mean(band.distances(smooth.patch.vertices) ** 2)) < 5e-4 * band.diameter  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("number", [10, *(pytest.param(k, marks=pytest.mark.slow) for k in (7, 19, 30))])
+def test_steep_ragged_bowls_have_no_smaller_angles_than_their_rims(number: int) -> None:
+    # no flattening of these shapes without turned triangles is found
+    hole = list(reported_bowls())[number]
+    report = fill_hole((hole.vertices, hole.faces), continuity="C1", return_report=True)[1]
+    (smooth,) = (outcome for outcome in report.loops if outcome.filled)
+    told = smooth.continuation
+    assert told is not None
+    assert told.converged
+    assert min(smallest_angles(smooth.patch)) == told.smallest_angle  # type: ignore[arg-type]
+    assert told.smallest_angle >= min(10, told.smallest_rim_angle or np.inf)
 
 
 @pytest.mark.parametrize("subdivisions", [1, 2, 3])

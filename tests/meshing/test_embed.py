@@ -191,3 +191,21 @@ def test_patches_are_the_same_on_any_number_of_threads():
         with threadpool_limits(threads):
             made.append(mesh_patch(solution).vertices.tobytes())
     assert len(set(made)) == 1
+
+
+def test_a_domain_has_the_given_angles() -> None:
+    # a square's rim over a domain whose corners are its own, though the patch is bent
+    side = np.arange(8) / 8
+    square = np.concatenate([side, 1 + 1j * side, 1 + 1j - side, 1j - 1j * side])
+    plane = triangulate_polygon(square, lambda z: np.full(len(z), 0.12))
+    height = 0.3 * plane.points.real * (1 - plane.points.real)
+    vertices = np.column_stack([plane.points.real, plane.points.imag, height])
+    patch = Patch(vertices=vertices, faces=plane.faces, boundary_size=32, points=plane.points)
+    angles = np.full(32, np.pi)
+    angles[::8] = np.pi / 2
+    new = over_domain_of_angles(patch, angles, 0.12)
+    assert (new.vertices[:32] == vertices[:32]).all()
+    ring = new.points[:32]
+    turn = np.angle((np.roll(ring, -1) - ring) / (ring - np.roll(ring, 1)))
+    np.testing.assert_allclose(np.pi - turn, angles, atol=1e-9)
+    assert (new.vertices[32:, 2] < 0.08).all()

@@ -1,0 +1,304 @@
+"""Remeshing of patches in space, without a plane domain: edges are split, collapsed and flipped, vertices moved.
+
+The rims' vertices and edges are kept. Edges get about the wanted lengths, and angles are increased: edges are flipped
+where that increases the smallest angle of their two triangles, inner vertices move along the surface.
+
+Source: Botsch & Kobbelt, "A remeshing approach to multiresolution modeling", Symposium on Geometry Processing (2004).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import igl
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array
+from scipy.spatial import cKDTree
+
+from spinor_geom.deadline import require_time
+from spinor_geom.domain.delaunay import rim_successors, unique_edges
+from spinor_geom.domain.sizes import GROWTH
+from spinor_geom.mesh.array_checks import igl_arrays
+from spinor_geom.mesh.operators import face_areas, face_normals, internal_angles, vertex_normals
+from spinor_geom.mesh.topology import HalfEdges
+from spinor_geom.meshing.embed import Patch
+from spinor_geom.meshing.triangulate import DECAY, require_few_points
+
+_ROUNDS = 2
+# shortest and longest edges, in wanted lengths
+_SHORTEST, _LONGEST = 0.6, 4 / 3
+_GOOD = np.radians(25.0)  # triangles with larger angles are not improved by single vertices
+_THIN = np.radians(10.0)
+_MOST_SPLITS = 30  # rounds of splits
+_FLIPS_BETWEEN = 2
+_MOST_FLIPS, _LEAST_GAIN = 50, 1e-3  # rounds of flips, and the smallest increase of an angle
+# a vertex of a poor triangle is tried at eight places around it, at these multiples of the wanted edge length
+_STEPS = (0.3, 0.3, 0.15, 0.15, 0.08, 0.08)
+_AROUND = np.exp(2j * np.pi * np.arange(8) / 8)
+_CORRECTIONS = 10  # of a smoothing that turns triangles over
+
+Positions = Float[np.ndarray, "n 3"]
+Faces = Int[np.ndarray, "f 3"]
+Size = Callable[[Float[np.ndarray, "k 3"]], Float[np.ndarray, " k"]]
+
+
+def remesh(patch: Patch, target: float, taken: Int[np.ndarray, "e 2"]) -> Patch:
+    """A patch remeshed to an edge length in space, graded towards the lengths of the rims' edges.
+
+    The new positions in Ω are interpolated; triangles may overlap there.
+
+    Args:
+        patch: over one loop or several.
+        target: edge length away from the rims, in mesh units.
+        taken: pairs of boundary vertices that must not be joined by an inner edge.
+
+    Raises:
+        TooManyPointsError: the length needs too many vertices.
+        OutOfTimeError: a time limit has passed.
+    """
+    require_few_points(patch.area, target)
+    mesh = _Mesh(patch, target, taken)
+    mesh.flip()
+    for _ in range(_ROUNDS):
+        require_time()
+        mesh.split()
+        mesh.collapse()
+        mesh.flip()
+        mesh.smooth()
+        mesh.flip()
+    mesh.polish()
+    mesh.flip()
+    old = np.asarray(patch.faces)
+    inner = np.ascontiguousarray(mesh.vertices[patch.boundary_size :])
+    _, face, nearest = igl.point_mesh_squared_distance(inner, *igl_arrays(patch.vertices, old))
+    corners = old[np.asarray(face).reshape(-1)]
+    weights = igl.barycentric_coordinates(
+        np.ascontiguousarray(nearest), *(np.ascontiguousarray(patch.vertices[corners[:, k]]) for k in range(3))
+    )
+    points = np.einsum("ki,ki->k", np.asarray(weights), patch.points[corners])
+    points = np.concatenate([patch.points[: patch.boundary_size], points])
+    return replace(patch, vertices=mesh.vertices, faces=mesh.faces, points=points)
+
+
+class _Mesh:
+    """The mesh that is changed; its first vertices are those of the rims. Unused vertices may remain."""
+
+    def __init__(self, patch: Patch, target: float, taken: Int[np.ndarray, "e 2"]) -> None:
+        self.vertices, self.faces, self.rim = patch.vertices, np.array(patch.faces), patch.boundary_size
+        self._size, self._taken = _graded_size(patch, target), taken
+        self._sizes = self._size(self.vertices)  # wanted lengths at the vertices
+
+    def split(self) -> None:
+        """Halves inner edges that are too long, chords that cut off small angles, and those that must not be there."""
+        for _ in range(_MOST_SPLITS):
+            half_edges = HalfEdges.of(self.faces)
+            sides = half_edges.pairs
+            ends = np.stack([half_edges.origin, half_edges.target], axis=1)
+            length = np.linalg.norm(self.vertices[ends[:, 1]] - self.vertices[ends[:, 0]], axis=1)
+            longest = length.reshape(-1, 3).max(axis=1)[sides // 3].max(axis=1)
+            ends = ends[sides[:, 0]]
+            # beside a longer edge of the rim halves of other edges would be too long again
+            excess = np.where(length[sides[:, 0]] < longest, 0.0, self._relative_length(ends))
+            excess[self._has_edges(self._taken, ends) | self._are_thin_chords(sides, ends)] = np.inf
+            sides, ends, excess = (each[excess > _LONGEST] for each in (sides, ends, excess))
+            if not len(ends):
+                return
+            chosen = self._independent(ends, excess)
+            new = np.repeat(len(self.vertices) + np.arange(chosen.sum()), 2)
+            middles = self.vertices[ends[chosen]].mean(axis=1)
+            self.vertices = np.concatenate([self.vertices, middles])
+            self._sizes = np.concatenate([self._sizes, self._size(middles)])
+            face, corner = np.divmod(sides[chosen].ravel(), 3)
+            second = self.faces[face]
+            second[np.arange(len(face)), corner] = new
+            self.faces[face, (corner + 1) % 3] = new
+            self.faces = np.concatenate([self.faces, second])
+            self.flip(_FLIPS_BETWEEN)  # halves of thin triangles would have to be halved very often
+
+    def _are_thin_chords(self, sides: Int[np.ndarray, "e 2"], ends: Int[np.ndarray, "e 2"]) -> Bool[np.ndarray, " e"]:
+        """Which inner edges between two vertices of the rims have a small angle at one of them.
+
+        An edge opposite to a small angle is none of them: halving it would halve this angle.
+        """
+        angles = _angles(self.vertices, self.faces)
+        face, corner = np.divmod(sides, 3)
+        beside = np.minimum(angles[face, corner], angles[face, (corner + 1) % 3]).min(axis=1)
+        opposite = angles[face, (corner + 2) % 3].min(axis=1)
+        return np.asarray((ends < self.rim).all(axis=1) & (beside < _THIN) & (opposite > 2 * _THIN))
+
+    def collapse(self) -> None:
+        """Collapses inner edges that are too short, unless that makes an angle too small or an edge too long."""
+        count, refused = len(self.vertices), np.zeros((0, 2), dtype=np.int64)
+        while True:
+            edges = unique_edges(self.faces, count)
+            adjacent = coo_array((np.ones(2 * len(edges)), np.concatenate([edges, edges[:, ::-1]]).T), (count, count))
+            short = edges[(edges[:, 1] >= self.rim) & (self._relative_length(edges) < _SHORTEST)]
+            short = short[~self._has_edges(refused, short)]
+            graph = adjacent.tocsr()
+            common = graph[short[:, 0]].multiply(graph[short[:, 1]])
+            # with a third common neighbour two faces would have the same vertices
+            short = short[np.asarray(common.sum(axis=1)).ravel() == 2]
+            if not len(short):
+                break
+            short = short[self._independent(short, -self._relative_length(short), rings=2)]
+            good = self._are_good_collapses(short)
+            self.vertices, faces = self._collapsed(short[good])
+            self.faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+            refused = np.concatenate([refused, short[~good]])
+        used = np.zeros(count, dtype=bool)
+        used[self.faces] = True
+        used[: self.rim] = True
+        self.vertices, self._sizes = self.vertices[used], self._sizes[used]
+        self.faces = (np.cumsum(used) - 1)[self.faces]
+
+    def _collapsed(self, edges: Int[np.ndarray, "k 2"]) -> tuple[Positions, Faces]:
+        """The mesh with edges collapsed to their middles, or to their vertices on a rim; two faces of each are flat."""
+        vertices, number = self.vertices.copy(), np.arange(len(self.vertices))
+        number[edges[:, 1]] = edges[:, 0]
+        inner = edges[edges[:, 0] >= self.rim]
+        vertices[inner[:, 0]] = self.vertices[inner].mean(axis=1)
+        return vertices, number[self.faces]
+
+    def _are_good_collapses(self, edges: Int[np.ndarray, "k 2"]) -> Bool[np.ndarray, " k"]:
+        """Whether the triangles around edges far from each other stay good when these are collapsed."""
+        vertices, faces = self._collapsed(edges)
+        left = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+        turned = _turned(self.vertices, self.faces[left], vertices, faces[left])
+        faces = faces[left]
+        sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        length = np.linalg.norm(vertices[sides[:, 0]] - vertices[sides[:, 1]], axis=1)
+        is_wrong = (length > _LONGEST * self._sizes[sides].mean(axis=1)) | self._has_edges(self._taken, sides)
+        is_bad = np.zeros(len(vertices), dtype=bool)
+        is_bad[faces[turned]] = True
+        is_bad[sides[is_wrong]] = True
+        least = np.minimum(_least_angles(self.vertices, self.faces)[edges].min(axis=1), _GOOD)
+        return np.asarray(~is_bad[edges[:, 0]] & (_least_angles(vertices, faces)[edges[:, 0]] >= least))
+
+    def flip(self, rounds: int = _MOST_FLIPS) -> None:
+        """Flips inner edges where that increases the smallest angle of the two triangles."""
+        for _ in range(rounds):
+            half_edges = HalfEdges.of(self.faces)
+            sides = half_edges.pairs
+            (a, b), (c, d) = half_edges.origin[sides].T, half_edges.opposite[sides].T
+            old = self.faces[sides // 3]
+            new = np.stack([np.stack([a, d, c], axis=1), np.stack([b, c, d], axis=1)], axis=1)
+            least = [_angles(self.vertices, each.reshape(-1, 3)).reshape(-1, 6).min(axis=1) for each in (new, old)]
+            gain = least[0] - least[1]
+            across = np.stack([c, d], axis=1)
+            edges = np.concatenate([unique_edges(self.faces, len(self.vertices)), self._taken])
+            chosen = np.flatnonzero((gain > _LEAST_GAIN) & ~self._has_edges(edges, across))
+            chosen = chosen[~_is_sharper(self.vertices, old[chosen], new[chosen])]
+            if not len(chosen):
+                return
+            chosen = chosen[self._independent(np.stack([a, b, c, d], axis=1)[chosen], gain[chosen])]
+            self.faces[sides[chosen] // 3] = new[chosen]
+
+    def smooth(self) -> None:
+        """Moves inner vertices, in their tangent planes, to the mean of the triangles around them, of even density."""
+        x, faces, count = self.vertices, self.faces, len(self.vertices)
+        weights = np.repeat(face_areas(x, faces) / self._sizes[faces].mean(axis=1) ** 2, 3)
+        total = np.maximum(np.bincount(faces.ravel(), weights, count), np.finfo(np.float64).tiny)
+        centres = np.repeat(x[faces].mean(axis=1), 3, axis=0).T
+        step = np.stack([np.bincount(faces.ravel(), weights * each, count) / total for each in centres], axis=1) - x
+        normals = vertex_normals(x, faces)
+        step -= np.einsum("nd,nd->n", step, normals)[:, None] * normals
+        step[: self.rim] = 0
+        least = np.minimum(_angles(x, faces).min(axis=1), _GOOD)
+        for _ in range(_CORRECTIONS):
+            wrong = _turned(x, faces, x + step, faces) | (_angles(x + step, faces).min(axis=1) < least)
+            if not wrong.any():
+                self.vertices = x + step
+                self._sizes = self._size(self.vertices)
+                break
+            step[faces[wrong]] = 0
+
+    def polish(self) -> None:
+        """Moves single vertices of triangles with small angles to where the smallest angle around them is larger."""
+        for share in _STEPS:
+            x, faces = self.vertices, self.faces
+            least = _least_angles(x, faces)
+            ids = self.rim + np.flatnonzero(least[self.rim :] < _GOOD)
+            ids = ids[self._independent(ids[:, None], -least[ids], rings=1)]
+            normals = vertex_normals(x, faces)[ids]
+            across = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
+            across *= (share * self._sizes[ids] / np.linalg.norm(across, axis=1))[:, None]
+            along = np.cross(normals, across)
+            best, found = x.copy(), least[ids]
+            for turn in _AROUND:
+                moved = x.copy()
+                moved[ids] += turn.real * across + turn.imag * along
+                is_turned = np.zeros(len(x), dtype=bool)
+                is_turned[faces[_turned(x, faces, moved, faces)]] = True
+                angles = _least_angles(moved, faces)[ids]
+                better = (angles > found) & ~is_turned[ids]
+                best[ids[better]], found[better] = moved[ids[better]], angles[better]
+            self.vertices = best
+
+    def _relative_length(self, edges: Int[np.ndarray, "e 2"]) -> Float[np.ndarray, " e"]:
+        """Lengths of edges by the wanted ones."""
+        ends = self.vertices[edges]
+        return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / self._sizes[edges].mean(axis=1)
+
+    def _has_edges(self, edges: Int[np.ndarray, "e 2"], pairs: Int[np.ndarray, "k 2"]) -> Bool[np.ndarray, " k"]:
+        count = len(self.vertices)
+        return np.isin(np.sort(pairs, axis=1) @ [count, 1], np.sort(edges, axis=1) @ [count, 1])
+
+    def _independent(
+        self, groups: Int[np.ndarray, "k c"], priority: Float[np.ndarray, " k"], *, rings: int = 0
+    ) -> Bool[np.ndarray, " k"]:
+        """Which groups of vertices have the highest priority of all that share a vertex or are within some rings."""
+        rank = np.empty(len(groups), dtype=np.int64)
+        rank[np.argsort(priority, kind="stable")] = np.arange(1, len(groups) + 1)
+        best = np.zeros(len(self.vertices), dtype=np.int64)
+        np.maximum.at(best, groups, rank[:, None])
+        for _ in range(rings):
+            np.maximum.at(best, self.faces, best[self.faces].max(axis=1, keepdims=True))
+        return np.asarray((best[groups] == rank[:, None]).all(axis=1))
+
+
+def _graded_size(patch: Patch, target: float) -> Size:
+    """Wanted edge lengths: `target`, near the rims the lengths of their edges; bounded as by `size_bounds`."""
+    m = patch.boundary_size
+    rim, after = patch.vertices[:m], rim_successors(patch.rims)
+    edge = np.linalg.norm(rim[after] - rim, axis=1)
+    own = 0.5 * (edge + edge[np.argsort(after)])
+    tree = cKDTree(rim)
+
+    def size(x: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
+        distance, nearest = tree.query(x, k=3)
+        lowest = own[nearest[:, 0]] - DECAY * distance[:, 0]
+        return np.asarray(np.minimum(np.maximum(target, lowest), (own[nearest] + GROWTH * distance).min(axis=1)))
+
+    return size
+
+
+def _angles(vertices: Positions, faces: Faces) -> Float[np.ndarray, "f 3"]:
+    """`internal_angles`, 0 in triangles with equal vertices."""
+    return np.nan_to_num(internal_angles(vertices, faces))
+
+
+def _least_angles(vertices: Positions, faces: Faces) -> Float[np.ndarray, " n"]:
+    """The smallest angle of the triangles at each vertex; π without any."""
+    least = np.full(len(vertices), np.pi)
+    np.minimum.at(least, faces.ravel(), np.repeat(_angles(vertices, faces).min(axis=1), 3))
+    return least
+
+
+def _turned(old: Positions, old_faces: Faces, new: Positions, new_faces: Faces) -> Bool[np.ndarray, " f"]:
+    """Whether faces are turned over by a change, or lose their area."""
+    before, after = face_normals(old, old_faces), face_normals(new, new_faces)
+    flat = ~before.any(axis=1)
+    return np.asarray(~(np.einsum("fd,fd->f", before, after) > 0.5) & ~flat)
+
+
+def _is_sharper(
+    vertices: Positions, old: Int[np.ndarray, "k 2 3"], new: Int[np.ndarray, "k 2 3"]
+) -> Bool[np.ndarray, " k"]:
+    """Whether pairs of faces are turned over by a flip, or bend by more than 60° and more than before."""
+    (a, b), (c, d) = (face_normals(vertices, f.reshape(-1, 3)).reshape(-1, 2, 3).swapaxes(0, 1) for f in (old, new))
+    bend = [np.einsum("kd,kd->k", *pair) for pair in ((a, b), (c, d))]
+    mean = a + b
+    is_turned = (np.einsum("kd,kd->k", c, mean) < 0) | (np.einsum("kd,kd->k", d, mean) < 0)
+    return np.asarray(is_turned | (bend[1] < np.minimum(bend[0], 0.5)))

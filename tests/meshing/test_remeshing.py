@@ -1,0 +1,148 @@
+"""Remeshed patches: the same rims and shape, edges of the wanted lengths, no thin triangles but those of the rim."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from spinor_geom.discrete.strip import ruled_annulus
+from spinor_geom.domain.triangulation import triangulate_polygon
+from spinor_geom.errors import TooManyPointsError
+from spinor_geom.measures import distances_to_mesh
+from spinor_geom.mesh.operators import internal_angles
+from spinor_geom.mesh.topology import HalfEdges, boundary_edges
+from spinor_geom.meshing.embed import Patch
+from spinor_geom.meshing.remeshing import remesh
+
+NONE = np.zeros((0, 2), dtype=np.int64)
+
+
+def disk(count: int = 60) -> Patch:
+    plane = triangulate_polygon(np.exp(2j * np.pi * np.arange(count) / count), lambda z: np.full(len(z), 0.1))
+    vertices = np.column_stack([plane.points.real, plane.points.imag, np.zeros(len(plane.points))])
+    return Patch(vertices=vertices, faces=plane.faces, boundary_size=count, points=plane.points)
+
+
+def lengths(patch: Patch) -> np.ndarray:
+    edges = np.asarray(patch.faces)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    edges = edges[(edges >= patch.boundary_size).all(axis=1)]
+    return np.asarray(np.linalg.norm(patch.vertices[edges[:, 0]] - patch.vertices[edges[:, 1]], axis=1))
+
+
+def test_a_bulge_gets_edges_of_one_length_and_keeps_its_shape() -> None:
+    flat = disk()
+    r = np.abs(flat.points)
+    # a paraboloid three times as high as wide: edges along its meridians become six times as long
+    bulge = replace(flat, vertices=np.column_stack([flat.vertices[:, :2], 3 * (1 - r**2)]))
+    assert lengths(bulge).max() > 0.5
+    fine = remesh(bulge, 0.1, NONE)
+    assert (fine.vertices[:60] == bulge.vertices[:60]).all()
+    assert np.median(lengths(fine)) == pytest.approx(0.1, rel=0.5)
+    # vertices move in tangent planes: at the top, of radius 1/6, from these by up to 0.1² · 6/2
+    assert distances_to_mesh(fine.vertices, bulge.vertices, np.asarray(bulge.faces)).max() < 0.03
+    assert fine.area == pytest.approx(bulge.area, rel=0.01)
+
+
+def test_a_tiny_edge_length_is_refused() -> None:
+    with pytest.raises(TooManyPointsError):
+        remesh(disk(), 1e-6, NONE)
+
+
+def over(polygon: np.ndarray, height: float = 0.0) -> Patch:
+    """A patch without inner vertices over a plane polygon, bent over a cylinder of radius 1/height."""
+    plane = triangulate_polygon(polygon, lambda z: np.full(len(z), 100.0))
+    x = polygon.real
+    z = np.cos(height * x) / height if height else 0 * x
+    inner = plane.points[len(polygon) :]
+    vertices = np.column_stack([plane.points.real, plane.points.imag, np.append(z, np.zeros(len(inner)))])
+    return Patch.over(plane, vertices)
+
+
+def smallest_angle(patch: Patch) -> float:
+    return float(np.degrees(internal_angles(patch.vertices, np.asarray(patch.faces)).min()))
+
+
+def require_same_rims(new: Patch, old: Patch) -> None:
+    m = old.boundary_size
+    assert (new.boundary_size, new.rims) == (m, old.rims)
+    assert (new.vertices[:m] == old.vertices[:m]).all()
+    sides = [boundary_edges(np.asarray(patch.faces)) for patch in (new, old)]
+    np.testing.assert_array_equal(*(each[np.lexsort(each.T)] for each in sides))
+    counts = HalfEdges.of(np.asarray(new.faces)).counts
+    assert counts.max() == 2
+    assert len(new.points) == len(new.vertices) == len(np.unique(new.faces))
+
+
+def zigzag_tube(around: int = 32, height: float = 1.5) -> Patch:
+    """Straight lines between the rims of a tube that was cut along triangles: half of its triangles have no area."""
+    step = 2 * np.pi / around
+    turn = step * np.repeat(np.arange(around), 2)
+    # each tooth has one edge along the axis
+    level = np.tile([0.0, step], around)
+    low = np.column_stack([np.cos(turn), np.sin(turn), level])
+    high = np.flipud(low) + np.array([0, 0, height])
+    return Patch.over(*ruled_annulus(low, high, step))
+
+
+def test_slivers_between_two_rims_are_replaced() -> None:
+    tube = zigzag_tube()
+    assert smallest_angle(tube) < 0.1
+    new = remesh(tube, 2 * np.pi / 32, NONE)
+    require_same_rims(new, tube)
+    assert smallest_angle(new) > 25
+    # the chords of 32 sides are 1 − cos(π/32) = 0.005 inside the cylinder; flat triangles over several of them more
+    assert np.abs(np.hypot(new.vertices[:, 0], new.vertices[:, 1]) - 1).max() < 0.02
+    lengths_there = lengths(new)
+    assert 0.4 < lengths_there.min() * 32 / (2 * np.pi) < lengths_there.max() * 32 / (2 * np.pi) < 1.5
+
+
+def test_a_sharp_corner_of_the_rim_keeps_its_angle_and_no_other_is_small() -> None:
+    # a spike of 6° on a square
+    tip = np.exp(1j * np.radians([-3.0, 3.0]))
+    polygon = np.array([0, tip[0], 1 - 0.3j, 1.6 - 0.3j, 1.6 + 0.3j, 1 + 0.3j, tip[1]])
+    spiked = over(polygon)
+    new = remesh(spiked, 0.2, NONE)
+    require_same_rims(new, spiked)
+    faces = np.asarray(new.faces)
+    angles = np.degrees(internal_angles(new.vertices, faces))
+    assert angles[faces == 0] == pytest.approx(6)
+    assert np.sort(angles.ravel())[1] > 10
+
+
+def test_a_short_edge_of_the_rim_beside_a_long_one_leaves_no_small_angle() -> None:
+    # the triangle over an edge and one of a seventh has an angle of 8°; it is cut off from the rest by a chord
+    polygon = np.array([0, 1, 1 + 1j, 1j, -0.14 + 1j, -0.14]) * 1.0
+    patch = over(polygon)
+    assert smallest_angle(patch) < 8.1
+    assert smallest_angle(remesh(patch, 0.5, NONE)) > 10
+
+
+def test_taken_pairs_are_not_joined() -> None:
+    square = over(np.array([0, 1, 1 + 1j, 1j]))
+    chord = np.asarray(square.faces)
+    (both,) = {tuple(sorted(set(chord[0]) & set(chord[1])))}
+    new = remesh(square, 10.0, np.array([both]))
+    edges = {tuple(sorted(pair)) for face in np.asarray(new.faces) for pair in zip(face, np.roll(face, 1), strict=True)}
+    assert both not in edges
+    require_same_rims(new, square)
+
+
+@settings(max_examples=6, deadline=None)
+@given(seed=st.integers(0, 10**6), count=st.integers(5, 12))
+def test_stars_keep_rims_area_and_scale(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    radius = rng.uniform(0.6, 1.2, count)
+    turns = np.cumsum(rng.uniform(0.5, 1.5, count))
+    star = over(radius * np.exp(2j * np.pi * turns / turns[-1]), height=rng.uniform(0, 1))
+    new = remesh(star, 0.4, NONE)
+    require_same_rims(new, star)
+    if not star.vertices[:, 2].any():
+        assert new.area == pytest.approx(star.area)  # no triangle is turned over
+    # a power of two changes no rounding
+    larger = remesh(replace(star, vertices=1024 * star.vertices), 1024 * 0.4, NONE)
+    assert np.array_equal(larger.faces, new.faces)
+    assert np.array_equal(larger.vertices, 1024 * new.vertices)
