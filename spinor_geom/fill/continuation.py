@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
+from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError, TooManyPointsError
 from spinor_geom.fill.collar import Bend, Collar
 from spinor_geom.fill.fairing import SMALLEST_ANGLE, Faired, Order, brought_to_rest, thin_plate
 from spinor_geom.mesh.operators import vertex_angles
@@ -20,6 +20,9 @@ from spinor_geom.meshing.embed import Patch, over_domain_of_angles, over_own_dom
 _MOST_STRETCHED = 2.0
 _ROUNDS = 4  # of remeshing, to bound the time: two give the same results on all test holes
 MOST_AREA = 2.0  # by the area before: a hemisphere by its disk; a larger patch is reported
+
+# errors of new meshes and of continuations on them, for which the patch so far is kept
+_NO_NEW_MESH = (DomainError, SingularMatrixError, TooManyPointsError)
 
 Start: TypeAlias = Literal["minimal", "discrete", "strip"]
 
@@ -146,13 +149,13 @@ def continue_patch(patch: Patch, collar: Collar, target: float, *, is_conformal:
 
 
 def _from_domain_of_angles(patch: Patch, collar: Collar, target: float) -> Faired | None:
-    """Starts again over a domain with angles 2π minus the mesh's at the loop; None if there is no simple domain."""
+    """Starts again over a domain with angles 2π minus the mesh's at the loop; None if that fails."""
     beside = vertex_angles(collar.vertices, collar.faces)[: collar.boundary_size]
-    try:
+    with suppress(*_NO_NEW_MESH, OutOfTimeError):
         start = over_domain_of_angles(patch, 2 * np.pi - beside, target)
-    except (DomainError, OutOfTimeError, SingularMatrixError):
-        return None
-    return brought_to_rest(start, collar) if len(start.vertices) > start.boundary_size else None
+        if len(start.vertices) > start.boundary_size:
+            return brought_to_rest(start, collar)
+    return None
 
 
 def _remeshed(faired: Faired, collar: Collar, target: float, *, is_conformal: bool) -> Faired:
@@ -172,7 +175,7 @@ def _remeshed_once(faired: Faired, collar: Collar, target: float, *, is_conforma
     """The better of the meshes over a flattening of the current shape and over the patch's Ω; None if neither is."""
     domains = []
     if not faired.patch.hole_sizes:
-        with suppress(DomainError, OutOfTimeError, SingularMatrixError):
+        with suppress(*_NO_NEW_MESH, OutOfTimeError):
             domains.append(over_own_domain(faired.patch))
     if is_conformal:
         domains.append(faired.patch)
@@ -180,13 +183,13 @@ def _remeshed_once(faired: Faired, collar: Collar, target: float, *, is_conforma
     for domain in domains:
         try:
             finer = remesh(domain, target)
+            if len(finer.vertices) == finer.boundary_size:
+                continue
+            again = thin_plate(finer, collar) if faired.order == "thin plate" else brought_to_rest(finer, collar)
         except OutOfTimeError:
             break
-        except DomainError:  # the boundary polygon of this domain is not simple
+        except _NO_NEW_MESH:
             continue
-        if len(finer.vertices) == finer.boundary_size:
-            continue
-        again = thin_plate(finer, collar) if faired.order == "thin plate" else brought_to_rest(finer, collar)
         again = replace(again, steps=faired.steps + again.steps, remeshed=True, lowered=faired.lowered)
         before = best or faired
         needs_finer = best is None and faired.stretch > _MOST_STRETCHED

@@ -45,7 +45,8 @@ class LaurentSeries(torch.nn.Module):
 
         Raises:
             DtypeError: coefficients are not complex, empty, or of another shape.
-            OptionError: the holes are not disjoint in the unit disk, or their number is not that of the coefficients.
+            OptionError: the holes are not disjoint in the unit disk, their number is not that of the coefficients, or
+                the first one is not centred at 0.
         """
         super().__init__()
         for name, part, shape in (("outward", outward, "(K, 2)"), ("inward", inward, "(holes, L, 2)")):
@@ -59,6 +60,11 @@ class LaurentSeries(torch.nn.Module):
             raise OptionError(
                 f"Laurent series need disjoint holes in the unit disk, and coefficients for each: got {len(inward)} "
                 f"for holes about {holes.centres.tolist()} of radii {holes.radii.tolist()}"
+            )
+        if (first := complex(holes.centres[0])) != 0:  # its powers are modes of the outer circle
+            raise OptionError(
+                f"the first hole of a Laurent series must be centred at 0, got {first:.6g}; "
+                "map Ω onto such a domain by a conformal map of the unit disk onto itself"
             )
         self.antiperiodic = tuple(map(bool, antiperiodic)) or (False,) * len(inward)
         self.outward = torch.nn.Parameter(outward.clone())
