@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
+from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
@@ -45,7 +46,11 @@ class DirichletForm:
 
     @classmethod
     def of(cls, boundary: FourierBoundary, n: int, device: torch.device) -> DirichletForm:
-        """Λ of any Ω; n is even and resolves the kernel. The cost is O(n³)."""
+        """Λ of any Ω; n is even and resolves the kernel. The cost is O(n³).
+
+        Raises:
+            OutOfTimeError: time ran out.
+        """
         z, dz, ddz = (torch.tensor(row, device=device) for row in boundary.grid(n))
         kernel = _smooth_kernel(z, dz) / n
         kernel.diagonal().copy_(ddz / (4 * np.pi * dz * n))
@@ -54,6 +59,7 @@ class DirichletForm:
         identity = torch.eye(n, dtype=torch.float64, device=device)
         # column j is e_j conjugated on the disk
         disk = torch.fft.ifft((-1j * k.sign())[:, None] * torch.fft.fft(identity, dim=0), dim=0).real
+        require_time()  # the solution takes seconds for thousands of steps
         # a real density μ gives the boundary values (½ + Im kernel) μ and their conjugate (½ H − Re kernel) μ
         conjugate = torch.linalg.solve(0.5 * identity + kernel.imag, 0.5 * disk - kernel.real, left=False)
         slope = torch.fft.ifft((1j * k)[:, None] * torch.fft.fft(conjugate - disk, dim=0), dim=0).real
