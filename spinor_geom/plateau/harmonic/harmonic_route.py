@@ -19,8 +19,8 @@ from scipy.fft import next_fast_len
 from torch import Tensor
 
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.area_descent import Disk
+from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
