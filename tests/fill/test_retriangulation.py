@@ -58,5 +58,5 @@ def test_only_outlines_that_changed_are_triangulated_again(monkeypatch: pytest.M
 
     monkeypatch.setattr(retriangulation, "flattest_triangulation", counted)
     hole = RAGGED[2]
-    fill_hole((hole.vertices, hole.faces), 0)
+    fill_hole((hole.vertices, hole.faces), 0, return_report=True)
     assert len(seen) > 10
