@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import DtypeError, OptionError
 from spinor_geom.mesh.array_checks import shared
 from spinor_geom.mesh.interpolation import piecewise_cubic
 
@@ -78,8 +78,17 @@ class FourierBoundary:
     """The analytic closed curve z(t) = Σ_k c_k e^{2πikt}, k = −K … K, with vertices at equal steps of t; no corners."""
 
     def __init__(self, coefficients: Complex[np.ndarray, " odd"], count: int) -> None:
-        """Takes the coefficients from c_{−K} to c_K and the number of vertices."""
+        """Takes the coefficients from c_{−K} to c_K and the number of vertices.
+
+        Raises:
+            DtypeError: the number of coefficients is even, so that none is that of frequency 0 in the middle.
+        """
         self.coefficients = shared(np.array(coefficients, dtype=np.complex128))
+        if self.coefficients.ndim != 1 or len(self.coefficients) % 2 == 0:
+            raise DtypeError(
+                "a Fourier boundary takes an odd number of coefficients, of the frequencies from −K to K, got an array "
+                f"of shape {self.coefficients.shape}; add zeros for frequencies that are missing"
+            )
         self.parameters = shared(np.linspace(0.0, 1.0, count + 1))
         self.vertices = shared(self.point(self.parameters[:-1]))
         self.corners = shared(np.zeros(count, dtype=bool))

@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
+from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError, TooManyPointsError
 from spinor_geom.fill.collar import Bend, Collar, bend_inside
 from spinor_geom.fill.fairing import SMALLEST_ANGLE, Faired, Order, brought_to_rest, smallest_angles, thin_plate
 from spinor_geom.mesh.operators import vertex_angles
@@ -23,6 +23,9 @@ _ROUNDS = 4  # of remeshing, to bound the time: two give the same results on all
 # tori and scans it is at most 1.5 times as large.
 _MOST_BENT, _SLIGHT_BEND = 2.0, 1.0
 MOST_AREA = 2.0  # by the area before: a hemisphere by its disk; a larger patch is reported
+
+# errors of new meshes and of continuations on them, for which the patch so far is kept
+_NO_NEW_MESH = (DomainError, SingularMatrixError, TooManyPointsError)
 
 Start: TypeAlias = Literal["minimal", "discrete", "strip"]
 
@@ -171,13 +174,13 @@ def continue_patch(patch: Patch, collar: Collar, target: float) -> Faired:
 
 
 def _from_domain_of_angles(patch: Patch, collar: Collar, target: float) -> Faired | None:
-    """Starts again over a domain with angles 2π minus the mesh's at the loop; None if there is no simple domain."""
+    """Starts again over a domain with angles 2π minus the mesh's at the loop; None if that fails."""
     beside = vertex_angles(collar.vertices, collar.faces)[: collar.boundary_size]
-    try:
+    with suppress(*_NO_NEW_MESH, OutOfTimeError):
         start = over_domain_of_angles(patch, 2 * np.pi - beside, target)
-    except (DomainError, OutOfTimeError, SingularMatrixError):
-        return None
-    return brought_to_rest(start, collar) if len(start.vertices) > start.boundary_size else None
+        if len(start.vertices) > start.boundary_size:
+            return brought_to_rest(start, collar)
+    return None
 
 
 def _remeshed(faired: Faired, collar: Collar, target: float) -> Faired:
@@ -188,11 +191,11 @@ def _remeshed(faired: Faired, collar: Collar, target: float) -> Faired:
             break
         try:
             finer = remesh(faired.patch, target, collar.rim_edges)
-        except OutOfTimeError:
+            if len(finer.vertices) == finer.boundary_size:
+                break
+            again = thin_plate(finer, collar) if faired.order == "thin plate" else brought_to_rest(finer, collar)
+        except (*_NO_NEW_MESH, OutOfTimeError):
             break
-        if len(finer.vertices) == finer.boundary_size:
-            break
-        again = thin_plate(finer, collar) if faired.order == "thin plate" else brought_to_rest(finer, collar)
         again = replace(again, steps=faired.steps + again.steps, remeshed=True, lowered=faired.lowered)
         if not (_rank(again) < _rank(faired) or (is_stretched and _rank(again)[:2] <= _rank(faired)[:2])):
             break

@@ -79,6 +79,8 @@ def _with_new_triangles(patched: PatchedMesh, new: NewPatch, region: Bool[np.nda
         larger = np.take_along_axis(own, areas[own].argmax(axis=1)[:, None], axis=1).ravel()
         others = np.concatenate([crossings.mesh[:, 0], crossings.patches[:, 0]]) - patched.face_count
         wrong = np.isin(np.arange(len(rest), len(replaced.faces)), np.concatenate([larger, others]))
+        if not wrong.any():
+            break  # what intersects is not new
         parts = np.split(wrong, np.cumsum([len(triangles) for triangles in found])[:-1])
         for one, triangles, is_wrong in zip(outlines, found, parts, strict=True):
             one.forbid(triangles[is_wrong])
@@ -110,7 +112,9 @@ class _Outline:
         normals[twin < 0] = np.nan
         self._points, self._around = patch.vertices[self.ids], normals
         self._chords = self._edges_outside(patched, rim, outside)
-        self._triangles = np.zeros((len(sides),) * 3, dtype=bool)
+        self._forbidden = np.zeros((len(sides),) * 3, dtype=bool)
+        self._found: Int[np.ndarray, "t 3"] | None = None
+        self._is_current = False  # whether nothing was forbidden since `_found`
 
     def _edges_outside(
         self, patched: PatchedMesh, rim: Int[np.ndarray, " m"], outside: Int[np.ndarray, "f 3"]
@@ -130,11 +134,15 @@ class _Outline:
 
     def triangles(self) -> Int[np.ndarray, "t 3"] | None:
         """The flattest allowed triangulation, as indices of the polygon's points; None if there is none."""
-        return flattest_triangulation(self._points, self._around, self._chords, self._triangles)
+        if not self._is_current:
+            self._found = flattest_triangulation(self._points, self._around, self._chords, self._forbidden)
+            self._is_current = True
+        return self._found
 
     def forbid(self, triangles: Int[np.ndarray, "k 3"]) -> None:
         """Excludes triangles from later triangulations."""
-        self._triangles[tuple(triangles.T)] = True
+        self._forbidden[tuple(triangles.T)] = True
+        self._is_current = self._is_current and not len(triangles)
 
 
 def _in_order(half_edges: HalfEdges) -> Int[np.ndarray, " n"]:

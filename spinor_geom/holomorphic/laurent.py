@@ -57,7 +57,8 @@ class LaurentSeries(ArrayModel):
 
         Raises:
             DtypeError: coefficients are not complex, empty, or of another shape.
-            OptionError: the holes are not disjoint in the unit disk, or their number is not that of the coefficients.
+            OptionError: the holes are not disjoint in the unit disk, their number is not that of the coefficients, or
+                the first one is not centred at 0.
         """
         for name, part, shape in (("outward", outward, "(K, 2)"), ("inward", inward, "(holes, L, 2)")):
             wanted = shape.count(",") + 1
@@ -70,6 +71,11 @@ class LaurentSeries(ArrayModel):
             raise OptionError(
                 f"Laurent series need disjoint holes in the unit disk, and coefficients for each: got {len(inward)} "
                 f"for holes about {holes.centres.tolist()} of radii {holes.radii.tolist()}"
+            )
+        if (first := complex(holes.centres[0])) != 0:  # its powers are modes of the outer circle
+            raise OptionError(
+                f"the first hole of a Laurent series must be centred at 0, got {first:.6g}; "
+                "map Ω onto such a domain by a conformal map of the unit disk onto itself"
             )
         vars(self).update(
             outward=outward,

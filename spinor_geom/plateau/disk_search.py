@@ -7,6 +7,7 @@ stable or not, as Gauss-Newton on the boundary does.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import combinations
@@ -116,25 +117,27 @@ def leave_unstable(
         where: where `lower` searches, as the end of a sentence.
     """
     left: list[float] = []
-    if is_out_of_time():
-        return replace(
-            solution, reason=f"{solution.reason}; the time limit was reached before its stability was computed"
-        )
-    while solution.stability.verdict == "unstable" and len(left) < _MOST_STARTS:
-        try:
-            better = lower(solution)
-        except OutOfTimeError:
-            better, where = None, "within the time limit"
-        if better is None:
-            break
-        left.append(solution.area)
-        solution = better
+    end = ""
+    try:
+        require_time()
+        while solution.stability.verdict == "unstable":
+            better = None
+            if len(left) < _MOST_STARTS:
+                try:
+                    better = lower(solution)
+                except OutOfTimeError:
+                    where = "within the time limit"
+            if better is None:
+                end = f"; the surface is unstable, and no better one was found {where}"
+                break
+            left.append(solution.area)
+            solution = better
+    except OutOfTimeError:
+        end = "; the time limit was reached before its stability was computed"
     reason = solution.reason
     if left:
         reason += "; replaces an unstable surface of area " + ", then one of ".join(f"{area:.6g}" for area in left)
-    if solution.stability.verdict == "unstable":
-        reason += f"; the surface is unstable, and no better one was found {where}"
-    return solution if reason == solution.reason else replace(solution, reason=reason)
+    return replace(solution, reason=reason + end) if left or end else solution
 
 
 def lower_beside(solution: PlateauSolution, rim: ThinnedLoop, solve: Solve, steps: Steps) -> PlateauSolution | None:
@@ -174,12 +177,13 @@ def find_disks(rim: ThinnedLoop, solve: Solve) -> tuple[PlateauSolution, ...]:
     Source: Dierkes, Hildebrandt & Tromba, Global Analysis of Minimal Surfaces (2010), for the sum over the indices.
     """
     search = _Search(rim=rim, solve=solve)
-    search.start(lambda: first_disk(rim.points))
-    search.start(rim.round_disk)
-    search.leave_all()
-    for pair in search.open_pairs():
-        search.start(partial(search.ridge, *pair))
+    with suppress(OutOfTimeError):  # the stability of a disk was not computed in time
+        search.start(lambda: first_disk(rim.points))
+        search.start(rim.round_disk)
         search.leave_all()
+        for pair in search.open_pairs():
+            search.start(partial(search.ridge, *pair))
+            search.leave_all()
     found = search.result()
     if not is_out_of_time():
         return found

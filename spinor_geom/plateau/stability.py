@@ -14,6 +14,7 @@ from scipy.linalg import eigh
 from scipy.sparse import coo_array, csc_array
 
 from spinor_geom.arrays import Array, namespace
+from spinor_geom.deadline import require_time
 from spinor_geom.domain.delaunay import edge_codes, plane_coordinates
 from spinor_geom.domain.plane_domain import panel_breaks
 from spinor_geom.domain.triangulation import PlaneTriangulation
@@ -70,6 +71,9 @@ def assess_stability(surface: ArraySurface) -> Stability:
     is stable if the smallest is above 1. If the two meshes do not decide, finer ones are tried. Wrinkles much
     smaller than the mesh size, which fits have in corners, are ignored.
 
+    Raises:
+        OutOfTimeError: time ran out.
+
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976).
     """
     curvature = _boundary_curvature(surface)
@@ -80,6 +84,7 @@ def assess_stability(surface: ArraySurface) -> Stability:
     mesh = _Mesh.of(surface, surface.domain.triangulation, surface.domain.arcs[:, 0])
     stability = undecided
     while np.isfinite(mesh.spinors).all():
+        require_time()
         mesh, coarse = mesh.refined(), mesh
         if len(coarse.inner) and coarse.is_resolved:
             try:
@@ -98,6 +103,7 @@ def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
         return stable
     count = 2
     while True:
+        require_time()
         few = coarse.smallest_eigenpairs(count)[0]
         many = fine.smallest_eigenpairs(count)[0][: len(few)]
         # the bounds assume convergence of order 1 at least; the extrapolated value assumes order 2

@@ -170,7 +170,9 @@ class _Training:
                 self._distil(nodes, self.start)
             elif count == self.options.nodes:
                 self._polish(nodes, slide, held=True)
+            before = len(self.history)
             boundary = self._polish(nodes, slide, held=False)
+            polished = len(self.history) - before
             matching = np.column_stack([nodes.t.cpu().numpy(), boundary.slide.cpu().numpy()])
             misfit = self._misfit(matching, len(nodes.t))
             converged = misfit.max <= self.options.tolerance * self.domain.diameter
@@ -181,9 +183,6 @@ class _Training:
         to_space = torch.eye(2, dtype=torch.complex128, device=self.device) / self.scale**0.5
         surface = SpinorSurface(self.network, self.domain, spinor_map=to_space).to(self.device)
         move_to(surface, nodes.z, boundary.position / self.scale)
-        limit = (
-            "within the tolerance" if converged else "more steps do not reduce it; a wider network, or more nodes, may"
-        )
         return Trained(
             surface=surface,
             matching=matching,
@@ -192,9 +191,17 @@ class _Training:
             history=tuple(self.history),
             status="converged" if converged else "stopped",
             reason=f"largest distance from the curve {misfit.max / self.domain.diameter:.1e} of its diagonal after "
-            f"{len(self.history)} steps: {limit}",
+            f"{len(self.history)} steps: {'within the tolerance' if converged else self._limit(polished)}",
             seconds=time.perf_counter() - self.begin,
         )
+
+    def _limit(self, polished: int) -> str:
+        """Why the last polishing, of so many steps, did not come nearer to Γ, as the end of a sentence."""
+        if is_out_of_time():
+            return "the time limit was reached"
+        if polished == self.options.polishing_steps:
+            return f"the limit of {polished} polishing steps was reached"
+        return "more steps do not reduce it; a wider network, or more nodes, may"
 
     def _distil(self, nodes: BoundaryNodes, start: SpinorSurface) -> None:
         values = torch.as_tensor(start.spinors(nodes.z.cpu().numpy()), device=self.device) * self.scale**0.5

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from spinor_geom.domain import FourierBoundary, PlaneDomain, SplineBoundary
 from spinor_geom.domain.plane_domain import Boundary, sampled
-from spinor_geom.errors import DomainError, OptionError
+from spinor_geom.errors import DomainError, DtypeError, OptionError
 from tests.loops import L_SHAPE, planar, slit
 from tests.strategies import SEEDS, analytic_boundaries
 
@@ -243,3 +243,9 @@ def test_parameters_of_no_boundary_are_refused(t):
             method(np.array([0.5, t]))
     with pytest.raises(OptionError):
         PlaneDomain.annulus(0.5).point(np.array(4.0))
+
+
+@pytest.mark.parametrize("shape", [(2,), (0,), (3, 3)])
+def test_fourier_boundaries_take_an_odd_number_of_coefficients(shape):
+    with pytest.raises(DtypeError, match="odd number of coefficients"):
+        FourierBoundary(np.ones(shape), 16)

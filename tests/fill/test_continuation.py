@@ -12,10 +12,10 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from spinor_geom.deadline import time_limit
-from spinor_geom.errors import OptionError, SingularMatrixError
+from spinor_geom.errors import OptionError, SingularMatrixError, SpinorGeomError, TooManyPointsError
 from spinor_geom.fill.collar import bend_across, collar_of
 from spinor_geom.fill.continuation import continue_patch
-from spinor_geom.fill.fairing import Faired
+from spinor_geom.fill.fairing import Faired, brought_to_rest
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.loop_choice import boundary_loops
@@ -330,6 +330,33 @@ def test_a_finer_mesh_without_inner_vertices_has_nothing_to_move(monkeypatch: py
     moved = continue_patch(film, collar, loop.mean_edge_length)
     assert moved.stretch > 2
     assert len(moved.patch.vertices) > len(loop)
+
+
+@pytest.mark.parametrize("error", [SingularMatrixError(size=5), TooManyPointsError("too many points")])
+@pytest.mark.parametrize("failing", ["remesh", "over_domain_of_angles", "brought_to_rest"])
+def test_a_continuation_that_cannot_be_remeshed_is_kept(
+    monkeypatch: pytest.MonkeyPatch, failing: str, error: SpinorGeomError
+) -> None:
+    mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > -0.3)
+    loop = boundary_loops(mesh)[0]
+    film = fill_hole(mesh, return_report=True)[1].loops[0].patch
+    collar = collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, film)
+    first, calls = brought_to_rest(film, collar), []
+
+    def fails(*arguments: object) -> Faired:
+        calls.append(arguments)
+        if failing == "brought_to_rest" and len(calls) == 1:
+            return first
+        raise error
+
+    monkeypatch.setattr(f"spinor_geom.fill.continuation.{failing}", fails)
+    # the triangles are stretched by more than 2, so that a discrete start is meshed again in both ways
+    moved = continue_patch(film, collar, loop.mean_edge_length, is_conformal=failing == "remesh")
+    assert len(calls) > (failing == "brought_to_rest")
+    if failing == "over_domain_of_angles":
+        assert moved.remeshed
+    else:
+        np.testing.assert_array_equal(moved.patch.vertices, first.patch.vertices)
 
 
 def test_a_continuation_out_of_time_is_kept_where_it_is_nearer_and_told() -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.ragged import BALLS, bowl, reported_bowls
+from spinor_geom.fill import retriangulation
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
 from spinor_geom.mesh.topology import HalfEdges
@@ -44,3 +45,18 @@ def test_no_face_and_no_edge_of_the_mesh_is_repeated(hole: Hole) -> None:
     (_, faces), _ = fill_hole((hole.vertices, hole.faces), 0, return_report=True)
     assert len(np.unique(np.sort(faces, axis=1), axis=0)) == len(faces)
     assert (HalfEdges.of(faces).counts == 2).all()
+
+
+def test_only_outlines_that_changed_are_triangulated_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    triangulate, seen = retriangulation.flattest_triangulation, set()
+
+    def counted(points, around, chords, triangles):
+        key = points.tobytes() + chords.tobytes() + triangles.tobytes()
+        assert key not in seen
+        seen.add(key)
+        return triangulate(points, around, chords, triangles)
+
+    monkeypatch.setattr(retriangulation, "flattest_triangulation", counted)
+    hole = RAGGED[2]
+    fill_hole((hole.vertices, hole.faces), 0, return_report=True)
+    assert len(seen) > 10

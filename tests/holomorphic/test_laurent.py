@@ -106,6 +106,8 @@ def test_sizes_that_are_none_are_refused():
         LaurentSeries(one, one[None], holes([0.0], [1.0]))
     with pytest.raises(OptionError, match="disjoint"):
         LaurentSeries(one, one.expand(2, 1, 2), holes([0.0, 0.3], [0.2, 0.2]))
+    with pytest.raises(OptionError, match="must be centred at 0"):
+        LaurentSeries(one, one.expand(2, 1, 2), holes([0.3, 0.0], [0.1, 0.1]))
     with pytest.raises(DtypeError, match="inward"):
         LaurentSeries(one, one.real[None], ONE)
     with pytest.raises(DtypeError, match="K ≥ 1"):

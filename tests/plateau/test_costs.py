@@ -11,10 +11,12 @@ from spinor_geom import BoundaryLoop, solve_plateau
 from spinor_geom.arrays import NUMPY
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import DomainError, SpinorGeomError
+from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
 from spinor_geom.plateau.harmonic.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.harmonic.smooth_domain import resolved_form
 from spinor_geom.plateau.network import network_route
-from spinor_geom.plateau.options import Options
+from spinor_geom.plateau.newton import MOST_STEPS
+from spinor_geom.plateau.options import Cauchy, Options
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.solution import PlateauSolution
 
@@ -86,3 +88,68 @@ def test_an_unstable_disk_without_inner_points_stays() -> None:
     loop = BoundaryLoop.from_points(rng.uniform(-1, 1, (8, 3)))
     solution = solve_plateau(loop)
     assert "unstable" in solution.reason or solution.stability.verdict != "unstable"
+
+
+def wavy(number: int) -> BoundaryLoop:
+    """One of many curves of random harmonics, with 4 to 100 points."""
+    rng = np.random.default_rng(11)
+    for _ in range(number + 1):
+        n = int(rng.integers(4, 101))
+        t = 2 * np.pi * np.arange(n) / n
+        points = np.zeros((n, 3))
+        for k in range(1, 2 + int(rng.integers(1, 5))):
+            points += (np.outer(np.cos(k * t), rng.normal(size=3)) + np.outer(np.sin(k * t), rng.normal(size=3))) / k
+        points += rng.normal(size=points.shape) * rng.choice([0, 0.02, 0.1]) * 2 * np.pi / n
+    return BoundaryLoop.from_points(points)
+
+
+def test_loops_that_a_first_disk_resolves_badly_converge_on_a_finer_one() -> None:
+    """On the first Ω the surface is 0.06 edges from Γ; more nodes and steps left it at 0.05."""
+    solver = HarmonicSolver(problem=PlateauProblem.of([wavy(150)], Options()))
+    found = solver.on_flattening()
+    assert solver.problem.excess(found.misfit) <= 1
+    assert len(solver.problem.steps.history) < 100
+
+
+@pytest.mark.parametrize("steps", [100, 1000, 1400])
+def test_slides_on_fine_domains_take_fewer_steps(steps: int) -> None:
+    """The time of a step grows with the square of the steps of ∂Ω; on the disk it grows as n log n."""
+    solver = HarmonicSolver(problem=PlateauProblem.of([waist(28, 0.3)], Options()))
+    form = resolved_form(FourierBoundary(np.array([0.1, 0, 1.1]), 28), steps, torch.device("cpu"))
+    assert 0 < solver.most_steps(form) <= MOST_STEPS
+    assert solver.most_steps(form) * steps**2 <= 3e7
+    assert solver.most_steps(DirichletForm.of_disk(28)) == MOST_STEPS
+
+
+def test_networks_far_from_their_loop_are_not_refined(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first fit is 1.3 edges from Γ; one with twice as many features was 1.7 edges from it, and took seconds."""
+    fit, features = network_route.gauss_newton, []
+
+    def counted(problem, readout, slide, **options):
+        features.append(len(readout))
+        return fit(problem, readout, slide, **options)
+
+    monkeypatch.setattr(network_route, "gauss_newton", counted)
+    found = network_route.NETWORK.solve(PlateauProblem.of([wavy(16)], Options()))
+    assert found.misfit.rms > 0
+    assert max(features) < 150
+
+
+def test_a_second_start_is_not_tried_after_much_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(network_route, "_MOST_WORK", 1)
+    monkeypatch.setattr(network_route, "finer_disk", lambda *_: pytest.fail("a second start"))
+    solution = solve_plateau(wavy(64), model="cauchy")
+    assert not solution.converged
+
+
+def test_poles_at_many_corners_are_no_more_than_features_are_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    fit, features = network_route.gauss_newton, []
+
+    def counted(problem, readout, slide, **options):
+        features.append(len(readout))
+        return fit(problem, readout, slide, **options)
+
+    monkeypatch.setattr(network_route, "gauss_newton", counted)
+    loop = BoundaryLoop.from_points(star(32, 0).points, corners=range(32))
+    solve_plateau(loop, model=Cauchy(degree=4), max_iterations=1)
+    assert features[0] <= 420

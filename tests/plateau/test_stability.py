@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from spinor_geom import gallery
+from spinor_geom.deadline import time_limit
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import triangulate_polygon
-from spinor_geom.errors import SingularMatrixError
+from spinor_geom.errors import OutOfTimeError, SingularMatrixError
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
@@ -189,3 +190,9 @@ def test_meshes_without_area_are_a_typed_error_of_modes() -> None:
     flat = replace(mesh, points=np.where(np.arange(len(mesh.points)) < 24, mesh.points, 0))
     with pytest.raises(SingularMatrixError):
         lowest_modes(plane, flat, 1)
+
+
+def test_an_assessment_that_time_cut_short_is_not_kept():
+    solution = solve_plateau(gallery.enneper(1.3).rim(32), all_solutions=True)[-1]
+    with time_limit(-1.0), pytest.raises(OutOfTimeError):
+        assess_stability(solution.surface)

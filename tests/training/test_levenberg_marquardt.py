@@ -6,6 +6,7 @@ import torch
 
 from spinor_geom import gallery
 from spinor_geom.arrays import Place
+from spinor_geom.deadline import time_limit
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.gallery import curves
@@ -149,7 +150,7 @@ def test_a_finger_of_the_curve_that_the_boundary_passes_over_counts():
 
 
 def test_networks_that_are_too_small_stop_with_the_reason(solutions):
-    result = trained(solutions["tennis seam"], depth=1, width=1, distillation_steps=5, polishing_steps=5)
+    result = trained(solutions["tennis seam"], depth=1, width=1, distillation_steps=5)
     assert result.status == "stopped"
     assert "wider network" in result.reason
     assert np.isfinite(result.misfit.max)
@@ -217,3 +218,11 @@ def test_positions_at_nodes_are_those_of_the_surface(domain):
 def test_bad_options_are_refused(options):
     with pytest.raises(OptionError, match=next(iter(options))):
         LevenbergMarquardt(**options)
+
+
+def test_the_reason_tells_limits_of_steps_and_of_time(solutions):
+    few = {"distillation_steps": 2, "polishing_steps": 2}
+    assert trained(solutions["tennis seam"], **few).reason.endswith("the limit of 2 polishing steps was reached")
+    with time_limit(1e-9):
+        late = trained(solutions["tennis seam"])
+    assert late.reason.endswith("after 0 steps: the time limit was reached")

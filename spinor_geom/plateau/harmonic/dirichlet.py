@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import Array, Place, arange, contiguous, namespace, place_of
+from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
@@ -44,7 +45,11 @@ class DirichletForm:
 
     @classmethod
     def of(cls, boundary: FourierBoundary, n: int, place: Place) -> DirichletForm:
-        """Λ of any Ω; n is even and resolves the kernel. The cost is O(n³)."""
+        """Λ of any Ω; n is even and resolves the kernel. The cost is O(n³).
+
+        Raises:
+            OutOfTimeError: time ran out.
+        """
         z, dz, ddz = boundary.grid(n)
         kernel = _smooth_kernel(z, dz) / n
         np.fill_diagonal(kernel, ddz / (4 * np.pi * dz * n))
@@ -53,6 +58,7 @@ class DirichletForm:
         identity = np.eye(n)
         # column j is e_j conjugated on the disk
         disk = np.fft.ifft((-1j * np.sign(k))[:, None] * np.fft.fft(identity, axis=0), axis=0).real
+        require_time()  # the solution takes seconds for thousands of steps
         # a real density μ gives the boundary values (½ + Im kernel) μ and their conjugate (½ H − Re kernel) μ
         conjugate = np.linalg.solve((0.5 * identity + kernel.imag).T, (0.5 * disk - kernel.real).T).T
         slope = np.fft.ifft((1j * k)[:, None] * np.fft.fft(conjugate - disk, axis=0), axis=0).real

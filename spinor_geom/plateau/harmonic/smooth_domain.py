@@ -130,6 +130,7 @@ def resolved(
 
     Raises:
         DomainError: no Ω is simple and resolved.
+        OutOfTimeError: time ran out.
     """
     n = density.points
     for steps, rounding in _SHAPES[is_fine or density.is_narrow :]:

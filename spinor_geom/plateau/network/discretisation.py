@@ -61,6 +61,8 @@ class Discretisation:
     ) -> Discretisation:
         """One pole for each boundary vertex, and panels between the vertices, shorter towards corners.
 
+        The clusters of poles at many corners are smaller, so that there are no more features than allowed.
+
         Args:
             domain: Ω.
             curves: Γ.
@@ -70,7 +72,9 @@ class Discretisation:
             tolerance: RMS distance from Γ in mean edges; corners have more poles for a small one.
             branch: a point in the hole around which p and q change sign; None if they do not.
         """
-        at_corner = corner_poles(tolerance)
+        clusters = int(np.count_nonzero(domain.corners))
+        room = _MAX_FEATURES - degree - 1 - (len(domain.corners) - clusters)
+        at_corner = max(1, min(corner_poles(tolerance), room // max(1, clusters)))
         return cls(
             domain=domain,
             curves=curves,

@@ -44,6 +44,11 @@ _NEGLIGIBLE_MOVE = 0.01  # displacement of Ω treated as 0, over the residual; w
 # Number of pieces per side of polygons given by their corners alone: with 8 the residual of the tetrahedron's
 # quadrilateral is 1e-6 of a side, undivided 1e-2.
 PARTS_OF_A_SIDE = 8
+# Work of a fit, its steps times the cube of their features, beyond which no second start is tried: a second.
+_MOST_WORK = 1e8
+# Distance of a first fit from Γ, in edges, from which it is not refined: of 20 random loops the 5 beyond it stay beyond
+# a tenth of an edge; those within come to 0.02 and less.
+_LOST = 0.2
 _PARTS = 4  # pieces per edge of ∂Ω in the test for self-crossings, and where integration paths leave Ω
 
 
@@ -116,9 +121,8 @@ class NetworkSolver:
         """The minimal surface fitted from the problem's start, or from a first discrete surface."""
         start = self.problem.start or self.first_surface
         fitted = self._fitted_from(start)
-        if (
-            self.problem.is_disk and self._is_missed(fitted) and not self._is_rough
-        ):  # rough loops start from a finer one
+        # rough loops start from a finer one
+        if self.problem.is_disk and self._is_missed(fitted) and not self._is_rough and fitted.work < _MOST_WORK:
             fitted = self._improved(fitted, start)
         with self.problem.clock.stage("surface"):
             surface, rms_offset = fitted_surface(fitted, allowed=self.problem.allowed)
@@ -198,21 +202,30 @@ class NetworkSolver:
         """The best of several rounds of Gauss-Newton, each with more poles where the last residual was large."""
         # the moduli of a flattened mesh are inexact; with wrong moduli a fit may be near Γ at its nodes only
         begin = self._with_right_moduli if stage.has_moduli else self._fitted
+        left = self.problem.steps.left
         best = begin(stage, readout, slide)
-        while self._is_missed(best):
+        work = (left - self.problem.steps.left) * best.features**3
+        while self._is_missed(best) and not self._is_lost(best):
             finer = best.stage.refined(best.energy, best.misfit.rms / self.problem.excess(best.misfit))
             if finer is None:
                 break
+            left = self.problem.steps.left
             try:
                 again = self._fitted(finer, *finer.transferred(best.stage, best.fit))
             except OutOfTimeError:  # keep the rounds so far
                 break
+            work += (left - self.problem.steps.left) * again.features**3
             if not again.misfit.rms < best.misfit.rms:
                 break
             before, best = best, replace(again, rounds=best.rounds + 1, folds=best.folds)
             if not self._may_meet(before, best):
                 break
-        return best
+        return replace(best, work=work)
+
+    def _is_lost(self, fitted: Fitted) -> bool:
+        """Whether the disk over a smooth loop is so far from Γ that more features do not bring it near."""
+        distance = self.problem.options.tolerance * self.problem.excess(fitted.misfit)  # in edges
+        return self.problem.is_disk and not self._is_rough and distance > _LOST
 
     def _may_meet(self, before: Fitted, now: Fitted) -> bool:
         """Whether the largest number of features would meet the tolerance, extrapolated from the last two rounds.
@@ -265,7 +278,7 @@ class NetworkSolver:
     def _limit(self, fitted: Fitted) -> str:
         """Why a fit does not come nearer to Γ, as the end of a sentence."""
         stage, loops = fitted.stage, self.problem.units
-        features = stage.network.mixing.shape[1]
+        features = fitted.features
         if self.problem.steps.are_spent:
             return SPENT
         if fitted.folds:
@@ -300,6 +313,12 @@ class Fitted:
     energy: Float[np.ndarray, " panels"]  # squared distance from Γ on each panel
     rounds: int = 1  # number of rounds so far
     folds: bool = False  # whether Ω folds before it reaches the right conformal moduli
+    work: int = 0  # steps of all rounds times the cube of their features
+
+    @property
+    def features(self) -> int:
+        """Number of features of the network."""
+        return int(self.stage.network.mixing.shape[1])
 
 
 def _point_in_hole(hole: Complex[np.ndarray, " n"]) -> complex:
