@@ -122,9 +122,14 @@ class HarmonicSolver:
         """
         with self.problem.clock.stage("first fill"):
             finer = finer_disk(disk, len(t))
-        fit = self._on_flattened(finer, t)
-        if self._distance(fit) == math.inf:
-            raise DomainError("the domain is too far from conformal for a minimal disk", vertices=len(t))
+        return self._lifted(self._on_flattened(finer, t))
+
+    def _lifted(self, fit: Fit) -> Fit:
+        """The fit; a DomainError if p and q of its harmonic surface do not close up, as over smooth loops they must."""
+        if not self.is_rough and self._distance(fit) == math.inf:
+            raise DomainError(
+                "the domain is too far from conformal for a minimal disk", vertices=len(self.problem.unit)
+            )
         return fit
 
     def _distance(self, fit: DiskFit) -> float:
@@ -144,7 +149,7 @@ class HarmonicSolver:
         t, points = self._points
         with self.problem.clock.stage("first fill"):
             polygon = unfolded_loop(points, saws=True)
-        return self._fitted(self._on_domain(polygon, t), "unfolded")
+        return self._fitted(self._lifted(self._on_domain(polygon, t)), "unfolded")
 
     @property
     def _points(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 3"]]:
