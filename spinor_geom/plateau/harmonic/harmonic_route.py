@@ -124,7 +124,7 @@ class HarmonicSolver:
             finer = finer_disk(disk, len(t))
         return self._lifted(self._on_flattened(finer, t))
 
-    def _lifted(self, fit: Fit) -> Fit:
+    def _lifted(self, fit: DiskFit) -> DiskFit:
         """The fit; a DomainError if p and q of its harmonic surface do not close up, as over smooth loops they must."""
         if not self.is_rough and self._distance(fit) == math.inf:
             raise DomainError(
