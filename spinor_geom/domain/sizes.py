@@ -1,6 +1,7 @@
 """Size functions: the wanted edge length at any point, from the lengths of the boundary edges."""
 
 from collections.abc import Callable, Sequence
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -68,9 +69,9 @@ class NearestPoints:
     """
 
     def __init__(self, points: Complex[np.ndarray, " n"], region: Regions = 0) -> None:
-        order = np.argsort(np.broadcast_to(region, len(points)), kind="stable")
-        self._numbers = np.append(order, len(points))
-        self._tree = cKDTree(_places(points, region)[order], balanced_tree=False)
+        order = np.argsort(np.zeros(len(points), dtype=np.int64) + region, kind="stable")
+        self._numbers = np.concatenate([order, [len(points)]])
+        self._tree = cKDTree(_places(points, region)[order], balanced_tree=False, copy_data=False)
 
     def query(
         self, z: Places, region: Regions = 0, *, count: int = 1, within: float = np.inf
@@ -85,9 +86,9 @@ class NearestPoints:
         self, radius: Lengths, *, of: Places, region: Owners
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
         """Pairs of a point and a centre, by their numbers, no farther from each other than the radius of the centre."""
-        found = self._tree.query_ball_point(_places(of, region), radius)
+        found = self._tree.query_ball_point(_places(of, region), radius, return_sorted=False)
         centre = np.repeat(np.arange(len(of)), [len(some) for some in found])
-        return self._numbers[np.concatenate(found).astype(np.int64)], centre
+        return self._numbers[np.fromiter(chain.from_iterable(found), dtype=np.int64, count=len(centre))], centre
 
 
 def _places(z: Places, region: Regions) -> Float[np.ndarray, "k 3"]:

@@ -132,7 +132,8 @@ def sorted_pairs(pairs: Pairs) -> Pairs:
 
 def _cross(u: Float[np.ndarray, "*k 3"], v: Float[np.ndarray, "*k 3"]) -> Float[np.ndarray, "*k 3"]:
     """Cross products; np.cross takes several times as long for short arrays."""
-    (a, b, c), (d, e, f) = (np.moveaxis(w, -1, 0) for w in (u, v))
+    a, b, c = u[..., 0], u[..., 1], u[..., 2]
+    d, e, f = v[..., 0], v[..., 1], v[..., 2]
     return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=-1)
 
 

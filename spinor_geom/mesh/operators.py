@@ -69,7 +69,9 @@ def delaunay_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
 
 def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Faces) -> csc_array:
     """`cotangent_laplacian` from the lengths of the edges opposite to the corners."""
-    return csc_array(-igl.cotmatrix_intrinsic(*igl_arrays(lengths, faces)))
+    laplacian = csc_array(igl.cotmatrix_intrinsic(*igl_arrays(lengths, faces)))
+    np.negative(laplacian.data, out=laplacian.data)
+    return laplacian
 
 
 def mollified_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
