@@ -41,6 +41,6 @@ def edges_with_near_boxes(starts: Points, ends: Points, distance: float) -> tupl
 
 @cache
 def _all_pairs(count: int) -> tuple[Numbers, Numbers]:
-    """Pairs i <= j of at most `BOXES_TO_START_FROM` numbers; np.triu_indices takes longer than the test of their boxes."""
+    """Pairs i <= j of some numbers; np.triu_indices takes longer than the test of their boxes."""
     first, second = np.triu_indices(count)
     return shared(first), shared(second)

@@ -50,6 +50,8 @@ def with_long_edges_divided(
     The parts of a long edge are about as long as its neighbours at both ends, and grow from there.
     """
     long = np.flatnonzero(are_long(points))
+    if not len(long):
+        return points, np.ones(len(points), dtype=bool)
     length = edge_lengths(points)
     first = _FIRST_PART * _longest_of_three(length)
     starts, ends = np.roll(first, 2)[long], np.roll(first, -2)[long]

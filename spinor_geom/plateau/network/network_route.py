@@ -30,7 +30,7 @@ from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network.discretisation import Discretisation, independent_residual
 from spinor_geom.plateau.network.gauss_newton import Fit, gauss_newton
-from spinor_geom.plateau.network.initial_spinors import images_in_plane, lifted_spinors
+from spinor_geom.plateau.network.initial_spinors import lifted_spinors
 from spinor_geom.plateau.problem import PlateauProblem, Route, start_indices
 from spinor_geom.plateau.roughness import is_rough, roughness
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
@@ -170,8 +170,7 @@ class NetworkSolver:
             outer, *holes = boundaries(flat.rims)
             domain = PlaneDomain.inside(outer, flat.log_scale, holes=tuple(holes))
         with self.problem.clock.stage("features"):
-            images = images_in_plane(start.vertices, start.faces, flat.boundary)
-            lifted = partial(lifted_spinors, start.vertices, start.faces, images, self._sizes, device)
+            lifted = partial(lifted_spinors, start.vertices, start.faces, flat.images, self._sizes, device)
             spinors, branch = lifted(), None
             rims = torch.split(spinors, list(self._sizes))
             if holes and not any(bool(signs_close_up(*rim.unbind(-1))) for rim in rims):
