@@ -153,45 +153,45 @@ class PatchedMesh:
 
     @cached_property
     def _mesh_piece(self) -> _Piece:
-        return _Piece(self.mesh.vertices, self.mesh.faces, start=0)
+        return _Piece(self.mesh.vertices, self.mesh.faces, np.arange(len(self.mesh.faces)))
 
     def crossings(
-        self, patch: Patch, before: Crossings = NO_CROSSINGS, kept: Int[np.ndarray, " k"] | None = None
+        self, patch: Patch, before: Crossings = NO_CROSSINGS, places: Int[np.ndarray, " k"] | None = None
     ) -> Crossings:
         """Intersections of a patch with itself, the mesh and the patches joined before.
 
-        `before` are those of an earlier state of the patch of which the faces `kept`, ascending, are the first
-        faces now, unchanged and in order; only pairs with other faces are tested.
+        `before` are those of an earlier state of the patch, and `places` the number that each of its faces has in the
+        patch if it is unchanged, else −1; pairs without another face of the patch are not tested again.
         """
+        places = np.zeros(0, dtype=np.int64) if places is None else places
         faces = np.asarray(patch.faces)
-        kept = np.zeros(0, dtype=np.int64) if kept is None else kept
-        new = _Piece(patch.vertices, faces[len(kept) :], start=self.face_count + len(kept))
+        is_new = np.ones(len(faces), dtype=bool)
+        is_new[places[places >= 0]] = False
+        new, old = (
+            _Piece(patch.vertices, faces[some], self.face_count + np.flatnonzero(some)) for some in (is_new, ~is_new)
+        )
         own = NO_PAIRS
         if patch.hole_sizes or not is_graph(patch.vertices, faces, patch.boundary_size):
-            among = self_intersections(new.vertices, new.faces) + new.start
-            own = np.concatenate([self._carried(before.own, kept, 2), among])
-            if len(kept):
-                old = _Piece(patch.vertices, faces[: len(kept)], start=self.face_count)
-                own = np.concatenate([own, new.crossings(old)[:, ::-1]])
+            among = new.numbers[self_intersections(patch.vertices, new.faces)]
+            own = np.concatenate([self._carried(before.own, places, 2), among, np.sort(new.crossings(old), axis=1)])
         boxes = self._boxes[: len(self._patches)].T
         patches = [new.crossings(self._patches[k]) for k in overlapping(boxes[:3], boxes[3:], new.low, new.high)]
-        mesh = np.concatenate([self._carried(before.mesh, kept, 1), new.crossings(self._mesh_piece)])
-        others = np.concatenate([self._carried(before.patches, kept, 1), *patches])
+        mesh = np.concatenate([self._carried(before.mesh, places, 1), new.crossings(self._mesh_piece)])
+        others = np.concatenate([self._carried(before.patches, places, 1), *patches])
         own, mesh, others = map(sorted_pairs, (own, mesh, others))
         found = (("itself", own), ("the mesh", mesh), ("patches of other loops", others))
         notes = tuple(self._note(what, pairs, patch) for what, pairs in found if len(pairs))
         return Crossings(own=own, mesh=mesh, patches=others, notes=notes)
 
     def _carried(
-        self, pairs: Int[np.ndarray, "p 2"], kept: Int[np.ndarray, " k"], columns: int
+        self, pairs: Int[np.ndarray, "p 2"], places: Int[np.ndarray, " k"], columns: int
     ) -> Int[np.ndarray, "q 2"]:
-        """The pairs whose first columns are kept faces of a patch, with their new numbers."""
-        own = pairs[:, :columns] - self.face_count
-        place = np.searchsorted(kept, own)
-        is_kept = (np.append(kept, -1)[place] == own).all(axis=1)
-        carried = pairs[is_kept]
-        carried[:, :columns] = self.face_count + place[is_kept]
-        return carried
+        """Pairs whose first columns are faces of the patch, with their new numbers, without those that have none."""
+        if not len(places):
+            return NO_PAIRS
+        own = places[pairs[:, :columns] - self.face_count]
+        is_kept = (own >= 0).all(axis=1)
+        return np.concatenate([np.sort(self.face_count + own[is_kept], axis=1), pairs[is_kept, columns:]], axis=1)
 
     def _note(self, what: str, pairs: Int[np.ndarray, "k 2"], patch: Patch) -> str:
         first = tuple(pairs[0].tolist())
@@ -204,20 +204,23 @@ class PatchedMesh:
     def join(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> int:
         """Adds a patch with the boundary vertices `rim` of the mesh; returns the number of its first face."""
         self._edges.update(self._keys(rim[patch_chords(patch)]))
-        new = _Piece(patch.vertices, np.asarray(patch.faces), start=self.face_count)
+        first, faces = self.face_count, np.asarray(patch.faces)
+        new = _Piece(patch.vertices, faces, first + np.arange(len(faces)))
         if len(self._patches) == len(self._boxes):
             self._boxes = np.concatenate([self._boxes, np.empty_like(self._boxes)])
         self._boxes[len(self._patches)] = np.concatenate([new.low, new.high])
         self._patches.append(new)
-        self.face_count += len(new.faces)
-        return new.start
+        self.face_count += len(faces)
+        return first
 
 
 class _Piece:
-    """Faces with their bounding boxes, numbered from `start` on."""
+    """Faces, with their numbers in the filled mesh and their bounding boxes."""
 
-    def __init__(self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], *, start: int) -> None:
-        self.vertices, self.faces, self.start = vertices, faces, start
+    def __init__(
+        self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], numbers: Int[np.ndarray, " f"]
+    ) -> None:
+        self.vertices, self.faces, self.numbers = vertices, faces, numbers
         # three arrays of corners are several times as fast as a minimum along an axis of length 3
         a, b, c = (vertices.take(faces[:, k], axis=0) for k in range(3))
         self._lows = np.ascontiguousarray(np.minimum(np.minimum(a, b), c).T)
@@ -246,7 +249,7 @@ class _Piece:
         near = other.meeting(self)
         corners = other.vertices[other.faces[near]].reshape(-1, 3)
         pairs = intersections_between(self.vertices, self.faces, corners, np.arange(len(corners)).reshape(-1, 3))
-        return np.stack([self.start + pairs[:, 0], other.start + near[pairs[:, 1]]], axis=1)
+        return np.stack([self.numbers[pairs[:, 0]], other.numbers[near[pairs[:, 1]]]], axis=1)
 
 
 def overlapping(

@@ -60,8 +60,9 @@ def _with_new_triangles(patched: PatchedMesh, new: NewPatch, region: Bool[np.nda
     ]
     if not outlines:
         return new
-    kept = np.delete(np.arange(len(faces)), np.concatenate([one.faces for one in outlines]))
-    rest = faces[kept]
+    is_kept = np.ones(len(faces), dtype=bool)
+    is_kept[np.concatenate([one.faces for one in outlines])] = False
+    rest, places = faces[is_kept], np.where(is_kept, np.cumsum(is_kept) - 1, -1)
     longest = max(len(one.ids) for one in outlines)
     for _ in range(_MORE_ROUNDS if longest <= _FEW_POINTS else _ROUNDS):
         found = [triangles for one in outlines if (triangles := one.triangles()) is not None]
@@ -69,7 +70,7 @@ def _with_new_triangles(patched: PatchedMesh, new: NewPatch, region: Bool[np.nda
             break
         numbered = [one.ids[triangles] for one, triangles in zip(outlines, found, strict=True)]
         replaced = _without_unused(replace(new.patch, faces=np.concatenate([rest, *numbered])))
-        crossings = patched.crossings(replaced, new.crossings, kept)
+        crossings = patched.crossings(replaced, new.crossings, places)
         if len(crossings) < len(best.crossings):
             count = len(replaced.faces) - len(rest)
             best = replace(new, patch=replaced, crossings=crossings, faces_replaced=count)
