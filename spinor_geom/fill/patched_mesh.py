@@ -173,7 +173,11 @@ class PatchedMesh:
         own = NO_PAIRS
         if patch.hole_sizes or not is_graph(patch.vertices, faces, patch.boundary_size):
             among = new.numbers[self_intersections(patch.vertices, new.faces)]
-            own = np.concatenate([self._carried(before.own, places, 2), among, np.sort(new.crossings(old), axis=1)])
+            between = np.sort(new.crossings(old), axis=1)
+            one, other = np.sort(faces[between - self.face_count], axis=2).swapaxes(0, 1)
+            # as `self_intersections`, without two faces of the same vertices
+            between = between[(one != other).any(axis=1)]
+            own = np.concatenate([self._carried(before.own, places, 2), among, between])
         boxes = self._boxes[: len(self._patches)].T
         patches = [new.crossings(self._patches[k]) for k in overlapping(boxes[:3], boxes[3:], new.low, new.high)]
         mesh = np.concatenate([self._carried(before.mesh, places, 1), new.crossings(self._mesh_piece)])
