@@ -246,7 +246,7 @@ class _Piece:
         blocks = overlapping(lows, highs, other.low, other.high)
         faces = (size * blocks[:, None] + np.arange(size)).ravel()
         faces = faces[: np.searchsorted(faces, len(self.faces))]
-        return faces[overlapping(self._lows[:, faces], self._highs[:, faces], other.low, other.high)]
+        return np.asarray(faces[overlapping(self._lows[:, faces], self._highs[:, faces], other.low, other.high)])
 
     def crossings(self, other: _Piece) -> Int[np.ndarray, "k 2"]:
         """Intersecting pairs of a face of this piece and a face of another."""
