@@ -106,11 +106,10 @@ def ruled_annulus(first: Rim, second: OtherRim, target: float) -> tuple[PlaneTri
     rims = (first, second)
     places = _strip_places(first, second)
     length = sum(float(edge_lengths(points).sum()) for points in rims) / 2
-    bounds = size_bounds(places, growth=GROWTH, decay=GROWTH)
+    bounded = size_bounds(places, growth=GROWTH, decay=GROWTH)
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        shortest, longest = bounds(z, 0)
-        return np.asarray(np.clip(2 * np.pi * np.abs(z) * target / length, shortest, longest))
+        return bounded(2 * np.pi * np.abs(z) * target / length, z, 0)
 
     plane = triangulate_polygon(places[0], size, holes=[places[1]])
     inner = plane.points[plane.boundary_size :]

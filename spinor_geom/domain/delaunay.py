@@ -1,6 +1,7 @@
 """Constrained Delaunay triangulation of polygons with inner points, and geometry of triangles."""
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -50,8 +51,9 @@ class ConstrainedDelaunay:
         for number, some in enumerate(_members(region, len(self.regions))):
             if len(some):
                 self.parts[number].insert(points[some])
-                self.own[number] = np.append(self.own[number], len(self.points) + some)
-        self.points, self.region = np.append(self.points, points), np.append(self.region, region)
+                self.own[number] = np.concatenate([self.own[number], len(self.points) + some])
+        self.points = np.concatenate([self.points, points])
+        self.region = np.concatenate([self.region, region])
         self._read()
 
     def move(self, points: Complex[np.ndarray, " n"], regions: Int[np.ndarray, " r"]) -> None:
@@ -112,8 +114,8 @@ class _Region:
         # the first three vertices are those of a triangle around all others
         self.faces = triangles["vertices"].astype(np.int64) - 3
         across = triangles["neighbors"].astype(np.int32)  # the largest unsigned number, for none, becomes −1
-        is_inside = np.append(np.ones(len(self.faces), dtype=bool), False)
-        is_inside[self._outer] = False
+        is_inside = np.ones(len(self.faces) + 1, dtype=bool)
+        is_inside[self._outer] = is_inside[-1] = False
         self.across, self.inside = np.where(is_inside[across], across, -1), np.flatnonzero(is_inside)
 
     def _call(self, insert: Callable[[Any], None], what: np.ndarray) -> None:
@@ -134,7 +136,8 @@ class _Region:
 
 def _members(region: Int[np.ndarray, " n"], count: int) -> list[Int[np.ndarray, " _"]]:
     """The points of each of `count` regions, ascending."""
-    return np.split(np.argsort(region, kind="stable"), np.cumsum(np.bincount(region, minlength=count))[:-1])
+    order, ends = np.argsort(region, kind="stable"), np.cumsum(np.bincount(region, minlength=count)).tolist()
+    return [order[start:end] for start, end in pairwise([0, *ends])]
 
 
 def rim_successors(rims: Rims) -> Int[np.ndarray, " m"]:
@@ -168,7 +171,8 @@ def edge_codes(faces: Int[np.ndarray, "t 3"], n: int) -> Int[np.ndarray, " t3"]:
 
 def unique_edges(faces: Int[np.ndarray, "t 3"], n: int) -> Int[np.ndarray, "e 2"]:
     """The edges of faces, smaller index first, sorted."""
-    code = np.unique(edge_codes(faces, n))
+    code = np.sort(edge_codes(faces, n))  # np.unique would hash integers first, which takes longer
+    code = code[np.append(True, code[1:] != code[:-1])[: len(code)]]
     return np.stack([code // n, code % n], axis=1)
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
 
-from spinor_geom.domain.delaunay import Rims, rim_successors
+from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.polygons import bound_domain, outer_clearance, untangled
 from spinor_geom.errors import DomainError, SingularMatrixError
 from spinor_geom.mesh.operators import factor_symmetric, intrinsic_angles, intrinsic_laplacian, mollified_edge_lengths
@@ -42,11 +42,19 @@ class Flattening:
     rims: tuple[Polygon, ...]  # the outer boundary, counter-clockwise, then the holes, clockwise
     log_scale: PerVertex  # u: logarithm of the length in the plane per length in space, mean of two edges
     clearance: float  # smallest gap across the outside between far parts of the outer rim, in local edges
+    neumann: "DirichletToNeumann"
 
     @property
     def boundary(self) -> Complex[np.ndarray, " m"]:
         """The images of all boundary vertices."""
         return np.concatenate(self.rims)
+
+    @property
+    def images(self) -> Complex[np.ndarray, " n"]:
+        """The images of all vertices, by the harmonic map with those of the boundary."""
+        boundary = self.boundary
+        inner = self.neumann.inner_values(plane_coordinates(boundary)) @ np.array([1.0, 1j])
+        return np.concatenate([boundary, inner])
 
 
 class DirichletToNeumann:
@@ -73,6 +81,12 @@ class DirichletToNeumann:
         if self._coupling.shape[0]:
             product = product - self._coupling.T @ self._inner.solve(self._coupling @ values)
         return np.asarray(product)
+
+    def inner_values(self, values: Columns) -> Float[np.ndarray, "i *k"]:
+        """The discretely harmonic values at the inner vertices for columns of values at the boundary vertices."""
+        if not self._coupling.shape[0]:
+            return np.zeros((0, *values.shape[1:]))
+        return np.asarray(self._inner.solve(-(self._coupling @ values)))
 
     def inner_load(self, load: Float[np.ndarray, " i"]) -> PerVertex:
         """The equivalent load on the boundary vertices of a load on the inner vertices."""
@@ -164,7 +178,7 @@ def flatten_boundary(
     rims = (len(edge) - sum(holes), *holes)
     plain, lobed = itertools.tee(_laid_out(edge, turning, neumann, rims, saws=saws))
     for boundaries in (plain, (tuple(map(untangled, boundary)) for boundary in lobed)):
-        flat = _least_straightened(boundaries, edge, clearance, drawn)
+        flat = _least_straightened(boundaries, edge, neumann, clearance, drawn)
         if flat is not None:
             return flat
     raise DomainError(
@@ -174,7 +188,11 @@ def flatten_boundary(
 
 
 def _least_straightened(
-    boundaries: Iterable[tuple[Polygon | None, ...]], edge: PerVertex, clearance: float, drawn: Drawn | None
+    boundaries: Iterable[tuple[Polygon | None, ...]],
+    edge: PerVertex,
+    neumann: DirichletToNeumann,
+    clearance: float,
+    drawn: Drawn | None,
 ) -> Flattening | None:
     """The first simple boundary with enough clearance; else the first with half of it; else the first of all."""
     found: list[Flattening] = []
@@ -185,7 +203,8 @@ def _least_straightened(
         parts = np.split(edge, np.cumsum([len(rim) for rim in rims[:-1]]))
         ratios = [np.log(np.abs(np.roll(rim, -1) - rim) / length) for rim, length in zip(rims, parts, strict=True)]
         scale = np.concatenate([(ratio + np.roll(ratio, 1)) / 2 for ratio in ratios])
-        found.append(Flattening(rims=rims, log_scale=scale, clearance=outer_clearance(rims[0])))
+        gap = outer_clearance(rims[0])
+        found.append(Flattening(rims=rims, log_scale=scale, clearance=gap, neumann=neumann))
         if found[-1].clearance >= clearance:
             return found[-1]
     return next((flat for share in (0.5, 0.0) for flat in found if flat.clearance >= share * clearance), None)

@@ -91,7 +91,8 @@ def refine(
         poor = poor[~boundary.too_near(centre[poor], owner[poor])]
         if len(poor):
             poor = poor[mesh.reaches(seen[poor], centre[poor])]
-        chosen = poor[independent(centre[poor], owner[poor], _BATCH_SPACING * radius[poor], excess[poor])]
+        some = independent(centre[poor], owner[poor], _BATCH_SPACING * radius[poor], excess[poor])
+        chosen = poor[some]
         there = np.bincount(mesh.region[mesh.boundary_size :], minlength=boundary.count)
         new = chosen[place_in_region(owner[chosen]) < (room - there)[owner[chosen]]]
         has_new = np.zeros(boundary.count, dtype=bool)
@@ -100,11 +101,11 @@ def refine(
         if not (has_new | switched).any():
             break
         at_centres |= switched
-        lost = np.setdiff1d(poor, chosen)
+        lost = np.delete(poor, some)
         is_open = switched[mesh.region]
         is_open[faces[lost[has_new[owner[lost]]]]] = True
-        is_open = np.append(is_open, np.ones(len(new), dtype=bool))
-        at_points = np.append(at_points, size(centre[new], owner[new]))
+        is_open = np.concatenate([is_open, np.ones(len(new), dtype=bool)])
+        at_points = np.concatenate([at_points, size(centre[new], owner[new])])
         mesh.insert(centre[new], owner[new])
 
 
@@ -128,6 +129,8 @@ def independent(z: Places, region: Owners, spacing: Lengths, priority: Lengths) 
     other = index[own, place + 1]
     conflict = distance[own, place + 1] < spacing[other]
     own, other = own[conflict], other[conflict]
+    if not len(own):
+        return np.asarray(first)
     first_wins = rank[own] < rank[other]
     better, worse = np.where(first_wins, own, other), np.where(first_wins, other, own)
     taken, is_open = np.zeros(len(z), dtype=bool), np.ones(len(z), dtype=bool)
@@ -161,6 +164,8 @@ def long_bridges(mesh: ConstrainedDelaunay, boundary: BoundaryEdges, size: Regio
     tip = points[after[np.where(is_next, start, end)]]
     long = length > np.where(ear, _LONGEST_EAR, _LONGEST_BRIDGE) * size(place, owner)
     place, length, owner = np.where(ear, tip + 1.1 * (place - tip), place)[long], length[long], owner[long]
+    if not len(place):
+        return place, owner
     distance, _ = NearestPoints(points, mesh.region).query(place, owner)
     free = (distance[:, 0] > 0.4 * length) & boundary.has_room(place, owner)
     place, length, owner = place[free], length[free], owner[free]
@@ -239,6 +244,8 @@ def _worst_points(mesh: ConstrainedDelaunay, faces: Int[np.ndarray, "t 3"]) -> B
     n = len(mesh.points)
     quality = smallest_sine(*mesh.points[faces].T)
     poor = np.flatnonzero(quality < _LEAST_SINE)
+    if not len(poor):
+        return np.zeros(n, dtype=bool)
     key = np.full(n, np.inf)
     np.minimum.at(key, faces[poor].ravel(), np.repeat(quality[poor], 3))
     key[: mesh.boundary_size] = np.inf

@@ -1,6 +1,7 @@
 """Size functions: the wanted edge length at any point, from the lengths of the boundary edges."""
 
 from collections.abc import Callable, Sequence
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -12,7 +13,7 @@ Polygon = Complex[np.ndarray, " _"]
 Regions = Owners | int  # of each point, or of all points
 SizeFunction = Callable[[Places], Lengths]
 RegionSizes = Callable[[Places, Owners], Lengths]
-SizeBounds = Callable[[Places, Regions], tuple[Lengths, Lengths]]
+Bounded = Callable[[Lengths | float, Places, Regions], Lengths]
 
 GROWTH = 0.35  # largest increase of the edge length per unit of distance from the boundary
 # Distance between regions in a search tree, and the radius of searches; both exceed any loop.
@@ -25,21 +26,21 @@ def graded_size(*polygons: Polygon, growth: float = GROWTH) -> SizeFunction:
     h(z) = min_j (e_j + growth·|z − b_j|) over the boundary vertices b_j nearest to z; e_j is the mean of the two
     boundary edges at b_j, lowered where a neighbour's e_i + growth·|b_i − b_j| is smaller. In units of Ω.
     """
-    bounds = size_bounds(polygons, growth=growth, decay=0.0)
-    return lambda z: bounds(z, 0)[1]
+    bounded = size_bounds(polygons, growth=growth, decay=0.0)
+    return lambda z: bounded(np.inf, z, 0)
 
 
 def graded_sizes(polygons: Sequence[Polygon]) -> RegionSizes:
     """`graded_size` in several regions, each bounded by one polygon."""
-    bounds = size_bounds(polygons, range(len(polygons)), growth=GROWTH, decay=0.0)
-    return lambda z, region: bounds(z, region)[1]
+    bounded = size_bounds(polygons, range(len(polygons)), growth=GROWTH, decay=0.0)
+    return lambda z, region: bounded(np.inf, z, region)
 
 
-def size_bounds(polygons: Sequence[Polygon], regions: Sequence[int] = (), *, growth: float, decay: float) -> SizeBounds:
-    """Lower and upper bounds of the edge length at points (k,), as a function of the points and their regions.
+def size_bounds(polygons: Sequence[Polygon], regions: Sequence[int] = (), *, growth: float, decay: float) -> Bounded:
+    """A function that bounds edge lengths, the first argument, at points of Ω, the second; the third are their regions.
 
     The upper bound is `graded_size`. The lower bound is the local edge length at the nearest boundary vertex minus
-    `decay` times the distance from it, and may be negative. `regions` is the region of each polygon, by default 0.
+    `decay` times the distance from it. `regions` is the region of each polygon, by default 0.
     """
     rims, boundary = tuple(map(len, polygons)), np.concatenate(polygons)
     region = np.repeat(regions or (0,) * len(rims), rims)
@@ -50,14 +51,18 @@ def size_bounds(polygons: Sequence[Polygon], regions: Sequence[int] = (), *, gro
     distance, index = tree.query(boundary, region, count=8)
     for _ in range(4):
         local = (np.append(local, np.inf)[index] + growth * distance).min(axis=1)  # inf for missing neighbours
-    around = np.append(local, np.inf)
+    least, most = local.min(), own.max()
+    around, own = np.append(local, np.inf), np.append(own, -np.inf)
 
-    def bounds(z: Places, region: Regions) -> tuple[Lengths, Lengths]:
-        distance, index = tree.query(z, region, count=3)
-        low: Lengths = own[index[:, 0]] - decay * distance[:, 0]
-        return low, (around[index] + growth * distance).min(axis=1)
+    def bounded(length: Lengths | float, z: Places, region: Regions) -> Lengths:
+        # Farther from the boundary the bounds have no effect. In the middle of a disk all vertices are equally far, and
+        # the search for the nearest ones would visit them all.
+        far = max((np.max(length, initial=0.0) - least) / growth, most / decay) if decay else np.inf
+        distance, index = tree.query(z, region, count=3, within=far)
+        low = own[index[:, 0]] - decay * distance[:, 0]
+        return np.asarray(np.minimum(np.maximum(length, low), (around[index] + growth * distance).min(axis=1)))
 
-    return bounds
+    return bounded
 
 
 class NearestPoints:
@@ -68,9 +73,9 @@ class NearestPoints:
     """
 
     def __init__(self, points: Complex[np.ndarray, " n"], region: Regions = 0) -> None:
-        order = np.argsort(np.broadcast_to(region, len(points)), kind="stable")
-        self._numbers = np.append(order, len(points))
-        self._tree = cKDTree(_places(points, region)[order], balanced_tree=False)
+        order = np.argsort(np.zeros(len(points), dtype=np.int64) + region, kind="stable")
+        self._numbers = np.concatenate([order, [len(points)]])
+        self._tree = cKDTree(_places(points, region)[order], balanced_tree=False, copy_data=False)
 
     def query(
         self, z: Places, region: Regions = 0, *, count: int = 1, within: float = np.inf
@@ -85,9 +90,9 @@ class NearestPoints:
         self, radius: Lengths, *, of: Places, region: Owners
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
         """Pairs of a point and a centre, by their numbers, no farther from each other than the radius of the centre."""
-        found = self._tree.query_ball_point(_places(of, region), radius)
+        found = self._tree.query_ball_point(_places(of, region), radius, return_sorted=False)
         centre = np.repeat(np.arange(len(of)), [len(some) for some in found])
-        return self._numbers[np.concatenate(found).astype(np.int64)], centre
+        return self._numbers[np.fromiter(chain.from_iterable(found), dtype=np.int64, count=len(centre))], centre
 
 
 def _places(z: Places, region: Regions) -> Float[np.ndarray, "k 3"]:

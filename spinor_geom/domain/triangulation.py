@@ -233,8 +233,9 @@ def _tips_and_seeds(
     free = (kept == np.bincount(owner))[owner] & boundary.has_room(tips, owner)
     row = np.concatenate([tips[free], polygon])
     away = np.concatenate([_FROM_TIPS * length[free], _FROM_VERTICES * length])
-    distance, nearest = NearestPoints(row, np.concatenate([owner[free], owner])).query(z, of)
-    clear = (distance[:, 0] > away[nearest[:, 0]]) & boundary.has_room(z, of)
+    tree = NearestPoints(row, np.concatenate([owner[free], owner]))
+    distance, nearest = tree.query(z, of, within=away.max())  # (inf, n) beyond
+    clear = (distance[:, 0] > np.append(away, 0.0)[nearest[:, 0]]) & boundary.has_room(z, of)
     z, spacing, of = z[clear], spacing[clear], of[clear]
     wanted = size(z, of)
     wide = spacing > _LEAST_SPACING * wanted

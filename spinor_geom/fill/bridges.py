@@ -16,8 +16,8 @@ from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.no_holes import refuse_what_is_no_hole
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.find_loops import Sheets
 from spinor_geom.mesh.operators import winding_numbers
-from spinor_geom.mesh.topology import face_components
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau
@@ -29,6 +29,7 @@ _HEIGHT_PER_WIDTH = 0.2
 
 def planned_joins(
     mesh: TriangleMesh,
+    sheets: Sheets,
     loops: Sequence[BoundaryLoop],
     wanted: Collection[int],
     islands: Islands,
@@ -50,7 +51,7 @@ def planned_joins(
             raise OptionError(f"a bridge joins different loops, got loop {twice[0]} twice; replace one")
         return {first: tuple(others)}, {}
     joins, notes = dict[int, tuple[int, ...]](), dict[int, str]()
-    for hole, pieces in find_islands(mesh, loops).items():
+    for hole, pieces in find_islands(mesh, loops, sheets).items():
         if hole not in wanted:
             continue
         joined = [] if islands == "ignore" else [piece for piece in pieces if piece in wanted]
@@ -62,16 +63,19 @@ def planned_joins(
     return joins, notes
 
 
-def find_islands(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> dict[int, tuple[int, ...]]:
+def find_islands(
+    mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets | None = None
+) -> dict[int, tuple[int, ...]]:
     """The islands in holes: from a hole's index to the indices of the islands' longest loops.
 
     Such a loop is shorter than the hole's and satisfies `lies_in`. Of several holes around an island the shortest
-    is taken.
+    is taken. `sheets` are those of the mesh, if already computed.
     """
     if len(loops) < 2:
         return {}
+    sheets = sheets or Sheets.of(mesh.vertices, mesh.faces)
     component = np.zeros(len(mesh.vertices), dtype=np.int64)
-    component[mesh.faces] = face_components(mesh.faces)[:, None]
+    component[mesh.faces[sheets.face_ids]] = sheets.half_edges.components[:, None]
     own = np.array([component[loop.vertex_ids[0]] for loop in loops])
     if (own == own[0]).all():
         return {}

@@ -41,17 +41,20 @@ def cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
         chords = patch_chords(patch)
         sides = np.sort(faces[own][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
         chords = chords[np.isin(chords @ [count, 1], sides @ [count, 1])]
+        unmoved = None
         if len(chords):
             patch = split_chords(patch, chords, new.surface)
             split += len(chords)
             start = np.concatenate([start, patch.vertices[count:]])
         else:
             folded = np.unique(faces[crossings.own.ravel() - patched.face_count])
-            patch = _moved(patch, wall.steps(patch, own, old), folded[folded >= patch.boundary_size])
+            moved = _moved(patch, wall.steps(patch, own, old), folded[folded >= patch.boundary_size])
+            a, b, c = (moved.vertices != patch.vertices).any(axis=1)[faces.T]
+            patch, unmoved = moved, np.where(a | b | c, -1, np.arange(len(faces)))
         displacement = float(np.linalg.norm(patch.vertices - start, axis=1).max())
         if displacement > farthest:
             break
-        crossings = patched.crossings(patch)
+        crossings = patched.crossings(patch, crossings, unmoved)
         if len(crossings) < len(best.crossings):
             best = replace(new, patch=patch, crossings=crossings, edges_split=split, displacement=displacement)
         if not len(crossings.mesh) and not len(crossings.own):

@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from spinor_geom.adapters import MeshFile, extend
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.borders import refuse_border
@@ -22,7 +20,7 @@ from spinor_geom.fill.no_holes import refuse_seams, refuse_what_is_no_hole
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
-from spinor_geom.mesh.topology import is_watertight
+from spinor_geom.mesh.topology import is_watertight_with
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 
@@ -43,6 +41,7 @@ class Filling:
         self.mesh, sheets = mesh, Sheets.of(mesh.vertices, mesh.faces)
         self.loops = find_boundary_loops(mesh, sheets)
         self.mesh_notes = mesh_notes(mesh, self.loops, sheets)
+        self._unclosed = sheets.unclosed(mesh.faces, len(mesh.vertices))
         self._options, self._names_loops = options, choice.names_loops
         places = chosen_places(choice.loop if choice.bridge is None else choice.bridge, self.loops)
         reasons = reasons_to_leave_open(
@@ -58,7 +57,7 @@ class Filling:
                 corners_given=given.corners_given,
             )
         wanted = [place for place in range(len(self.loops)) if place not in reasons]
-        self._joins, self._notes = planned_joins(mesh, self.loops, wanted, choice.islands, choice.bridge)
+        self._joins, self._notes = planned_joins(mesh, sheets, self.loops, wanted, choice.islands, choice.bridge)
         joined = {place for first, others in self._joins.items() for place in (first, *others)}
         self.patched = PatchedMesh(mesh, self.loops)
         self.left_open = {place: unfilled(place, self.loops[place], reason) for place, reason in reasons.items()}
@@ -115,7 +114,7 @@ class Filling:
         """The report, with the filled mesh in the type of `source`, from which the mesh was made."""
         extension = stitch(self.mesh, patches)
         mesh = extend(source, extension)
-        watertight = is_watertight(np.concatenate([self.mesh.faces, extension.faces]))
+        watertight = is_watertight_with(self.mesh.faces, self._unclosed, extension.faces)
         clock.lap("stitch")
         return FillResult(
             mesh=mesh,

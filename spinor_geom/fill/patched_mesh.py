@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 
 from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.intersections import intersections_between, is_graph, self_intersections
+from spinor_geom.mesh.intersections import intersections_between, is_graph, self_intersections, sorted_pairs
 from spinor_geom.mesh.operators import vertex_angles
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
@@ -93,6 +93,7 @@ class PatchedMesh:
         for loop in loops:
             self._loops_at[loop.vertex_ids] += 1
         on_loop = (self._loops_at > 0)[mesh.faces]
+        self._at_loops = np.flatnonzero(on_loop[:, 0] | on_loop[:, 1] | on_loop[:, 2])
         sides = np.flatnonzero(on_loop & on_loop[:, [1, 2, 0]])
         ends = np.stack([mesh.faces[sides // 3, sides % 3], mesh.faces[sides // 3, (sides + 1) % 3]], axis=1)
         self._edges = set(self._keys(ends))
@@ -135,7 +136,8 @@ class PatchedMesh:
 
     @cached_property
     def _angles(self) -> Float[np.ndarray, " n"]:
-        return vertex_angles(self.mesh.vertices, self.mesh.faces)
+        """Sums of the angles at the vertices of loops."""
+        return vertex_angles(self.mesh.vertices, self.mesh.faces[self._at_loops])
 
     def turning(self, loop: BoundaryLoop) -> float:
         """Total geodesic curvature of a loop, in radians: 2π for the border of a flat sheet, −2π for a hole in it.
@@ -151,67 +153,120 @@ class PatchedMesh:
 
     @cached_property
     def _mesh_piece(self) -> _Piece:
-        return _Piece(self.mesh.vertices, self.mesh.faces, start=0)
+        return _Piece(self.mesh.vertices, self.mesh.faces, np.arange(len(self.mesh.faces)))
 
-    def crossings(self, patch: Patch) -> Crossings:
-        """Intersections of a patch with itself, the mesh and the patches joined before."""
-        new = _Piece(patch.vertices, np.asarray(patch.faces), start=self.face_count)
+    def crossings(
+        self, patch: Patch, before: Crossings = NO_CROSSINGS, places: Int[np.ndarray, " k"] | None = None
+    ) -> Crossings:
+        """Intersections of a patch with itself, the mesh and the patches joined before.
+
+        `before` are those of an earlier state of the patch, and `places` the number that each of its faces has in the
+        patch if it is unchanged, else −1; pairs without another face of the patch are not tested again.
+        """
+        places = np.zeros(0, dtype=np.int64) if places is None else places
+        faces = np.asarray(patch.faces)
+        is_new = np.ones(len(faces), dtype=bool)
+        is_new[places[places >= 0]] = False
+        new, old = (
+            _Piece(patch.vertices, faces[some], self.face_count + np.flatnonzero(some)) for some in (is_new, ~is_new)
+        )
         own = NO_PAIRS
-        if patch.hole_sizes or not is_graph(new.vertices, new.faces, patch.boundary_size):
-            own = self_intersections(new.vertices, new.faces) + new.start
-        mesh = new.crossings(self._mesh_piece)
+        if patch.hole_sizes or not is_graph(patch.vertices, faces, patch.boundary_size):
+            among = new.numbers[self_intersections(patch.vertices, new.faces)]
+            between = np.sort(new.crossings(old), axis=1)
+            one, other = np.sort(faces[between - self.face_count], axis=2).swapaxes(0, 1)
+            # as `self_intersections`, without two faces of the same vertices
+            between = between[(one != other).any(axis=1)]
+            own = np.concatenate([self._carried(before.own, places, 2), among, between])
         boxes = self._boxes[: len(self._patches)].T
-        patches = [new.crossings(self._patches[k]) for k in new.meeting(boxes[:3], boxes[3:])]
-        others = np.concatenate([NO_PAIRS, *patches])
+        patches = [new.crossings(self._patches[k]) for k in overlapping(boxes[:3], boxes[3:], new.low, new.high)]
+        mesh = np.concatenate([self._carried(before.mesh, places, 1), new.crossings(self._mesh_piece)])
+        others = np.concatenate([self._carried(before.patches, places, 1), *patches])
+        own, mesh, others = map(sorted_pairs, (own, mesh, others))
         found = (("itself", own), ("the mesh", mesh), ("patches of other loops", others))
-        notes = tuple(_note(what, pairs, new) for what, pairs in found if len(pairs))
+        notes = tuple(self._note(what, pairs, patch) for what, pairs in found if len(pairs))
         return Crossings(own=own, mesh=mesh, patches=others, notes=notes)
+
+    def _carried(
+        self, pairs: Int[np.ndarray, "p 2"], places: Int[np.ndarray, " k"], columns: int
+    ) -> Int[np.ndarray, "q 2"]:
+        """Pairs whose first columns are faces of the patch, with their new numbers, without those that have none."""
+        if not len(places):
+            return NO_PAIRS
+        own = places[pairs[:, :columns] - self.face_count]
+        is_kept = (own >= 0).all(axis=1)
+        return np.concatenate([np.sort(self.face_count + own[is_kept], axis=1), pairs[is_kept, columns:]], axis=1)
+
+    def _note(self, what: str, pairs: Int[np.ndarray, "k 2"], patch: Patch) -> str:
+        first = tuple(pairs[0].tolist())
+        where = patch.vertices[np.asarray(patch.faces)[first[0] - self.face_count]].mean(axis=0)
+        return (
+            f"the patch crosses {what} in {len(pairs)} {'pair' if len(pairs) == 1 else 'pairs'} of faces, first "
+            f"{first} of the filled mesh, near ({', '.join(f'{x:.6g}' for x in where)})"
+        )
 
     def join(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> int:
         """Adds a patch with the boundary vertices `rim` of the mesh; returns the number of its first face."""
         self._edges.update(self._keys(rim[patch_chords(patch)]))
-        new = _Piece(patch.vertices, np.asarray(patch.faces), start=self.face_count)
+        first, faces = self.face_count, np.asarray(patch.faces)
+        new = _Piece(patch.vertices, faces, first + np.arange(len(faces)))
         if len(self._patches) == len(self._boxes):
             self._boxes = np.concatenate([self._boxes, np.empty_like(self._boxes)])
         self._boxes[len(self._patches)] = np.concatenate([new.low, new.high])
         self._patches.append(new)
-        self.face_count += len(new.faces)
-        return new.start
+        self.face_count += len(faces)
+        return first
 
 
 class _Piece:
-    """Faces with their bounding boxes, numbered from `start` on."""
+    """Faces, with their numbers in the filled mesh and their bounding boxes."""
 
-    def __init__(self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], *, start: int) -> None:
-        self.vertices, self.faces, self.start = vertices, faces, start
+    def __init__(
+        self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], numbers: Int[np.ndarray, " f"]
+    ) -> None:
+        self.vertices, self.faces, self.numbers = vertices, faces, numbers
         # three arrays of corners are several times as fast as a minimum along an axis of length 3
         a, b, c = (vertices.take(faces[:, k], axis=0) for k in range(3))
         self._lows = np.ascontiguousarray(np.minimum(np.minimum(a, b), c).T)
         self._highs = np.ascontiguousarray(np.maximum(np.maximum(a, b), c).T)
         self.low, self.high = self._lows.min(axis=1, initial=np.inf), self._highs.max(axis=1, initial=-np.inf)
 
-    def meeting(self, lows: Float[np.ndarray, "3 k"], highs: Float[np.ndarray, "3 k"]) -> Int[np.ndarray, " _"]:
-        """Indices of the boxes that overlap this piece's bounding box."""
-        found = np.flatnonzero((lows[0] <= self.high[0]) & (highs[0] >= self.low[0]))
-        for axis in (1, 2):
-            found = found[(lows[axis, found] <= self.high[axis]) & (highs[axis, found] >= self.low[axis])]
-        return found
+    @cached_property
+    def _blocks(self) -> tuple[int, Float[np.ndarray, "3 b"], Float[np.ndarray, "3 b"]]:
+        """The boxes of blocks of successive faces, about as many blocks as faces in each, and the size of a block."""
+        size = int(len(self.faces) ** 0.5) + 1
+        starts = np.arange(0, len(self.faces), size)
+        return size, np.minimum.reduceat(self._lows, starts, axis=1), np.maximum.reduceat(self._highs, starts, axis=1)
+
+    def meeting(self, other: _Piece) -> Int[np.ndarray, " _"]:
+        """The faces of this piece whose boxes overlap the box of another piece."""
+        if not len(self.faces):
+            return np.zeros(0, dtype=np.int64)
+        size, lows, highs = self._blocks
+        blocks = overlapping(lows, highs, other.low, other.high)
+        faces = (size * blocks[:, None] + np.arange(size)).ravel()
+        faces = faces[: np.searchsorted(faces, len(self.faces))]
+        return np.asarray(faces[overlapping(self._lows[:, faces], self._highs[:, faces], other.low, other.high)])
 
     def crossings(self, other: _Piece) -> Int[np.ndarray, "k 2"]:
         """Intersecting pairs of a face of this piece and a face of another."""
-        near = self.meeting(other._lows, other._highs)
+        near = other.meeting(self)
         corners = other.vertices[other.faces[near]].reshape(-1, 3)
         pairs = intersections_between(self.vertices, self.faces, corners, np.arange(len(corners)).reshape(-1, 3))
-        return np.stack([self.start + pairs[:, 0], other.start + near[pairs[:, 1]]], axis=1)
+        return np.stack([self.numbers[pairs[:, 0]], other.numbers[near[pairs[:, 1]]]], axis=1)
 
 
-def _note(what: str, pairs: Int[np.ndarray, "k 2"], patch: _Piece) -> str:
-    first = tuple(pairs[0].tolist())
-    where = patch.vertices[patch.faces[first[0] - patch.start]].mean(axis=0)
-    return (
-        f"the patch crosses {what} in {len(pairs)} {'pair' if len(pairs) == 1 else 'pairs'} of faces, first {first} of "
-        f"the filled mesh, near ({', '.join(f'{x:.6g}' for x in where)})"
-    )
+def overlapping(
+    lows: Float[np.ndarray, "3 k"],
+    highs: Float[np.ndarray, "3 k"],
+    low: Float[np.ndarray, "3"],
+    high: Float[np.ndarray, "3"],
+) -> Int[np.ndarray, " _"]:
+    """Indices of the boxes that overlap one box."""
+    found = np.flatnonzero((lows[0] <= high[0]) & (highs[0] >= low[0]))
+    for axis in (1, 2):
+        found = found[(lows[axis, found] <= high[axis]) & (highs[axis, found] >= low[axis])]
+    return found
 
 
 def stitch(mesh: TriangleMesh, patches: Sequence[LoopPatch]) -> MeshExtension:

@@ -12,7 +12,7 @@ from spinor_geom.discrete.flattest_triangulation import flattest_triangulation
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.operators import face_areas, face_normals
-from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components, is_disk
+from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components, is_disk, referenced_vertices
 from spinor_geom.meshing.embed import Patch
 
 # Triangulations of each region; after each, intersecting triangles are forbidden. Of 5 noisy rims, 3 keep intersections
@@ -33,9 +33,11 @@ def retriangulated(patched: PatchedMesh, new: NewPatch) -> NewPatch:
     while len(new.crossings):
         faces, crossings = np.asarray(new.patch.faces), new.crossings
         own = np.concatenate([crossings.own.ravel(), crossings.mesh[:, 0], crossings.patches[:, 0]])
-        region = np.isin(np.arange(len(faces)), own - patched.face_count)
+        region = np.zeros(len(faces), dtype=bool)
+        region[own - patched.face_count] = True
         for _ in range(rings):
-            region = np.asarray(np.isin(faces, faces[region]).any(axis=1))
+            a, b, c = referenced_vertices(faces[region], vertices=len(new.patch.vertices))[faces.T]
+            region = a | b | c
         new = _with_new_triangles(patched, new, region)
         if region.all():
             break
@@ -58,7 +60,9 @@ def _with_new_triangles(patched: PatchedMesh, new: NewPatch, region: Bool[np.nda
     ]
     if not outlines:
         return new
-    rest = np.delete(faces, np.concatenate([one.faces for one in outlines]), axis=0)
+    is_kept = np.ones(len(faces), dtype=bool)
+    is_kept[np.concatenate([one.faces for one in outlines])] = False
+    rest, places = faces[is_kept], np.where(is_kept, np.cumsum(is_kept) - 1, -1)
     longest = max(len(one.ids) for one in outlines)
     for _ in range(_MORE_ROUNDS if longest <= _FEW_POINTS else _ROUNDS):
         found = [triangles for one in outlines if (triangles := one.triangles()) is not None]
@@ -66,7 +70,7 @@ def _with_new_triangles(patched: PatchedMesh, new: NewPatch, region: Bool[np.nda
             break
         numbered = [one.ids[triangles] for one, triangles in zip(outlines, found, strict=True)]
         replaced = _without_unused(replace(new.patch, faces=np.concatenate([rest, *numbered])))
-        crossings = patched.crossings(replaced)
+        crossings = patched.crossings(replaced, new.crossings, places)
         if len(crossings) < len(best.crossings):
             count = len(replaced.faces) - len(rest)
             best = replace(new, patch=replaced, crossings=crossings, faces_replaced=count)

@@ -1,7 +1,11 @@
 """Candidate pairs of close segments, by their bounding boxes."""
 
+from functools import cache
+
 import numpy as np
 from jaxtyping import Float, Int
+
+from spinor_geom.mesh.array_checks import shared
 
 Points = Float[np.ndarray, "m 3"]
 Numbers = Int[np.ndarray, " k"]
@@ -23,7 +27,7 @@ def edges_with_near_boxes(starts: Points, ends: Points, distance: float) -> tupl
             low, high = np.vstack([low, np.full(3, np.inf)]), np.vstack([high, np.full(3, -np.inf)])
         low, high = np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2])
         levels.append((low, high))
-    first, second = np.triu_indices(len(low))
+    first, second = _all_pairs(len(low))
     for depth, (low, high) in enumerate(reversed(levels)):
         if depth:
             first = np.add.outer(2 * first, [0, 0, 1, 1]).ravel()
@@ -33,3 +37,10 @@ def edges_with_near_boxes(starts: Points, ends: Points, distance: float) -> tupl
         near = ((low[first] <= high[second]) & (low[second] <= high[first])).all(axis=1)
         first, second = first[near], second[near]
     return first[first < second], second[first < second]
+
+
+@cache
+def _all_pairs(count: int) -> tuple[Numbers, Numbers]:
+    """Pairs i <= j of some numbers; np.triu_indices takes longer than the test of their boxes."""
+    first, second = np.triu_indices(count)
+    return shared(first), shared(second)

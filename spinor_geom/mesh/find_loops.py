@@ -183,6 +183,15 @@ class Sheets:
         twin, degenerate = _twins(half_edges, vertices), np.flatnonzero(flat)
         return cls(half_edges=half_edges, face_ids=face_ids, twin=twin, copies=copies, degenerate=degenerate)
 
+    def unclosed(self, faces: Int[np.ndarray, "f 3"], count: int) -> Bool[np.ndarray, " {count}"]:
+        """The vertices of all edges without exactly two of the mesh's faces of opposite directions, (count,) bool.
+
+        All vertices of the ignored faces are among them.
+        """
+        unclosed = self.half_edges.unclosed(count)
+        unclosed[faces[self.degenerate]] = unclosed[faces[self.copies]] = True
+        return unclosed
+
     def next_ends(self, half_edge: Int[np.ndarray, " n"], at_target: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """For half-edges without a twin, the next half-edge without a twin around one of their ends.
 

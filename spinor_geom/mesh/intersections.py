@@ -43,7 +43,9 @@ def self_intersections(vertices: Points, faces: Faces) -> Pairs:
     apart = apart.astype(np.int64)
     shared = (indices[apart[:, 0], :, None] == indices[apart[:, 1], None, :]).any(axis=(1, 2))
     pairs = np.concatenate([apart[~shared], _neighbours_not_separated(corners, indices)])
-    return _sorted(np.sort(pairs[_insides_meet(corners[indices[pairs[:, 0]]], corners[indices[pairs[:, 1]]])], axis=1))
+    return sorted_pairs(
+        np.sort(pairs[_insides_meet(corners[indices[pairs[:, 0]]], corners[indices[pairs[:, 1]]])], axis=1)
+    )
 
 
 def intersections_between(
@@ -53,14 +55,14 @@ def intersections_between(
     if not len(faces) or not len(other_faces):
         return np.zeros((0, 2), dtype=np.int64)
     if len(faces) > len(other_faces):  # igl builds a tree over the first mesh, which costs more than a query
-        return _sorted(intersections_between(other_vertices, other_faces, vertices, faces)[:, ::-1])
+        return sorted_pairs(intersections_between(other_vertices, other_faces, vertices, faces)[:, ::-1])
     corners, indices = igl_arrays(vertices, faces)
     other_corners, other_indices = igl_arrays(other_vertices, other_faces)
     _, pairs, _ = igl.predicates.find_intersections(corners, indices, other_corners, other_indices)
     pairs = pairs.astype(np.int64)
     f, g = corners[indices[pairs[:, 0]]], other_corners[other_indices[pairs[:, 1]]]
     left = np.flatnonzero(~_are_separated(f, g))
-    return _sorted(pairs[left[_insides_meet(f[left], g[left])]])
+    return sorted_pairs(pairs[left[_insides_meet(f[left], g[left])]])
 
 
 def is_graph(vertices: Points, faces: Faces, boundary_size: int) -> bool:
@@ -94,7 +96,7 @@ def loop_crossings(points: Chain) -> Pairs:
     pairs, tolerance = _meeting_edges(points, np.roll(points, -1, axis=0), lambda i, j: (j - i > 1) & (j - i < m - 1))
     folded = _folds(points, tolerance)
     neighbours = np.stack([(folded - 1) % m, folded], axis=1)
-    return _sorted(np.concatenate([pairs, np.sort(neighbours, axis=1)]))
+    return sorted_pairs(np.concatenate([pairs, np.sort(neighbours, axis=1)]))
 
 
 def crossings_between(points: Chain, others: Float[np.ndarray, "n 3"]) -> Pairs:
@@ -102,7 +104,7 @@ def crossings_between(points: Chain, others: Float[np.ndarray, "n 3"]) -> Pairs:
     starts = np.concatenate([points, others])
     ends = np.concatenate([np.roll(points, -1, axis=0), np.roll(others, -1, axis=0)])
     pairs, _ = _meeting_edges(starts, ends, lambda i, j: (i < len(points)) & (j >= len(points)))
-    return _sorted(pairs - [0, len(points)])
+    return sorted_pairs(pairs - [0, len(points)])
 
 
 def _meeting_edges(starts: Chain, ends: Chain, wanted: Callable[..., Bool[np.ndarray, " k"]]) -> tuple[Pairs, float]:
@@ -123,13 +125,15 @@ def require_simple(loop: BoundaryLoop) -> None:
         raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
 
 
-def _sorted(pairs: Pairs) -> Pairs:
+def sorted_pairs(pairs: Pairs) -> Pairs:
+    """Pairs in ascending order of the first number, then of the second."""
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
 
 
 def _cross(u: Float[np.ndarray, "*k 3"], v: Float[np.ndarray, "*k 3"]) -> Float[np.ndarray, "*k 3"]:
     """Cross products; np.cross takes several times as long for short arrays."""
-    (a, b, c), (d, e, f) = (np.moveaxis(w, -1, 0) for w in (u, v))
+    a, b, c = u[..., 0], u[..., 1], u[..., 2]
+    d, e, f = v[..., 0], v[..., 1], v[..., 2]
     return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=-1)
 
 

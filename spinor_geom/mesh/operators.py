@@ -53,7 +53,9 @@ def mollified_edge_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray
 
 def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Faces) -> csc_array:
     """`cotangent_laplacian` from the lengths of the edges opposite to the corners."""
-    return csc_array(-igl.cotmatrix_intrinsic(*igl_arrays(lengths, faces)))
+    laplacian = csc_array(igl.cotmatrix_intrinsic(*igl_arrays(lengths, faces)))
+    np.negative(laplacian.data, out=laplacian.data)
+    return laplacian
 
 
 def mollified_laplacian(vertices: Vertices, faces: Faces) -> csc_array:

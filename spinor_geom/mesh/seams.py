@@ -81,10 +81,12 @@ def _shared(start: Numbers, end: Numbers, ring: Numbers) -> tuple[Bool[np.ndarra
     on_edge = _group_sizes(pair)
     # not edges of length 0
     shared = np.flatnonzero((on_edge > 1) & (start != end))
+    reversed_, other = np.zeros((2, len(start)), dtype=bool)
+    if not len(shared):
+        return reversed_, other
     _, edge = np.unique(pair[shared], return_inverse=True)
     edge_of_ring = edge * (int(ring.max(initial=0)) + 1) + ring[shared]
     on_ring = _group_sizes(edge_of_ring)
-    reversed_, other = np.zeros((2, len(start)), dtype=bool)
     reversed_[shared] = on_ring > _group_sizes(edge_of_ring * 2 + forward[shared])
     other[shared] = on_edge[shared] > on_ring
     return reversed_, other

@@ -37,7 +37,9 @@ def are_long(points: Float[np.ndarray, "*b m k"]) -> Bool[np.ndarray, "*b m"]:
 
 def edge_lengths(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b m"]:
     """Lengths of the edges of a closed polygon."""
-    return np.asarray(np.linalg.norm(np.roll(points, -1, axis=-2) - points, axis=-1))
+    # as np.roll, which takes several times as long for short polygons
+    following = points.take(np.arange(1 - points.shape[-2], 1), axis=-2)
+    return np.asarray(np.linalg.norm(following - points, axis=-1))
 
 
 def with_long_edges_divided(
@@ -48,6 +50,8 @@ def with_long_edges_divided(
     The parts of a long edge are about as long as its neighbours at both ends, and grow from there.
     """
     long = np.flatnonzero(are_long(points))
+    if not len(long):
+        return points, np.ones(len(points), dtype=bool)
     length = edge_lengths(points)
     first = _FIRST_PART * _longest_of_three(length)
     starts, ends = np.roll(first, 2)[long], np.roll(first, -2)[long]

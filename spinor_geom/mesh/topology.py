@@ -66,12 +66,31 @@ class HalfEdges:
     @cached_property
     def opposite(self) -> Int[np.ndarray, " h"]:
         """The corner of its face that a half-edge does not touch, (3F,) int64."""
-        return np.roll(self.origin.reshape(-1, 3), -2, axis=1).reshape(-1)
+        return self.origin.reshape(-1, 3)[:, [2, 0, 1]].reshape(-1)
+
+    @cached_property
+    def components(self) -> Int[np.ndarray, " f"]:
+        """The component of each face, from 0, (F,) int64; faces are connected through common edges, not vertices."""
+        face = self.order // 3
+        is_same_edge = np.ones(len(face), dtype=bool)
+        is_same_edge[self.starts[:-1]] = False
+        later = np.flatnonzero(is_same_edge)
+        return linked(np.stack([face[later - 1], face[later]], axis=1), len(face) // 3)
+
+    @cached_property
+    def is_open(self) -> Bool[np.ndarray, " h"]:
+        """Whether the edge of each half-edge has not exactly two faces of opposite directions, (3F,) bool."""
+        return np.asarray((self.twin < 0) | (self.origin == self.origin[self.twin]))
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether there are faces and every edge has exactly two, of opposite directions."""
+        return len(self.origin) > 0 and not self.is_open.any()
 
     def unclosed(self, count: int) -> Bool[np.ndarray, " {count}"]:
         """Which of `count` vertices have an edge without exactly two faces of opposite directions, (count,) bool."""
-        wrong = (self.twin < 0) | (self.origin == self.origin[self.twin])
-        return referenced_vertices(np.stack([self.origin[wrong], self.target[wrong]]), vertices=count)
+        ends = np.stack([self.origin[self.is_open], self.target[self.is_open]])
+        return referenced_vertices(ends, vertices=count)
 
 
 def boundary_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "b 2"]:
@@ -82,9 +101,27 @@ def boundary_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "b 2"]:
 
 def is_watertight(faces: Int[np.ndarray, "f 3"]) -> bool:
     """Whether there are faces and every edge has exactly two, of opposite directions."""
-    half_edges = HalfEdges.of(faces)
-    a, b = half_edges.pairs.T
-    return 0 < len(half_edges.origin) == 2 * len(a) and bool((half_edges.origin[a] == half_edges.target[b]).all())
+    return HalfEdges.of(faces).is_closed
+
+
+def is_watertight_with(
+    faces: Int[np.ndarray, "f 3"], unclosed: Bool[np.ndarray, " v"], added: Int[np.ndarray, "g 3"]
+) -> bool:
+    """`is_watertight` of the faces of a mesh and more of them, by the edges that the latter can touch.
+
+    Args:
+        faces: of the mesh.
+        unclosed: the vertices of all edges without exactly two faces of opposite directions, and maybe others.
+        added: more faces, whose vertices may be new.
+    """
+    counts = np.zeros(max(len(unclosed), int(added.max(initial=-1)) + 1), dtype=bool)
+    counts[: len(unclosed)] = unclosed
+    counts[added] = True
+    a, b, c = counts[faces.T]
+    # all faces of an edge between two of these vertices
+    half_edges = HalfEdges.of(np.concatenate([faces[(a & b) | (b & c) | (c & a)], added]))
+    is_open = half_edges.is_open & counts[half_edges.origin] & counts[half_edges.target]
+    return len(faces) + len(added) > 0 and not is_open.any()
 
 
 def is_disk(faces: Int[np.ndarray, "f 3"]) -> bool:
@@ -93,18 +130,15 @@ def is_disk(faces: Int[np.ndarray, "f 3"]) -> bool:
         return False
     start, end = boundary_edges(faces).T
     closed = np.concatenate([faces, np.stack([end, start, np.full(len(start), faces.max() + 1)], axis=1)])
+    half_edges = HalfEdges.of(closed)
     # Euler's formula for triangles without a boundary
-    is_sphere = 2 * len(np.unique(closed)) - len(closed) == 4 and is_watertight(closed)
-    return len(start) > 0 and is_sphere and not face_components(closed).any()
+    is_sphere = 2 * len(np.unique(closed)) - len(closed) == 4 and half_edges.is_closed
+    return len(start) > 0 and is_sphere and not half_edges.components.any()
 
 
 def face_components(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:
     """The component of each face, from 0, (f,) int64; faces are connected through common edges, not vertices."""
-    import igl
-
-    if not len(faces):
-        return np.zeros(0, dtype=np.int64)
-    return np.asarray(igl.facet_components(np.ascontiguousarray(faces, dtype=np.int64))[1], dtype=np.int64)
+    return HalfEdges.of(faces).components
 
 
 def linked(pairs: Int[np.ndarray, "k 2"], count: int) -> Int[np.ndarray, " {count}"]:

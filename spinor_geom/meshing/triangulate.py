@@ -89,7 +89,7 @@ def size_field(pieces: Sequence[Piece]) -> RegionSizes:
     """
     rims = [rim for piece in pieces for rim in piece.rims]
     owners = [number for number, piece in enumerate(pieces) for _ in piece.rims]
-    bounds = size_bounds(rims, owners, growth=GROWTH, decay=DECAY)
+    bounded = size_bounds(rims, owners, growth=GROWTH, decay=DECAY)
     target = np.array([piece.target for piece in pieces])
     sampled = np.repeat(np.arange(len(pieces)), [len(piece.samples) for piece in pieces])
     tree = NearestPoints(np.concatenate([piece.samples for piece in pieces]), sampled)
@@ -98,11 +98,10 @@ def size_field(pieces: Sequence[Piece]) -> RegionSizes:
 
     def size(z: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         require_time()  # called before each batch of new points
-        shortest, longest = bounds(z, region)
         distance, index = tree.query(z, region, count=NEIGHBOURS)
         weight = 1 / np.maximum(distance, TINY**0.25) ** 2
         stretch = np.exp((weight * log_factor[index]).sum(axis=1) / weight.sum(axis=1))
-        return np.asarray(np.minimum(np.maximum(target[region] / stretch, shortest), longest))
+        return bounded(target[region] / stretch, z, region)
 
     return size
 

@@ -6,19 +6,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from spinor_geom.arrays import Array, Place
-from spinor_geom.discrete.area_descent import harmonic_extension
-from spinor_geom.domain.delaunay import Rims, edge_codes, plane_coordinates, rim_successors
-from spinor_geom.mesh.operators import mollified_laplacian
+from spinor_geom.domain.delaunay import Rims, edge_codes, rim_successors
 from spinor_geom.surface.frames import phi_from_frames, spinors_from_phi
-
-
-def images_in_plane(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary: Complex[np.ndarray, " m"]
-) -> Complex[np.ndarray, " n"]:
-    """Images in Ω of the vertices of a discrete surface, by the harmonic map with given images of the boundary."""
-    points = harmonic_extension(mollified_laplacian(vertices, faces), plane_coordinates(boundary)) @ np.array([1.0, 1j])
-    points[: len(boundary)] = boundary
-    return np.asarray(points)
 
 
 def lifted_spinors(

@@ -274,6 +274,34 @@ def test_counts_do_not_change_under_motion_and_scale(seed: int, motion: RigidMot
     assert counts[0] == counts[1]
 
 
+@settings(max_examples=25, deadline=None)
+@given(seed=SEEDS, share=st.floats(0, 1))
+def test_crossings_of_unchanged_faces_need_no_second_test(seed: int, share: float) -> None:
+    rng = np.random.default_rng(seed)
+    mesh = TriangleMesh(*tube(12, 4))
+    patched = PatchedMesh(mesh)
+    first, second = find_boundary_loops(mesh)
+    patched.join(cone(first), first.vertex_ids)
+    # inner vertices at random places in the tube: the faces cross each other, the tube and the other end's patch
+    vertices = np.concatenate([second.points, mesh.vertices[rng.integers(0, len(mesh.vertices), 8)] * rng.random(3)])
+    faces = np.array([rng.choice(len(vertices), 3, replace=False) for _ in range(30)])
+    patch = Patch(vertices=vertices, faces=faces, boundary_size=len(second), points=vertices @ [1, 1j, 0])
+    before = patched.crossings(patch)
+    # some faces are replaced, the others come in another order
+    kept = np.flatnonzero(rng.random(len(faces)) < share)
+    places = np.full(len(faces), -1)
+    order = rng.permutation(len(faces))
+    places[kept] = order[kept]
+    after = np.empty_like(faces)
+    after[order] = np.where((places < 0)[:, None], faces[:, [0, 2, 1]], faces)
+    after[order[places < 0], 0] = rng.integers(0, len(vertices), int((places < 0).sum()))
+    changed = Patch(vertices=vertices, faces=after, boundary_size=len(second), points=patch.points)
+    whole, partial = patched.crossings(changed), patched.crossings(changed, before, places)
+    for name in ("own", "mesh", "patches"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(partial, name))
+    assert whole.notes == partial.notes
+
+
 def total(crossings: Crossings) -> int:
     assert bool(crossings.notes) == bool(len(crossings.own) + len(crossings.mesh) + len(crossings.patches))
     return len(crossings.own) + len(crossings.mesh) + len(crossings.patches)

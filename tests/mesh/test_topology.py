@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from spinor_geom.mesh.find_loops import Sheets
 from spinor_geom.mesh.topology import (
     HalfEdges,
     boundary_edges,
     coincident_vertices,
     face_components,
     is_watertight,
+    is_watertight_with,
     referenced_vertices,
 )
-from tests.strategies import HoledDisk, holed_disks
+from tests.strategies import SEEDS, HoledDisk, holed_disks
 
 
 def test_twins_of_a_tetrahedron_run_the_other_way(tetrahedron: np.ndarray) -> None:
@@ -55,6 +58,30 @@ def test_fin_on_an_edge_is_not_watertight(tetrahedron: np.ndarray) -> None:
 
 def test_nothing_is_not_watertight() -> None:
     assert not is_watertight(np.empty((0, 3), dtype=np.int64))
+
+
+@settings(deadline=None, max_examples=30)
+@given(seed=SEEDS, count=st.integers(0, 12), copies=st.integers(0, 2))
+def test_added_faces_are_judged_as_those_of_one_mesh(seed: int, count: int, copies: int) -> None:
+    rng = np.random.default_rng(seed)
+    faces = np.array(trimesh.creation.icosphere(1).faces)
+    removed = np.isin(np.arange(len(faces)), rng.choice(len(faces), count, replace=False))
+    added = faces[removed][: count - rng.integers(0, 2) if count else 0]
+    if count and rng.integers(0, 2):
+        added[0] = added[0, :: rng.choice([1, -1])]
+    mesh = np.concatenate([faces[~removed], faces[rng.integers(0, len(faces), copies)]])
+    unclosed = Sheets.of(np.zeros((42, 3)), mesh).unclosed(mesh, 42)
+    assert is_watertight_with(mesh, unclosed, added) == is_watertight(np.concatenate([mesh, added]))
+
+
+def test_nothing_added_to_nothing_is_not_watertight() -> None:
+    nothing = np.empty((0, 3), dtype=np.int64)
+    assert not is_watertight_with(nothing, np.zeros(0, dtype=bool), nothing)
+
+
+def test_faces_of_an_edge_with_three_faces_are_one_component() -> None:
+    fan = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4], [5, 6, 7], [6, 5, 8]])
+    np.testing.assert_array_equal(face_components(fan), [0, 0, 0, 1, 1])
 
 
 def test_pieces_touching_in_a_vertex_are_two_components() -> None:

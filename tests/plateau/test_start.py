@@ -14,7 +14,7 @@ from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import triangulate_polygon
-from spinor_geom.plateau.initial_spinors import images_in_plane, lifted_frames, lifted_spinors
+from spinor_geom.plateau.initial_spinors import lifted_frames, lifted_spinors
 from spinor_geom.plateau.solve import solve_plateau
 from spinor_geom.plateau.steps import Clock
 from spinor_geom.plateau.threads import one_thread
@@ -37,10 +37,9 @@ def test_plane_disk_lifts_to_constant_spinors():
 def test_lifted_spinors_reproduce_the_edges_of_the_loop(curve):
     loop = curve.sample(100)
     disk = first_disk(loop.points)
-    flat = flatten(disk.vertices, disk.faces, len(loop)).boundary
-    images = images_in_plane(disk.vertices, disk.faces, flat)
-    spinors = lifted_spinors(disk.vertices, disk.faces, images, (len(loop),), NUMPY)
-    edge = np.roll(flat, -1) - flat
+    flat = flatten(disk.vertices, disk.faces, len(loop))
+    spinors = lifted_spinors(disk.vertices, disk.faces, flat.images, (len(loop),), NUMPY)
+    edge = np.roll(flat.boundary, -1) - flat.boundary
     along = (phi(spinors[:, 0], spinors[:, 1]) * edge[:, None]).real
     np.testing.assert_allclose(along, np.roll(loop.points, -1, axis=0) - loop.points, atol=1e-12 * loop.diagonal)
     # the sign follows the boundary, and closes up

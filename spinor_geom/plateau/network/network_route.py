@@ -27,7 +27,7 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
-from spinor_geom.plateau.initial_spinors import images_in_plane, lifted_spinors
+from spinor_geom.plateau.initial_spinors import lifted_spinors
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network.discretisation import Discretisation, independent_residual
 from spinor_geom.plateau.network.gauss_newton import Fit, gauss_newton
@@ -174,8 +174,7 @@ class NetworkSolver:
             outer, *holes = boundaries(flat.rims)
             domain = PlaneDomain.inside(outer, flat.log_scale, holes=tuple(holes))
         with self.problem.clock.stage("features"):
-            images = images_in_plane(start.vertices, start.faces, flat.boundary)
-            lifted = partial(lifted_spinors, start.vertices, start.faces, images, self._sizes, place)
+            lifted = partial(lifted_spinors, start.vertices, start.faces, flat.images, self._sizes, place)
             spinors, branch = lifted(), None
             ends = np.cumsum([0, *self._sizes]).tolist()
             if holes and not any(bool(signs_close_up(*spinors[a:b].mT)) for a, b in pairwise(ends)):

@@ -31,7 +31,7 @@ from spinor_geom.holomorphic.series import power_sums
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import piece_places, through
 from spinor_geom.plateau.harmonic.lift import Lift
-from spinor_geom.plateau.initial_spinors import images_in_plane, lifted_spinors
+from spinor_geom.plateau.initial_spinors import lifted_spinors
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import PlateauProblem, Route
 from spinor_geom.plateau.route_result import RouteResult
@@ -60,7 +60,7 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
         disk = problem.start or first_disk(points)
     with clock.stage("flattening"):
         flat = flatten(disk.vertices, disk.faces, len(points))
-        images = images_in_plane(disk.vertices, disk.faces, flat.boundary)
+        images = flat.images
         domain = _domain(disk.faces, images, flat)
         spinors = lifted_spinors(disk.vertices, disk.faces, images, (len(points),), place)
     raw: Complex[Array, "k 2"] | None = None

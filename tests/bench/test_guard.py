@@ -1,0 +1,57 @@
+"""Two checkouts timed side by side: what is slower in every turn is listed, noise is not."""
+
+import importlib
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def guard(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    return importlib.import_module("guard")
+
+
+class Clock:
+    """In place of a worker: given seconds, one after the other, after those of the first fill."""
+
+    def __init__(self, *seconds):
+        self._seconds = cycle((99.0, *seconds))
+
+    def seconds(self, files):
+        assert all(file.is_file() for file in files)
+        return next(self._seconds)
+
+
+@pytest.mark.parametrize(
+    ("head", "is_slower"),
+    [((1.1, 2.2, 1.05), True), ((0.9, 2.2, 1.2), False), ((1.0, 2.0, 1.0), False)],
+    ids=["always", "twice", "never"],
+)
+def test_slower_means_slower_in_every_turn(guard, tmp_path, head, is_slower):
+    mesh = np.zeros((3, 3)), np.array([[0, 1, 2]]), np.arange(3)
+    workers = [Clock(1.0, 2.0, 1.0), Clock(*head), Clock(0.5, 0.5, 0.5)]
+    ((name, row, slower),) = guard.measured({"two": lambda: [mesh, mesh]}, workers, tmp_path, 3)
+    assert (name, slower) == ("two", is_slower)
+    # the median of 1, 2 and 1 seconds for two meshes, in milliseconds
+    assert row.startswith("| two | 500 | ")
+
+
+@pytest.mark.slow
+def test_a_checkout_is_as_fast_as_itself(guard, capsys):
+    guard.main([str(ROOT), "--case", "smooth rim of 64 points", "--turns", "5"])
+    row = capsys.readouterr().out.splitlines()[2]
+    base, head = (float(cell) for cell in row.split("|")[2:4])
+    # noise of single measurements is below 50 % even under load
+    assert 0.5 < head / base < 2
+
+
+def test_every_case_is_a_mesh_with_rims_to_fill(guard):
+    for name in ("caps of 24 to 80 points", "smooth rim of 64 points", "noisy rim of 250 points"):
+        for vertices, faces, rim in guard.CASES[name]():
+            assert faces.max() == len(vertices) - 1
+            assert len(rim) >= 24
