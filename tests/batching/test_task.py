@@ -469,7 +469,7 @@ def test_results_that_nobody_can_write_stop_the_batch(tmp_path: Path) -> None:
 def test_a_process_that_cannot_start_stops_the_batch(
     process: Callable[..., dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "sitecustomize.py").write_text("import sys\nsys.modules['torch'] = None\n")
+    (tmp_path / "sitecustomize.py").write_text("import sys\nsys.modules['scipy'] = None\n")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]]))
     done = process(write_curves(tmp_path / "in", 3), tmp_path / "out")
     assert done["finished"] == []
