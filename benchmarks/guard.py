@@ -73,7 +73,7 @@ def print_stages(cases: Mapping[str, "Case"], base: Path, head: Path) -> int:
             for worker in workers:  # the first fill imports modules
                 worker.seconds(files[:1])
             both = [worker.stages(files) for worker in workers]
-            cells = (" → ".join(f"{1e3 * each[stage] / len(files):.3g}" for each in both) for stage in names)
+            cells = (" → ".join(f"{1e3 * each[stage] / len(files):.4g}" for each in both) for stage in names)
             print(f"| {name} | {' | '.join(cells)} |", flush=True)
     return 0
 
