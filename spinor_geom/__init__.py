@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from spinor_geom.fill.fill_result import FillResult as FillResult
     from spinor_geom.fill.fill_result import LoopOutcome as LoopOutcome
     from spinor_geom.fill.loop_choice import boundary_loops as boundary_loops
+    from spinor_geom.gradients.minimal_area import minimal_area as minimal_area
     from spinor_geom.holomorphic.cauchy import CauchyNetwork as CauchyNetwork
     from spinor_geom.holomorphic.laurent import LaurentSeries as LaurentSeries
     from spinor_geom.holomorphic.mlp import ComplexMLP as ComplexMLP
@@ -51,6 +52,7 @@ _NAMES = {
     "fill.fill_hole": "fill_hole",
     "fill.loop_choice": "boundary_loops",
     "fill.fill_result": "FillResult LoopOutcome",
+    "gradients.minimal_area": "minimal_area",
     "holomorphic.cauchy": "CauchyNetwork",
     "holomorphic.laurent": "LaurentSeries",
     "holomorphic.mlp": "ComplexMLP",

@@ -210,6 +210,10 @@ class PeriodError(SurfaceError):
     )
 
 
+class NotDifferentiableError(SurfaceError):
+    """An area or positions are not differentiable by the points of the curve."""
+
+
 class SingularMatrixError(SpinorGeomError, ValueError):
     sentence = "the Laplacian of {size} interior vertices is singular (degenerate faces); check the loop for crossings"
 

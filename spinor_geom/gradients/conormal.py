@@ -1,0 +1,63 @@
+"""The outer conormal of a surface along its rims, at quadrature nodes and their places on Γ."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import PchipInterpolator
+
+from spinor_geom.domain.plane_domain import panel_breaks
+from spinor_geom.plateau.solution import RimMatch
+from spinor_geom.surface.interior import RimPrimitive
+from spinor_geom.surface.spinor_surface import SpinorSurface
+
+# Gauss-Legendre nodes between neighbouring points of the loop or of ∂Ω
+_NODES = 4
+_PLACINGS = 4  # steps of the constant and the nearest points of Γ; the matched places are near them
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RimConormal:
+    """ν ds along a rim at quadrature nodes, in mesh units: when Γ moves, the area changes by Σ conormal·δΓ(places).
+
+    ν is the outer conormal: the unit vector that is tangent to the surface, normal to its rim, and points away from it.
+    """
+
+    places: Float[np.ndarray, " k"]  # parameters of Γ
+    conormal: Float[np.ndarray, "k 3"]
+
+    @classmethod
+    def along(cls, rim: RimMatch, surface: SpinorSurface) -> RimConormal:
+        """The conormal along one rim of a surface."""
+        boundary, curve = rim.boundary, rim.curve
+        # Γ is smooth between its points, p and q between vertices of ∂Ω
+        own = np.mod(rim.parameters(curve.breaks[:-1]), 1.0)
+        breaks = np.union1d(panel_breaks(boundary), own)
+        primitive = RimPrimitive.along(boundary, surface.null_curve, _NODES, breaks)
+        r, t = primitive.primitive.real, primitive.panels.t
+        pairs = np.concatenate([rim.matching - 1, rim.matching, rim.matching + 1])
+        s = PchipInterpolator(*pairs.T)(t)
+        low, high = _ends_of_sides(rim, t)
+        for _ in range(_PLACINGS):
+            s = np.clip(s, low, high)
+            point, tangent = curve.point(s), curve.derivative(s)
+            r = r + (point - r).mean(axis=0)
+            s = s + ((r - point) * tangent).sum(axis=1) / (tangent * tangent).sum(axis=1)
+        # ν ds = Im(φ dz), with Ω on the left
+        conormal = primitive.panels.weights[:, None] * primitive.velocity.imag
+        return cls(places=np.clip(s, low, high), conormal=conormal)
+
+
+def _ends_of_sides(
+    rim: RimMatch, t: Float[np.ndarray, " k"]
+) -> tuple[Float[np.ndarray, " k"] | float, Float[np.ndarray, " k"] | float]:
+    """Lowest and highest parameter of Γ on the side between corners of Ω that each parameter of ∂Ω belongs to."""
+    if not rim.boundary.corners.any():
+        return -np.inf, np.inf
+    at = rim.curve.breaks[:-1][rim.curve.corners]
+    ends = np.concatenate([at[-1:] - 1, at, at[:1] + 1])
+    side = np.searchsorted(rim.boundary.parameters[:-1][rim.boundary.corners], t, side="right")
+    # strictly inside, as Γ′ at a corner is that of the next side
+    return ends[side], np.nextafter(ends[side + 1], -np.inf)
