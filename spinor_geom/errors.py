@@ -260,6 +260,10 @@ class ImperfectFillWarning(UserWarning):
     """A hole is still open, or its patch is discrete, exceeds the tolerance, or has intersections."""
 
 
+class UncertainGradientWarning(UserWarning):
+    """The derivative of a surface may not exist."""
+
+
 class UnknownMeshTypeError(SpinorGeomError, TypeError):
     sentence = "{found} is not a supported mesh type; {advice}"
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.gradients.conormal import RimConormal
 from spinor_geom.gradients.curve_chain import by_points
+from spinor_geom.gradients.rim_nodes import RimNodes
 from spinor_geom.plateau.threads import one_thread
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def area_gradient(solution: PlateauSolution) -> tuple[Float[np.ndarray, "_ 3"], ...]:
     """`PlateauSolution.area_gradient`."""
     with one_thread():
-        along = [RimConormal.along(rim, solution.surface) for rim in solution.rims]
+        along = [RimNodes.along(rim, solution.surface) for rim in solution.rims]
         gradients = [
             by_points(rim.curve, one.places, one.conormal) for rim, one in zip(solution.rims, along, strict=True)
         ]

@@ -66,7 +66,7 @@ class _Cubic:
 
     @cached_property
     def _at_nodes(self) -> tuple[Float[np.ndarray, "m g 3"], Float[np.ndarray, "3 g"]]:
-        """Derivatives by u at Gauss-Legendre nodes on the pieces, and those of the powers of u, with weights of [0, 1]."""
+        """Derivatives by u at Gauss-Legendre nodes on the pieces; those of the powers of u, times the weights."""
         nodes, weights = gauss_nodes(ARC_NODES)
         powers = np.arange(1, 4)[:, None] * ((nodes + 1) / 2) ** np.arange(3)[:, None]
         return np.einsum("rg,rmk->mgk", powers, self.system.powers), powers * weights / 2

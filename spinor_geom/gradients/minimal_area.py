@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from spinor_geom.errors import NotDifferentiableError, OptionError, SurfaceError
+from spinor_geom.errors import OptionError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
@@ -73,6 +73,9 @@ def solved(rims: Sequence[Tensor], *, corners: Corners, model: Model, tolerance:
         BoundaryLoop.from_points(rim.detach().double().cpu().numpy(), corners=own)
         for rim, own in zip(rims, of_rims, strict=True)
     ]
+    for loop, rim in zip(loops, rims, strict=True):
+        if len(loop) != len(rim):
+            raise OptionError("the last point of a rim is equal to the first; leave it out")
     solution = solve_plateau(loops, model=model, tolerance=tolerance, between="smooth", device=rims[0].device)
     if isinstance(solution, NoConnectedSurface):
         raise SurfaceError(f"{solution.reason}; move the rims towards each other")

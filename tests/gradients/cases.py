@@ -10,6 +10,7 @@ from spinor_geom.plateau import PlateauSolution, solve_plateau
 QUADRILATERAL = np.array([[0, 0, 0], [1, 0, 0.5], [1, 1, 0], [0, 1, 0.5]])
 TURN = 2 * np.pi * np.arange(64) / 64
 RING = np.stack([np.cos(TURN), np.sin(TURN), 0 * TURN], axis=1)
+LIFT = np.array([0, 0, 0.4])
 
 
 def wavy(n: int, *, uneven: float = 0.0, seed: int = 0) -> np.ndarray:
@@ -37,7 +38,7 @@ ROUTES = {
     "plane": [RING * [2, 1, 1]],
     "network": [QUADRILATERAL],
     "network, curved sides": [arched(8)],
-    "annulus": [RING + [0, 0, 0.4], 0.9 * RING[::-1] - [0, 0, 0.4]],
+    "annulus": [RING + LIFT, 0.9 * RING[::-1] - LIFT],
     "annular network": [3 * RING, 0.6 * RING + [1, 0, 0.3]],
     "circles": [3 * RING, 0.6 * RING[::2] + [1, 0, 0.3], 0.6 * RING[::-1] + [-1, 0, 0.3]],
 }

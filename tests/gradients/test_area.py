@@ -88,7 +88,8 @@ def test_order_and_direction_of_given_rims():
 
 @pytest.mark.parametrize("half", [0.1, 0.4, 0.6])
 def test_force_of_the_catenoid(half):
-    catenoid = solve_plateau([RING - [0, 0, half], RING + [0, 0, half]])
+    lift = np.array([0, 0, half])
+    catenoid = solve_plateau([RING - lift, RING + lift])
     _, above = catenoid.area_gradient
     neck = brentq(lambda c: c * np.cosh(half / c) - 1, 0.5524, 1.0)
     # the circle through 64 points is exact, as is the force on it

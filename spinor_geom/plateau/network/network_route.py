@@ -175,7 +175,7 @@ class NetworkSolver:
             spinors, branch = lifted(), None
             rims = torch.split(spinors, list(self._sizes))
             if holes and not any(bool(signs_close_up(*rim.unbind(-1))) for rim in rims):
-                branch = _point_in_hole(flat.rims[1])
+                branch = point_in_hole(flat.rims[1])
                 spinors = lifted(branch=branch)
             stage = Discretisation.first(
                 domain,
@@ -304,7 +304,7 @@ class Fitted:
     folds: bool = False  # whether Ω folds before it reaches the right conformal moduli
 
 
-def _point_in_hole(hole: Complex[np.ndarray, " n"]) -> complex:
+def point_in_hole(hole: Complex[np.ndarray, " n"]) -> complex:
     """A point in a hole: the incentre of the triangle of its mesh with the largest incircle."""
     mesh = PlaneDomain.from_boundary(hole[::-1]).triangulation
     corners = mesh.points[mesh.faces]

@@ -5,37 +5,45 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 from scipy.interpolate import PchipInterpolator
 
 from spinor_geom.domain.plane_domain import panel_breaks
+from spinor_geom.domain.quadrature import Panels
 from spinor_geom.plateau.solution import RimMatch
 from spinor_geom.surface.interior import RimPrimitive
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Gauss-Legendre nodes between neighbouring points of the loop or of ∂Ω
-_NODES = 4
+NODES = 4
+NO_BREAKS = np.zeros(0)
 _PLACINGS = 4  # steps of the constant and the nearest points of Γ; the matched places are near them
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RimConormal:
-    """ν ds along a rim at quadrature nodes, in mesh units: when Γ moves, the area changes by Σ conormal·δΓ(places).
+class RimNodes:
+    """Quadrature nodes along a rim of a surface, in the direction of ∂Ω.
 
-    ν is the outer conormal: the unit vector that is tangent to the surface, normal to its rim, and points away from it.
+    Attributes:
+        panels: between neighbouring points of the loop and vertices of ∂Ω.
+        velocity: φ dz/dt.
+        places: parameters of the nearest points of Γ.
     """
 
-    places: Float[np.ndarray, " k"]  # parameters of Γ
-    conormal: Float[np.ndarray, "k 3"]
+    panels: Panels
+    velocity: Complex[np.ndarray, "k 3"]
+    places: Float[np.ndarray, " k"]
 
     @classmethod
-    def along(cls, rim: RimMatch, surface: SpinorSurface) -> RimConormal:
-        """The conormal along one rim of a surface."""
+    def along(
+        cls, rim: RimMatch, surface: SpinorSurface, more: Float[np.ndarray, " b"] = NO_BREAKS, nodes: int = NODES
+    ) -> RimNodes:
+        """The nodes of one rim; `more` are additional ends of panels."""
         boundary, curve = rim.boundary, rim.curve
         # Γ is smooth between its points, p and q between vertices of ∂Ω
         own = np.mod(rim.parameters(curve.breaks[:-1]), 1.0)
-        breaks = np.union1d(panel_breaks(boundary), own)
-        primitive = RimPrimitive.along(boundary, surface.null_curve, _NODES, breaks)
+        breaks = np.unique(np.concatenate([panel_breaks(boundary), own, more]))
+        primitive = RimPrimitive.along(boundary, surface.null_curve, nodes, breaks)
         r, t = primitive.primitive.real, primitive.panels.t
         pairs = np.concatenate([rim.matching - 1, rim.matching, rim.matching + 1])
         s = PchipInterpolator(*pairs.T)(t)
@@ -45,9 +53,16 @@ class RimConormal:
             point, tangent = curve.point(s), curve.derivative(s)
             r = r + (point - r).mean(axis=0)
             s = s + ((r - point) * tangent).sum(axis=1) / (tangent * tangent).sum(axis=1)
-        # ν ds = Im(φ dz), with Ω on the left
-        conormal = primitive.panels.weights[:, None] * primitive.velocity.imag
-        return cls(places=np.clip(s, low, high), conormal=conormal)
+        return cls(panels=primitive.panels, velocity=primitive.velocity, places=np.clip(s, low, high))
+
+    @property
+    def conormal(self) -> Float[np.ndarray, "k 3"]:
+        """ν ds at the nodes, with weights: when Γ moves, the area changes by Σ conormal·δΓ(places).
+
+        ν is the unit vector tangent to the surface and normal to its rim that points away from the surface.
+        """
+        # with Ω on the left
+        return np.asarray(self.panels.weights[:, None] * self.velocity.imag)
 
 
 def _ends_of_sides(
