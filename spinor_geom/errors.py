@@ -261,7 +261,7 @@ class ImperfectFillWarning(UserWarning):
 
 
 class UncertainGradientWarning(UserWarning):
-    """The derivative of a surface may not exist."""
+    """Derivatives of a surface are approximate, or may not exist."""
 
 
 class UnknownMeshTypeError(SpinorGeomError, TypeError):

@@ -19,19 +19,20 @@ from jaxtyping import Complex, Float
 from scipy.linalg import cho_factor, cho_solve
 
 from spinor_geom.domain.quadrature import rule
-from spinor_geom.gradients.rim_nodes import RimNodes
+from spinor_geom.gradients.rim_nodes import NODES, RimNodes
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.poles import Poles, place_poles
+from spinor_geom.meshing.triangulate import is_unit_disk
 from spinor_geom.plateau.network.network_problem import path_to
 from spinor_geom.plateau.network.network_route import point_in_hole
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.surface.interior import breaks_for
 
-_NODES = 6  # Gauss-Legendre nodes on each panel
-_DEGREE = 40  # of the polynomials
+# Degree of the polynomials beside poles, and the highest one on the disk, where there are none: it resolves 256 points
+_DEGREE, _MOST = 40, 128
 _DAMPING = 1e-12  # added to the diagonal of the normal equations, per mean entry: tangential displacements are free
 
 Values = Complex[np.ndarray, "k f"]
@@ -51,10 +52,7 @@ class JacobiFields:
     def rims(self) -> list[RimNodes]:
         """The nodes on ∂Ω."""
         surface = self.solution.surface
-        return [
-            RimNodes.along(rim, surface, more=breaks_for(rim.boundary, self.z), nodes=_NODES)
-            for rim in self.solution.rims
-        ]
+        return [RimNodes.along(rim, surface, more=breaks_for(rim.boundary, self.z)) for rim in self.solution.rims]
 
     def by_boundary(self, by_u: Float[np.ndarray, " v"]) -> list[Float[np.ndarray, "_ 3"]]:
         """Weights of δΓ at the nodes of each rim, from weights of u at the points inside."""
@@ -85,12 +83,23 @@ class JacobiFields:
 
     @cached_property
     def _poles(self) -> Poles:
+        if self._is_disk:
+            return Poles(positions=np.zeros(0, dtype=np.complex128), scales=np.zeros(0))
         return place_poles(self.solution.domain)
+
+    @property
+    def _is_disk(self) -> bool:
+        return is_unit_disk(self.solution.domain)
+
+    @property
+    def _degree(self) -> int:
+        """Degree of the polynomials; alone they resolve the points of the loop."""
+        return min(max(_DEGREE, len(self.solution.rims[0].loop) // 2), _MOST) if self._is_disk else _DEGREE
 
     @cached_property
     def _hessenberg(self) -> torch.Tensor:
         z, weight = torch.as_tensor(self._nodes), torch.as_tensor(np.abs(self._steps))
-        return arnoldi_hessenberg(z, weight / weight.sum(), _DEGREE)
+        return arnoldi_hessenberg(z, weight / weight.sum(), self._degree)
 
     def _features(self, z: Complex[np.ndarray, " k"]) -> Values:
         """Functions for δp and δq; they change sign where p and q do."""
@@ -112,8 +121,8 @@ class JacobiFields:
         domain, first, parts, periods = self.solution.domain, 0, [], []
         for number, (rim, boundary) in enumerate(zip(self.rims, domain.boundaries, strict=True)):
             panels = rim.panels
-            by_panel = (self._changes(panels.z) * panels.dz[:, None]).reshape(2, -1, _NODES, self._count)
-            total = rule("gauss", _NODES).weights @ by_panel * panels.widths[:, None]
+            by_panel = (self._changes(panels.z) * panels.dz[:, None]).reshape(2, -1, NODES, self._count)
+            total = rule("gauss", NODES).weights @ by_panel * panels.widths[:, None]
             inner = panels.cumulative @ by_panel * panels.widths[:, None, None]
             start = self._way(first) if len(self.rims) > 1 else 0.0
             along = inner + (np.cumsum(total, axis=1) - total)[:, :, None]
@@ -148,7 +157,7 @@ class JacobiFields:
 
     @property
     def _count(self) -> int:
-        return len(self._poles.positions) + _DEGREE + 1
+        return len(self._poles.positions) + self._degree + 1
 
     @cached_property
     def _rows(self) -> Float[np.ndarray, "equations unknowns"]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any, Literal, TypeAlias
 
@@ -9,9 +10,8 @@ import torch
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
-from spinor_geom.errors import OptionError, SurfaceError
+from spinor_geom.errors import NotDifferentiableError, OptionError, SurfaceError, UncertainGradientWarning
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
@@ -45,8 +45,11 @@ def minimal_area(
 
     Raises:
         OptionError: the points are not real tensors, or the corners do not match them.
-        SurfaceError: the surface misses the curve by more than the tolerance, or no connected surface spans the rims.
+        SurfaceError: no connected surface spans the rims.
         SpinorGeomError: the errors of `solve_plateau`.
+
+    Warns:
+        UncertainGradientWarning: the surface misses the curve by more than the tolerance.
 
     Source: the first variation of area; Dierkes, Hildebrandt & Sauvigny, "Minimal Surfaces" (2010), section 2.1.
     """
@@ -65,7 +68,7 @@ def as_rims(points: Any) -> tuple[Tensor, ...]:
 
 
 def solved(rims: Sequence[Tensor], *, corners: Corners, model: Model, tolerance: float) -> PlateauSolution:
-    """The solution over tensors of points; a SurfaceError if there is none within the tolerance."""
+    """The solution over tensors of points, with the errors and warnings of `minimal_area`."""
     of_rims: Any = [corners] if len(rims) == 1 else ["auto"] * len(rims) if isinstance(corners, str) else corners
     if len(of_rims) != len(rims):
         raise OptionError(f"corners must have one entry for each of {len(rims)} rims, got {len(of_rims)}")
@@ -80,8 +83,15 @@ def solved(rims: Sequence[Tensor], *, corners: Corners, model: Model, tolerance:
     if isinstance(solution, NoConnectedSurface):
         raise SurfaceError(f"{solution.reason}; move the rims towards each other")
     if not solution.converged:
-        raise SurfaceError(f"the surface misses the curve ({solution.reason}); raise tolerance, or add points")
+        missed = f"the surface misses the curve, so that its derivatives are approximate ({solution.reason})"
+        warnings.warn(missed, UncertainGradientWarning, stacklevel=3)
     return solution
+
+
+def require_first_order() -> None:
+    """Raises a NotDifferentiableError in a backward pass with create_graph=True, which would ignore the derivatives."""
+    if torch.is_grad_enabled():
+        raise NotDifferentiableError("second derivatives of minimal surfaces are not available; leave out create_graph")
 
 
 class _Area(torch.autograd.Function):
@@ -91,7 +101,7 @@ class _Area(torch.autograd.Function):
         return torch.tensor(solution.area, dtype=torch.float64, device=rims[0].device)
 
     @staticmethod
-    @once_differentiable  # type: ignore[untyped-decorator]
     def backward(ctx: Any, by_area: Tensor) -> tuple[Tensor | None, ...]:
+        require_first_order()
         gradients = zip(ctx.solution.area_gradient, ctx.rims, strict=True)
         return (None, *(by_area * torch.as_tensor(rows).to(device).to(dtype) for rows, (dtype, device) in gradients))

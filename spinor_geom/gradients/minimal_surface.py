@@ -11,19 +11,20 @@ import torch
 from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from spinor_geom.errors import NotDifferentiableError, OptionError, UncertainGradientWarning
 from spinor_geom.gradients.area import as_given
 from spinor_geom.gradients.curve_chain import by_points
 from spinor_geom.gradients.jacobi import JacobiFields
-from spinor_geom.gradients.minimal_area import Corners, as_rims, solved
+from spinor_geom.gradients.minimal_area import Corners, as_rims, require_first_order, solved
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.threads import one_thread
 
-_DEGENERATE = 1e-3  # distance of the eigenvalue from 1 within the error of its computation
+# Distance of the eigenvalue from 1 below which a surface counts as degenerate: that of the last catenoid, exactly 1, is
+# computed as 1.002.
+_DEGENERATE = 5e-3
 _STEPS = 12  # of Newton's method to the nearest point
 
 
@@ -57,7 +58,7 @@ def minimal_surface(
         NotDifferentiableError: by `backward`, if the surface is unstable or nearly so; see `require_isolated`.
 
     Warns:
-        UncertainGradientWarning: by `backward`, if the stability is undecided.
+        UncertainGradientWarning: as `minimal_area`; by `backward`, if the stability is undecided.
 
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976), for the second variation and its operator.
     """
@@ -157,8 +158,8 @@ class _Positions(torch.autograd.Function):
         return torch.tensor(positions, device=rims[0].device)
 
     @staticmethod
-    @once_differentiable  # type: ignore[untyped-decorator]
     def backward(ctx: Any, by_positions: Tensor) -> tuple[Tensor | None, ...]:
+        require_first_order()
         gradient = by_positions.double().cpu().numpy()
         split = len(gradient) - len(ctx.z)
         own = position_gradient(ctx.solution, ctx.z, gradient[split:])

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.interpolate import PchipInterpolator
 
-from spinor_geom.domain.plane_domain import panel_breaks
+from spinor_geom.domain.plane_domain import FourierBoundary, panel_breaks
 from spinor_geom.domain.quadrature import Panels
 from spinor_geom.plateau.solution import RimMatch
 from spinor_geom.surface.interior import RimPrimitive
@@ -17,7 +17,7 @@ from spinor_geom.surface.spinor_surface import SpinorSurface
 # Gauss-Legendre nodes between neighbouring points of the loop or of ∂Ω
 NODES = 4
 NO_BREAKS = np.zeros(0)
-_PLACINGS = 4  # steps of the constant and the nearest points of Γ; the matched places are near them
+_PLACINGS = 2  # steps of the constant and the nearest points of Γ; more change gradients by 1e-8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,15 +35,11 @@ class RimNodes:
     places: Float[np.ndarray, " k"]
 
     @classmethod
-    def along(
-        cls, rim: RimMatch, surface: SpinorSurface, more: Float[np.ndarray, " b"] = NO_BREAKS, nodes: int = NODES
-    ) -> RimNodes:
+    def along(cls, rim: RimMatch, surface: SpinorSurface, more: Float[np.ndarray, " b"] = NO_BREAKS) -> RimNodes:
         """The nodes of one rim; `more` are additional ends of panels."""
         boundary, curve = rim.boundary, rim.curve
-        # Γ is smooth between its points, p and q between vertices of ∂Ω
-        own = np.mod(rim.parameters(curve.breaks[:-1]), 1.0)
-        breaks = np.unique(np.concatenate([panel_breaks(boundary), own, more]))
-        primitive = RimPrimitive.along(boundary, surface.null_curve, nodes, breaks)
+        breaks = np.union1d(_breaks(rim), more)
+        primitive = RimPrimitive.along(boundary, surface.null_curve, NODES, breaks)
         r, t = primitive.primitive.real, primitive.panels.t
         pairs = np.concatenate([rim.matching - 1, rim.matching, rim.matching + 1])
         s = PchipInterpolator(*pairs.T)(t)
@@ -63,6 +59,20 @@ class RimNodes:
         """
         # with Ω on the left
         return np.asarray(self.panels.weights[:, None] * self.velocity.imag)
+
+
+def _breaks(rim: RimMatch) -> Float[np.ndarray, " b"]:
+    """Ends of panels: at the points of the loop, between which Γ is smooth, and at vertices of ∂Ω."""
+    own = np.sort(np.mod(rim.parameters(rim.curve.breaks[:-1]), 1.0))
+    others = panel_breaks(rim.boundary)
+    if isinstance(rim.boundary, FourierBoundary):
+        # analytic: its vertices only limit the lengths of the panels
+        place = np.searchsorted(own, others)
+        gap = np.minimum(
+            np.abs(np.append(own, own[0] + 1)[place] - others), np.abs(others - np.append(own[-1] - 1, own)[place])
+        )
+        others = others[(gap > 0.5 / (len(others) - 1)) | (others == 0) | (others == 1)]
+    return np.union1d(own, others)
 
 
 def _ends_of_sides(
