@@ -24,15 +24,15 @@ from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 from spinor_geom.holomorphic.laurent import LaurentSeries
-from spinor_geom.holomorphic.poles import Poles, place_poles
+from spinor_geom.holomorphic.poles import Poles, edge_poles, place_poles
 from spinor_geom.meshing.triangulate import is_unit_disk
 from spinor_geom.plateau.network.network_problem import path_to
 from spinor_geom.plateau.network.network_route import point_in_hole
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.surface.interior import breaks_for
 
 # Degree of the polynomials beside poles, and the highest one on the disk, where there are none: it resolves 256 points
 _DEGREE, _MOST = 40, 128
+_AT_ONCE = 1 << 22  # pairs of points for which direct sums take less time
 _DAMPING = 1e-12  # added to the diagonal of the normal equations, per mean entry: tangential displacements are free
 
 Values = Complex[np.ndarray, "k f"]
@@ -51,8 +51,7 @@ class JacobiFields:
     @cached_property
     def rims(self) -> list[RimNodes]:
         """The nodes on ∂Ω."""
-        surface = self.solution.surface
-        return [RimNodes.along(rim, surface, more=breaks_for(rim.boundary, self.z)) for rim in self.solution.rims]
+        return [RimNodes.along(rim, self.solution.surface) for rim in self.solution.rims]
 
     def by_boundary(self, by_u: Float[np.ndarray, " v"]) -> list[Float[np.ndarray, "_ 3"]]:
         """Weights of δΓ at the nodes of each rim, from weights of u at the points inside."""
@@ -85,7 +84,13 @@ class JacobiFields:
     def _poles(self) -> Poles:
         if self._is_disk:
             return Poles(positions=np.zeros(0, dtype=np.complex128), scales=np.zeros(0))
-        return place_poles(self.solution.domain)
+        domain, points = self.solution.domain, sum(len(rim.loop) for rim in self.solution.rims)
+        if domain.corners.any():
+            return place_poles(domain)
+        # the vertices of a smooth ∂Ω may be many more than the points, whose displacements are resolved
+        step = max(1, len(domain.vertices) // (2 * points))
+        poles = edge_poles(domain, offset=step)
+        return Poles(positions=poles.positions[::step], scales=poles.scales[::step])
 
     @property
     def _is_disk(self) -> bool:
@@ -183,7 +188,11 @@ class JacobiFields:
         strengths = np.stack([e[:, 0] - 1j * e[:, 1], e[:, 0] + 1j * e[:, 1], e[:, 2]], axis=1)
         # Cauchy's formula, divided by that for 1
         total = cauchy_sums(self._nodes, self._steps[:, None], self.z)
-        spread = -cauchy_sums(self.z, strengths / total, self._nodes) * self._steps[:, None]
+        strength = strengths / total
+        # in parts with few pairs: fast sums need sources in order along a curve
+        parts = np.array_split(np.arange(len(self.z)), 1 + len(self.z) * len(self._nodes) // _AT_ONCE)
+        sums = sum(cauchy_sums(self.z[part], strength[part], self._nodes) for part in parts)
+        spread = -sums * self._steps[:, None]
         (by_p, by_q), periods = self._primitives
         along, back, upright = spread.T
         both = np.stack([along @ by_p + upright @ by_q, upright @ by_p - back @ by_q])

@@ -15,8 +15,7 @@ from spinor_geom.surface.interior import RimPrimitive
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
 # Gauss-Legendre nodes between neighbouring points of the loop or of ∂Ω
-NODES = 4
-NO_BREAKS = np.zeros(0)
+NODES = 5
 _PLACINGS = 2  # steps of the constant and the nearest points of Γ; more change gradients by 1e-8
 
 
@@ -35,11 +34,10 @@ class RimNodes:
     places: Float[np.ndarray, " k"]
 
     @classmethod
-    def along(cls, rim: RimMatch, surface: SpinorSurface, more: Float[np.ndarray, " b"] = NO_BREAKS) -> RimNodes:
-        """The nodes of one rim; `more` are additional ends of panels."""
+    def along(cls, rim: RimMatch, surface: SpinorSurface) -> RimNodes:
+        """The nodes of one rim."""
         boundary, curve = rim.boundary, rim.curve
-        breaks = np.union1d(_breaks(rim), more)
-        primitive = RimPrimitive.along(boundary, surface.null_curve, NODES, breaks)
+        primitive = RimPrimitive.along(boundary, surface.null_curve, NODES, _breaks(rim))
         r, t = primitive.primitive.real, primitive.panels.t
         pairs = np.concatenate([rim.matching - 1, rim.matching, rim.matching + 1])
         s = PchipInterpolator(*pairs.T)(t)

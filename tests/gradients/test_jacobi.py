@@ -87,7 +87,10 @@ def test_remainder_is_of_second_order(name):
     x, normal = solution.surface.position(z), solution.surface.normal(z)
     unit = np.eye(len(z))
     u = [
-        sum((rows * move).sum() for rows, move in zip(position_gradient(solution, z, one[:, None] * normal), moves))
+        sum(
+            (rows * move).sum()
+            for rows, move in zip(position_gradient(solution, z, one[:, None] * normal), moves, strict=True)
+        )
         for one in unit
     ]
     steps = 0.02 / 2 ** np.arange(3)
