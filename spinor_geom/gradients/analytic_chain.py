@@ -46,7 +46,7 @@ class PoissonCurve:
 
     @cached_property
     def _factor(self) -> tuple[np.ndarray, bool]:
-        return cho_factor(self._own[0])  # type: ignore[no-any-return]
+        return cho_factor(self._own[0])
 
     @cached_property
     def weights(self) -> Float[np.ndarray, "m 3"]:

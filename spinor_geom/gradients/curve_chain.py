@@ -48,7 +48,7 @@ def by_points(
     by_last, by_places = last.by_values(s, by_values)
     first = PoissonCurve(points=points, breaks=cubic.arcs)
     by_first, by_arcs = first.by_lengths(by_steps(by_places, last.breaks))
-    return by_last + by_first + cubic.by_arcs(by_steps(by_arcs, first.breaks))
+    return np.asarray(by_last + by_first + cubic.by_arcs(by_steps(by_arcs, first.breaks)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,7 +74,7 @@ class _Cubic:
     @cached_property
     def _lengths(self) -> Float[np.ndarray, " m"]:
         velocity, powers = self._at_nodes
-        return np.linalg.norm(velocity, axis=2) @ powers[0]
+        return np.asarray(np.linalg.norm(velocity, axis=2) @ powers[0])
 
     @property
     def arcs(self) -> Float[np.ndarray, " m_plus_1"]:
@@ -89,7 +89,7 @@ class _Cubic:
         unit = velocity / np.linalg.norm(velocity, axis=2, keepdims=True)
         by_powers = np.einsum("m,rg,mgk->rmk", by_logs / self._lengths, powers, unit)
         own, by_chords = self.system.by_points(by_powers)
-        return own + self.by_chords(by_chords)
+        return np.asarray(own + self.by_chords(by_chords))
 
     def by_chords(self, by_logs: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m 3"]:
         """Derivatives by the points, from those by the logarithms of the chords."""
@@ -117,7 +117,7 @@ class _Spline:
         side = np.cumsum(curve.corners) % curve.corners.sum()
         of_side = np.full(side.max() + 1, 3)
         np.maximum.at(of_side, side, highest)
-        return of_side[side]
+        return np.asarray(of_side[side])
 
     def by_points(self, s: Float[np.ndarray, " k"], by_values: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "m 3"]:
         """Derivatives by the points, from those by Γ at fixed shares of the pieces."""
@@ -135,7 +135,7 @@ class _Spline:
         own, by_logs = system.by_points(np.stack(by_powers))
         is_cubic = self._degrees == 3
         total = starts + own + cubic.by_chords(np.where(is_cubic, by_logs, 0.0))
-        return total if is_cubic.all() else total + cubic.by_arcs(np.where(is_cubic, 0.0, by_logs))
+        return np.asarray(total if is_cubic.all() else total + cubic.by_arcs(np.where(is_cubic, 0.0, by_logs)))
 
 
 def _system(

@@ -113,12 +113,13 @@ class JacobiFields:
         surface = self.solution.surface
         if not isinstance(surface.model, (CauchyNetwork, LaurentSeries)):
             return raw
-        return raw * surface.model.sign_changing(torch.as_tensor(z).to(surface.spinor_map)).cpu().numpy()[:, None]
+        sign = surface.model.sign_changing(torch.as_tensor(z).to(surface.spinor_map))
+        return np.asarray(raw * sign.cpu().numpy()[:, None])
 
     def _changes(self, z: Complex[np.ndarray, " k"]) -> Complex[np.ndarray, "2 k f"]:
         """2pf and 2qf for all functions f."""
         spinors = np.asarray(self.solution.surface.spinors(z))
-        return 2 * np.moveaxis(spinors, -1, 0)[..., None] * self._features(z)
+        return np.asarray(2 * np.moveaxis(spinors, -1, 0)[..., None] * self._features(z))
 
     @cached_property
     def _primitives(self) -> tuple[Complex[np.ndarray, "2 k f"], Complex[np.ndarray, "holes 2 f"]]:
@@ -158,7 +159,7 @@ class JacobiFields:
     def _way(self, vertex: int) -> Complex[np.ndarray, "2 1 f"]:
         """∫ 2pf dz and ∫ 2qf dz from the root of Ω to a vertex."""
         z, dz = path_to(self.solution.domain, vertex)
-        return np.einsum("k,ckf->cf", dz, self._changes(z))[:, None]
+        return np.asarray(np.einsum("k,ckf->cf", dz, self._changes(z))[:, None])
 
     @property
     def _count(self) -> int:

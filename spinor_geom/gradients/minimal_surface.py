@@ -119,7 +119,7 @@ def nearest(solution: PlateauSolution, places: Float[np.ndarray, "k 3"]) -> Comp
     inside = domain.contains(z)
     if not inside.all():
         raise OptionError(f"place {int(np.argmin(inside))} is nearest to the boundary of the surface; move it inwards")
-    return z
+    return np.asarray(z)
 
 
 def require_isolated(solution: PlateauSolution) -> None:

@@ -63,7 +63,7 @@ class SplineSystem:
         """
         d, m, _ = by_powers.shape
         # unknowns are numbered piece by piece, so that K is banded but for the closing of the curve
-        multipliers = self._factor.solve(by_powers.transpose(1, 0, 2).reshape(m * d, 3), trans="T")
+        multipliers = self._transposed.solve(by_powers.transpose(1, 0, 2).reshape(m * d, 3))
         by_steps = multipliers[::d]
         piece, order, row = self._equations[0]
         column, ratio = self._after
@@ -124,11 +124,12 @@ class SplineSystem:
             yield _Jumps(inner, self.degrees[inner], row[knots]), fixed
 
     @cached_property
-    def _factor(self) -> SuperLU:
+    def _transposed(self) -> SuperLU:
+        """A factor of the transpose of K."""
         d, m, _ = self.powers.shape
         jumps, (row, column, value) = self._equations
         after, ratio = self._after
-        parts = np.append(value, -ratio), (np.append(row, jumps.row), np.append(column, after))
+        parts = np.append(value, -ratio), (np.append(column, after), np.append(row, jumps.row))
         return splu(csc_array(coo_array(parts, shape=(m * d, m * d))))
 
     @cached_property

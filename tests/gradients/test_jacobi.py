@@ -55,8 +55,9 @@ def test_similarities_are_reproduced(name):
         weights = fields.by_boundary(np.arange(len(z)) == number)
         for motion in motions:
             u = sum((own * motion(points)).sum() for own, points in zip(weights, on_rims, strict=True))
-            # surfaces and fields are of size 1 to 5; networks are fitted to 1e-5 of an edge
-            assert abs(u - motion(x)[number] @ normal[number]) < (1e-5 if "network" in name else 1e-7)
+            # surfaces and fields are of size 1 to 5; quadrature beside a rim has errors of 1e-7, networks are fitted to
+            # 1e-5 of an edge
+            assert abs(u - motion(x)[number] @ normal[number]) < (1e-5 if "network" in name else 1e-6)
 
 
 @pytest.mark.parametrize("name", NAMES)
