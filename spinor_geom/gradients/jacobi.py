@@ -136,7 +136,7 @@ class JacobiFields:
             if number:
                 periods.append(total.sum(axis=1))
             first += len(boundary.vertices)
-        return np.concatenate(parts, axis=1), np.array(periods).reshape(-1, 2, self._count)
+        return np.concatenate(parts, axis=1), np.array(periods, dtype=np.complex128).reshape(-1, 2, self._count)
 
     @cached_property
     def _centres(self) -> list[complex]:
@@ -172,7 +172,7 @@ class JacobiFields:
         e = np.sqrt(self._lengths)[:, None] * self._normal
         rows = [_by_unknowns(e, by_p, by_q)]
         for around in periods:
-            closing = _by_unknowns(np.eye(3), *around[:, None])
+            closing = _by_unknowns(np.eye(3), *np.repeat(around[:, None], 3, axis=1))
             closing[:, -3:] = 0
             rows.append(closing)
         return np.concatenate(rows)

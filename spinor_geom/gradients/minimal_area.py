@@ -21,7 +21,7 @@ Corners: TypeAlias = Literal["auto"] | Sequence[ArrayLike | Literal["auto"]] | A
 
 
 def minimal_area(
-    points: Float[Tensor, "m 3"] | Sequence[Float[Tensor, "_ 3"]],
+    points: Tensor | Sequence[Tensor],
     *,
     corners: Corners = "auto",
     model: Model = "auto",
@@ -34,7 +34,7 @@ def minimal_area(
     are not available, nor `torch.func.vmap`.
 
     Args:
-        points: positions in mesh units, on any device; or one tensor for each rim.
+        points: (m, 3) real positions in mesh units, on any device; or one such tensor for each rim.
         corners: as for `BoundaryLoop.from_points`; for several rims one entry for each.
         model: as for `solve_plateau`.
         tolerance: as for `solve_plateau`; the relative error of the gradient is about that of the boundary, and smooth

@@ -29,7 +29,7 @@ _STEPS = 12  # of Newton's method to the nearest point
 
 
 def minimal_surface(
-    points: Float[Tensor, "m 3"] | Sequence[Float[Tensor, "_ 3"]],
+    points: Tensor | Sequence[Tensor],
     *,
     corners: Corners = "auto",
     model: Model = "auto",
@@ -72,7 +72,7 @@ def minimal_surface(
 
 
 def nearest_on_surface(
-    points: Float[Tensor, "m 3"] | Sequence[Float[Tensor, "_ 3"]],
+    points: Tensor | Sequence[Tensor],
     places: Float[Tensor, "k 3"],
     *,
     corners: Corners = "auto",

@@ -69,7 +69,9 @@ class SplineSystem:
         column, ratio = self._after
         unknowns = self.powers.transpose(1, 0, 2).reshape(m * d, 3)
         by_ratio = order * ratio * (multipliers[row] * unknowns[column]).sum(axis=1)
-        by_logs = np.bincount(piece, by_ratio, minlength=m) - np.bincount((piece + 1) % m, by_ratio, minlength=m)
+        by_logs = np.zeros(m)
+        np.add.at(by_logs, piece, by_ratio)
+        np.subtract.at(by_logs, (piece + 1) % m, by_ratio)
         return np.roll(by_steps, 1, axis=0) - by_steps, by_logs
 
     @cached_property
