@@ -135,3 +135,18 @@ def test_polygon_of_corners_alone():
     (gradient,) = solve_plateau(BoundaryLoop.from_points(square, corners=range(4))).area_gradient
     # the shoelace formula
     assert gradient == pytest.approx(np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), abs=1e-12)
+
+
+def test_rough_loop_with_a_spline_between_its_points():
+    rough = wavy(24) + 0.03 * np.random.default_rng(0).normal(size=(24, 3))
+    move = displaced(rough)
+
+    def solution(size):
+        found = solve_plateau(rough + size * move, between="smooth", tolerance=1e-4)
+        assert (found.route, found.curve.kind) == ("flattened", "cubic")
+        return found
+
+    (gradient,) = solution(0).area_gradient
+    difference = (solution(0.01).area - solution(-0.01).area) / 0.02
+    # the boundary is met to 1e-4 of an edge
+    assert (gradient * move).sum() == pytest.approx(difference, rel=2e-4)

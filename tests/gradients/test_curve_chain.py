@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from spinor_geom import gallery
 from spinor_geom.errors import NotDifferentiableError
@@ -72,3 +74,25 @@ def test_curve_without_points_is_not_differentiable():
     formula = BoundaryCurve.from_formula(gallery.tennis_seam())
     with pytest.raises(NotDifferentiableError, match="formula"):
         by_points(formula, np.zeros(1), np.zeros((1, 3)))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    count=st.integers(4, 60),
+    corners=st.sets(st.integers(0, 59), max_size=6),
+    noise=st.sampled_from([0.0, 0.01, 0.1]),
+    seed=st.integers(0, 99),
+)
+def test_similarities_move_the_curve_with_its_points(count, corners, noise, seed):
+    rng = np.random.default_rng(seed)
+    points = wavy(count, uneven=1, seed=seed) + noise * rng.normal(size=(count, 3))
+    loop = BoundaryLoop.from_points(points, corners=sorted(corner % count for corner in corners))
+    curve = BoundaryCurve.from_loop(loop)
+    s, weight = rng.uniform(size=200), rng.normal(size=(200, 3))
+    gradient, values = by_points(curve, s, weight), curve.point(s)
+    size = np.abs(weight).sum() * curve.bulge() + np.abs(weight).sum()
+    # rounding errors, of Poisson kernels of condition 1e8
+    assert np.abs(gradient.sum(axis=0) - weight.sum(axis=0)).max() < 1e-8 * size
+    assert abs((gradient * points).sum() - (weight * values).sum()) < 1e-8 * size
+    torques = np.cross(points, gradient).sum(axis=0), np.cross(values, weight).sum(axis=0)
+    assert np.abs(torques[0] - torques[1]).max() < 1e-8 * size
