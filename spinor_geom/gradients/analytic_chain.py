@@ -9,9 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve
 
-from spinor_geom.mesh.interpolation import RIDGE, gauss_nodes, poisson_kernels
-
-_ARC_NODES = 6  # Gauss-Legendre nodes of the length of a piece; that of the curve itself has as many
+from spinor_geom.mesh.interpolation import ARC_NODES, RIDGE, gauss_nodes, poisson_kernels
 
 
 def by_trigonometric_points(
@@ -65,19 +63,17 @@ class PoissonCurve:
     def by_lengths(self, by_logs: Float[np.ndarray, " m"]) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
         """Derivatives by the points and by the k_j, from those by the logarithms of the lengths of the pieces."""
         m, widths = len(self.points), np.diff(self.breaks)
-        nodes, shares = gauss_nodes(_ARC_NODES)
-        s = self.breaks[:-1, None] + widths[:, None] * (nodes + 1) / 2
+        nodes, shares = gauss_nodes(ARC_NODES)
+        s = (self.breaks[:-1, None] + widths[:, None] * (nodes + 1) / 2).ravel()
         _, slope, bend = poisson_kernels(np.append(s, self.places), self.places, m, 2)
         velocity = slope @ self.weights
         speed = np.linalg.norm(velocity, axis=1)
-        inner, ends = np.split(speed, [s.size])
-        arcs = inner.reshape(s.shape) * shares * widths[:, None] / 2
-        by_arcs = by_logs / arcs.sum(axis=1)
-        by_velocity = (by_arcs[:, None] * shares * widths[:, None] / 2).reshape(-1, 1) * (velocity / speed[:, None])[
-            : s.size
-        ]
-        by_points, by_places = self._by_weights(slope[: s.size].T @ by_velocity)
-        by_places -= (bend[: s.size].T @ by_velocity * self.weights).sum(axis=1)
+        inner, ends = np.split(speed, [len(s)])
+        steps = np.outer(widths, shares) / 2
+        by_arcs = by_logs / (inner.reshape(steps.shape) * steps).sum(axis=1)
+        by_velocity = (by_arcs[:, None] * steps).reshape(-1, 1) * velocity[: len(s)] / inner[:, None]
+        by_points, by_places = self._by_weights(slope[: len(s)].T @ by_velocity)
+        by_places -= (bend[: len(s)].T @ by_velocity * self.weights).sum(axis=1)
         return by_points, by_places + ends * (np.roll(by_arcs, 1) - by_arcs)
 
     def _by_weights(

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from spinor_geom.gradients.curve_chain import by_points
 from spinor_geom.gradients.rim_nodes import RimNodes
+from spinor_geom.plateau.route_result import typed_failures
 from spinor_geom.plateau.threads import one_thread
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 def area_gradient(solution: PlateauSolution) -> tuple[Float[np.ndarray, "_ 3"], ...]:
     """`PlateauSolution.area_gradient`."""
-    with one_thread():
+    with one_thread(), typed_failures():
         along = [RimNodes.along(rim, solution.surface) for rim in solution.rims]
         gradients = [
             by_points(rim.curve, one.places, one.conormal) for rim, one in zip(solution.rims, along, strict=True)

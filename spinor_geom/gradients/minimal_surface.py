@@ -19,6 +19,7 @@ from spinor_geom.gradients.jacobi import JacobiFields
 from spinor_geom.gradients.minimal_area import Corners, as_rims, require_first_order, solved
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.options import Model
+from spinor_geom.plateau.route_result import typed_failures
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.threads import one_thread
 
@@ -183,7 +184,7 @@ def position_gradient(
     by_u = (by_positions * np.asarray(solution.surface.normal(z))).sum(axis=1)
     if not np.isfinite(by_u).all():
         raise NotDifferentiableError("a vertex is a branch point of the surface, which has no normal there; move it")
-    with one_thread():
+    with one_thread(), typed_failures():
         fields = JacobiFields(solution=solution, z=z)
         weights = fields.by_boundary(by_u)
         parts = zip(solution.rims, fields.rims, weights, strict=True)

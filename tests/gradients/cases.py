@@ -42,12 +42,14 @@ ROUTES = {
     "annular network": [3 * RING, 0.6 * RING + [1, 0, 0.3]],
     "circles": [3 * RING, 0.6 * RING[::2] + [1, 0, 0.3], 0.6 * RING[::-1] + [-1, 0, 0.3]],
 }
+# p and q change their sign around the hole; small displacements lead to the other of two annuli
+LINKED = {"annulus, linked": [RING, RING[:, [0, 2, 1]] + [1, 0, 0]]}
 
 
 def solved(name: str, rims: list[np.ndarray] | None = None) -> PlateauSolution:
     """The solution over the rims of a route, or over others in their place."""
     kind = name.split(",")[0]
-    loops = ROUTES[name] if rims is None else rims
+    loops = (ROUTES | LINKED)[name] if rims is None else rims
     corners = "auto" if kind != "network" else np.arange(4) * (len(loops[0]) // 4)
     solution = solve_plateau(
         [BoundaryLoop.from_points(points, corners=corners) for points in loops],

