@@ -99,10 +99,6 @@ class SpinorSurface(Shown, torch.nn.Module):
         """(p′, q′), shape (*pts, 2)."""
         return self._evaluate(self._spinor_derivatives, z)
 
-    def null_curve(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
-        """φ at points of Ω, (n, 3)."""
-        return self._evaluate(self._phi, z)
-
     def weierstrass_data(self, z: Points) -> tuple[Points, Points]:
         """Weierstrass data f = φ₁ − iφ₂ = −2q² and g = −p/q (infinite where q = 0), (*pts) each."""
         data = self._evaluate(lambda w: torch.stack(formulas.weierstrass_data(*self._pair(w)), dim=-1), z)
@@ -132,7 +128,7 @@ class SpinorSurface(Shown, torch.nn.Module):
             return np.asarray(self.position(z))
         is_inner = self.domain.root >= self.domain.triangulation.boundary_size
         boundary, ends = self.domain.boundary, np.append(z, self.root) if is_inner else z
-        moved = RimPrimitive.along(boundary, self.null_curve, ORDER, breaks_for(boundary, ends)).inside(ends).real
+        moved = RimPrimitive.along(boundary, self._null_curve, ORDER, breaks_for(boundary, ends)).inside(ends).real
         constant = self.constant.detach().cpu().numpy() - moved[-1] if is_inner else self.position(z[0]) - moved[0]
         return np.asarray(moved[: len(z)] + constant)
 
@@ -184,7 +180,7 @@ class SpinorSurface(Shown, torch.nn.Module):
 
     def rim_primitives(self, order: int) -> tuple[RimPrimitive, ...]:
         """∫ φ dz along every boundary of Ω, by panels of `order` nodes."""
-        return tuple(RimPrimitive.along(boundary, self.null_curve, order) for boundary in self.domain.boundaries)
+        return tuple(RimPrimitive.along(boundary, self._null_curve, order) for boundary in self.domain.boundaries)
 
     def periods(self) -> Complex[np.ndarray, "holes 3"]:
         """Periods ∮ φ dz along the boundary of each hole of Ω, clockwise.
@@ -192,7 +188,7 @@ class SpinorSurface(Shown, torch.nn.Module):
         The real part is the gap of the surface around the hole, 0 to rounding for a surface that closes. The imaginary
         part is the flux, up to its sign the force of surface tension across a curve around the hole.
         """
-        rims = [RimPrimitive.along(boundary, self.null_curve, self.order) for boundary in self.domain.holes]
+        rims = [RimPrimitive.along(boundary, self._null_curve, self.order) for boundary in self.domain.holes]
         return np.array([rim.at_breaks[-1] for rim in rims], dtype=np.complex128).reshape(-1, 3)
 
     def largest_period(self) -> float:
@@ -310,6 +306,10 @@ class SpinorSurface(Shown, torch.nn.Module):
 
     def _phi(self, z: Complex[Tensor, "*pts"]) -> Complex[Tensor, "*pts 3"]:
         return formulas.phi(*self._pair(z))
+
+    def _null_curve(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
+        """φ of an array."""
+        return self._evaluate(self._phi, z)
 
     def _position(self, z: Complex[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
         if self.has_closed_positions:
