@@ -21,9 +21,8 @@ from scipy.linalg import cho_factor, cho_solve
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.gradients.rim_nodes import NODES, RimNodes
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
-from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features
+from spinor_geom.holomorphic.cauchy import raw_features
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
-from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.poles import Poles, edge_poles, place_poles
 from spinor_geom.meshing.triangulate import is_unit_disk
 from spinor_geom.plateau.network.network_problem import path_to
@@ -111,10 +110,11 @@ class JacobiFields:
         places = (torch.as_tensor(part) for part in (self._poles.positions, self._poles.scales))
         raw = np.asarray(raw_features(torch.as_tensor(z), self._hessenberg, *places))
         surface = self.solution.surface
-        if not isinstance(surface.model, (CauchyNetwork, LaurentSeries)):
+        sign_changing = getattr(surface.model, "sign_changing", None)
+        if sign_changing is None:
             return raw
-        sign = surface.model.sign_changing(torch.as_tensor(z).to(surface.spinor_map))
-        return np.asarray(raw * sign.cpu().numpy()[:, None])
+        sign = sign_changing(torch.as_tensor(z).to(surface.spinor_map)).detach().cpu().numpy()
+        return np.asarray(raw * sign[:, None])
 
     def _changes(self, z: Complex[np.ndarray, " k"]) -> Complex[np.ndarray, "2 k f"]:
         """2pf and 2qf for all functions f."""
