@@ -210,6 +210,10 @@ class PeriodError(SurfaceError):
     )
 
 
+class NotDifferentiableError(SurfaceError):
+    """An area or positions are not differentiable by the points of the curve."""
+
+
 class SingularMatrixError(SpinorGeomError, ValueError):
     sentence = "the Laplacian of {size} interior vertices is singular (degenerate faces); check the loop for crossings"
 
@@ -254,6 +258,10 @@ class UnplacedZerosError(SpinorGeomError):
 
 class ImperfectFillWarning(UserWarning):
     """A hole is still open, or its patch is discrete, exceeds the tolerance, or has intersections."""
+
+
+class UncertainGradientWarning(UserWarning):
+    """Derivatives of a surface are approximate, or may not exist."""
 
 
 class UnknownMeshTypeError(SpinorGeomError, TypeError):

@@ -315,18 +315,32 @@ def _left_out_at_equal_steps(points: Float[np.ndarray, "*b m 3"]) -> Float[np.nd
     return np.asarray(np.minimum(*errors))
 
 
-def _kernel(t: Float[np.ndarray, "*pts"], places: Float[np.ndarray, " j"], m: int) -> Float[np.ndarray, "*pts j"]:
-    """The Poisson kernel Σ_k q^|k| exp 2πik(t − s) at t for places s, where q^(m/2) is `SPECTRAL_FALL`."""
+def poisson_kernels(
+    t: Float[np.ndarray, "*pts"], places: Float[np.ndarray, " j"], m: int, order: int = 0
+) -> list[Float[np.ndarray, "*pts j"]]:
+    """The Poisson kernel Σ_k q^|k| exp 2πik(t − s) at t for places s, q^(m/2) = `SPECTRAL_FALL`, and its derivatives.
+
+    `order`, at most 2, is the number of derivatives by t.
+    """
     q = SPECTRAL_FALL ** (2 / m)
     here, there = (np.stack([np.cos(2 * np.pi * x), np.sin(2 * np.pi * x)], axis=-1) for x in (t, places))
-    # cos(t − s) by the addition theorem, with far fewer cosines
-    return np.asarray((1 - q * q) / (1 + q * q - 2 * q * (here @ there.T)))
+    # cos(t − s) and sin(t − s) by the addition theorem, with far fewer cosines
+    cosine = here @ there.T
+    below = 1 + q * q - 2 * q * cosine
+    found = [(1 - q * q) / below]
+    if order:
+        factor = 4 * np.pi * q / below
+        sine = here @ np.stack([-there[:, 1], there[:, 0]])
+        found.append(-factor * sine * found[0])
+        if order > 1:
+            found.append(factor * (2 * factor * sine**2 - 2 * np.pi * cosine) * found[0])
+    return found
 
 
 def _poisson(points: Vertices, breaks: Breaks) -> tuple[Vertices, float]:
     """Weights of the kernels that interpolate points at given parameters, and the leave-one-out RMS error."""
     m, t = len(points), breaks[:-1]
-    matrix = _kernel(t, t, m)
+    (matrix,) = poisson_kernels(t, t, m)
     matrix.flat[:: m + 1] *= 1 + RIDGE
     # LAPACK directly: the checks of scipy.linalg take as long as the work
     factor, weights, is_singular = dposv(matrix, points - points.mean(axis=0))
@@ -342,6 +356,6 @@ def _poisson_coefficients(points: Vertices, breaks: Breaks, weights: Vertices) -
     """Coefficients of the pieces of a sum of weighted kernels."""
     width = np.diff(breaks)
     t = breaks[:-1] + width * piece_places()[:, None]
-    values = points.mean(axis=0) + _kernel(t, breaks[:-1], len(points)) @ weights
+    values = points.mean(axis=0) + poisson_kernels(t, breaks[:-1], len(points))[0] @ weights
     values[0] = points
     return through(values, width)

@@ -58,7 +58,7 @@ class RimMatch:
 
     def points_in_domain(self) -> Complex[np.ndarray, " m"]:
         """The points of ∂Ω that correspond to the loop's points, in loop order."""
-        return self.boundary.point(self._parameters(self.curve.at_loop))
+        return self.boundary.point(self.parameters(self.curve.at_loop))
 
     def points_between(self, edge: int, count: int) -> Complex[np.ndarray, " count"]:
         """Points inside Ω next to the part of ∂Ω between two neighbouring points of the loop, in order.
@@ -68,13 +68,13 @@ class RimMatch:
         """
         ends = np.append(self.curve.at_loop, self.curve.at_loop[0] + 1)[edge : edge + 2]
         share = np.arange(1, count + 1) / (count + 1)
-        t = self._parameters(ends[0] + share * (ends[1] - ends[0]))
+        t = self.parameters(ends[0] + share * (ends[1] - ends[0]))
         velocity = self.boundary.derivative(t)
-        length = np.abs(np.diff(self.boundary.point(self._parameters(ends)))) / (count + 1)
+        length = np.abs(np.diff(self.boundary.point(self.parameters(ends)))) / (count + 1)
         inwards = 1j * velocity / np.abs(velocity)
         return np.asarray(self.boundary.point(t) + share * (1 - share) * length * inwards)
 
-    def _parameters(self, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def parameters(self, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Parameters on ∂Ω that correspond to Γ(s), −1 < s < 2."""
         t, s = self.matching.T
         # three periods, so that the parameters are not extrapolated; equal s are one knot
@@ -291,6 +291,22 @@ class PlateauSolution(Shown):
         Every disk over a knotted loop intersects itself. None if the mesh is not finite.
         """
         return self.evidence.self_intersections
+
+    @cached_property
+    def area_gradient(self) -> tuple[Float[np.ndarray, "_ 3"], ...]:
+        """Derivative of the area by the points of each given loop, in mesh units per point; computed on first use.
+
+        When the points move by δP, the area of the minimal surface changes by Σ gradient·δP, to first order. By the
+        first variation it is ∮ ν·δΓ ds, ν the outer conormal and δΓ the displacement of the curve through the points.
+        It is exact up to the boundary residual. Kind, degree and corners of the curve are those of this solution: where
+        the choice of `BoundaryCurve.from_loop` changes, the area jumps by about the error of interpolation.
+
+        Raises:
+            NotDifferentiableError: Γ is given by a formula, or free between the points (route "vertices").
+        """
+        from spinor_geom.gradients.area import area_gradient
+
+        return area_gradient(self)
 
     @property
     def timings(self) -> dict[str, float]:

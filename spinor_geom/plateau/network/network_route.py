@@ -178,7 +178,7 @@ class NetworkSolver:
             spinors, branch = lifted(), None
             ends = np.cumsum([0, *self._sizes]).tolist()
             if holes and not any(bool(signs_close_up(*spinors[a:b].mT)) for a, b in pairwise(ends)):
-                branch = _point_in_hole(flat.rims[1])
+                branch = point_in_hole(flat.rims[1])
                 spinors = lifted(branch=branch)
             stage = Discretisation.first(
                 domain,
@@ -320,7 +320,7 @@ class Fitted:
         return int(self.stage.network.mixing.shape[1])
 
 
-def _point_in_hole(hole: Complex[np.ndarray, " n"]) -> complex:
+def point_in_hole(hole: Complex[np.ndarray, " n"]) -> complex:
     """A point in a hole: the incentre of the triangle of its mesh with the largest incircle."""
     mesh = PlaneDomain.from_boundary(hole[::-1]).triangulation
     corners = mesh.points[mesh.faces]

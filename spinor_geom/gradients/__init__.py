@@ -1,0 +1,1 @@
+"""Derivatives of minimal surfaces with respect to the points of their boundary curves."""

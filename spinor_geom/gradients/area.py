@@ -1,0 +1,37 @@
+"""The gradient of the area by the points of the loops."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from spinor_geom.gradients.curve_chain import by_points
+from spinor_geom.gradients.rim_nodes import RimNodes
+from spinor_geom.plateau.route_result import typed_failures
+from spinor_geom.plateau.threads import one_thread
+
+if TYPE_CHECKING:
+    from spinor_geom.plateau.solution import PlateauSolution
+
+
+def area_gradient(solution: PlateauSolution) -> tuple[Float[np.ndarray, "_ 3"], ...]:
+    """`PlateauSolution.area_gradient`."""
+    with one_thread(), typed_failures():
+        along = [RimNodes.along(rim, solution.array_surface) for rim in solution.rims]
+        gradients = [
+            by_points(rim.curve, one.places, one.conormal) for rim, one in zip(solution.rims, along, strict=True)
+        ]
+    return as_given(solution, gradients)
+
+
+def as_given(solution: PlateauSolution, by_rim: list[Float[np.ndarray, "_ 3"]]) -> tuple[Float[np.ndarray, "_ 3"], ...]:
+    """Rows for the points of each rim, in the order and the directions of the given loops."""
+    if solution.annulus is None:
+        return tuple(by_rim)
+    given = sorted(zip(solution.annulus.order, by_rim, strict=True), key=lambda pair: pair[0])
+    return tuple(
+        np.concatenate([rows[:1], rows[:0:-1]]) if is_back else rows
+        for (_, rows), is_back in zip(given, solution.annulus.backward, strict=True)
+    )

@@ -1,0 +1,108 @@
+"""The area of a minimal surface as a differentiable function of the points of its boundary curves."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any, Literal, TypeAlias
+
+import torch
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+from torch import Tensor
+
+from spinor_geom.errors import NotDifferentiableError, OptionError, SurfaceError, UncertainGradientWarning
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.plateau.options import Model
+from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
+from spinor_geom.plateau.solve import solve_plateau
+
+Corners: TypeAlias = Literal["auto"] | Sequence[ArrayLike | Literal["auto"]] | ArrayLike
+
+
+def minimal_area(
+    points: Tensor | Sequence[Tensor],
+    *,
+    corners: Corners = "auto",
+    model: Model = "auto",
+    tolerance: float = 1e-3,
+) -> Float[Tensor, ""]:
+    """Area of the minimal surface over points in order, or between several rims, differentiable by the points.
+
+    The curve through the points is that of `BoundaryCurve`, as with `solve_plateau(..., between="smooth")`. The
+    gradient is ∮ ν·δΓ ds, see `PlateauSolution.area_gradient`; it costs a small part of the solve. Second derivatives
+    are not available, nor `torch.func.vmap`.
+
+    Args:
+        points: (m, 3) real positions in mesh units, on any device; or one such tensor for each rim.
+        corners: as for `BoundaryLoop.from_points`; for several rims one entry for each.
+        model: as for `solve_plateau`.
+        tolerance: as for `solve_plateau`; the relative error of the gradient is about that of the boundary, and smooth
+            curves are met to 1e-8 of an edge anyway.
+
+    Returns:
+        The area, a float64 scalar on the device of the points.
+
+    Raises:
+        OptionError: the points are not real tensors, or the corners do not match them.
+        SurfaceError: no connected surface spans the rims.
+        SpinorGeomError: the errors of `solve_plateau`.
+
+    Warns:
+        UncertainGradientWarning: the surface misses the curve by more than the tolerance.
+
+    Source: the first variation of area; Dierkes, Hildebrandt & Sauvigny, "Minimal Surfaces" (2010), section 2.1.
+    """
+    rims = as_rims(points)
+    area: Tensor = _Area.apply(solved(rims, corners=corners, model=model, tolerance=tolerance), *rims)  # type: ignore[no-untyped-call]
+    return area
+
+
+def as_rims(points: Any) -> tuple[Tensor, ...]:
+    """The tensors of the rims; an OptionError for other arguments."""
+    rims = (points,) if isinstance(points, Tensor) else tuple(points)
+    for rim in rims:
+        if not isinstance(rim, Tensor) or not rim.is_floating_point():
+            raise OptionError(f"points must be a real tensor of shape (m, 3), or one for each rim, got {rim!r:.60}")
+    return rims
+
+
+def solved(rims: Sequence[Tensor], *, corners: Corners, model: Model, tolerance: float) -> PlateauSolution:
+    """The solution over tensors of points, with the errors and warnings of `minimal_area`."""
+    of_rims: Any = [corners] if len(rims) == 1 else ["auto"] * len(rims) if isinstance(corners, str) else corners
+    if len(of_rims) != len(rims):
+        raise OptionError(f"corners must have one entry for each of {len(rims)} rims, got {len(of_rims)}")
+    loops = [
+        BoundaryLoop.from_points(rim.detach().double().cpu().numpy(), corners=own)
+        for rim, own in zip(rims, of_rims, strict=True)
+    ]
+    for loop, rim in zip(loops, rims, strict=True):
+        if len(loop) != len(rim):
+            raise OptionError("the last point of a rim is equal to the first; leave it out")
+    device = rims[0].device if rims[0].device.type != "cpu" else None
+    solution = solve_plateau(loops, model=model, tolerance=tolerance, between="smooth", device=device)
+    if isinstance(solution, NoConnectedSurface):
+        raise SurfaceError(f"{solution.reason}; move the rims towards each other")
+    if not solution.converged:
+        missed = f"the surface misses the curve, so that its derivatives are approximate ({solution.reason})"
+        warnings.warn(missed, UncertainGradientWarning, stacklevel=3)
+    return solution
+
+
+def require_first_order() -> None:
+    """Raises a NotDifferentiableError in a backward pass with create_graph=True, which would ignore the derivatives."""
+    if torch.is_grad_enabled():
+        raise NotDifferentiableError("second derivatives of minimal surfaces are not available; leave out create_graph")
+
+
+class _Area(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, solution: PlateauSolution, *rims: Tensor) -> Tensor:
+        ctx.solution, ctx.rims = solution, [(rim.dtype, rim.device) for rim in rims]
+        return torch.tensor(solution.area, dtype=torch.float64, device=rims[0].device)
+
+    @staticmethod
+    def backward(ctx: Any, by_area: Tensor) -> tuple[Tensor | None, ...]:
+        require_first_order()
+        gradients = zip(ctx.solution.area_gradient, ctx.rims, strict=True)
+        return (None, *(by_area * torch.as_tensor(rows).to(device).to(dtype) for rows, (dtype, device) in gradients))

@@ -1,0 +1,192 @@
+"""Positions on a minimal surface as differentiable functions of the points of its boundary curves."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float, Int
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from spinor_geom.errors import NotDifferentiableError, OptionError, UncertainGradientWarning
+from spinor_geom.gradients.area import as_given
+from spinor_geom.gradients.curve_chain import by_points
+from spinor_geom.gradients.jacobi import JacobiFields
+from spinor_geom.gradients.minimal_area import Corners, as_rims, require_first_order, solved
+from spinor_geom.gradients.rim_nodes import null_curve
+from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.plateau.options import Model
+from spinor_geom.plateau.route_result import typed_failures
+from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.plateau.threads import one_thread
+
+# Distance of the eigenvalue from 1 below which a surface counts as degenerate: that of the last catenoid, exactly 1, is
+# computed as 1.002.
+_DEGENERATE = 5e-3
+_STEPS = 12  # of Newton's method to the nearest point
+
+
+def minimal_surface(
+    points: Tensor | Sequence[Tensor],
+    *,
+    corners: Corners = "auto",
+    model: Model = "auto",
+    tolerance: float = 1e-3,
+    target_edge_length: float | Literal["auto"] = "auto",
+) -> tuple[Float[Tensor, "n 3"], Int[Tensor, "f 3"]]:
+    """A mesh (vertices, faces) of the minimal surface over points, whose vertices are differentiable by the points.
+
+    It is that of `mesh_patch`: the rims' points come first. When the points move, an inner vertex moves along the
+    normal, and stays on the minimal surface to first order. The displacement solves Jacobi's equation. `backward` is
+    one solve with the adjoint of that equation; no solver is unrolled. Second derivatives are not available, nor
+    `torch.func.vmap`.
+
+    Args:
+        points: as for `minimal_area`.
+        corners: as for `minimal_area`.
+        model: as for `minimal_area`.
+        tolerance: as for `minimal_area`.
+        target_edge_length: as for `mesh_patch`.
+
+    Returns:
+        Vertices in float64 and faces, on the device of the points.
+
+    Raises:
+        SpinorGeomError: the errors of `minimal_area` and `mesh_patch`.
+        NotDifferentiableError: by `backward`, if the surface is unstable or nearly so; see `require_isolated`.
+
+    Warns:
+        UncertainGradientWarning: as `minimal_area`; by `backward`, if the stability is undecided.
+
+    Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976), for the second variation and its operator.
+    """
+    rims = as_rims(points)
+    solution = solved(rims, corners=corners, model=model, tolerance=tolerance)
+    patch = mesh_patch(solution, target_edge_length)
+    faces = torch.tensor(np.asarray(patch.faces), device=rims[0].device)
+    inner = patch.points[patch.boundary_size :]
+    vertices: Tensor = _Positions.apply(solution, inner, patch.vertices, *rims)  # type: ignore[no-untyped-call]
+    return vertices, faces
+
+
+def nearest_on_surface(
+    points: Tensor | Sequence[Tensor],
+    places: Float[Tensor, "k 3"],
+    *,
+    corners: Corners = "auto",
+    model: Model = "auto",
+    tolerance: float = 1e-3,
+) -> Float[Tensor, "k 3"]:
+    """The points of the minimal surface over points that are nearest to given places, differentiable by the points.
+
+    When the points move, each moves along the normal; see `minimal_surface`. `places` are constants.
+
+    Args:
+        points: as for `minimal_area`.
+        places: positions in mesh units.
+        corners: as for `minimal_area`.
+        model: as for `minimal_area`.
+        tolerance: as for `minimal_area`.
+
+    Raises:
+        OptionError: a place is nearest to the boundary of the surface.
+        SpinorGeomError: the errors of `minimal_surface`.
+    """
+    rims = as_rims(points)
+    solution = solved(rims, corners=corners, model=model, tolerance=tolerance)
+    z = nearest(solution, places.detach().double().cpu().numpy())
+    positions: Tensor = _Positions.apply(solution, z, solution.array_surface.position(z), *rims)  # type: ignore[no-untyped-call]
+    return positions
+
+
+def nearest(solution: PlateauSolution, places: Float[np.ndarray, "k 3"]) -> Complex[np.ndarray, " k"]:
+    """Points of Ω where the surface is nearest to given places, by Newton's method from vertices of its triangulation.
+
+    Raises:
+        OptionError: a place is nearest to the boundary of the surface.
+    """
+    surface, domain = solution.array_surface, solution.domain
+    start = domain.triangulation.points
+    z = start[cKDTree(surface.position(start)).query(places)[1]].copy()
+    for _ in range(_STEPS):
+        phi = null_curve(surface, z)
+        away = ((surface.position(z) - places) * phi).sum(axis=1)
+        # r_x = Re φ and r_y = −Im φ are orthogonal and of length λ
+        step = np.conj(away) / surface.conformal_factor(z) ** 2
+        z = z - step
+    inside = domain.contains(z)
+    if not inside.all():
+        raise OptionError(f"place {int(np.argmin(inside))} is nearest to the boundary of the surface; move it inwards")
+    return np.asarray(z)
+
+
+def require_isolated(solution: PlateauSolution) -> None:
+    """Checks that a solution depends smoothly on its boundary: its second variation has no eigenvalue near 0.
+
+    Raises:
+        NotDifferentiableError: the surface is unstable, or nearly so.
+
+    Warns:
+        UncertainGradientWarning: the stability is undecided.
+    """
+    stability = solution.stability
+    if stability.verdict == "unstable":
+        raise NotDifferentiableError(
+            "the surface is unstable, so that a solve over moved points may find another one; use its area_gradient, "
+            "which holds for any critical point"
+        )
+    if stability.eigenvalue is not None and abs(stability.eigenvalue - 1) < _DEGENERATE:
+        raise NotDifferentiableError(
+            f"the surface is degenerate (the eigenvalue {stability.eigenvalue:.6g} of its second variation is nearly "
+            "1), so that it may jump when points move; move the rims towards each other, or points away from this place"
+        )
+    if stability.verdict == "undecided":
+        reason = "the stability of the surface is undecided; its positions may not be differentiable"
+        warnings.warn(reason, UncertainGradientWarning, stacklevel=2)
+
+
+class _Positions(torch.autograd.Function):
+    """The points of the rims in the order of ∂Ω if `positions` has them, and positions inside Ω."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, solution: PlateauSolution, z: Complex[np.ndarray, " v"], positions: np.ndarray, *rims: Tensor
+    ) -> Tensor:
+        ctx.solution, ctx.z, ctx.rims = solution, z, [(rim.dtype, rim.device) for rim in rims]
+        return torch.tensor(positions, device=rims[0].device)
+
+    @staticmethod
+    def backward(ctx: Any, by_positions: Tensor) -> tuple[Tensor | None, ...]:
+        require_first_order()
+        gradient = by_positions.double().cpu().numpy()
+        split = len(gradient) - len(ctx.z)
+        own = position_gradient(ctx.solution, ctx.z, gradient[split:])
+        if split:
+            sizes = np.cumsum([len(rim.loop) for rim in ctx.solution.rims])[:-1]
+            on_rims = as_given(ctx.solution, np.split(gradient[:split], sizes))
+            own = tuple(a + b for a, b in zip(own, on_rims, strict=True))
+        pairs = zip(own, ctx.rims, strict=True)
+        return (None, None, None, *(torch.tensor(rows).to(device, dtype) for rows, (dtype, device) in pairs))
+
+
+def position_gradient(
+    solution: PlateauSolution, z: Complex[np.ndarray, " v"], by_positions: Float[np.ndarray, "v 3"]
+) -> tuple[Float[np.ndarray, "_ 3"], ...]:
+    """Derivatives by the points of each given loop, from those by positions inside Ω, which move along the normal.
+
+    Raises:
+        NotDifferentiableError: see `require_isolated`; or a position is a branch point.
+    """
+    require_isolated(solution)
+    by_u = (by_positions * np.asarray(solution.array_surface.normal(z))).sum(axis=1)
+    if not np.isfinite(by_u).all():
+        raise NotDifferentiableError("a vertex is a branch point of the surface, which has no normal there; move it")
+    with one_thread(), typed_failures():
+        fields = JacobiFields(solution=solution, z=z)
+        weights = fields.by_boundary(by_u)
+        parts = zip(solution.rims, fields.rims, weights, strict=True)
+        return as_given(solution, [by_points(rim.curve, nodes.places, own) for rim, nodes, own in parts])

@@ -1,0 +1,143 @@
+"""The chain rule of interpolating splines: from values of a curve to its points and the widths of its pieces.
+
+On piece i, of width h_i, a spline of degree d is Γ = P_i + Σ_r a_ir u^r, r = 1 … d, with u in [0, 1]. The a_ir solve a
+sparse linear system K(h) a = b: each piece ends at the next point; derivatives agree where two pieces meet without a
+corner; the ends of a side are not-a-knot or natural. K depends on ratios of neighbouring widths only. The derivatives
+by P and h follow from one solve with the transpose of K.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.linalg import SuperLU, splu
+from scipy.special import comb
+
+
+class _Jumps(NamedTuple):
+    """Places where derivatives agree: of order r at the end of piece i; `row` is the number of the equation."""
+
+    piece: Int[np.ndarray, " k"]
+    order: Int[np.ndarray, " k"]
+    row: Int[np.ndarray, " k"]
+
+
+class _Entries(NamedTuple):
+    """Entries of K that do not depend on the widths."""
+
+    row: Int[np.ndarray, " k"]
+    column: Int[np.ndarray, " k"]
+    value: Float[np.ndarray, " k"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SplineSystem:
+    """The equations of a closed interpolating spline of M pieces.
+
+    Attributes:
+        widths: h, up to a factor for each side.
+        powers: a_ir, lowest power first.
+        corners: at the start of which pieces the spline may have a kink.
+        degrees: degrees of the pieces; odd, at least 3, and equal on a side.
+        natural: which pieces have no second derivative at an end of their side.
+    """
+
+    widths: Float[np.ndarray, " m"]
+    powers: Float[np.ndarray, "d m 3"]
+    corners: Bool[np.ndarray, " m"]
+    degrees: Int[np.ndarray, " m"]
+    natural: Bool[np.ndarray, " m"]
+
+    def by_points(
+        self, by_powers: Float[np.ndarray, "d m 3"]
+    ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
+        """Derivatives by the points and by the logarithms of the widths, from those by the a_ir.
+
+        The first term P_i of a piece does not count.
+        """
+        d, m, _ = by_powers.shape
+        # unknowns are numbered piece by piece, so that K is banded but for the closing of the curve
+        multipliers = self._transposed.solve(by_powers.transpose(1, 0, 2).reshape(m * d, 3))
+        by_steps = multipliers[::d]
+        piece, order, row = self._equations[0]
+        column, ratio = self._after
+        unknowns = self.powers.transpose(1, 0, 2).reshape(m * d, 3)
+        by_ratio = order * ratio * (multipliers[row] * unknowns[column]).sum(axis=1)
+        by_logs = np.zeros(m)
+        np.add.at(by_logs, piece, by_ratio)
+        np.subtract.at(by_logs, (piece + 1) % m, by_ratio)
+        return np.roll(by_steps, 1, axis=0) - by_steps, by_logs
+
+    @cached_property
+    def _equations(self) -> tuple[_Jumps, _Entries]:
+        """The equations that depend on the widths, and the entries of K that do not."""
+        d, m, _ = self.powers.shape
+        order, piece = np.meshgrid(np.arange(1, d + 1), np.arange(m), indexing="ij")
+        unknown = piece * d + order - 1
+        smooth, beyond = (order < self.degrees) & ~np.roll(self.corners, -1), order > self.degrees
+        jumps = [_Jumps(piece[smooth], order[smooth], unknown[smooth] + 1)]
+        entries = [
+            _Entries((piece * d).ravel(), unknown.ravel(), np.ones(m * d)),
+            _Entries(unknown[beyond], unknown[beyond], np.ones(np.count_nonzero(beyond))),
+        ]
+        for k in range((d - 1) // 2):
+            for some, fixed in self._ends_of_sides(k):
+                jumps.append(some)
+                entries += fixed
+        jump = _Jumps(*map(np.concatenate, zip(*jumps, strict=True)))
+        for power in range(1, d + 1):
+            # derivatives over r! at the end of piece i
+            entries.append(_Entries(jump.row, jump.piece * d + power - 1, comb(power, jump.order)))
+        return jump, _Entries(*map(np.concatenate, zip(*entries, strict=True)))
+
+    def _ends_of_sides(self, k: int) -> Iterator[tuple[_Jumps, list[_Entries]]]:
+        """Condition number k at both ends of the sides whose degree has so many: not-a-knot or natural.
+
+        A side of one piece is straight, one of two pieces without natural ends is a parabola.
+        """
+        d, m, _ = self.powers.shape
+        first = np.flatnonzero(self.corners)
+        count = np.diff(np.append(first, first[:1] + m))
+        has = self.degrees[first] >= 2 * k + 3
+        first, count = first[has], count[has]
+        last = first + count - 1
+        is_line = count == 1
+        is_parabola = (count == 2) & ~self.natural[first] & ~self.natural[last % m]
+        for is_end, piece, inner in ((False, first, first + k), (True, last % m, last - 1 - k)):
+            # kept behind the equation of the last piece for its end
+            row = last % m * d + 1 + 2 * k + is_end
+            natural = self.natural[piece] & ~is_line
+            knots = ~(is_line | is_parabola | natural)
+            vanishing = np.where(is_parabola | (is_line & is_end), 3, 2)[~knots]
+            fixed = [_Entries(row[~knots], piece[~knots] * d + vanishing - 1, np.ones(len(vanishing)))]
+            if is_end:
+                # the second derivative at the end of a piece
+                fixed += [
+                    _Entries(row[natural], piece[natural] * d + power - 1, np.full(natural.sum(), comb(power, 2)))
+                    for power in range(3, d + 1)
+                ]
+            inner = inner[knots] % m
+            yield _Jumps(inner, self.degrees[inner], row[knots]), fixed
+
+    @cached_property
+    def _transposed(self) -> SuperLU:
+        """A factor of the transpose of K."""
+        d, m, _ = self.powers.shape
+        jumps, (row, column, value) = self._equations
+        after, ratio = self._after
+        parts = np.append(value, -ratio), (np.append(column, after), np.append(row, jumps.row))
+        return splu(csc_array(coo_array(parts, shape=(m * d, m * d))))
+
+    @cached_property
+    def _after(self) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """For each jump the unknown at the start of the next piece, and its factor (h_i/h_{i+1})^r."""
+        d, m, _ = self.powers.shape
+        piece, order, _ = self._equations[0]
+        after = (piece + 1) % m
+        return after * d + order - 1, (self.widths[piece] / self.widths[after]) ** order

@@ -1,0 +1,62 @@
+"""Loops for every route and every kind of curve, and smooth displacements of their points."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.plateau import PlateauSolution, solve_plateau
+
+QUADRILATERAL = np.array([[0, 0, 0], [1, 0, 0.5], [1, 1, 0], [0, 1, 0.5]])
+TURN = 2 * np.pi * np.arange(64) / 64
+RING = np.stack([np.cos(TURN), np.sin(TURN), 0 * TURN], axis=1)
+LIFT = np.array([0, 0, 0.4])
+
+
+def wavy(n: int, *, uneven: float = 0.0, seed: int = 0) -> np.ndarray:
+    """Points of a smooth closed curve, at uneven steps of its parameter."""
+    t = 2 * np.pi * (np.arange(n) + uneven * np.random.default_rng(seed).uniform(-0.3, 0.3, n)) / n
+    return np.stack([np.cos(t), 1.1 * np.sin(t), 0.3 * np.cos(2 * t) + 0.1 * np.sin(3 * t)], axis=1)
+
+
+def arched(each: int) -> np.ndarray:
+    """A closed curve with four corners, and so many points on each of its curved sides."""
+    u = np.linspace(0, 1, each, endpoint=False)[:, None]
+    bend = np.concatenate([0.1 * u * (1 - u) * np.cos(3 * u), 0 * u, 0.1 * np.sin(np.pi * u)], axis=1)
+    ends = zip(QUADRILATERAL, np.roll(QUADRILATERAL, -1, axis=0), strict=True)
+    return np.concatenate([a + u * (b - a) + bend for a, b in ends])
+
+
+def displaced(points: np.ndarray) -> np.ndarray:
+    """A smooth displacement of points, not a rigid motion."""
+    return np.sin(3 * points[:, [1, 2, 0]] + 1) + points[:, :1] ** 2
+
+
+ROUTES = {
+    "disk": [wavy(64)],
+    "flattened": [wavy(96) * [5, 1, 1]],
+    "plane": [RING * [2, 1, 1]],
+    "network": [QUADRILATERAL],
+    "network, curved sides": [arched(8)],
+    "annulus": [RING + LIFT, 0.9 * RING[::-1] - LIFT],
+    "annular network": [3 * RING, 0.6 * RING + [1, 0, 0.3]],
+    "circles": [3 * RING, 0.6 * RING[::2] + [1, 0, 0.3], 0.6 * RING[::-1] + [-1, 0, 0.3]],
+}
+# p and q change their sign around the hole; small displacements lead to the other of two annuli
+LINKED = {"annulus, linked": [RING, RING[:, [0, 2, 1]] + [1, 0, 0]]}
+
+
+def solved(name: str, rims: list[np.ndarray] | None = None) -> PlateauSolution:
+    """The solution over the rims of a route, or over others in their place."""
+    kind = name.split(",")[0]
+    loops = (ROUTES | LINKED)[name] if rims is None else rims
+    corners = "auto" if kind != "network" else np.arange(4) * (len(loops[0]) // 4)
+    solution = solve_plateau(
+        [BoundaryLoop.from_points(points, corners=corners) for points in loops],
+        model="cauchy" if kind == "annular network" else "auto",
+        tolerance=1e-5 if "network" in kind else 1e-9,
+        between="smooth",
+    )
+    assert isinstance(solution, PlateauSolution)
+    assert solution.route == kind
+    return solution

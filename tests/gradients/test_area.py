@@ -1,0 +1,152 @@
+"""The gradient of the area against differences of solves, known areas, and invariants, in every route."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from spinor_geom import gallery, solve_plateau
+from spinor_geom.errors import NotDifferentiableError
+from spinor_geom.gradients.area import area_gradient
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from tests.gradients.cases import LINKED, RING, ROUTES, displaced, solved, wavy
+
+# relative error of a gradient: networks are fitted to 1e-5 of an edge
+SLOW = ("annular network", "circles")
+NAMES = [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in ROUTES]
+ERRORS = {name: 1e-4 if "network" in name else 1e-6 for name in ROUTES | LINKED}
+
+
+def along(gradients, moves):
+    return sum(float((rows * move).sum()) for rows, move in zip(gradients, moves, strict=True))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_gradient_equals_differences(name):
+    rims = ROUTES[name]
+    moves = [displaced(points) * [1, 1, name != "plane"] for points in rims]
+    gradient = along(solved(name).area_gradient, moves)
+
+    def area(size):
+        return solved(name, [points + size * move for points, move in zip(rims, moves, strict=True)]).area
+
+    step = 2e-3
+    difference = (8 * (area(step) - area(-step)) - (area(2 * step) - area(-2 * step))) / (12 * step)
+    assert abs(gradient - difference) < ERRORS[name] * sum(map(np.linalg.norm, solved(name).area_gradient))
+
+
+@pytest.mark.parametrize("name", ["disk", "annulus", pytest.param("network, curved sides", marks=pytest.mark.slow)])
+def test_remainder_is_of_second_order(name):
+    rims = ROUTES[name]
+    moves = list(map(displaced, rims))
+    here = solved(name)
+    gradient = along(here.area_gradient, moves)
+    steps = 0.02 / 2 ** np.arange(3)
+    remainders = [
+        abs(solved(name, [p + h * d for p, d in zip(rims, moves, strict=True)]).area - here.area - h * gradient)
+        for h in steps
+    ]
+    slope = np.polyfit(np.log(steps), np.log(remainders), 1)[0]
+    assert abs(slope - 2) < 0.1  # the terms of third order
+
+
+@pytest.mark.parametrize("name", [*NAMES, *LINKED])
+def test_rigid_motions_and_scale(name):
+    solution, rims = solved(name), (ROUTES | LINKED)[name]
+    gradients, size = solution.area_gradient, ERRORS[name]
+    scale = sum(map(np.linalg.norm, gradients))
+    assert np.abs(sum(rows.sum(axis=0) for rows in gradients)).max() < size * scale
+    torque = sum(np.cross(points, rows).sum(axis=0) for rows, points in zip(gradients, rims, strict=True))
+    assert np.abs(torque).max() < size * scale * np.ptp(np.concatenate(rims))
+    # the area is homogeneous of degree 2
+    assert along(gradients, rims) == pytest.approx(2 * solution.area, rel=size)
+
+
+def test_gradient_turns_and_scales_with_the_points():
+    turn, points = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix(), wavy(40, uneven=1)
+    (here,) = solve_plateau(points).area_gradient
+    (there,) = solve_plateau(100 * points @ turn.T + [3, -2, 50]).area_gradient
+    # both are solved to 1e-6 of an edge or better
+    assert np.abs(there - 100 * here @ turn.T).max() < 1e-4 * np.abs(there).max()
+
+
+def test_reversed_loop_has_the_same_gradient():
+    points = wavy(64)
+    (here,), (there,) = solve_plateau(points).area_gradient, solve_plateau(points[::-1]).area_gradient
+    assert np.abs(there[::-1] - here).max() < 1e-8
+
+
+def test_order_and_direction_of_given_rims():
+    below, above = RING - [0, 0, 0.3], 0.8 * RING[::2] + [0, 0, 0.3]
+    first, second = solve_plateau([below, above]).area_gradient
+    other, one = solve_plateau([above[::-1], below]).area_gradient
+    assert np.abs(first - one).max() < 1e-7
+    assert np.abs(second - other[::-1]).max() < 1e-7
+
+
+@pytest.mark.parametrize("half", [0.1, 0.4, 0.6])
+def test_force_of_the_catenoid(half):
+    lift = np.array([0, 0, half])
+    catenoid = solve_plateau([RING - lift, RING + lift])
+    _, above = catenoid.area_gradient
+    neck = brentq(lambda c: c * np.cosh(half / c) - 1, 0.5524, 1.0)
+    # the circle through 64 points is exact, as is the force on it
+    assert above.sum(axis=0) == pytest.approx([0, 0, 2 * np.pi * neck], abs=1e-9)
+
+
+def test_force_between_rings_of_a_plane_annulus():
+    radii = np.array([2.0, 0.5])
+    outer, inner = solve_plateau([radii[0] * RING, radii[1] * RING]).area_gradient
+    for rows, change in ((outer, 2 * np.pi * radii[0]), (inner, -2 * np.pi * radii[1])):
+        assert (rows * RING).sum() == pytest.approx(change, rel=1e-9)
+
+
+def test_change_by_the_parameter_of_a_family():
+    # the amplitude of the tennis seam, against differences of areas known to 13 digits
+    def points(a):
+        return gallery.tennis_seam(a).sample(128).points
+
+    def area(a):
+        return solve_plateau(points(a), model="series").area
+
+    (gradient,) = solve_plateau(points(0.8), model="series").area_gradient
+
+    def slope(of):
+        return (8 * (of(0.801) - of(0.799)) - (of(0.802) - of(0.798))) / 0.012
+
+    # the displacement has an error of order step⁴
+    assert (gradient * slope(points)).sum() == pytest.approx(slope(area), rel=1e-8)
+
+
+def test_free_curve_between_points_has_no_gradient():
+    rough = BoundaryLoop.from_points(wavy(40) + 0.03 * np.random.default_rng(0).normal(size=(40, 3)))
+    solution = solve_plateau(rough)
+    assert solution.route == "vertices"
+    with pytest.raises(NotDifferentiableError, match="between='smooth'"):
+        area_gradient(solution)
+    (gradient,) = solve_plateau(rough, between="smooth").area_gradient
+    assert np.isfinite(gradient).all()
+
+
+def test_polygon_of_corners_alone():
+    square = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
+    (gradient,) = solve_plateau(BoundaryLoop.from_points(square, corners=range(4))).area_gradient
+    # the shoelace formula
+    assert gradient == pytest.approx(np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), abs=1e-12)
+
+
+def test_rough_loop_with_a_spline_between_its_points():
+    rough = wavy(24) + 0.03 * np.random.default_rng(0).normal(size=(24, 3))
+    move = displaced(rough)
+
+    def solution(size):
+        found = solve_plateau(rough + size * move, between="smooth", tolerance=1e-4)
+        assert (found.route, found.curve.kind) == ("flattened", "cubic")
+        return found
+
+    (gradient,) = solution(0).area_gradient
+    difference = (solution(0.01).area - solution(-0.01).area) / 0.02
+    # the boundary is met to 1e-4 of an edge
+    assert (gradient * move).sum() == pytest.approx(difference, rel=2e-4)

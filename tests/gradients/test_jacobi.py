@@ -1,0 +1,116 @@
+"""Normal displacements of surfaces: rigid motions and scalings, which are known, and differences of solves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from spinor_geom.gradients.jacobi import JacobiFields
+from spinor_geom.gradients.minimal_surface import position_gradient
+from spinor_geom.gradients.rim_nodes import null_curve
+from tests.gradients.cases import LINKED, ROUTES, displaced, solved
+
+SLOW = ("annular network", "circles", "network, curved sides")
+NAMES = [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in ROUTES]
+
+
+def inner_points(solution, count=12):
+    """Some points of Ω, up to an edge from its boundary."""
+    mesh = solution.domain.triangulation
+    z = mesh.points[mesh.boundary_size :]
+    return z[np.linspace(0, len(z) - 1, count).astype(int)]
+
+
+def normal_offsets(solution, x, normal):
+    """How far a surface is from points along given normals, by Newton's method from its nearest vertex."""
+    surface, vertices = solution.surface, solution.domain.triangulation.points
+    z = vertices[cKDTree(surface.position(vertices)).query(x)[1]].copy()
+
+    def tangential(v):
+        return v - (v * normal).sum(axis=1, keepdims=True) * normal
+
+    for _ in range(12):
+        phi = null_curve(surface, z)
+        both = np.stack([tangential(phi.real), tangential(-phi.imag)], axis=2)
+        away = tangential(surface.position(z) - x)
+        step = np.linalg.solve(both.mT @ both, both.mT @ away[..., None])[..., 0]
+        z -= step[:, 0] + 1j * step[:, 1]
+    return ((surface.position(z) - x) * normal).sum(axis=1)
+
+
+@pytest.mark.parametrize("name", [*NAMES, *LINKED])
+def test_similarities_are_reproduced(name):
+    solution = solved(name)
+    z = inner_points(solution)
+    fields = JacobiFields(solution=solution, z=z)
+    normal, x = solution.surface.normal(z), solution.surface.position(z)
+    on_rims = [rim.curve.point(nodes.places) for rim, nodes in zip(solution.rims, fields.rims, strict=True)]
+    axes = np.eye(3)
+    motions = [
+        *(lambda points, axis=axis: np.broadcast_to(axis, points.shape) for axis in axes),
+        *(lambda points, axis=axis: np.cross(axis, points) for axis in axes),
+        lambda points: points,
+    ]
+    for number in range(len(z)):
+        weights = fields.by_boundary(np.eye(len(z))[number])
+        for motion in motions:
+            u = sum((own * motion(points)).sum() for own, points in zip(weights, on_rims, strict=True))
+            # surfaces and fields are of size 1 to 5; quadrature beside a rim has errors of 2e-6, networks are fitted to
+            # 1e-5 of an edge
+            assert abs(u - motion(x)[number] @ normal[number]) < (1e-5 if "network" in name else 3e-6)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_gradient_equals_differences_of_solves(name):
+    rims = ROUTES[name]
+    moves = [displaced(points) * [1, 1, name != "plane"] for points in rims]
+    solution = solved(name)
+    z, rng = inner_points(solution), np.random.default_rng(0)
+    x, normal, weights = solution.surface.position(z), solution.surface.normal(z), rng.normal(size=(len(z), 3))
+    gradient = position_gradient(solution, z, weights)
+    own = sum((rows * move).sum() for rows, move in zip(gradient, moves, strict=True))
+
+    def offset(size):
+        there = solved(name, [points + size * move for points, move in zip(rims, moves, strict=True)])
+        return ((weights * normal).sum(axis=1) * normal_offsets(there, x, normal)).sum()
+
+    step = 2e-3
+    difference = (8 * (offset(step) - offset(-step)) - (offset(2 * step) - offset(-2 * step))) / (12 * step)
+    size = sum(map(np.linalg.norm, gradient)) * max(map(np.linalg.norm, moves))
+    assert abs(own - difference) < (1e-5 if "network" in name else 1e-6) * size
+
+
+@pytest.mark.parametrize("name", ["disk", "annulus", pytest.param("network", marks=pytest.mark.slow)])
+def test_remainder_is_of_second_order(name):
+    rims = ROUTES[name]
+    moves, solution = list(map(displaced, rims)), solved(name)
+    z = inner_points(solution)
+    x, normal = solution.surface.position(z), solution.surface.normal(z)
+    unit = np.eye(len(z))
+    u = [
+        sum(
+            (rows * move).sum()
+            for rows, move in zip(position_gradient(solution, z, one[:, None] * normal), moves, strict=True)
+        )
+        for one in unit
+    ]
+    steps = 0.02 / 2 ** np.arange(3)
+    moved = [solved(name, [p + h * d for p, d in zip(rims, moves, strict=True)]) for h in steps]
+    remainders = [
+        np.linalg.norm(normal_offsets(there, x, normal) - h * np.array(u))
+        for h, there in zip(steps, moved, strict=True)
+    ]
+    slope = np.polyfit(np.log(steps), np.log(remainders), 1)[0]
+    assert abs(slope - 2) < 0.1  # the terms of third order
+
+
+def test_points_far_from_the_centre_of_a_disk_near_its_rim():
+    solution = solved("disk")
+    z = 0.97 * np.exp(1j * np.linspace(0, 6, 40))
+    fields = JacobiFields(solution=solution, z=z)
+    weights = fields.by_boundary(np.ones(len(z)))
+    (nodes,), (own,) = fields.rims, weights
+    points = solution.curve.point(nodes.places)
+    normal, x = solution.surface.normal(z), solution.surface.position(z)
+    assert (own * points).sum() == pytest.approx((normal * x).sum(), abs=1e-7)

@@ -1,0 +1,98 @@
+"""`minimal_area` as a torch function: against differences, arguments, and errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+import spinor_geom
+from spinor_geom.errors import NotDifferentiableError, OptionError, SurfaceError, UncertainGradientWarning
+from tests.gradients.cases import LIFT, QUADRILATERAL, RING, displaced, wavy
+
+
+def tensor(points):
+    return torch.tensor(points, requires_grad=True)
+
+
+def test_value_and_gradient_are_those_of_the_solution():
+    points = tensor(wavy(64))
+    area = spinor_geom.minimal_area(points)
+    solution = spinor_geom.solve_plateau(wavy(64), between="smooth")
+    assert area.item() == solution.area
+    (3 * area).backward()
+    assert np.array_equal(points.grad.numpy(), 3 * solution.area_gradient[0])
+
+
+def test_several_rims_and_shared_parameters():
+    # dA/dh of the catenoid between rings at ±h, through a common parameter
+    half = torch.tensor(0.4, dtype=torch.float64, requires_grad=True)
+    ring, up = torch.tensor(RING), torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+    spinor_geom.minimal_area([ring - half * up, ring + half * up]).backward()
+    forces = spinor_geom.solve_plateau([RING - LIFT, RING + LIFT]).area_gradient
+    assert half.grad.item() == pytest.approx((forces[1] - forces[0])[:, 2].sum(), rel=1e-12)
+
+
+def test_remainder_is_of_second_order_through_torch_operations():
+    def area(size):
+        turned = torch.tensor(wavy(48)) * torch.exp(size * torch.tensor(displaced(wavy(48))))
+        return spinor_geom.minimal_area(turned, tolerance=1e-9)
+
+    size = torch.tensor(0.0, dtype=torch.float64, requires_grad=True)
+    here = area(size)
+    here.backward()
+    steps = 0.02 / 2 ** np.arange(3)
+    remainders = [abs(area(torch.tensor(h)) - here.item() - h * size.grad).item() for h in steps]
+    assert abs(np.polyfit(np.log(steps), np.log(remainders), 1)[0] - 2) < 0.1
+
+
+def test_named_corners_and_float32():
+    points = torch.tensor(QUADRILATERAL, dtype=torch.float32, requires_grad=True)
+    spinor_geom.minimal_area(points, corners=[0, 1, 2, 3]).backward()
+    (gradient,) = spinor_geom.solve_plateau(
+        spinor_geom.BoundaryLoop.from_points(QUADRILATERAL, corners=range(4))
+    ).area_gradient
+    assert points.grad.dtype == torch.float32
+    assert points.grad.numpy() == pytest.approx(gradient, abs=1e-6)
+
+
+def test_rough_loop_has_the_gradient_of_its_spline():
+    rough = wavy(40) + 0.02 * np.random.default_rng(0).normal(size=(40, 3))
+    points = tensor(rough)
+    spinor_geom.minimal_area(points).backward()
+    assert torch.isfinite(points.grad).all()
+    # a translation does not change the area; the boundary is met to 1e-3 of an edge
+    assert np.abs(points.grad.numpy().sum(axis=0)).max() < 1e-3
+
+
+def test_second_derivative_is_refused():
+    points = tensor(wavy(32))
+    with pytest.raises(NotDifferentiableError, match="second derivatives"):
+        torch.autograd.grad(spinor_geom.minimal_area(points), points, create_graph=True)
+
+
+def test_missed_curve_warns():
+    # on the disk, where power series converge slowly at the bend
+    bent = wavy(24) * [1, 1, 3]
+    with pytest.warns(UncertainGradientWarning, match="misses the curve"):
+        spinor_geom.minimal_area(tensor(bent), model="series", tolerance=1e-16)
+
+
+@pytest.mark.parametrize(
+    ("points", "options", "message"),
+    [
+        (wavy(32), {}, "must be a real tensor"),
+        ([torch.tensor(RING), RING], {}, "must be a real tensor"),
+        (torch.arange(9).reshape(3, 3), {}, "must be a real tensor"),
+        ([torch.tensor(RING - LIFT), torch.tensor(RING + LIFT)], {"corners": [()]}, "one entry for each of 2 rims"),
+        (torch.tensor(wavy(32)[[*range(32), 0]]), {}, "leave it out"),
+    ],
+)
+def test_wrong_arguments(points, options, message):
+    with pytest.raises(OptionError, match=message):
+        spinor_geom.minimal_area(points, **options)
+
+
+def test_rings_too_far_apart():
+    with pytest.raises(SurfaceError, match="no connected minimal surface spans them"):
+        spinor_geom.minimal_area([torch.tensor(RING - 2 * LIFT), torch.tensor(RING + 2 * LIFT)])

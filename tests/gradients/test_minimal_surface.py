@@ -1,0 +1,88 @@
+"""`minimal_surface` and `nearest_on_surface` as torch functions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+import spinor_geom
+from spinor_geom.errors import NotDifferentiableError, OptionError
+from spinor_geom.gradients.minimal_surface import nearest, position_gradient, require_isolated
+from spinor_geom.plateau import Laurent, solve_plateau
+from tests.gradients.cases import LIFT, QUADRILATERAL, RING, TURN, wavy
+
+
+def test_vertices_are_those_of_the_patch():
+    points = torch.tensor(wavy(48), requires_grad=True)
+    vertices, faces = spinor_geom.minimal_surface(points, target_edge_length=0.3)
+    patch = spinor_geom.mesh_patch(solve_plateau(wavy(48), between="smooth"), target_edge_length=0.3)
+    assert np.array_equal(vertices.detach().numpy(), patch.vertices)
+    assert np.array_equal(faces.numpy(), patch.faces)
+
+
+def test_rim_vertices_are_the_points():
+    points = torch.tensor(wavy(48), requires_grad=True)
+    vertices, _ = spinor_geom.minimal_surface(points)
+    weight = torch.tensor(np.random.default_rng(0).normal(size=(48, 3)))
+    (vertices[:48] * weight).sum().backward()
+    assert torch.equal(points.grad, weight)
+
+
+def test_rims_of_an_annulus_in_the_given_order_and_direction():
+    small, large = torch.tensor(0.8 * RING[::-2] + LIFT), torch.tensor(RING - LIFT)
+    rims = [small.requires_grad_(), large.requires_grad_()]
+    vertices, _ = spinor_geom.minimal_surface(rims)
+    vertices.sum().backward()
+    along = small.grad.sum(0) + large.grad.sum(0)
+    solution = solve_plateau([small.detach().numpy(), large.detach().numpy()], between="smooth")
+    patch = spinor_geom.mesh_patch(solution)
+    normal = solution.surface.normal(patch.points[patch.boundary_size :])
+    # a translation moves the vertices of the rims as a whole, those inside along their normals
+    expected = patch.boundary_size * np.ones(3) + (normal.sum(axis=1, keepdims=True) * normal).sum(axis=0)
+    assert along.numpy() == pytest.approx(expected, rel=1e-6)
+
+
+def test_poisson_kernel_of_a_plane_disk():
+    points, radius = torch.tensor(RING, requires_grad=True), np.array([0.0, 0.5])
+    places = torch.tensor(np.stack([radius, 0 * radius, 0 * radius], axis=1))
+    heights = spinor_geom.nearest_on_surface(points, places)[:, 2]
+    for r, height in zip(radius, heights, strict=True):
+        (gradient,) = torch.autograd.grad(height, points, retain_graph=True)
+        kernel = (1 - r**2) / (1 - 2 * r * np.cos(TURN) + r**2) / 64
+        # 32 frequencies are resolved: 0.5**32
+        assert gradient[:, 2].numpy() == pytest.approx(kernel, abs=1e-9)
+
+
+def test_centre_of_a_symmetric_quadrilateral():
+    points = torch.tensor(QUADRILATERAL, requires_grad=True)
+    place = torch.tensor([[0.5, 0.5, 0.3]], dtype=torch.float64)
+    on_film = spinor_geom.nearest_on_surface(points, place, corners=[0, 1, 2, 3], tolerance=1e-5)
+    (gradient,) = torch.autograd.grad(on_film[0, 2], points)
+    # by symmetry the film passes through the centre with a horizontal tangent, and all corners raise it equally
+    assert on_film[0].detach().numpy() == pytest.approx([0.5, 0.5, 0.25], abs=1e-6)
+    assert gradient[:, 2].numpy() == pytest.approx(np.full(4, 0.25), abs=1e-5)
+    assert gradient.sum(0).numpy() == pytest.approx([0, 0, 1], abs=1e-6)
+
+
+def test_nearest_places_on_the_boundary_are_refused():
+    solution = solve_plateau(RING)
+    with pytest.raises(OptionError, match="place 1 is nearest to the boundary"):
+        nearest(solution, np.array([[0.1, 0, 0], [1.5, 0, 0]]))
+
+
+def test_unstable_surface_is_refused():
+    # the catenoid with the thin neck
+    thin = solve_plateau([RING - LIFT, RING + LIFT], model=Laurent(modulus=5), unstable="keep")
+    assert thin.stability.verdict == "unstable"
+    with pytest.raises(NotDifferentiableError, match="unstable"):
+        require_isolated(thin)
+    assert np.isfinite(thin.area_gradient[1]).all()
+
+
+def test_degenerate_surface_is_refused():
+    # at the end of the catenoids two of them meet
+    lift = np.array([0, 0, 0.66274274])
+    end = solve_plateau([RING - lift, RING + lift], unstable="keep")
+    with pytest.raises(NotDifferentiableError, match="degenerate"):
+        position_gradient(end, np.array([0.9 + 0j]), np.ones((1, 3)))
