@@ -27,6 +27,7 @@ from spinor_geom.holomorphic.poles import Poles, edge_poles, place_poles
 from spinor_geom.meshing.triangulate import is_unit_disk
 from spinor_geom.plateau.network.network_route import point_in_hole
 from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.surface.array_surface import PATH_ORDER
 
 # Degree of the polynomials beside poles, and the highest one on the disk, where there are none: it resolves 256 points
 _DEGREE, _MOST = 40, 128
@@ -149,14 +150,14 @@ class JacobiFields:
         for centre in self._centres:
             parts = []
             for rim, first in zip(self.rims, starts, strict=False):
-                way = path_to(domain, int(first))[0]
+                way = path_to(domain, int(first), PATH_ORDER)[0]
                 angle = np.unwrap(np.angle(np.concatenate([way, rim.panels.z]) - centre))[len(way) :]
                 parts.append(np.log(np.abs(rim.panels.z - centre)) + 1j * angle)
             yield np.concatenate(parts)
 
     def _way(self, vertex: int) -> Complex[np.ndarray, "2 1 f"]:
         """∫ 2pf dz and ∫ 2qf dz from the root of Ω to a vertex."""
-        z, dz = path_to(self.solution.domain, vertex)
+        z, dz = path_to(self.solution.domain, vertex, PATH_ORDER)
         return np.asarray(np.einsum("k,ckf->cf", dz, self._changes(z))[:, None])
 
     @property
