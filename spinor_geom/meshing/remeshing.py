@@ -239,7 +239,7 @@ class _Mesh:
     def _relative_length(self, edges: Int[np.ndarray, "e 2"]) -> Float[np.ndarray, " e"]:
         """Lengths of edges by the wanted ones."""
         ends = self.vertices[edges]
-        return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / self._sizes[edges].mean(axis=1)
+        return np.asarray(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / self._sizes[edges].mean(axis=1))
 
     def _has_edges(self, edges: Int[np.ndarray, "e 2"], pairs: Int[np.ndarray, "k 2"]) -> Bool[np.ndarray, " k"]:
         count = len(self.vertices)
@@ -267,7 +267,7 @@ def _graded_size(patch: Patch, target: float) -> Size:
     tree = cKDTree(rim)
 
     def size(x: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
-        distance, nearest = tree.query(x, k=3)
+        distance, nearest = map(np.asarray, tree.query(x, k=3))
         lowest = own[nearest[:, 0]] - DECAY * distance[:, 0]
         return np.asarray(np.minimum(np.maximum(target, lowest), (own[nearest] + GROWTH * distance).min(axis=1)))
 
@@ -276,7 +276,7 @@ def _graded_size(patch: Patch, target: float) -> Size:
 
 def _angles(vertices: Positions, faces: Faces) -> Float[np.ndarray, "f 3"]:
     """`internal_angles`, 0 in triangles with equal vertices."""
-    return np.nan_to_num(internal_angles(vertices, faces))
+    return np.asarray(np.nan_to_num(internal_angles(vertices, faces)))
 
 
 def _least_angles(vertices: Positions, faces: Faces) -> Float[np.ndarray, " n"]:
