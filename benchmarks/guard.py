@@ -73,7 +73,7 @@ def print_stages(cases: Mapping[str, "Case"], base: Path, head: Path) -> int:
             for worker in workers:  # the first fill imports modules
                 worker.seconds(files[:1])
             both = [worker.stages(files) for worker in workers]
-            cells = (" → ".join(f"{1e3 * each[stage] / len(files):.4g}" for each in both) for stage in names)
+            cells = (" → ".join(f"{1e3 * each[stage] / len(files):.1f}" for each in both) for stage in names)
             print(f"| {name} | {' | '.join(cells)} |", flush=True)
     return 0
 
@@ -104,7 +104,7 @@ def measured(
         ratio = seconds[:, 1] / seconds[:, 0]
         beside = f"{np.median(seconds[:, 1] / seconds[:, 2]):.2f}" if peer else ""
         spread = f"{np.median(ratio):.2f} ({ratio.min():.2f} to {ratio.max():.2f})"
-        yield name, f"| {name} | {base:.4g} | {head:.4g} | {spread} | {beside} |", bool(ratio.min() > 1)
+        yield name, f"| {name} | {base:.1f} | {head:.1f} | {spread} | {beside} |", bool(ratio.min() > 1)
 
 
 class Worker:

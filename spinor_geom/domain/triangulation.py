@@ -31,7 +31,7 @@ _FROM_TIPS, _FROM_VERTICES = 0.75, 1.2  # least distance of seeds from tips and 
 _LEAST_SPACING = 0.7  # of seeds, in wanted edge lengths
 
 # points inside a region, and the distance of each from its neighbours
-Seeds = tuple[Places, Lengths]
+Seeds = tuple[Complex[np.ndarray, "_"], Float[np.ndarray, "_"]]
 T = TypeVar("T")
 R = TypeVar("R")
 

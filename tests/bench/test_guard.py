@@ -38,7 +38,7 @@ def test_slower_means_slower_in_every_turn(guard, tmp_path, head, is_slower):
     ((name, row, slower),) = guard.measured({"two": lambda: [mesh, mesh]}, workers, tmp_path, 3)
     assert (name, slower) == ("two", is_slower)
     # the median of 1, 2 and 1 seconds for two meshes, in milliseconds
-    assert row.startswith("| two | 500 | ")
+    assert row.startswith("| two | 500.0 | ")
 
 
 @pytest.mark.slow
