@@ -159,6 +159,21 @@ class OpenCurveError(LoopError):
     sentence = "the curve is open: its ends are {gap:.6g} apart (mean edge {mean_edge:.3g}); close it, or raise closing"
 
 
+class OpenWireError(LoopError):
+    sentence = (
+        "the edges are open: their ends {ends[0]} and {ends[1]} are {gap:.3g} apart, and ends meet within "
+        "{closing:.1e}; close the wire"
+    )
+
+
+class BranchingEdgesError(LoopError):
+    sentence = "{count} ends of edges meet at {point}, in a closed wire two; give only the edges of the boundary"
+
+
+class NoEdgesError(LoopError):
+    sentence = "there is no boundary to span, but {what}; give edges or wires, or faces with a hole"
+
+
 class KnottedLoopError(LoopError):
     sentence = "the loop is knotted (determinant {determinant:.0f}), so every disk over it intersects itself; cut it up"
 

@@ -6,6 +6,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from spinor_geom.adapters.cad_curves import CadCurve, closed_curves
+from spinor_geom.adapters.cad_objects import cad_shapes
 from spinor_geom.adapters.registry import to_mesh
 from spinor_geom.errors import LoopIndexError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -30,6 +32,9 @@ def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
         LoopError: the points are no closed curve, see `BoundaryLoop.from_points`.
         UnknownMeshTypeError, MeshError, MeshFileError: as `boundary_loops`.
     """
+    shapes = cad_shapes(what)
+    if shapes is not None:
+        return _of_cad(closed_curves(shapes), loop)
     if is_mesh(what):
         return [_loop_of_mesh(what, loop)]
     if loop is not None:
@@ -62,3 +67,16 @@ def _loop_of_mesh(what: Any, loop: int | None) -> BoundaryLoop:
     if not 0 <= place < len(loops):
         raise LoopIndexError(index=place, loops=len(loops))
     return loops[place]
+
+
+def _of_cad(curves: list[CadCurve], loop: int | None) -> list[Rim]:
+    """The curve of a number, the longest first; without one all wires, or the only free boundary."""
+    if loop is not None:
+        if not 0 <= loop < len(curves):
+            raise LoopIndexError(index=loop, loops=len(curves))
+        return [sorted(curves, key=lambda curve: -curve.length)[loop]]
+    if len(curves) > 1 and curves[0].kind == "free boundary":
+        raise OptionError(
+            f"the faces have {len(curves)} free boundaries, not one; choose one by its number, or give wires"
+        )
+    return [*curves]
