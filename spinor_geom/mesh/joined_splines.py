@@ -134,7 +134,7 @@ class JoinedSplines:
 
     @cached_property
     def _share(self) -> PPoly:
-        """s as a function of t."""
+        """The share s of the length up to t."""
         return PPoly(self._length.c / self.length, self._length.x)
 
     @cached_property
@@ -172,7 +172,7 @@ class JoinedSplines:
         return found
 
     def _parameters(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-        """t of each s, by Newton's method on the part between two breaks that contains it."""
+        """The parameters t of each s, by Newton's method on the part between two breaks that contains it."""
         s = np.mod(s, 1.0)
         breaks, starts = self._share.x, self._starts
         part = np.searchsorted(starts, s, side="right") - 1
@@ -187,5 +187,5 @@ class JoinedSplines:
 
     @cached_property
     def _starts(self) -> Float[np.ndarray, " m"]:
-        """s at all breaks but the last."""
+        """The shares at all breaks but the last."""
         return np.asarray(self._share(self._share.x[:-1]))
