@@ -279,6 +279,10 @@ class MeshFileError(SpinorGeomError, ValueError):
     """A mesh file is missing, malformed, or of an unknown format."""
 
 
+class CadFileError(SpinorGeomError, ValueError):
+    """A CAD file has an unknown format, cannot be read, or cannot hold the surface."""
+
+
 class ArchiveError(SpinorGeomError, ValueError):
     """An archive is damaged, or unsafe to unpack."""
 
