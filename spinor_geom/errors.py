@@ -137,7 +137,7 @@ class SheetBorderError(LoopError):
 
 
 class LoopIndexError(LoopError):
-    sentence = "loop {index} does not exist, the mesh has {loops} (numbered from 0, longest first)"
+    sentence = "loop {index} does not exist, there are {loops} (numbered from 0, longest first)"
 
 
 class ForeignLoopError(LoopError):
@@ -153,6 +153,10 @@ class SelfCrossingLoopError(LoopError):
         "the loop crosses or touches itself: its edges {edges[0]} and {edges[1]} meet ({count} such pairs in all); "
         "move them apart, or give them a common vertex, which splits the loop"
     )
+
+
+class SelfCrossingCurveError(SelfCrossingLoopError):
+    sentence = "the curve crosses or touches itself near {point}; move its parts apart"
 
 
 class OpenCurveError(LoopError):

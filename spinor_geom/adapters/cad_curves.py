@@ -107,10 +107,15 @@ def _require_cycles(
     """Checks that two ends meet at every place."""
     if (count > 2).any():
         where = ends[nodes == int(np.argmax(count))]
-        raise BranchingEdgesError(count=len(where), point=where[0].tolist())
+        raise BranchingEdgesError(count=len(where), point=_shown(where[0]))
     loose = ends[count[nodes] == 1]
     if len(loose):
         distance, other = cKDTree(loose).query(loose, k=2)
         first = int(distance[:, 1].argmin())
-        between = loose[[first, other[first, 1]]].tolist()
+        between = [_shown(loose[number]) for number in (first, other[first, 1])]
         raise OpenWireError(gap=float(distance[first, 1]), ends=between, closing=closing)
+
+
+def _shown(point: Float[np.ndarray, " 3"]) -> list[float]:
+    """A point with six digits, for messages."""
+    return [float(f"{x:.6g}") for x in point]

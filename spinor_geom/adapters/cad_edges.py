@@ -44,7 +44,8 @@ def boundary_edges(shapes: Sequence[Any]) -> tuple[EdgeKind, list[CadEdge]]:
         NoEdgesError: there are none.
     """
     kind: EdgeKind = "edges"
-    loose = {edge: edge for shape in shapes for edge in _inside(shape, "EDGE", outside="FACE")}
+    # a hash is that of the edge in both directions
+    loose = {hash(edge): edge for shape in shapes for edge in _inside(shape, "EDGE", outside="FACE")}
     found = [*loose.values()]
     if not found:
         kind, found = "free boundary", _free_boundary(shapes)
@@ -76,7 +77,7 @@ def _free_boundary(shapes: Iterable[Any]) -> list[Any]:
         sewing.Add(shape)
     sewing.Perform()
     uses = [edge for face in _inside(sewing.SewedShape(), "FACE") for edge in _inside(face, "EDGE")]
-    count = Counter(map(hash, uses))  # equal for both directions
+    count = Counter(map(hash, uses))
     return [edge.Reversed() for edge in uses if count[hash(edge)] == 1]
 
 

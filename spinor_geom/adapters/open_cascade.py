@@ -39,6 +39,11 @@ class SplinePatch(Protocol):
         """Of both parameters, from 0 to 1, each repeated as often as it counts."""
 
 
+def is_cad_file(what: Any) -> bool:
+    """Whether an argument is the path of a CAD file, by its suffix."""
+    return isinstance(what, (str, os.PathLike)) and Path(what).suffix.lower() in CAD_SUFFIXES
+
+
 def require_cad_suffix(path: str | os.PathLike[str]) -> str:
     """The suffix of a CAD file in lower case; a CadFileError if it is unknown, a MissingPackageError without OCP."""
     suffix = Path(path).suffix.lower()

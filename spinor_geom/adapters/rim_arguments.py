@@ -8,6 +8,7 @@ import numpy as np
 
 from spinor_geom.adapters.cad_curves import CadCurve, closed_curves
 from spinor_geom.adapters.cad_objects import cad_shapes
+from spinor_geom.adapters.open_cascade import is_cad_file, read_shape
 from spinor_geom.adapters.registry import to_mesh
 from spinor_geom.errors import LoopIndexError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -32,8 +33,7 @@ def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
         LoopError: the points are no closed curve, see `BoundaryLoop.from_points`.
         UnknownMeshTypeError, MeshError, MeshFileError: as `boundary_loops`.
     """
-    shapes = cad_shapes(what)
-    if shapes is not None:
+    if (shapes := [read_shape(what)] if is_cad_file(what) else cad_shapes(what)) is not None:
         return _of_cad(closed_curves(shapes), loop)
     if is_mesh(what):
         return [_loop_of_mesh(what, loop)]

@@ -63,19 +63,21 @@ class JoinedSplines:
     """Rational B-splines of one degree, each of which begins where the one before ends, the first where the last ends.
 
     Attributes:
-        spline: number k on k ≤ t < k + 1, in homogeneous coordinates (w·x, w·y, w·z, w).
+        spline: number k on k ≤ t < k + 1, in homogeneous coordinates (w·x, w·y, w·z, w) relative to `origin`.
+        origin: a point of Γ, in mesh units; derivatives far from 0 would lose digits.
     """
 
     spline: BSpline
+    origin: Float[np.ndarray, " 3"]
 
     @classmethod
     def of(cls, splines: Sequence[RationalSpline]) -> JoinedSplines:
         """The curve of splines of one degree whose ends are equal, bit for bit."""
-        degree = splines[0].degree
+        degree, origin = splines[0].degree, splines[0].poles[0]
         knots = [number + one.knots[: -degree - 1] for number, one in enumerate(splines)]
-        poles = [np.column_stack([one.weights[:, None] * one.poles, one.weights]) for one in splines]
+        poles = [np.column_stack([one.weights[:, None] * (one.poles - origin), one.weights]) for one in splines]
         last = np.full(degree + 1, float(len(splines)))
-        return cls(spline=BSpline(np.concatenate([*knots, last]), np.concatenate(poles), degree))
+        return cls(spline=BSpline(np.concatenate([*knots, last]), np.concatenate(poles), degree), origin=origin)
 
     def curve(self) -> ClosedCurve:
         """Γ(s), s the share of the length.
@@ -94,7 +96,7 @@ class JoinedSplines:
 
     def point(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ(s), in mesh units."""
-        return self._derivatives(self._parameters(s), 0)[0]
+        return self.origin + self._derivatives(self._parameters(s), 0)[0]
 
     def derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ′(s), at a corner the right-hand one."""
@@ -161,7 +163,7 @@ class JoinedSplines:
         return np.asarray(np.linalg.norm(self._derivatives(t, 1)[1], axis=-1))
 
     def _derivatives(self, t: Float[np.ndarray, "*pts"], order: int) -> list[Float[np.ndarray, "*pts 3"]]:
-        """The point and its derivatives by t, up to an order of at most 2."""
+        """The point relative to `origin` and its derivatives by t, up to an order of at most 2."""
         values = [self.spline(t, nu) for nu in range(order + 1)]
         weight = [value[..., 3:] for value in values]
         found: list[Float[np.ndarray, "*pts 3"]] = []
