@@ -44,20 +44,19 @@ def boundary_edges(shapes: Sequence[Any]) -> tuple[EdgeKind, list[CadEdge]]:
         NoEdgesError: there are none.
     """
     kind: EdgeKind = "edges"
-    # a hash is that of the edge in both directions
-    loose = {hash(edge): edge for shape in shapes for edge in _inside(shape, "EDGE", outside="FACE")}
+    loose = {hash(edge): edge for shape in shapes for edge in parts_of(shape, "EDGE", outside="FACE")}
     found = [*loose.values()]
     if not found:
         kind, found = "free boundary", _free_boundary(shapes)
     if not found:
-        has_faces = any(True for shape in shapes for _ in _inside(shape, "FACE"))
+        has_faces = any(True for shape in shapes for _ in parts_of(shape, "FACE"))
         raise NoEdgesError(
             what="faces without a free boundary: they enclose a solid" if has_faces else "no edges and no faces"
         )
     return kind, _of_one_degree(found)
 
 
-def _inside(shape: Any, kind: str, outside: str = "SHAPE") -> Iterator[Any]:
+def parts_of(shape: Any, kind: str, outside: str = "SHAPE") -> Iterator[Any]:
     """The parts of a shape of a kind such as "EDGE", without those in parts of another kind."""
     from OCP import TopAbs
     from OCP.TopExp import TopExp_Explorer
@@ -76,9 +75,14 @@ def _free_boundary(shapes: Iterable[Any]) -> list[Any]:
     for shape in shapes:
         sewing.Add(shape)
     sewing.Perform()
-    uses = [edge for face in _inside(sewing.SewedShape(), "FACE") for edge in _inside(face, "EDGE")]
-    count = Counter(map(hash, uses))
-    return [edge.Reversed() for edge in uses if count[hash(edge)] == 1]
+    return [edge.Reversed() for _, edge in used_once(sewing.SewedShape())]
+
+
+def used_once(shape: Any) -> list[tuple[Any, Any]]:
+    """The edges of a shape that only one face has, only once, each after its face."""
+    uses = [(face, edge) for face in parts_of(shape, "FACE") for edge in parts_of(face, "EDGE")]
+    count = Counter(hash(edge) for _, edge in uses)  # a hash is that of the edge in both directions
+    return [(face, edge) for face, edge in uses if count[hash(edge)] == 1]
 
 
 def _of_one_degree(edges: Iterable[Any]) -> list[CadEdge]:
@@ -91,7 +95,7 @@ def _of_one_degree(edges: Iterable[Any]) -> list[CadEdge]:
     for shape in edges:
         edge = TopoDS.Edge(shape)
         if not BRep_Tool.Degenerated_s(edge):
-            tolerance = max(BRep_Tool.Tolerance_s(TopoDS.Vertex(end)) for end in _inside(edge, "VERTEX"))
+            tolerance = max(BRep_Tool.Tolerance_s(TopoDS.Vertex(end)) for end in parts_of(edge, "VERTEX"))
             made.append((_spline_of(edge), edge.Orientation() == TopAbs_REVERSED, tolerance))
     degree = max((curve.Degree() for curve, _, _ in made), default=0)
     found = []

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from spinor_geom.errors import CadFileError, OptionError, require
 from spinor_geom.files import atomic_path
+from spinor_geom.mesh.joined_splines import RationalSpline
 
 Unit = Literal["mm", "cm", "m", "in"]
 _MILLIMETRES: dict[Unit, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
@@ -98,6 +99,22 @@ def sewn_shell(patches: Iterable[SplinePatch], *, unit: Unit = "mm") -> Any:
     builder.MakeShell(shell)
     builder.Add(shell, sewn)
     return shell
+
+
+def spline_edge(spline: RationalSpline) -> Any:
+    """A `TopoDS_Edge` of a spline in millimetres."""
+    require("OCP", extra="cad")
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
+    from OCP.Geom import Geom_BSplineCurve
+    from OCP.gp import gp_Pnt
+
+    poles = _array_type("Array1_gp_Pnt")(1, len(spline.poles))
+    for i, point in enumerate(spline.poles.tolist(), 1):
+        poles.SetValue(i, gp_Pnt(*point))
+    values, counts = np.unique(spline.knots, return_counts=True)
+    weights, knots = _array("Array1_double", spline.weights), _array("Array1_double", values)
+    curve = Geom_BSplineCurve(poles, weights, knots, _array("Array1_int", counts), spline.degree)
+    return BRepBuilderAPI_MakeEdge(curve).Edge()
 
 
 def write_shape(shape: Any, path: str | os.PathLike[str], *, name: str = "minimal surface") -> None:
@@ -247,6 +264,7 @@ def _array_type(name: str) -> Any:
         return getattr(importlib.import_module("OCP.collections"), name)
     except ModuleNotFoundError:
         module, old = {
+            "Array1_gp_Pnt": ("TColgp", "TColgp_Array1OfPnt"),
             "Array2_gp_Pnt": ("TColgp", "TColgp_Array2OfPnt"),
             "Array1_double": ("TColStd", "TColStd_Array1OfReal"),
             "Array1_int": ("TColStd", "TColStd_Array1OfInteger"),

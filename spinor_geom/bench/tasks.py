@@ -17,6 +17,7 @@ from spinor_geom.bench.cases import known_case, points_limit
 from spinor_geom.bench.claims import LEAST_POINTS
 from spinor_geom.bench.cut_outs import CutOut, named_cut_out
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
+from spinor_geom.bench.frames import FRAME_METHODS, frame_edges, frame_figures
 from spinor_geom.bench.holes import Hole, all_rims, hole_over
 from spinor_geom.bench.machine import Record, Task
 from spinor_geom.bench.measured import cut_out_figures, disk_figures, hole_figures, save_views, solve_figures
@@ -36,8 +37,9 @@ def run(task: Task) -> Record:
     gc.collect()
     gc.freeze()  # later collections skip what is imported and cached by now
     forget_peak_memory()
-    measure = _fill if task["method"] in FILLERS else {"disks": _disk, "batch": _batch}.get(task["suite"], _solve)
-    package = FILLERS[task["method"]].package if task["method"] in FILLERS else "spinor_geom"
+    measure = _fill if task["method"] in FILLERS else _MEASURES.get(task["suite"], _solve)
+    tool = {**FILLERS, **FRAME_METHODS}.get(task["method"])
+    package = "spinor_geom" if tool is None else tool.package
     try:
         importlib.import_module(package)
         return {"status": "done", **measure(task)}
@@ -71,6 +73,16 @@ def _disk(task: Task) -> Record:
     if task["method"] == "spinor" and case.kind == "smooth" and task["n"] >= LEAST_POINTS:
         figures["limit_error"] = points_limit(case, task["n"])
     return {**timed, **figures}
+
+
+def _frame(task: Task) -> Record:
+    case = known_case(task["case"])
+    edges = frame_edges(case)
+    timed, shape = _timed(lambda: (partial(FRAME_METHODS[task["method"]].span, edges), _same), task["repeat"])
+    return {**timed, **frame_figures(shape, edges, case)}
+
+
+_MEASURES: Mapping[str, Callable[[Task], Record]] = {"disks": _disk, "batch": _batch, "cad": _frame}
 
 
 def _fill(task: Task) -> Record:
