@@ -1,4 +1,4 @@
-"""Converts arguments that describe closed curves: loops, points, analytic curves, or a mesh with a hole."""
+"""Converts arguments that describe closed curves: loops, points, analytic curves, CAD edges, a mesh with a hole."""
 
 from __future__ import annotations
 
@@ -23,17 +23,21 @@ def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
     """The closed curves that an argument describes.
 
     Args:
-        what: a loop, an analytic curve, (m, 3) points of a closed curve, a sequence of these, or a mesh of any known
-            type or the path of a mesh file, of which one loop is taken.
-        loop: the index of the loop in `boundary_loops(mesh)`; None if the mesh has only one.
+        what: a loop, an analytic curve, (m, 3) points of a closed curve, a sequence of these; a mesh of any known type
+            or the path of a mesh file, of which one loop is taken; or shapes of a CAD library or the path of a CAD
+            file, see `closed_curves`, of which wires are all taken, and one free boundary of faces.
+        loop: the index of the loop in `boundary_loops(mesh)`, or of the curve of CAD edges, the longest first; None if
+            a mesh or CAD faces have only one.
 
     Raises:
-        OptionError: `loop` is missing for a mesh with several loops, or given for a curve.
-        LoopIndexError: the mesh has no such loop.
-        LoopError: the points are no closed curve, see `BoundaryLoop.from_points`.
+        OptionError: `loop` is missing for a mesh or faces with several loops, or given for a curve.
+        LoopIndexError: there is no such loop.
+        LoopError: the points are no closed curve, see `BoundaryLoop.from_points`, or edges, see `closed_curves`.
         UnknownMeshTypeError, MeshError, MeshFileError: as `boundary_loops`.
+        CadFileError: the CAD file cannot be read.
     """
-    if (shapes := [read_shape(what)] if is_cad_file(what) else cad_shapes(what)) is not None:
+    shapes = [read_shape(what)] if is_cad_file(what) else cad_shapes(what)
+    if shapes is not None:
         return _of_cad(closed_curves(shapes), loop)
     if is_mesh(what):
         return [_loop_of_mesh(what, loop)]
