@@ -126,7 +126,7 @@ def of_spline(spline: BSpline, joints: tuple[float, ...]) -> ClosedCurve:
 
 
 def test_splines_are_exact_between_their_joints() -> None:
-    """A cubic spline has a jump of the third derivative at each knot, which polynomials across it approximate slowly."""
+    """The third derivative of a cubic spline jumps at each knot; polynomials across a knot approximate it slowly."""
     t = np.linspace(0, 1, 13)
     points = np.stack([np.cos(2 * np.pi * t), np.sin(2 * np.pi * t), 0.2 * np.cos(4 * np.pi * t)], axis=1)
     points[-1] = points[0]
