@@ -1,10 +1,12 @@
-"""Shapes of Open CASCADE in objects of CadQuery, build123d and OCP, which are recognised by name."""
+"""Shapes of Open CASCADE in objects of CadQuery, build123d and OCP, which are recognised by name, and back."""
 
 from __future__ import annotations
 
-from typing import Any
+import importlib
+import importlib.util
+from typing import Any, Literal
 
-from spinor_geom.errors import ArgumentTypeError
+from spinor_geom.errors import ArgumentTypeError, MissingPackageError
 
 _LIBRARIES = {"OCP", "cadquery", "build123d"}
 _CONTENTS = ("line", "sketch", "part")  # of build123d's builders
@@ -27,6 +29,14 @@ def cad_shapes(what: Any) -> list[Any] | None:
             raise ArgumentTypeError(function="solve_plateau", takes="CAD wires and edges in a list alone", found=found)
         return [shape for one in what for shape in _shapes_of(one)]
     return _shapes_of(what) if _is_cad(what) else None
+
+
+def cad_object(shape: Any, library: Literal["build123d", "cadquery"]) -> Any:
+    """A `TopoDS_Shape` as an object of a CAD library, such as its `Shell`; a MissingPackageError without the library."""
+    if importlib.util.find_spec(library) is None:
+        message = f"{library} is not installed; install it with: pip install {library}"
+        raise MissingPackageError(message, package=library)
+    return importlib.import_module(library).Shape.cast(shape)
 
 
 def _is_cad(what: Any) -> bool:

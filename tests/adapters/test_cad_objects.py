@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from spinor_geom.adapters import to_rims
-from spinor_geom.adapters.cad_objects import cad_shapes
+from spinor_geom.adapters.cad_edges import parts_of
+from spinor_geom.adapters.cad_objects import cad_object, cad_shapes
+from spinor_geom.errors import MissingPackageError
 
 
 def test_other_objects_are_no_cad_shapes() -> None:
@@ -60,6 +62,21 @@ def test_objects_of_a_library_give_their_curve(library: str, objects: Any) -> No
         (rim,) = to_rims(what)
         length = np.pi + 2 if "chain" in name else 2 * np.pi
         assert rim.length == pytest.approx(length, rel=1e-12), name
+
+
+@pytest.mark.parametrize("library", ["build123d", "cadquery"])
+def test_shapes_become_objects_of_a_library(library: str) -> None:
+    module = pytest.importorskip(library)
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
+
+    (shell,) = parts_of(BRepPrimAPI_MakeBox(1, 2, 3).Shape(), "SHELL")
+    assert isinstance(cad_object(shell, library), module.Shell)
+
+
+def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    with pytest.raises(MissingPackageError, match="pip install build123d"):
+        cad_object(None, "build123d")
 
 
 def test_libraries_are_not_imported() -> None:
