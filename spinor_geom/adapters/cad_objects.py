@@ -32,7 +32,7 @@ def cad_shapes(what: Any) -> list[Any] | None:
 
 
 def cad_object(shape: Any, library: Literal["build123d", "cadquery"]) -> Any:
-    """A `TopoDS_Shape` as an object of a CAD library, such as its `Shell`; a MissingPackageError without the library."""
+    """A `TopoDS_Shape` as an object of a CAD library, such as its `Shell`; a MissingPackageError without it."""
     if importlib.util.find_spec(library) is None:
         message = f"{library} is not installed; install it with: pip install {library}"
         raise MissingPackageError(message, package=library)
