@@ -10,18 +10,18 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from spinor_geom.domain.delaunay import ConstrainedDelaunay, Rims, cross, rim_successors
-from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
+from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.polygons import bound_domain
 from spinor_geom.errors import DomainError
+from spinor_geom.nurbs.rims import Rim
 
 _FEWEST, _FINE = 4, 64  # quadrilaterals along a boundary: fewest, and about the number to begin with
-_BEND = 1e-3  # turning angle of ∂Ω, in radians, above which a vertex is a corner of quadrilaterals
 _DEPTHS = 0.5 ** (np.arange(60) / 3)  # of rings, in diameters of Ω, to choose from
 _DEEPEST = 0.35  # depth of a ring with corners, in lengths of the shorter of two neighbouring sides
 _SHALLOWER = 0.7  # factor of the depth of folded quadrilaterals
 _SLOPE = 0.15  # largest change of depth per distance of two marks
 _CLEAR = 0.9  # a depth is possible if the nearest point of ∂Ω is at least at this share of the distance to be expected
-_GRID = np.linspace(0, 1, 9)  # where quadrilaterals of the ring must not be folded
+_GRID = np.linspace(0.005, 0.995, 9)  # where quadrilaterals of the ring must not be folded
 _LEAST_SINE = 0.1  # of the angle between the parameter lines
 _EVEN = 0.3  # least thickness of a quadrilateral of the ring, as a share of its largest
 _MOST_CORNERS = 100  # of a region that is divided into quadrilaterals: the time grows with the fourth power
@@ -39,7 +39,7 @@ class Blocks:
     Attributes:
         points: the corners of all.
         quads: indices of the corners of each.
-        parts: parameters of both ends of the sides on ∂Ω, as in `PlaneDomain`.
+        parts: parameters of both ends of the sides on ∂Ω, as in `Rim`, increasing; the last may exceed 1.
         sizes: numbers of quadrilaterals along each boundary.
     """
 
@@ -49,13 +49,13 @@ class Blocks:
     sizes: tuple[int, ...]
 
     @classmethod
-    def of(cls, domain: PlaneDomain) -> Blocks:
+    def of(cls, domain: PlaneDomain, rims: Sequence[Rim]) -> Blocks:
         """Quadrilaterals with corners at all corners of ∂Ω, whose sides on ∂Ω are halved until none is folded.
 
         Raises:
             DomainError: Ω is too narrow somewhere.
         """
-        rings = [_Ring.along(domain, boundary) for boundary in domain.boundaries]
+        rings = [_Ring.along(domain, rim) for rim in rims]
         for _ in range(_ROUNDS):
             folded = [ring.folded() for ring in rings]
             if not any(some.any() for some in folded):
@@ -74,26 +74,33 @@ class Blocks:
             if quads is not None:
                 return _assembled(finer, quads)
             finer = _longest_halved(domain, _longest_halved(domain, finer))
-        return _with_triangles(domain, rings)
+        return _with_triangles(rings)
+
+    def rim_of(self, quad: int) -> int:
+        """The number of the boundary on which the first side of a quadrilateral lies."""
+        return int(np.searchsorted(np.cumsum(self.sizes), quad, side="right"))
 
     def grid(
-        self, quad: int, u: Float[np.ndarray, " n"], v: Float[np.ndarray, " m"], domain: PlaneDomain
+        self, quad: int, u: Float[np.ndarray, " n"], v: Float[np.ndarray, " m"], first: Complex[np.ndarray, " n"] | None
     ) -> Complex[np.ndarray, "n m"]:
-        """Points of a quadrilateral at all pairs of parameters in [0, 1]; u runs along its first side."""
+        """Points of a quadrilateral at all pairs of parameters in [0, 1].
+
+        Args:
+            quad: its number.
+            u: along its first side.
+            v: away from it.
+            first: points of its first side at u; None for a straight one.
+        """
         a, b, c, d = self.points[self.quads[quad]]
-        if quad < len(self.parts):
-            start, end = self.parts[quad]
-            first = domain.point(start + u * (end - start))
-        else:
-            first = a + u * (b - a)
-        return np.asarray((1 - v) * first[:, None] + v * (d + u * (c - d))[:, None])
+        side = a + u * (b - a) if first is None else first
+        return np.asarray((1 - v) * side[:, None] + v * (d + u * (c - d))[:, None])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Ring:
     """Quadrilaterals along a boundary."""
 
-    boundary: Boundary
+    rim: Rim
     marks: Float[np.ndarray, " k"]  # parameters of their corners, increasing
     outer: Complex[np.ndarray, " k"]  # the corners on ∂Ω
     depth: Float[np.ndarray, " k"]  # distances of the inner corners from these
@@ -104,36 +111,30 @@ class _Ring:
         return len(self.marks)
 
     @classmethod
-    def along(cls, domain: PlaneDomain, boundary: Boundary) -> _Ring:
+    def along(cls, domain: PlaneDomain, rim: Rim) -> _Ring:
         """Many short quadrilaterals along a smooth boundary, or those between corners."""
-        t = boundary.parameters[:-1]
-        before, after = _tangents(boundary, t)
-        marks = t[np.abs(np.angle(after / before)) > _BEND]
-        if not len(marks):
-            marks = np.arange(_FINE) / _FINE
+        marks = rim.corners if len(rim.corners) else np.arange(_FINE) / _FINE
         while len(marks) < _FEWEST:
-            lengths = _lengths(boundary, marks)
-            marks = np.append(marks, ((marks + _ends(marks)) / 2)[lengths.argmax()] % 1.0)
-            marks.sort()
-        return cls.at(domain, boundary, marks)
+            lengths = _lengths(rim, marks)
+            marks = np.sort(np.append(marks, ((marks + _ends(marks)) / 2)[lengths.argmax()] % 1.0))
+        return cls.at(domain, rim, marks)
 
     @classmethod
-    def at(cls, domain: PlaneDomain, boundary: Boundary, marks: Float[np.ndarray, " k"]) -> _Ring:
+    def at(cls, domain: PlaneDomain, rim: Rim, marks: Float[np.ndarray, " k"]) -> _Ring:
         """Quadrilaterals between marks, half as deep as possible without being nearer to other parts of ∂Ω."""
-        before, after = _tangents(boundary, marks)
-        turn = np.angle(after / before)
-        half = (np.pi - turn) / 2
-        inwards, outer, fixed = after / np.abs(after) * np.exp(1j * half), boundary.point(marks), np.abs(turn) > _BEND
+        before, after = rim.tangents(marks)
+        half = (np.pi - np.angle(after / before)) / 2
+        inwards, outer, fixed = after * np.exp(1j * half), rim.point(marks), np.isin(marks, rim.corners)
         depths = domain.diameter * _DEPTHS[:, None]
         clear = -domain.distance_outside((outer + depths * inwards).ravel()).reshape(len(depths), -1)
         possible = clear >= _CLEAR * depths * np.sin(np.minimum(half, np.pi / 2))
         possible[-1] = True
         depth = depths[possible.argmax(axis=0), 0] / 2
         if fixed.any():
-            lengths = _lengths(boundary, marks)
+            lengths = _lengths(rim, marks)
             depth = np.minimum(depth, _DEEPEST * np.minimum(lengths, np.roll(lengths, 1)))
         depth = _levelled(depth, outer)
-        return cls(boundary=boundary, marks=marks, outer=outer, depth=depth, inwards=inwards, fixed=fixed)
+        return cls(rim=rim, marks=marks, outer=outer, depth=depth, inwards=inwards, fixed=fixed)
 
     @property
     def inner(self) -> Complex[np.ndarray, " k"]:
@@ -143,7 +144,7 @@ class _Ring:
     @property
     def lengths(self) -> Float[np.ndarray, " k"]:
         """Lengths of the sides on ∂Ω."""
-        return _lengths(self.boundary, self.marks)
+        return _lengths(self.rim, self.marks)
 
     def improved(self, domain: PlaneDomain, folded: Bool[np.ndarray, " k"]) -> _Ring:
         """The ring with folded quadrilaterals halved, or shallower if they are longer across than along ∂Ω."""
@@ -156,13 +157,13 @@ class _Ring:
     def halved(self, domain: PlaneDomain, chosen: Bool[np.ndarray, " k"]) -> _Ring:
         """The ring with the chosen quadrilaterals halved."""
         middle = ((self.marks + _ends(self.marks)) / 2)[chosen] % 1.0
-        return _Ring.at(domain, self.boundary, np.sort(np.append(self.marks, middle))) if len(middle) else self
+        return _Ring.at(domain, self.rim, np.sort(np.append(self.marks, middle))) if len(middle) else self
 
     def coarser(self) -> _Ring:
         """The ring with pairs of quadrilaterals joined, the shortest first, where the result is not folded."""
         k = len(self)
         end, after = np.append(self.marks[2:], self.marks[:2] + 1), np.roll(np.arange(k), -2)
-        folded = _folded(self.boundary, self.marks, end, self.inner, self.inner[after])
+        folded = _folded(self.rim, self.marks, end, self.inner, self.inner[after])
         # rounded, so that equal lengths are joined in order
         length = np.round((self.lengths + np.roll(self.lengths, -1)) / self.lengths.sum(), 9)
         kept, used = np.ones(k, dtype=bool), np.zeros(k, dtype=bool)
@@ -175,7 +176,7 @@ class _Ring:
 
     def folded(self) -> Bool[np.ndarray, " k"]:
         """Which quadrilaterals are folded, or nearly so."""
-        return _folded(self.boundary, self.marks, _ends(self.marks), self.inner, np.roll(self.inner, -1))
+        return _folded(self.rim, self.marks, _ends(self.marks), self.inner, np.roll(self.inner, -1))
 
 
 def _levelled(depth: Float[np.ndarray, " k"], outer: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
@@ -183,24 +184,17 @@ def _levelled(depth: Float[np.ndarray, " k"], outer: Complex[np.ndarray, " k"]) 
     return np.asarray((depth + _SLOPE * np.abs(outer[:, None] - outer)).min(axis=1))
 
 
-def _tangents(
-    boundary: Boundary, t: Float[np.ndarray, " k"]
-) -> tuple[Complex[np.ndarray, " k"], Complex[np.ndarray, " k"]]:
-    """dz/dt before and after points of a boundary, t in [0, 1)."""
-    return boundary.derivative(np.where(t == 0, 1 - 1e-12, np.nextafter(t, -1))), boundary.derivative(t)
-
-
 def _ends(marks: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     return np.append(marks[1:], marks[0] + 1)
 
 
-def _lengths(boundary: Boundary, marks: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+def _lengths(rim: Rim, marks: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     t = marks[:, None] + (_ends(marks) - marks)[:, None] * _GRID
-    return np.asarray(np.abs(np.diff(boundary.point(t), axis=1)).sum(axis=1))
+    return np.asarray(np.abs(np.diff(rim.point(t), axis=1)).sum(axis=1))
 
 
 def _folded(
-    boundary: Boundary,
+    rim: Rim,
     start: Float[np.ndarray, " k"],
     end: Float[np.ndarray, " k"],
     before: Complex[np.ndarray, " k"],
@@ -209,9 +203,8 @@ def _folded(
     """Which quadrilaterals between boundary points and inner corners are folded, or nearly so."""
     width = (end - start)[:, None]
     t, step = start[:, None] + width * _GRID, (after - before)[:, None]
-    velocity = width * boundary.derivative(t)
-    velocity[:, -1] = width[:, 0] * _tangents(boundary, end % 1.0)[0]
-    across = before[:, None] + _GRID * step - boundary.point(t)
+    velocity = width * rim.derivative(t)
+    across = before[:, None] + _GRID * step - rim.point(t)
     along = (1 - _GRID) * velocity[..., None] + _GRID * step[..., None]
     area = cross(along, across[..., None])
     thickness = np.abs(across)
@@ -248,7 +241,7 @@ def _assembled(rings: Sequence[_Ring], inside: Int[np.ndarray, "q 4"]) -> Blocks
     return Blocks(
         points=np.concatenate([ring.outer for ring in rings] + [ring.inner for ring in rings]),
         quads=np.concatenate([np.stack([own, after, n + after, n + own], axis=1), n + inside]),
-        parts=np.concatenate([2.0 * k + np.stack([r.marks, _ends(r.marks)], axis=1) for k, r in enumerate(rings)]),
+        parts=np.concatenate([np.stack([ring.marks, _ends(ring.marks)], axis=1) for ring in rings]),
         sizes=sizes,
     )
 
@@ -299,7 +292,7 @@ def _quadrangulated(z: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "q 4"] | No
     return np.array(quads)
 
 
-def _with_triangles(domain: PlaneDomain, rings: Sequence[_Ring]) -> Blocks:
+def _with_triangles(rings: Sequence[_Ring]) -> Blocks:
     """The halves of the quadrilaterals of rings, and the thirds of triangles inside."""
     blocks = _assembled(rings, np.zeros((0, 4), dtype=np.int64))
     inner = np.concatenate([ring.inner for ring in rings])
@@ -308,7 +301,10 @@ def _with_triangles(domain: PlaneDomain, rings: Sequence[_Ring]) -> Blocks:
     sides = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
     ends, index = np.unique(np.sort(np.concatenate([ring[:, 2:], sides]), axis=1), axis=0, return_inverse=True)
     halfway = blocks.parts.mean(axis=1)
-    new = [blocks.points[ends].mean(axis=1), domain.point(halfway), blocks.points[triangles].mean(axis=1)]
+    outside = [
+        ring.rim.point(part) for ring, part in zip(rings, np.split(halfway, np.cumsum(blocks.sizes)[:-1]), strict=True)
+    ]
+    new = [blocks.points[ends].mean(axis=1), np.concatenate(outside), blocks.points[triangles].mean(axis=1)]
     first = len(blocks.points) + np.cumsum([0, *map(len, new)])
     inner, middle = np.split(first[0] + index.ravel(), [len(ring)])
     outer, middle = first[1] + np.arange(len(ring)), middle.reshape(-1, 3)
