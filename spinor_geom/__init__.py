@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from spinor_geom.mesh.triangle_mesh import TriangleMesh as TriangleMesh
     from spinor_geom.meshing.embed import Patch as Patch
     from spinor_geom.meshing.embed import mesh_patch as mesh_patch
+    from spinor_geom.nurbs.nurbs_surface import NurbsSurface as NurbsSurface
     from spinor_geom.plateau.solution import NoConnectedSurface as NoConnectedSurface
     from spinor_geom.plateau.solution import PlateauSolution as PlateauSolution
     from spinor_geom.plateau.solve import solve_plateau as solve_plateau
@@ -59,6 +60,7 @@ _NAMES = {
     "mesh.curve": "BoundaryCurve ClosedCurve",
     "mesh.triangle_mesh": "TriangleMesh",
     "meshing.embed": "Patch mesh_patch",
+    "nurbs.nurbs_surface": "NurbsSurface",
     "plateau.solution": "NoConnectedSurface PlateauSolution",
     "plateau.solve": "solve_plateau solve_plateau_batch",
     "render.report": "report",
