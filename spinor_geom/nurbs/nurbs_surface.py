@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import BSpline
 
+from spinor_geom.adapters.cad_objects import cad_object
 from spinor_geom.adapters.open_cascade import Unit, require_cad_suffix, sewn_shell, write_shape
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.errors import require_positive
@@ -176,12 +177,18 @@ class NurbsSurface:
     def shell(self, *, unit: Unit = "mm") -> Any:
         """The patches as a sewn shell of Open CASCADE, a `TopoDS_Shape` in millimetres; raises as `sewn_shell`.
 
-        CadQuery and build123d wrap it: `cadquery.Shell(surface.shell())`, `build123d.Shell(surface.shell())`.
-
         Args:
             unit: of the curve's coordinates: "mm", "cm", "m" or "in".
         """
         return sewn_shell(self.patches, unit=unit)
+
+    def to_build123d(self, *, unit: Unit = "mm") -> Any:
+        """The patches as a `build123d.Shell`; arguments and errors as for `shell`."""
+        return cad_object(self.shell(unit=unit), "build123d")
+
+    def to_cadquery(self, *, unit: Unit = "mm") -> Any:
+        """The patches as a `cadquery.Shell`; arguments and errors as for `shell`."""
+        return cad_object(self.shell(unit=unit), "cadquery")
 
     def save(self, path: str | os.PathLike[str], *, unit: Unit = "mm", name: str = "minimal surface") -> None:
         """Writes the sewn shell to a STEP, IGES or BREP file, in millimetres, completely or not at all.
