@@ -59,7 +59,17 @@ def build_parser() -> argparse.ArgumentParser:
         "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="print the version and exit"
     )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for add in (_add_fill, _add_loops, _add_compare, _add_reproduce, _add_bench, _add_batch, _add_morph, _add_pictures):
+    for add in (
+        _add_fill,
+        _add_solve,
+        _add_loops,
+        _add_compare,
+        _add_reproduce,
+        _add_bench,
+        _add_batch,
+        _add_morph,
+        _add_pictures,
+    ):
         add(commands)
     return parser
 
@@ -230,6 +240,25 @@ def _add_input(add: Callable[..., Any]) -> None:
 def _add_merge(add: Callable[..., Any]) -> None:
     near = "first merge vertices at most TOL apart (mesh units); without TOL, vertices equal up to rounding"
     add(_MERGE, metavar="TOL", nargs="?", default=False, type=_merge_distance, help=f"{near} (STL: always)")
+
+
+def _add_solve(commands: _Commands) -> None:
+    add = commands.add_parser(
+        "solve",
+        help="span closed curves by a minimal surface, for CAD",
+        epilog="exit status: 0: the surface was written; 1: it was written, but exceeds the tolerance, see standard "
+        f"error; {_UNUSABLE}, or the curves do not bound one surface",
+    ).add_argument
+    edges = "CAD file with edges (step, stp, igs, iges, brep): those without a face, else the free boundary of faces"
+    add("input", **_path("CURVE"), help=f"{edges}; OBJ file with curves; or mesh file ({_FORMATS}) with a hole")
+    add("-o", "--output", **_path("OUT"), required=True, help="STEP, IGES or BREP file, in millimetres")
+    only = "only the curve of this number (of meshes see 'spinor-geom loops'; of CAD edges the longest is 0)"
+    add("--loop", metavar="N", type=_checked(int, "a whole number of at least 0", lambda n: n >= 0), help=only)
+    near = "largest distance from the minimal surface, relative to the diagonal of the curves (default: %(default)s)"
+    add("--tolerance", metavar="T", type=_positive, default=1e-6, help=near)
+    add("--unit", choices=("mm", "cm", "m", "in"), help="unit of OBJ and mesh files (default: mm)")
+    late = "seconds after which the best surface so far is written (default: no limit)"
+    add("--time-limit", **{**_SECONDS, "default": math.inf}, help=late)
 
 
 def _add_loops(commands: _Commands) -> None:
