@@ -42,7 +42,7 @@ class FrameMethod:
 def _solved(edges: Sequence[Any]) -> Any:
     from spinor_geom.plateau.solve import solve_plateau
 
-    solution = solve_plateau(list(edges), tolerance=1e-7)
+    solution = solve_plateau(list(edges), tolerance=1e-6)
     return solution.to_nurbs().shell()
 
 
@@ -59,7 +59,7 @@ def _filled(edges: Sequence[Any], **options: Any) -> Any:
 
 _FINE = {"Degree": 5, "NbPtsOnCur": 40, "NbIter": 5, "MaxDeg": 14, "MaxSegments": 30, "Tol3d": 1e-6}
 FRAME_METHODS: Mapping[str, FrameMethod] = {
-    CAD: FrameMethod("spinor_geom", "solve_plateau(edges, tolerance=1e-7), to_nurbs with its defaults", _solved),
+    CAD: FrameMethod("spinor_geom", "solve_plateau(edges, tolerance=1e-6), to_nurbs with its defaults", _solved),
     "occ-filling": FrameMethod("OCP", "BRepOffsetAPI_MakeFilling with its defaults", _filled),
     "occ-filling-fine": FrameMethod(
         "OCP", f"the same with {', '.join(f'{k}={v:g}' for k, v in _FINE.items())}", partial(_filled, **_FINE)
