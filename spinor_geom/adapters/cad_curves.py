@@ -110,10 +110,10 @@ def _require_cycles(
         raise BranchingEdgesError(count=len(where), point=_shown(where[0]))
     loose = ends[count[nodes] == 1]
     if len(loose):
-        distance, other = cKDTree(loose).query(loose, k=2)
-        first = int(distance[:, 1].argmin())
-        between = [_shown(loose[number]) for number in (first, other[first, 1])]
-        raise OpenWireError(gap=float(distance[first, 1]), ends=between, closing=closing)
+        distance, other = (np.asarray(each)[:, 1] for each in cKDTree(loose).query(loose, k=2))
+        first = int(distance.argmin())
+        between = [_shown(loose[number]) for number in (first, int(other[first]))]
+        raise OpenWireError(gap=float(distance[first]), ends=between, closing=closing)
 
 
 def _shown(point: Float[np.ndarray, " 3"]) -> list[float]:

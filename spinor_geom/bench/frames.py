@@ -19,8 +19,9 @@ from spinor_geom.adapters.cad_edges import parts_of, used_once
 from spinor_geom.adapters.open_cascade import read_shape, spline_edge, write_shape
 from spinor_geom.bench.cases import Case
 from spinor_geom.bench.machine import Record
-from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.joined_splines import RationalSpline
+from spinor_geom.plateau.solve import solve_plateau
 
 FRAMES = ("enneper-0.8", "tennis-seam", "twisted-circle", "schwarz-d-quad", "schwarz-d-hexagon", "plane-l")
 """Known cases whose rims are exactly splines: trigonometric polynomials of degree 3, and polygons."""
@@ -40,13 +41,11 @@ class FrameMethod:
 
 
 def _solved(edges: Sequence[Any]) -> Any:
-    from spinor_geom.plateau.solve import solve_plateau
-
-    solution = solve_plateau(list(edges), tolerance=1e-6)
-    return solution.to_nurbs().shell()
+    (rim,) = to_rims(list(edges))
+    return solve_plateau(rim, tolerance=1e-6).to_nurbs().shell()
 
 
-def _filled(edges: Sequence[Any], **options: Any) -> Any:
+def _filled(edges: Sequence[Any], **options: float) -> Any:
     from OCP.BRepOffsetAPI import BRepOffsetAPI_MakeFilling
     from OCP.GeomAbs import GeomAbs_C0
 
@@ -113,6 +112,7 @@ def frame_figures(shape: Any, edges: Sequence[Any], case: Case) -> Record:
     properties = GProp_GProps()
     BRepGProp.SurfaceProperties_s(shape, properties, _AREA_ERROR)
     (rim,) = to_rims(list(edges))
+    assert isinstance(rim, ClosedCurve)
     curve = BoundaryCurve.from_formula(rim)
     points = rim_points(shape)
     away = np.linalg.norm(curve.point(curve.nearest(points)) - points, axis=1)

@@ -256,5 +256,6 @@ def trouble_table(records: Sequence[Record]) -> Table:
 def option_table() -> Table:
     """The options of every method and tool."""
     rows = [(name, "spinor_geom", method.options) for name, method in LOOP_METHODS.items()]
-    rows += [(name, tool.package, tool.options) for name, tool in {**FILLERS, **FRAME_METHODS}.items()]
+    rows += [(name, filler.package, filler.options) for name, filler in FILLERS.items()]
+    rows += [(name, method.package, method.options) for name, method in FRAME_METHODS.items()]
     return Table(title="Methods and tools", columns=("name", "package", "options"), rows=rows)

@@ -38,7 +38,7 @@ def run(task: Task) -> Record:
     gc.freeze()  # later collections skip what is imported and cached by now
     forget_peak_memory()
     measure = _fill if task["method"] in FILLERS else _MEASURES.get(task["suite"], _solve)
-    tool = {**FILLERS, **FRAME_METHODS}.get(task["method"])
+    tool = FILLERS.get(task["method"]) or FRAME_METHODS.get(task["method"])
     package = "spinor_geom" if tool is None else tool.package
     try:
         importlib.import_module(package)

@@ -13,6 +13,7 @@ from spinor_geom.batching.obj_curves import curve_loops
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines
 from spinor_geom.cli.source import require_writable
 from spinor_geom.errors import LoopIndexError, OptionError, SurfaceError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.solution import NoConnectedSurface
 from spinor_geom.plateau.solve import solve_plateau
 
@@ -81,7 +82,7 @@ def _description(curves: Sequence[Rim]) -> str:
     count = f"{len(curves)} closed {'curve' if len(curves) == 1 else 'curves'}"
     cad = [curve for curve in curves if isinstance(curve, CadCurve)]
     if not cad:
-        return f"{count} of {sum(len(curve) for curve in curves if not isinstance(curve, CadCurve))} points"
+        return f"{count} of {sum(len(curve) for curve in curves if isinstance(curve, BoundaryLoop))} points"
     edges = sum(curve.edges for curve in cad)
     what = "edges that belong to no face" if cad[0].kind == "edges" else "edges on the free boundary of faces"
     gap = max(curve.gap for curve in cad)

@@ -101,7 +101,7 @@ class JoinedSplines:
     def derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ′(s), at a corner the right-hand one."""
         t = self._parameters(s)
-        return self._derivatives(t, 1)[1] / self._share(t, 1)[..., None]
+        return np.asarray(self._derivatives(t, 1)[1] / self._share(t, 1)[..., None])
 
     def second_derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ″(s), at a corner or joint the right-hand one."""
@@ -153,7 +153,8 @@ class JoinedSplines:
             exact = self._speed(at)
             error = np.abs(speed(at) - exact)
             if error.max() <= SPEED_ERROR * exact.max():
-                return speed.antiderivative()
+                length: PPoly = speed.antiderivative()
+                return length
             parts *= 2
             if parts > MOST_PARTS:
                 worst = float(at.flat[int(error.argmax())])

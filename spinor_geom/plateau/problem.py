@@ -343,8 +343,8 @@ def _require_simple(loop: BoundaryLoop, *, is_formula: bool) -> None:
         if not is_formula:
             raise
         # the edges of its polygon have no names
-        point = [float(f"{x:.6g}") for x in loop.points[error.edges[0][0]]]
-        raise SelfCrossingCurveError(point=point, edges=error.edges, count=error.count) from None
+        point = [float(f"{x:.6g}") for x in loop.points[error.fields["edges"][0][0]]]
+        raise SelfCrossingCurveError(point=point, **error.fields) from None
 
 
 def _require_apart(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve | None]) -> None:
