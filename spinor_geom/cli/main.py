@@ -59,7 +59,17 @@ def build_parser() -> argparse.ArgumentParser:
         "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="print the version and exit"
     )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for add in (_add_fill, _add_loops, _add_compare, _add_reproduce, _add_bench, _add_batch, _add_morph, _add_pictures):
+    for add in (
+        _add_fill,
+        _add_solve,
+        _add_loops,
+        _add_compare,
+        _add_reproduce,
+        _add_bench,
+        _add_batch,
+        _add_morph,
+        _add_pictures,
+    ):
         add(commands)
     return parser
 
@@ -230,6 +240,24 @@ def _add_input(add: Callable[..., Any]) -> None:
 def _add_merge(add: Callable[..., Any]) -> None:
     near = "first merge vertices at most TOL apart (mesh units); without TOL, vertices equal up to rounding"
     add(_MERGE, metavar="TOL", nargs="?", default=False, type=_merge_distance, help=f"{near} (STL: always)")
+
+
+def _add_solve(commands: _Commands) -> None:
+    add = commands.add_parser(
+        "solve",
+        help="write the minimal surface over closed curves as CAD data (NURBS)",
+        epilog="exit status: 0: the surface follows the curves and the patches follow the surface; 1: one of them "
+        f"exceeds its tolerance, see standard error; {_UNUSABLE}, or no connected surface spans the curves",
+    ).add_argument
+    add("input", **_path("CURVE"), help="OBJ file of closed curves, or a mesh whose rims are spanned")
+    only = "these boundary loops of a mesh (indices from 'spinor-geom loops') or curves; several: one surface"
+    add("--loop", **_LOOP, help=f"{only} (default: all curves; the only loop of a mesh)")
+    add("-o", "--output", **_path("OUT"), required=True, help="CAD file: .step, .stp, .igs, .iges or .brep")
+    residual = "largest RMS distance of the surface from the curves, in mean edges (default: %(default)s)"
+    add("--tolerance", metavar="T", type=_positive, default=1e-3, help=residual)
+    patches = "largest distance of the patches from the surface, in diagonals of the curves (default: %(default)s)"
+    add("--deviation", metavar="D", type=_positive, default=1e-6, help=patches)
+    add("--unit", choices=("mm", "cm", "m", "in"), default="mm", help="unit of the curves (default: %(default)s)")
 
 
 def _add_loops(commands: _Commands) -> None:
