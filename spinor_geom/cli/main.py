@@ -245,20 +245,20 @@ def _add_merge(add: Callable[..., Any]) -> None:
 def _add_solve(commands: _Commands) -> None:
     add = commands.add_parser(
         "solve",
-        help="span closed curves by a minimal surface, for CAD",
-        epilog="exit status: 0: the surface was written; 1: it was written, but exceeds the tolerance, see standard "
-        f"error; {_UNUSABLE}, or the curves do not bound one surface",
+        help="write the minimal surface over closed curves as CAD data (NURBS)",
+        epilog="exit status: 0: the surface follows the curves and the patches follow the surface; 1: one of them "
+        f"exceeds its tolerance, see standard error; {_UNUSABLE}, or no connected surface spans the curves",
     ).add_argument
-    edges = "CAD file with edges (step, stp, igs, iges, brep): those without a face, else the free boundary of faces"
-    add("input", **_path("CURVE"), help=f"{edges}; OBJ file with curves; or mesh file ({_FORMATS}) with a hole")
-    add("-o", "--output", **_path("OUT"), required=True, help="STEP, IGES or BREP file, in millimetres")
-    only = "only the curve of this number (of meshes see 'spinor-geom loops'; of CAD edges the longest is 0)"
-    add("--loop", metavar="N", type=_checked(int, "a whole number of at least 0", lambda n: n >= 0), help=only)
-    near = "largest distance from the minimal surface, relative to the diagonal of the curves (default: %(default)s)"
-    add("--tolerance", metavar="T", type=_positive, default=1e-6, help=near)
-    add("--unit", choices=("mm", "cm", "m", "in"), help="unit of OBJ and mesh files (default: mm)")
-    late = "seconds after which the best surface so far is written (default: no limit)"
-    add("--time-limit", **{**_SECONDS, "default": math.inf}, help=late)
+    edges = "CAD file (its edges without a face, else the free boundary of its faces)"
+    add("input", **_path("CURVE"), help=f"{edges}, OBJ file of closed curves, or a mesh whose rims are spanned")
+    only = "these boundary loops of a mesh (indices from 'spinor-geom loops') or curves (of CAD files the longest is 0)"
+    add("--loop", **_LOOP, help=f"{only}; several: one surface (default: all curves; the only loop of a mesh)")
+    add("-o", "--output", **_path("OUT"), required=True, help="CAD file: .step, .stp, .igs, .iges or .brep")
+    residual = "largest RMS distance of the surface from the curves, in mean edges (default: 1e-3, CAD edges: 1e-6)"
+    add("--tolerance", metavar="T", type=_positive, help=residual)
+    patches = "largest distance of the patches from the surface, in diagonals of the curves (default: %(default)s)"
+    add("--deviation", metavar="D", type=_positive, default=1e-6, help=patches)
+    add("--unit", choices=("mm", "cm", "m", "in"), help="unit of curves and meshes (default: mm); CAD files have one")
 
 
 def _add_loops(commands: _Commands) -> None:

@@ -21,7 +21,8 @@ _DEEPEST = 0.35  # depth of a ring with corners, in lengths of the shorter of tw
 _SHALLOWER = 0.7  # factor of the depth of folded quadrilaterals
 _SLOPE = 0.15  # largest change of depth per distance of two marks
 _CLEAR = 0.9  # a depth is possible if the nearest point of ∂Ω is at least at this share of the distance to be expected
-_GRID = np.linspace(0.005, 0.995, 9)  # where quadrilaterals of the ring must not be folded
+_GRID = np.linspace(0, 1, 9)  # where quadrilaterals of the ring must not be folded
+_ASIDE = 0.005  # where derivatives at the ends of a side are taken, as a share of it
 _LEAST_SINE = 0.1  # of the angle between the parameter lines
 _EVEN = 0.3  # least thickness of a quadrilateral of the ring, as a share of its largest
 _MOST_CORNERS = 100  # of a region that is divided into quadrilaterals: the time grows with the fourth power
@@ -203,7 +204,7 @@ def _folded(
     """Which quadrilaterals between boundary points and inner corners are folded, or nearly so."""
     width = (end - start)[:, None]
     t, step = start[:, None] + width * _GRID, (after - before)[:, None]
-    velocity = width * rim.derivative(t)
+    velocity = width * rim.derivative(start[:, None] + width * np.clip(_GRID, _ASIDE, 1 - _ASIDE))
     across = before[:, None] + _GRID * step - rim.point(t)
     along = (1 - _GRID) * velocity[..., None] + _GRID * step[..., None]
     area = cross(along, across[..., None])

@@ -30,7 +30,7 @@ def test_edges_of_a_step_file_become_a_film_in_their_place(
     out = frame.parent / "new" / f"film{suffix}"
     assert main(["solve", str(frame), "-o", str(out)]) == 0
     said = capsys.readouterr()
-    assert "1 closed curve of 2 edges that belong to no face, lengths in mm\n" in said.out
+    assert "1 closed curve of 2 edges that belong to no face, in mm\n" in said.out
     assert said.err == ""
     # the free boundary of the film is the frame again
     assert main(["solve", str(out), "-o", str(frame.with_name("again.step"))]) == 0
