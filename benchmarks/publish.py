@@ -192,7 +192,7 @@ def disk_table(disks: Sequence[Record]) -> Table:
 
 def frame_table(frames: Sequence[Record]) -> Table:
     """Shells over frames of CAD edges: ours beside Open CASCADE's own filling."""
-    fields = ("area_error", "rim_distance", "faces", "file_kib", "seconds")
+    fields = ("area_error", "rim_distance", "faces", "file_kib", "cpu_seconds")
     rows = [
         (
             case,

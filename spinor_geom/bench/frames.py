@@ -45,7 +45,7 @@ def _solved(edges: Sequence[Any]) -> Any:
     return solve_plateau(rim, tolerance=1e-6).to_nurbs().shell()
 
 
-def _filled(edges: Sequence[Any], **options: float) -> Any:
+def _filled(options: Mapping[str, float], edges: Sequence[Any]) -> Any:
     from OCP.BRepOffsetAPI import BRepOffsetAPI_MakeFilling
     from OCP.GeomAbs import GeomAbs_C0
 
@@ -59,9 +59,9 @@ def _filled(edges: Sequence[Any], **options: float) -> Any:
 _FINE = {"Degree": 5, "NbPtsOnCur": 40, "NbIter": 5, "MaxDeg": 14, "MaxSegments": 30, "Tol3d": 1e-6}
 FRAME_METHODS: Mapping[str, FrameMethod] = {
     CAD: FrameMethod("spinor_geom", "solve_plateau(edges, tolerance=1e-6), to_nurbs with its defaults", _solved),
-    "occ-filling": FrameMethod("OCP", "BRepOffsetAPI_MakeFilling with its defaults", _filled),
+    "occ-filling": FrameMethod("OCP", "BRepOffsetAPI_MakeFilling with its defaults", partial(_filled, {})),
     "occ-filling-fine": FrameMethod(
-        "OCP", f"the same with {', '.join(f'{k}={v:g}' for k, v in _FINE.items())}", partial(_filled, **_FINE)
+        "OCP", f"the same with {', '.join(f'{k}={v:g}' for k, v in _FINE.items())}", partial(_filled, _FINE)
     ),
 }
 

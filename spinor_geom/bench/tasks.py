@@ -128,16 +128,24 @@ def _timed(prepare: Callable[[], tuple[Callable[[], Any], Callable[[Any], Any]]]
     """Times a first call, which counts only if it is alone, and up to `repeat` more, until they take 5 s together.
 
     Returns:
-        The median seconds, all of them, and the peak memory; the converted result of the last call.
+        The median seconds, all of them, the median seconds of the processor, and the peak memory; the converted result
+        of the last call.
     """
     seconds: list[float] = []
+    cpu_seconds: list[float] = []
     while len(seconds) < repeat + 1 and (not seconds or sum(seconds) < _ENOUGH_SECONDS):
         call, convert = prepare()
-        start = time.perf_counter()
+        start, cpu_start = time.perf_counter(), time.process_time()
         result = call()
         seconds.append(time.perf_counter() - start)
+        cpu_seconds.append(time.process_time() - cpu_start)
     counted = seconds[1:] or seconds
-    timed = {"seconds": statistics.median(counted), "seconds_all": counted, "memory_mib": peak_memory()}
+    timed = {
+        "seconds": statistics.median(counted),
+        "seconds_all": counted,
+        "cpu_seconds": statistics.median(cpu_seconds[1:] or cpu_seconds),
+        "memory_mib": peak_memory(),
+    }
     return timed, convert(result)
 
 

@@ -96,7 +96,7 @@ class JoinedSplines:
 
     def point(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ(s), in mesh units."""
-        return self.origin + self._derivatives(self._parameters(s), 0)[0]
+        return np.asarray(self.origin + self._derivatives(self._parameters(s), 0)[0])
 
     def derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ′(s), at a corner the right-hand one."""
