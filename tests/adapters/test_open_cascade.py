@@ -53,7 +53,7 @@ def test_bad_shells_and_files_are_errors(tmp_path: Path) -> None:
 
 
 def test_unknown_suffixes_and_a_missing_package_are_errors(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(CadFileError, match="'.obj' is no CAD format"):
+    with pytest.raises(CadFileError, match=r"'\.obj' is no CAD format"):
         require_cad_suffix("film.obj")
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(MissingPackageError, match=r"\[cad\]"):
