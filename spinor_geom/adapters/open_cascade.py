@@ -180,7 +180,7 @@ def _write_step(shape: Any, path: str) -> bool:
     from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
 
     writer = STEPControl_Writer()
-    return writer.Transfer(shape, STEPControl_AsIs) == IFSelect_RetDone and writer.Write(path) == IFSelect_RetDone
+    return bool(writer.Transfer(shape, STEPControl_AsIs) == IFSelect_RetDone and writer.Write(path) == IFSelect_RetDone)
 
 
 def _write_iges(shape: Any, path: str) -> bool:

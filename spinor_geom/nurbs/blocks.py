@@ -54,7 +54,7 @@ class Blocks:
         """Quadrilaterals with corners at all corners of ∂Ω, whose sides on ∂Ω are halved until none is folded.
 
         Raises:
-            DomainError: Ω is too narrow somewhere.
+            DomainError: Ω is too narrow somewhere, or the surface runs back and forth along Γ.
         """
         rings = [_Ring.along(domain, rim) for rim in rims]
         for _ in range(_ROUNDS):
@@ -65,7 +65,10 @@ class Blocks:
                 folded = [~some for some in folded]
             rings = [ring.improved(domain, some) for ring, some in zip(rings, folded, strict=True)]
         else:
-            raise DomainError("the plane domain is too narrow somewhere to be divided into quadrilaterals")
+            raise DomainError(
+                "the plane domain cannot be divided into quadrilaterals: it is too narrow somewhere, or the surface "
+                "misses its curve by too much; solve with a smaller tolerance"
+            )
         fewer = [ring.coarser() for ring in rings]
         while sum(map(len, fewer)) < sum(map(len, rings)) and _bound(fewer):
             rings, fewer = fewer, [ring.coarser() for ring in fewer]

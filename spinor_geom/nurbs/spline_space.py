@@ -77,9 +77,9 @@ class SplineSpace:
     @cached_property
     def to_between(self) -> Float[np.ndarray, "k_1 k"]:
         """The matrix from values at the nodes to values of the interpolant at `between`."""
-        return self.basis(self.between) @ self.interpolation
+        return np.asarray(self.basis(self.between) @ self.interpolation)
 
     @cached_property
     def pieces(self) -> Int[np.ndarray, " k_1"]:
         """The pieces in which the points `between` lie."""
-        return np.searchsorted(self.breaks, self.between, side="right") - 1
+        return np.asarray(np.searchsorted(self.breaks, self.between, side="right") - 1)

@@ -206,7 +206,8 @@ class _Sampled:
         """Which pieces of each strip have a larger error than allowed."""
         chosen = [np.zeros(len(own) - 1, dtype=bool) for own in breaks]
         for quad, pair in enumerate(self.spaces):
-            _, *errors = self.values[(quad, *pair)]
+            key = (quad, *pair)
+            _, *errors = self.values[key]
             for axis, (space, error) in enumerate(zip(pair, errors, strict=True)):
                 pieces = space.pieces[error > allowed]
                 if against[quad, axis]:

@@ -23,10 +23,10 @@ def test_interpolation_is_well_conditioned_and_reproduces_polynomials(degree: in
 
 def test_interpolation_converges_at_the_order_of_the_degree() -> None:
     errors = []
-    for pieces in (2, 4, 8):
+    for pieces in (8, 16, 32):
         space = SplineSpace.on(5, tuple(np.linspace(0, 1, pieces + 1).tolist()))
         errors.append(np.abs(space.to_between @ np.exp(3 * space.nodes) - np.exp(3 * space.between)).max())
-    assert np.diff(np.log2(errors)).max() < -5  # order 6
+    assert np.diff(np.log2(errors)).max() < -5.3  # order 6, less at the ends, where nodes are denser
 
 
 def test_reversed_knots_have_the_same_splines() -> None:
