@@ -121,7 +121,7 @@ def frame_figures(shape: Any, edges: Sequence[Any], case: Case) -> Record:
         "area_error": abs(properties.Mass() / case.area - 1),
         "rim_distance": float(away.max()) / case.diameter,
         "faces": sum(1 for _ in parts_of(shape, "FACE")),
-        "file_kib": size / 1024,
+        "file_kib": round(size / 1024),
         "valid": bool(BRepCheck_Analyzer(shape).IsValid()),
     }
 
