@@ -143,7 +143,7 @@ class _Ring:
     @property
     def inner(self) -> Complex[np.ndarray, " k"]:
         """The inner corners."""
-        return self.outer + self.depth * self.inwards
+        return np.asarray(self.outer + self.depth * self.inwards)
 
     @property
     def lengths(self) -> Float[np.ndarray, " k"]:
@@ -213,7 +213,8 @@ def _folded(
     area = cross(along, across[..., None])
     thickness = np.abs(across)
     even = thickness.min(axis=1) > _EVEN * thickness.max(axis=1)
-    return ~(even & (area > _LEAST_SINE * np.abs(along) * thickness[..., None]).all(axis=(1, 2)))
+    is_open = (area > _LEAST_SINE * np.abs(along) * thickness[..., None]).all(axis=(1, 2))
+    return np.asarray(~(even & is_open))
 
 
 def _bound(rings: Sequence[_Ring]) -> bool:

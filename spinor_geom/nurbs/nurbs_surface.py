@@ -23,6 +23,7 @@ from spinor_geom.nurbs.spline_space import SplineSpace
 from spinor_geom.nurbs.strips import Fit, QuadMesh, fitted
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.threads import one_thread
+from spinor_geom.shown import shortened
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,6 +39,9 @@ class NurbsCurve:
     control_points: Float[np.ndarray, "n 3"]
     degree: int
     knots: Float[np.ndarray, " k"]
+
+    def __repr__(self) -> str:
+        return f"NurbsCurve({len(self.control_points)} control points, degree {self.degree})"
 
     def point(self, u: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m 3"]:
         """Points of the curve."""
@@ -60,6 +64,10 @@ class NurbsPatch:
     control_points: Float[np.ndarray, "n m 3"]
     degrees: tuple[int, int]
     knots: tuple[Float[np.ndarray, " k"], Float[np.ndarray, " l"]]
+
+    def __repr__(self) -> str:
+        n, m, _ = self.control_points.shape
+        return f"NurbsPatch({n} × {m} control points, degrees {self.degrees})"
 
     def grid(
         self, u: Float[np.ndarray, " a"], v: Float[np.ndarray, " b"], *, derivatives: tuple[int, int] = (0, 0)
@@ -157,7 +165,7 @@ class NurbsSurface:
     def __repr__(self) -> str:
         size = f"{len(self.patches)} patches, {self.size} control points, {len(self.rims)} rims"
         state = "converged" if self.converged else f"not converged: {self.reason}"
-        return f"NurbsSurface({size}, area {self.area:.6g}, {state})"
+        return shortened(f"NurbsSurface({size}, area {self.area:.6g}, {state})")
 
     @property
     def size(self) -> int:

@@ -120,8 +120,8 @@ class Rim:
 
     def _matched(self, s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Parameters on ∂Ω by the matching of the solution; they increase with s, which is not taken modulo 1."""
-        t, own = self.match.matching.T
-        return np.interp(s, *(np.concatenate([each + turn for turn in range(-2, 3)]) for each in (own, t)))
+        t, own = (np.concatenate([each + turn for turn in range(-2, 3)]) for each in self.match.matching.T)
+        return np.asarray(np.interp(s, own, t))
 
     def positions(self, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Positions of the surface at parameters on ∂Ω."""
