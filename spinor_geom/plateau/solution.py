@@ -335,8 +335,9 @@ class PlateauSolution(Shown):
         """The surface as B-spline patches for CAD, within a tolerance.
 
         Ω is divided into quadrilaterals: 5 for a disk over a smooth curve, more for elongated and cornered curves, and
-        three for every two points of a ragged rim, or five for long ones. On each the surface is interpolated by splines, in the parameter of
-        Γ along the rims. The rims are Γ itself: within the last patches the surface is moved by its boundary residual.
+        three for every two points of a ragged rim, or five for long ones. On each the surface is interpolated by
+        splines, in the parameter of Γ along the rims. The rims are Γ itself: within the last patches the surface is
+        moved by its boundary residual.
         Plane polygons give exact patches of degree 1. Other films are approximated: Ω of a disk is bounded by a circle,
         which polynomials do not represent.
 
