@@ -21,7 +21,7 @@ Sampler: TypeAlias = Callable[[Sequence[Grid]], list[Values]]
 DEGREE = 9  # of splines with inner knots
 NEARER_AT_RIMS = 10.0  # rims are so much nearer to Γ than patches to the surface: films join frames
 _ROUNDS = 20  # of halving pieces
-_MOST_POINTS = 50_000  # control points of all patches
+_MOST_POINTS = 25_000  # control points of all patches, above which no piece is halved; ragged rims take 20 000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -335,11 +335,11 @@ class PlateauSolution(Shown):
         """The surface as B-spline patches for CAD, within a tolerance.
 
         Ω is divided into quadrilaterals: 5 for a disk over a smooth curve, more for elongated and cornered curves, and
-        about three for two points of a ragged rim. On each the surface is interpolated by splines, in the parameter of
-        Γ along the rims. The rims are Γ itself: within the last patches the surface is moved by its boundary residual.
-        p and q that are polynomials of degree d on a domain of straight sides give polynomial patches of degree
-        2d + 1, exact up to rounding, for d ≤ 3; a plane film has patches of degree 1. A disk is bounded by a circle,
-        which polynomials only approximate.
+        three for every two points of a ragged rim, or five for long ones. On each the surface is interpolated by
+        splines, in the parameter of Γ along the rims. The rims are Γ itself: within the last patches the surface is
+        moved by its boundary residual.
+        Plane polygons give exact patches of degree 1. Other films are approximated: Ω of a disk is bounded by a circle,
+        which polynomials do not represent.
 
         The patches are those of the C0 surface. What `fill_hole(continuity="C1")` makes is a mesh without a NURBS form.
         At a branch point a patch has no normal.
