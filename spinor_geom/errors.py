@@ -303,6 +303,10 @@ class MissingPackageError(SpinorGeomError, ImportError):
     sentence = "{package} is not installed; install it, in a clone, with: pip install '.[{extra}]'"
 
 
+class MissingLibraryError(MissingPackageError):
+    sentence = "{package} is not installed; install it with: pip install {package}"
+
+
 class RenderError(SpinorGeomError, RuntimeError):
     """A picture cannot be drawn."""
 

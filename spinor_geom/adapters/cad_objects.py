@@ -6,7 +6,7 @@ import importlib
 import importlib.util
 from typing import Any, Literal
 
-from spinor_geom.errors import ArgumentTypeError, MissingPackageError
+from spinor_geom.errors import ArgumentTypeError, MissingLibraryError
 
 _LIBRARIES = {"OCP", "cadquery", "build123d"}
 _CONTENTS = ("line", "sketch", "part")  # of build123d's builders
@@ -32,10 +32,9 @@ def cad_shapes(what: Any) -> list[Any] | None:
 
 
 def cad_object(shape: Any, library: Literal["build123d", "cadquery"]) -> Any:
-    """A `TopoDS_Shape` as an object of a CAD library, such as its `Shell`; a MissingPackageError without it."""
+    """A `TopoDS_Shape` as an object of a CAD library, such as its `Shell`; a MissingLibraryError without it."""
     if importlib.util.find_spec(library) is None:
-        message = f"{library} is not installed; install it with: pip install {library}"
-        raise MissingPackageError(message, package=library)
+        raise MissingLibraryError(package=library)
     return importlib.import_module(library).Shape.cast(shape)
 
 
