@@ -137,7 +137,7 @@ class SheetBorderError(LoopError):
 
 
 class LoopIndexError(LoopError):
-    sentence = "loop {index} does not exist, the mesh has {loops} (numbered from 0, longest first)"
+    sentence = "loop {index} does not exist, there are {loops} (numbered from 0, longest first)"
 
 
 class ForeignLoopError(LoopError):
@@ -155,8 +155,27 @@ class SelfCrossingLoopError(LoopError):
     )
 
 
+class SelfCrossingCurveError(SelfCrossingLoopError):
+    sentence = "the curve crosses or touches itself near {point}; move its parts apart"
+
+
 class OpenCurveError(LoopError):
     sentence = "the curve is open: its ends are {gap:.6g} apart (mean edge {mean_edge:.3g}); close it, or raise closing"
+
+
+class OpenWireError(LoopError):
+    sentence = (
+        "the edges are open: their ends {ends[0]} and {ends[1]} are {gap:.3g} apart, and ends meet within "
+        "{closing:.1e}; close the wire"
+    )
+
+
+class BranchingEdgesError(LoopError):
+    sentence = "{count} ends of edges meet at {point}, in a closed wire two; give only the edges of the boundary"
+
+
+class NoEdgesError(LoopError):
+    sentence = "there is no boundary to span, but {what}; give edges or wires, or faces with a hole"
 
 
 class KnottedLoopError(LoopError):
@@ -193,6 +212,10 @@ class DomainError(SpinorGeomError, ValueError):
 
 class FirstFillError(SpinorGeomError):
     """No discrete disk over the loop was found."""
+
+
+class NoConnectedSurfaceFoundError(SpinorGeomError):
+    sentence = "{reason}; solve the curves one by one"
 
 
 class OutOfTimeError(SpinorGeomError):
@@ -272,6 +295,10 @@ class MeshFileError(SpinorGeomError, ValueError):
     """A mesh file is missing, malformed, or of an unknown format."""
 
 
+class CadFileError(SpinorGeomError, ValueError):
+    """A CAD file has an unknown format, cannot be read, or cannot hold the surface."""
+
+
 class ArchiveError(SpinorGeomError, ValueError):
     """An archive is damaged, or unsafe to unpack."""
 
@@ -282,6 +309,10 @@ class BatchError(SpinorGeomError):
 
 class MissingPackageError(SpinorGeomError, ImportError):
     sentence = "{package} is not installed; install it, in a clone, with: pip install '.[{extra}]'"
+
+
+class MissingLibraryError(MissingPackageError):
+    sentence = "{package} is not installed; install it with: pip install {package}"
 
 
 class RenderError(SpinorGeomError, RuntimeError):

@@ -26,6 +26,7 @@ def described() -> Mapping[str, tuple[Any, tuple[str, ...]]]:
     annulus = spinor_geom.solve_plateau(rings)
     assert isinstance(annulus, spinor_geom.PlateauSolution)
     patch = spinor_geom.mesh_patch(solution)
+    film = solution.to_nurbs(tolerance=1e-4)
     filled, report = spinor_geom.fill_hole(tube(), return_report=True, continuity="C1")
     baseline = spinor_geom.discrete_minimal_surface(solution.loop)
     made = (
@@ -45,6 +46,9 @@ def described() -> Mapping[str, tuple[Any, tuple[str, ...]]]:
         (annulus.array_surface.model, ("LaurentSeries",)),
         (spinor_geom.solve_plateau(apart), ("200 + 200 points", "cone")),
         (patch, ("vertices", "rim of 200 points", "area 3.5")),
+        (film, ("5 patches", "area 3.57", "converged")),
+        (film.patches[0], ("degrees",)),
+        (film.boundary_curves[0][0], ("degree",)),
         (baseline, ("libigl", "converged")),
         (spinor_geom.compare(solution, baseline), ("exact surface",)),
         (report, ("2 of 2 loops filled", "watertight")),

@@ -13,6 +13,7 @@ built.
 """
 
 from spinor_geom.adapters.array_pairs import PairAdapter, TriangleMeshAdapter
+from spinor_geom.adapters.cad_curves import CadCurve
 from spinor_geom.adapters.mesh_files import MeshFile, MeshFileAdapter, read_mesh
 from spinor_geom.adapters.mesh_objects import MeshioAdapter, MeshSetAdapter, Open3DAdapter
 from spinor_geom.adapters.polygon_faces import Polygons
@@ -36,6 +37,7 @@ for _adapter in (
 
 __all__ = [
     "Adapter",
+    "CadCurve",
     "MeshFile",
     "Polygons",
     "Rim",

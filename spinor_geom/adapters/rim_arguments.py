@@ -1,4 +1,4 @@
-"""Converts arguments that describe closed curves: loops, points, analytic curves, or a mesh with a hole."""
+"""Converts arguments that describe closed curves: loops, points, analytic curves, CAD edges, a mesh with a hole."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from spinor_geom.adapters.cad_curves import CadCurve, closed_curves
+from spinor_geom.adapters.cad_objects import cad_shapes
+from spinor_geom.adapters.open_cascade import is_cad_file, read_shape
 from spinor_geom.adapters.registry import to_mesh
 from spinor_geom.errors import LoopIndexError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -20,16 +23,22 @@ def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
     """The closed curves that an argument describes.
 
     Args:
-        what: a loop, an analytic curve, (m, 3) points of a closed curve, a sequence of these, or a mesh of any known
-            type or the path of a mesh file, of which one loop is taken.
-        loop: the index of the loop in `boundary_loops(mesh)`; None if the mesh has only one.
+        what: a loop, an analytic curve, (m, 3) points of a closed curve, a sequence of these; a mesh of any known type
+            or the path of a mesh file, of which one loop is taken; or shapes of a CAD library or the path of a CAD
+            file, see `closed_curves`, of which wires are all taken, and one free boundary of faces.
+        loop: the index of the loop in `boundary_loops(mesh)`, or of the curve of CAD edges, the longest first; None if
+            a mesh or CAD faces have only one.
 
     Raises:
-        OptionError: `loop` is missing for a mesh with several loops, or given for a curve.
-        LoopIndexError: the mesh has no such loop.
-        LoopError: the points are no closed curve, see `BoundaryLoop.from_points`.
+        OptionError: `loop` is missing for a mesh or faces with several loops, or given for a curve.
+        LoopIndexError: there is no such loop.
+        LoopError: the points are no closed curve, see `BoundaryLoop.from_points`, or edges, see `closed_curves`.
         UnknownMeshTypeError, MeshError, MeshFileError: as `boundary_loops`.
+        CadFileError: the CAD file cannot be read.
     """
+    shapes = [read_shape(what)] if is_cad_file(what) else cad_shapes(what)
+    if shapes is not None:
+        return _of_cad(closed_curves(shapes), loop)
     if is_mesh(what):
         return [_loop_of_mesh(what, loop)]
     if loop is not None:
@@ -62,3 +71,16 @@ def _loop_of_mesh(what: Any, loop: int | None) -> BoundaryLoop:
     if not 0 <= place < len(loops):
         raise LoopIndexError(index=place, loops=len(loops))
     return loops[place]
+
+
+def _of_cad(curves: list[CadCurve], loop: int | None) -> list[Rim]:
+    """The curve of a number, the longest first; without one all wires, or the only free boundary."""
+    if loop is not None:
+        if not 0 <= loop < len(curves):
+            raise LoopIndexError(index=loop, loops=len(curves))
+        return [sorted(curves, key=lambda curve: -curve.length)[loop]]
+    if len(curves) > 1 and curves[0].kind == "free boundary":
+        raise OptionError(
+            f"the faces have {len(curves)} free boundaries, not one; choose one by its number, or give wires"
+        )
+    return [*curves]

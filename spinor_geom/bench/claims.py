@@ -8,6 +8,7 @@ from statistics import median
 from spinor_geom.bench.cases import known_kind
 from spinor_geom.bench.cut_outs import HEIGHTS
 from spinor_geom.bench.fillers import CLEAREST, OUR_FILLERS, OURS, SMOOTH
+from spinor_geom.bench.frames import CAD
 from spinor_geom.bench.machine import Record
 from spinor_geom.bench.odd_holes import NOTHING_MISSING
 from spinor_geom.bench.ragged import CUT, NOISY
@@ -68,6 +69,8 @@ def claims(records: Sequence[Record]) -> list[Figure]:
         # a catenoid between two rims is compared with the other fillers that join them
         found += _nearer("odd", case, [r for r in here if r.get("area_error") is not None and r.get("patches") == 1])
     found += _cut_outs(done.get("cut-outs", []))
+    for case, here in _by_case([r for r in done.get("cad", []) if r["method"] == CAD]).items():
+        found += _frame(case, here)
     found += _ragged([r for r in done.get("ragged", []) if r["method"] == OURS])
     found += _reports(done.get("reports", []))
     found += _meshes([r for r in done.get("meshes", []) if r["method"] == OURS and "within_1e-2" in r])
@@ -171,6 +174,16 @@ def is_whole(record: Record) -> bool:
     """Whether a cut-out was closed, so that the distance of its patch is comparable."""
     done = record["status"] == "done" and record.get("distance") is not None
     return done and record["open_rim_edges"] == record["new_open_edges"] == 0
+
+
+def _frame(case: str, ours: list[Record]) -> Iterator[Figure]:
+    """The promises of shells over CAD edges, after a round trip through STEP."""
+    area = 1e-6 if known_kind(case) == "corners" else 1e-7
+    yield from at_most("cad", case, "error of the area", [r["area_error"] for r in ours], area)
+    distances = [r["rim_distance"] for r in ours]
+    yield from at_most("cad", case, "largest distance of the rim from the edges, per diameter", distances, 1e-7)
+    yield from at_most("cad", case, "number of faces", [r["faces"] for r in ours], 30)
+    yield from share("cad", case, "valid for Open CASCADE", [r["valid"] for r in ours])
 
 
 def _cut_outs(done: list[Record]) -> Iterator[Figure]:

@@ -18,11 +18,23 @@ Record: TypeAlias = dict[str, Any]
 
 _PACKAGES = (
     *("numpy", "scipy", "torch", "libigl", "pythoncdt", "trimesh", "pymeshlab", "meshlib", "pymeshfix", "cgal", "vtk"),
-    "open3d-cpu",
+    *("open3d-cpu", "cadquery-ocp", "cadquery-ocp-novtk"),
 )
 # the parts of the package whose changes make records of our methods out of date
 _MEASURED = (
-    *("batching", "discrete", "domain", "fill", "holomorphic", "measures*", "mesh", "meshing", "plateau", "surface"),
+    *(
+        "batching",
+        "discrete",
+        "domain",
+        "fill",
+        "holomorphic",
+        "measures*",
+        "mesh",
+        "meshing",
+        "nurbs",
+        "plateau",
+        "surface",
+    ),
     "training",
 )
 _ROOT = Path(__file__).parents[2]

@@ -13,6 +13,7 @@ import numpy as np
 
 from spinor_geom.bench.claims import Figure, claims, is_whole, names
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, SMOOTH
+from spinor_geom.bench.frames import FRAME_METHODS
 from spinor_geom.bench.machine import Record, is_older, machine_text
 from spinor_geom.bench.measured import DISTANCE, REMOVED
 from spinor_geom.bench.runner import VIEWS, Run
@@ -43,7 +44,7 @@ _FIELDS = (
     "residual_per_edge",
     *("exact_curvature_median", "triangles", "mesh_area_error", "distance_max", "curvature_rms", "min_angle"),
     *("rim_kept", "open_edges", "old_faces_kept", "crossings", "mesh_crossings", "nonmanifold_edges", "converged"),
-    *("verdict", "untrue", "told"),
+    *("rim_distance", "faces", "file_kib", "valid", "verdict", "untrue", "told"),
 )
 """The columns of the suites' tables; the CSV has all fields."""
 _short = partial(shorten, width=160, placeholder="…")
@@ -268,4 +269,5 @@ def option_table() -> Table:
     """The options of every method and tool."""
     rows = [(name, "spinor_geom", method.options) for name, method in LOOP_METHODS.items()]
     rows += [(name, filler.package, filler.options) for name, filler in FILLERS.items()]
+    rows += [(name, method.package, method.options) for name, method in FRAME_METHODS.items()]
     return Table(title="Methods and tools", columns=("name", "package", "options"), rows=rows)

@@ -18,6 +18,7 @@ from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind
 from spinor_geom.bench.claims import REFERENCE, REFERENCE_CASE
 from spinor_geom.bench.cut_outs import CAPS, WINDOWS, scan_names
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, OURS, REPORTED, SMOOTHEST
+from spinor_geom.bench.frames import FRAME_METHODS, FRAMES
 from spinor_geom.bench.holes import mesh_files
 from spinor_geom.bench.machine import Record, Task, machine, stamp
 from spinor_geom.bench.odd_holes import odd_holes
@@ -33,7 +34,7 @@ RECORDS, DESCRIPTION, VIEWS = "records.jsonl", "run.json", "views"
 TASKS = "spinor_geom.bench.tasks"
 # cut-outs for which the page shows the removed piece and each filler's patch
 PICTURED = ("icosphere-4-0.3", "torus-outside-0.4", "bunny_scan-02", "demosthenes_low_res-03")
-METHODS = (*LOOP_METHODS, *FILLERS)
+METHODS = (*LOOP_METHODS, *FILLERS, *FRAME_METHODS)
 _QUICK = ("enneper-0.8", "tennis-seam", "random-1", "random-1@even", "random-1@uneven", "plane-l", "schwarz-d-quad")
 _QUICK_SHARE = 0.03  # of a batch's files
 _SLOW = ("pymeshlab",)  # methods that the short run measures on two cases only
@@ -148,6 +149,7 @@ SUITES: Mapping[str, Suite] = {
     "rims": Suite(partial(_solve_names, "rims"), ("spinor",), quick=_quick_solves, repeat=None),
     "speed": Suite(partial(_solve_names, "speed"), ("spinor",), quick=_quick_solves, repeat=None),
     "paper": Suite(partial(_solve_names, "paper"), ("spinor",), quick=_quick_solves, repeat=None),
+    "cad": Suite(lambda _: FRAMES, FRAME_METHODS, quick=lambda _: FRAMES[1:4:2], repeat=1),
     "batch": Suite(_batches, ("spinor",)),
     "start": Suite(lambda _: STARTS, ("spinor",), repeat=None),
 }

@@ -17,6 +17,7 @@ from spinor_geom.bench.cases import known_case, points_limit
 from spinor_geom.bench.claims import LEAST_POINTS
 from spinor_geom.bench.cut_outs import CutOut, named_cut_out
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
+from spinor_geom.bench.frames import FRAME_METHODS, frame_edges, frame_figures
 from spinor_geom.bench.holes import Hole, all_rims, hole_over
 from spinor_geom.bench.machine import Record, Task
 from spinor_geom.bench.measured import cut_out_figures, disk_figures, hole_figures, save_views, solve_figures
@@ -37,12 +38,9 @@ def run(task: Task) -> Record:
     gc.collect()
     gc.freeze()  # later collections skip what is imported and cached by now
     forget_peak_memory()
-    measure = (
-        _fill
-        if task["method"] in FILLERS
-        else {"disks": _disk, "batch": _batch, "start": _start}.get(task["suite"], _solve)
-    )
-    package = FILLERS[task["method"]].package if task["method"] in FILLERS else "spinor_geom"
+    measure = _fill if task["method"] in FILLERS else _MEASURES.get(task["suite"], _solve)
+    tool = FILLERS.get(task["method"]) or FRAME_METHODS.get(task["method"])
+    package = "spinor_geom" if tool is None else tool.package
     try:
         importlib.import_module(package)
         return {"status": "done", **measure(task)}
@@ -81,6 +79,21 @@ def _disk(task: Task) -> Record:
     if task["method"] == "spinor" and case.kind == "smooth" and task["n"] >= LEAST_POINTS:
         figures["limit_error"] = points_limit(case, task["n"])
     return {**timed, **figures}
+
+
+def _frame(task: Task) -> Record:
+    case = known_case(task["case"])
+    edges = frame_edges(case)
+    timed, shape = _timed(lambda: (partial(FRAME_METHODS[task["method"]].span, edges), _same), task["repeat"])
+    return {**timed, **frame_figures(shape, edges, case)}
+
+
+_MEASURES: Mapping[str, Callable[[Task], Record]] = {
+    "disks": _disk,
+    "batch": _batch,
+    "cad": _frame,
+    "start": _start,
+}
 
 
 def _fill(task: Task) -> Record:
@@ -126,16 +139,24 @@ def _timed(prepare: Callable[[], tuple[Callable[[], Any], Callable[[Any], Any]]]
     """Times a first call, which counts only if it is alone, and up to `repeat` more, until they take 5 s together.
 
     Returns:
-        The median seconds, all of them, and the peak memory; the converted result of the last call.
+        The median seconds, all of them, the median seconds of the processor, and the peak memory; the converted result
+        of the last call.
     """
     seconds: list[float] = []
+    cpu_seconds: list[float] = []
     while len(seconds) < repeat + 1 and (not seconds or sum(seconds) < _ENOUGH_SECONDS):
         call, convert = prepare()
-        start = time.perf_counter()
+        start, cpu_start = time.perf_counter(), time.process_time()
         result = call()
         seconds.append(time.perf_counter() - start)
+        cpu_seconds.append(time.process_time() - cpu_start)
     counted = seconds[1:] or seconds
-    timed = {"seconds": statistics.median(counted), "seconds_all": counted, "memory_mib": peak_memory()}
+    timed = {
+        "seconds": statistics.median(counted),
+        "seconds_all": counted,
+        "cpu_seconds": statistics.median(cpu_seconds[1:] or cpu_seconds),
+        "memory_mib": peak_memory(),
+    }
     return timed, convert(result)
 
 

@@ -59,7 +59,17 @@ def build_parser() -> argparse.ArgumentParser:
         "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="print the version and exit"
     )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for add in (_add_fill, _add_loops, _add_compare, _add_reproduce, _add_bench, _add_batch, _add_morph, _add_pictures):
+    for add in (
+        _add_fill,
+        _add_solve,
+        _add_loops,
+        _add_compare,
+        _add_reproduce,
+        _add_bench,
+        _add_batch,
+        _add_morph,
+        _add_pictures,
+    ):
         add(commands)
     return parser
 
@@ -232,6 +242,25 @@ def _add_merge(add: Callable[..., Any]) -> None:
     add(_MERGE, metavar="TOL", nargs="?", default=False, type=_merge_distance, help=f"{near} (STL: always)")
 
 
+def _add_solve(commands: _Commands) -> None:
+    add = commands.add_parser(
+        "solve",
+        help="write the minimal surface over closed curves as CAD data (NURBS)",
+        epilog="exit status: 0: the surface follows the curves and the patches follow the surface; 1: one of them "
+        f"exceeds its tolerance, see standard error; {_UNUSABLE}, or no connected surface spans the curves",
+    ).add_argument
+    edges = "CAD file (its edges without a face, else the free boundary of its faces)"
+    add("input", **_path("CURVE"), help=f"{edges}, OBJ file of closed curves, or a mesh whose rims are spanned")
+    only = "these boundary loops of a mesh (indices from 'spinor-geom loops') or curves (of CAD files the longest is 0)"
+    add("--loop", **_LOOP, help=f"{only}; several: one surface (default: all curves; the only loop of a mesh)")
+    add("-o", "--output", **_path("OUT"), required=True, help="CAD file: .step, .stp, .igs, .iges or .brep")
+    residual = "largest RMS distance of the surface from the curves, in mean edges (default: 1e-3, CAD edges: 1e-6)"
+    add("--tolerance", metavar="T", type=_positive, help=residual)
+    patches = "largest distance of the patches from the surface, in diagonals of the curves (default: %(default)s)"
+    add("--deviation", metavar="D", type=_positive, default=1e-6, help=patches)
+    add("--unit", choices=("mm", "cm", "m", "in"), help="unit of curves and meshes (default: mm); CAD files have one")
+
+
 def _add_loops(commands: _Commands) -> None:
     add = commands.add_parser("loops", help="list the boundary loops of a mesh file").add_argument
     _add_input(add)
@@ -276,7 +305,7 @@ def _add_bench(commands: _Commands) -> None:
     ).add_argument
     add("-o", "--output", **_path("DIR"), required=True, help="folder of the run")
     add("--quick", **_FLAG, help="a few cases of each suite, each tool once: less than three minutes")
-    compared, alone = "disks, fills, odd, cut-outs, meshes, ragged, reports", "curves, rims, speed, paper, batch"
+    compared, alone = "disks, fills, odd, cut-outs, meshes, ragged, reports, cad", "curves, rims, speed, paper, batch"
     suites = f"suites with other tools: {compared}; without: {alone} (default: all)"
     add("--suite", dest="suites", **_NAMES, help=suites)
     add("--cases", **_NAMES, help="names of cases, or patterns such as 'icosphere-*' (default: all)")

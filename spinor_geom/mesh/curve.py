@@ -38,6 +38,8 @@ FORMULA_CHECKS = np.array([0.11, 0.31, 0.57, 0.83])  # where on each piece the e
 FEWEST_PIECES, MOST_PIECES = 64, 4096
 # Zeros of Γ′ are searched where |Γ′| is below the first share of its maximum; below the second it counts as zero.
 SLOW, STANDSTILL = 0.1, 1e-9
+# In radians. A turn of 1e-3 in a smooth curve moves it by less than 1e-3 of the distance between two nodes of a solver.
+SMOOTH_TURN = 1e-3
 KINK = "has a jump or a kink that corners= does not contain"
 
 Breaks = Float[np.ndarray, " m_plus_1"]
@@ -54,12 +56,15 @@ class ClosedCurve:
         derivative: Γ′.
         second_derivative: Γ″.
         corners: parameters of its corners, increasing; Γ′ jumps there, and `derivative` is the right-hand one.
+        joints: parameters where higher derivatives jump, increasing, as at the knots of a spline; Γ turns there by at
+            most `SMOOTH_TURN`.
     """
 
     point: CurveFunction
     derivative: CurveFunction
     second_derivative: CurveFunction
     corners: tuple[float, ...] = ()
+    joints: tuple[float, ...] = ()
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({len(self.corners)} corners)"
@@ -133,9 +138,9 @@ class BoundaryCurve:
 
     @classmethod
     def from_formula(cls, curve: ClosedCurve) -> BoundaryCurve:
-        """Interpolates a curve given by formulas by polynomials of degree 11, to an error of 1e-14 of its extent.
+        """Interpolates a curve given by formulas by polynomials of degree 11, to an error of 1e-14 of its coordinates.
 
-        Each side between two corners is divided into equal pieces, in total at least 64.
+        Each side between two corners or joints is divided into equal pieces, in total at least 64.
 
         Raises:
             CurveError: Γ is not closed, not finite, not smooth between corners, or has a zero derivative, or the given
@@ -143,15 +148,16 @@ class BoundaryCurve:
         """
         pieces = FEWEST_PIECES
         while True:
-            breaks, corners = _formula_breaks(curve.corners, pieces)
+            breaks, corners = _formula_breaks(curve, pieces)
             coefficients = _formula_coefficients(curve.point, breaks)
             fitted = cls(kind="analytic", breaks=breaks, coefficients=coefficients, corners=corners)
             between = breaks[:-1, None] + np.diff(breaks)[:, None] * FORMULA_CHECKS
             extent = np.ptp(coefficients[-1], axis=0).max()
+            size = max(extent, np.abs(coefficients[-1]).max())  # far from the origin coordinates have larger errors
             error = np.linalg.norm(fitted.point(between) - curve.point(between), axis=2)
             if not np.isfinite(error).all():
                 raise CurveError(reason="is not finite", parameter=float(between[~np.isfinite(error)][0]))
-            if error.max() <= FORMULA_ERROR * extent:
+            if error.max() <= FORMULA_ERROR * size:
                 break
             pieces *= 2
             if pieces > MOST_PIECES:
@@ -159,8 +165,9 @@ class BoundaryCurve:
         ends = np.nextafter(breaks[1:], 0)
         gap, turn = np.roll(coefficients[[-1, -2]], -1, axis=1) - [fitted.point(ends), fitted.derivative(ends)]
         turn[np.roll(corners, -1)] = 0
+        turn[np.isin(breaks[1:], curve.joints)] *= DERIVATIVE_ERROR / SMOOTH_TURN
         checks = [
-            ("is not closed or has a jump", breaks[1:], gap, CLOSING_ERROR * extent),
+            ("is not closed or has a jump", breaks[1:], gap, CLOSING_ERROR * size),
             (KINK, breaks[1:], turn, DERIVATIVE_ERROR * np.abs(coefficients[-2]).max()),
         ]
         for name in ("derivative", "second_derivative"):
@@ -226,6 +233,11 @@ class BoundaryCurve:
         coefficients[-1, own] = points
         slopes = None if self.slopes is None else scale * self.slopes
         return replace(self, coefficients=coefficients, slopes=slopes)
+
+    @property
+    def is_formula(self) -> bool:
+        """Whether Γ is given by formulas, so that all its points are given, not only those of a loop."""
+        return self.slopes is not None
 
     @property
     def at_loop(self) -> Float[np.ndarray, " n"]:
@@ -332,13 +344,13 @@ def _reversed(coefficients: Coefficients, breaks: Breaks) -> Coefficients:
     return np.asarray(shifted[:, ::-1] * sign[:, None, None])
 
 
-def _formula_breaks(corners: Sequence[float], pieces: int) -> tuple[Breaks, Bool[np.ndarray, " m"]]:
-    """Breaks of at least so many pieces, one at each corner, and a mask of the breaks at corners."""
-    ends = np.unique(np.mod([0.0, *corners], 1.0))
+def _formula_breaks(curve: ClosedCurve, pieces: int) -> tuple[Breaks, Bool[np.ndarray, " m"]]:
+    """Breaks of at least so many pieces, one at each corner and joint, and a mask of the breaks at corners."""
+    ends = np.unique(np.mod([0.0, *curve.corners, *curve.joints], 1.0))
     sides = pairwise([*ends.tolist(), 1.0])
     starts = [np.linspace(a, b, math.ceil((b - a) * pieces), endpoint=False) for a, b in sides]
     breaks = np.concatenate([*starts, [1.0]])
-    return breaks, np.isin(breaks[:-1], np.mod(corners, 1.0))
+    return breaks, np.isin(breaks[:-1], np.mod(curve.corners, 1.0))
 
 
 def _formula_coefficients(function: CurveFunction, breaks: Breaks) -> Coefficients:

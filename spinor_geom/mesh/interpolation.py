@@ -246,10 +246,10 @@ def _from_values() -> tuple[Float[np.ndarray, "d1 d1"], Float[np.ndarray, "d1 d1
     return halves[:, None] * halves * cosines / (2 * ANALYTIC_DEGREE + 1), np.stack(columns, axis=1)
 
 
-def through(values: Float[np.ndarray, "*b d1 m 3"], width: Float[np.ndarray, " m"]) -> Float[np.ndarray, "*b d1 m 3"]:
+def through(values: Float[np.ndarray, "*b d1 m k"], width: Float[np.ndarray, " m"]) -> Float[np.ndarray, "*b d1 m k"]:
     """Coefficients of the polynomials with given values at the `piece_places` of pieces of given widths."""
     to_chebyshev, to_powers = _from_values()
-    local = (values - values[..., :1, :, :]).reshape(*values.shape[:-2], 3 * len(width))
+    local = (values - values[..., :1, :, :]).reshape(*values.shape[:-2], values.shape[-1] * len(width))
     # in two steps: the product of the matrices has larger rounding errors
     powers = to_powers @ (to_chebyshev @ local)
     scale = width[:, None] ** np.arange(ANALYTIC_DEGREE, -1, -1)[:, None, None]

@@ -60,7 +60,7 @@ def _plan_for_disk(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tupl
         return (UNIT_DISK,)
     if not options.is_automatic:
         return (NETWORK,)
-    may_be_free = options.between == "free" and len(loop) <= MOST_FREE_POINTS
+    may_be_free = options.between == "free" and len(loop) <= MOST_FREE_POINTS and not curve.is_formula
     if loop.corners.any():
         through = (THROUGH_POINTS,) if may_be_free and not in_plane and not loop.corners_given else ()
         network = () if through and has_stray_corners(loop) else (NETWORK,)
@@ -84,7 +84,7 @@ def _plan_between(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tuple
     on_circles = Route("circles", lambda _: solver.on_circles())
     if options.is_series:
         return (*in_plane, on_circles)
-    is_free = options.between == "free" and options.model == "auto"
+    is_free = options.between == "free" and options.model == "auto" and not problem.curve.is_formula
     is_free = is_free and any(map(is_rough, problem.units, problem.curves))
     through = (Route("vertices", lambda _: solver.through_points()),) if is_free else ()
     # two rims that crowd on circles are noticed with few nodes

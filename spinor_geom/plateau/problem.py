@@ -14,7 +14,13 @@ from jaxtyping import Bool, Float, Int
 
 from spinor_geom.adapters import to_rims
 from spinor_geom.discrete.area_descent import Disk
-from spinor_geom.errors import LoopsMeetError, OptionError, SpinorGeomError
+from spinor_geom.errors import (
+    LoopsMeetError,
+    OptionError,
+    SelfCrossingCurveError,
+    SelfCrossingLoopError,
+    SpinorGeomError,
+)
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, centroids, diagonals, require_distinct_neighbours
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.intersections import crossings_between, is_star, require_simple
@@ -80,8 +86,9 @@ class PlateauProblem:
         options.require_rims(len(given))
         samples = [(one, None) if isinstance(one, BoundaryLoop) else _sampled(one) for one in given]
         loops = tuple(loop for loop, _ in samples)
-        _require_apart(loops)
-        return cls.over(loops, [curve for _, curve in samples], options, on_iteration)
+        curves = [curve for _, curve in samples]
+        _require_apart(loops, curves)
+        return cls.over(loops, curves, options, on_iteration)
 
     @classmethod
     def over(
@@ -329,10 +336,21 @@ def _sampled(given: ClosedCurve) -> tuple[BoundaryLoop, BoundaryCurve]:
     return BoundaryLoop.from_points(curve.coefficients[-1], corners=np.flatnonzero(curve.corners)), curve
 
 
-def _require_apart(loops: Sequence[BoundaryLoop]) -> None:
-    """Checks that no loop crosses or touches itself or another one."""
-    for loop in loops:
+def _require_simple(loop: BoundaryLoop, *, is_formula: bool) -> None:
+    try:
         require_simple(loop)
+    except SelfCrossingLoopError as error:
+        if not is_formula:
+            raise
+        # the edges of its polygon have no names
+        point = [float(f"{x:.6g}") for x in loop.points[error.fields["edges"][0][0]]]
+        raise SelfCrossingCurveError(point=point, **error.fields) from None
+
+
+def _require_apart(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve | None]) -> None:
+    """Checks that no loop crosses or touches itself or another one."""
+    for loop, curve in zip(loops, curves, strict=True):
+        _require_simple(loop, is_formula=curve is not None)
     for first, second in combinations(loops, 2):
         meeting = crossings_between(first.points, second.points)
         if len(meeting):

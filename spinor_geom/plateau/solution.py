@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -25,6 +26,9 @@ from spinor_geom.surface.array_surface import ArraySurface
 
 if TYPE_CHECKING:
     from spinor_geom.surface.spinor_surface import SpinorSurface
+
+if TYPE_CHECKING:
+    from spinor_geom.nurbs.nurbs_surface import NurbsSurface
 
 RouteName = Literal[
     "plane", "disk", "vertices", "annulus", "annular network", "circles", "flattened", "unfolded", "network", "trained"
@@ -352,6 +356,58 @@ class PlateauSolution(Shown):
     def loop_points_in_domain(self) -> Complex[np.ndarray, " m"]:
         """The points of ∂Ω that correspond to the loops' points, in loop order, rim after rim."""
         return np.concatenate([rim.points_in_domain() for rim in self.rims])
+
+    def to_nurbs(self, *, tolerance: float = 1e-6) -> NurbsSurface:
+        """The surface as B-spline patches for CAD, within a tolerance.
+
+        Ω is divided into quadrilaterals: 5 for a disk over a smooth curve, more for elongated and cornered curves, and
+        three for every two points of a ragged rim, or five for long ones. On each the surface is interpolated by
+        splines, in the parameter of Γ along the rims. The rims are Γ itself: within the last patches the surface is
+        moved by its boundary residual.
+        Plane polygons give exact patches of degree 1. Other films are approximated: Ω of a disk is bounded by a circle,
+        which polynomials do not represent.
+
+        The patches are those of the C0 surface. What `fill_hole(continuity="C1")` makes is a mesh without a NURBS form.
+        At a branch point a patch has no normal.
+
+        Args:
+            tolerance: largest distance of the patches from the surface, as a share of the diagonal of the largest
+                loop; rims are ten times as near to their curves.
+
+        Returns:
+            A result with `converged=False` and a reason if the tolerance needs too many control points, or this
+            solution has not converged.
+
+        Raises:
+            OptionError: the tolerance is not positive.
+            DomainError: Ω is too narrow somewhere to be divided.
+        """
+        from spinor_geom.nurbs.nurbs_surface import nurbs_surface
+
+        return nurbs_surface(self, tolerance)
+
+    def save(
+        self, path: str | os.PathLike[str], *, tolerance: float = 1e-6, unit: Literal["mm", "cm", "m", "in"] = "mm"
+    ) -> NurbsSurface:
+        """Writes the surface as a sewn shell of NURBS to a STEP, IGES or BREP file.
+
+        Args:
+            path: ends with .step, .stp, .igs, .iges or .brep.
+            tolerance: as for `to_nurbs`.
+            unit: of the curve's coordinates; the file is in millimetres.
+
+        Returns:
+            What was written.
+
+        Raises:
+            CadFileError, OptionError, DomainError, OSError, MissingPackageError: as `to_nurbs` and `NurbsSurface.save`.
+        """
+        from spinor_geom.adapters.open_cascade import require_cad_suffix
+
+        require_cad_suffix(path)
+        surface = self.to_nurbs(tolerance=tolerance)
+        surface.save(path, unit=unit)
+        return surface
 
     def to_dict(self) -> dict[str, Any]:
         """The values as types that JSON supports."""

@@ -104,7 +104,9 @@ def solve_plateau(
         loop: the curve: a `BoundaryLoop`; (m, 3) points in order; a mesh of any supported type with one boundary loop,
             or its path; or a `ClosedCurve` given by formulas, which is represented by polynomials to rounding error
             (their endpoints are the points of the loop). A sequence of loops, curves or arrays of points for a surface
-            between several.
+            between several. A closed edge, a wire, or edges in any order of build123d, CadQuery or OCP, or the path of
+            a STEP, IGES or BREP file: the edges exactly, several closed wires for a surface between them; of faces the
+            free boundary.
         model: "auto" chooses by the loop. "cauchy" or `Cauchy(...)`: a Cauchy network. "series": power series on the
             unit disk, to rounding error, for smooth loops of small elongation, or Laurent series. `Laurent(...)`: as
             "auto", with a choice of the modulus. "mlp": the paper's complex-valued network, trained.
@@ -123,7 +125,7 @@ def solve_plateau(
             smooth curve, as in most mesh holes, Γ is the boundary of a minimal surface through the points, the one
             nearest to a discrete minimal disk, or for several loops nearest to the surface between averages of them.
             That takes hundredths of a second for tens of points and seconds for several loops. It has no effect with a
-            model other than "auto".
+            model other than "auto", and on curves given by formulas or edges.
         all_solutions: search for several disks over the loop, as Cauchy networks, or for annuli, as Laurent series,
             unstable ones too; see `find_disks`. It takes several times as long, and may miss some.
         time_limit: seconds after which the best surface so far is returned; `converged` and `reason` report what it
@@ -142,6 +144,9 @@ def solve_plateau(
         FirstFillError: no discrete disk over the loop was found.
         DomainError: no simple plane domain was found; with "series", the loop crowds on the disk or has corners.
         CurveError: the formulas do not define a smooth closed curve.
+        NoEdgesError, OpenWireError, BranchingEdgesError: edges do not form closed curves.
+        CadFileError: the file cannot be read.
+        MissingPackageError: a CAD file is given, and OCP is not installed.
         SelfCrossingLoopError: the loop crosses or touches itself.
         LoopsMeetError: two loops cross or touch each other.
         RepeatedPointError: two neighbouring points of the loop are equal.

@@ -282,7 +282,7 @@ def test_options_that_make_no_sense_are_refused(options: dict[str, object]) -> N
 
 
 def test_a_place_that_does_not_exist_is_refused() -> None:
-    with pytest.raises(LoopIndexError, match="loop 2 does not exist, the mesh has 2"):
+    with pytest.raises(LoopIndexError, match="loop 2 does not exist, there are 2"):
         fill_hole(tube(), 2)
 
 

@@ -40,7 +40,7 @@ def test_places_may_be_one_or_several_in_any_order(loops: list[BoundaryLoop]) ->
 
 @pytest.mark.parametrize("place", [2, -1, [0, 7]])
 def test_a_place_that_does_not_exist_is_named(loops: list[BoundaryLoop], place: int | list[int]) -> None:
-    with pytest.raises(LoopIndexError, match="the mesh has 2"):
+    with pytest.raises(LoopIndexError, match="there are 2"):
         chosen_places(place, loops)
 
 

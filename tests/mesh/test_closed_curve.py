@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.interpolate import BSpline, make_interp_spline
 
 from spinor_geom import gallery
 from spinor_geom.errors import CurveError
@@ -116,3 +117,31 @@ def test_a_curve_that_stands_still_is_refused_with_the_place(start):
         BoundaryCurve.from_formula(ellipse_run(1.0, start))
     assert abs((caught.value.fields["parameter"] - start + 0.5) % 1 - 0.5) < 1e-4
     assert BoundaryCurve.from_formula(ellipse_run(0.999, start)).length() == pytest.approx(9.68844822054768, rel=1e-9)
+
+
+def of_spline(spline: BSpline, joints: tuple[float, ...]) -> ClosedCurve:
+    return ClosedCurve(
+        point=spline, derivative=spline.derivative(), second_derivative=spline.derivative(2), joints=joints
+    )
+
+
+def test_splines_are_exact_between_their_joints() -> None:
+    """The third derivative of a cubic spline jumps at each knot; polynomials across a knot approximate it slowly."""
+    t = np.linspace(0, 1, 13)
+    points = np.stack([np.cos(2 * np.pi * t), np.sin(2 * np.pi * t), 0.2 * np.cos(4 * np.pi * t)], axis=1)
+    points[-1] = points[0]
+    spline = make_interp_spline(t, points, k=3, bc_type="periodic")
+    fitted = BoundaryCurve.from_formula(of_spline(spline, tuple(t[:-1])))
+    s = np.linspace(0, 1, 1000, endpoint=False)
+    assert np.abs(fitted.point(s) - spline(s)).max() < 1e-14
+    assert len(fitted.corners) < 100
+    assert not fitted.corners.any()
+    with pytest.raises(CurveError, match="kink"):
+        BoundaryCurve.from_formula(of_spline(spline, ()))
+
+
+def test_curves_far_from_the_origin_are_met_to_the_rounding_of_their_coordinates() -> None:
+    shift = np.array([3e5, -2e5, 1e5])
+    fitted = BoundaryCurve.from_formula(circle(point=lambda s: circle().point(s) + shift))
+    s = np.linspace(0, 1, 100, endpoint=False)
+    assert np.abs(fitted.point(s) - shift - circle().point(s)).max() < 1e-9  # ten times 3e5 · 2⁻⁵²

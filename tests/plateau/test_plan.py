@@ -59,7 +59,7 @@ FREE = ("flattened", "unfolded", "vertices", "network")
 PLANS = {
     "smooth": (SMOOTH, SMOOTH_ONLY, ("disk", *HARMONIC)),
     "smooth, free": (SMOOTH, {}, ("disk", *FREE)),
-    "a curve in formulas": (gallery.tennis_seam(0.8), {}, ("disk", *FREE)),
+    "a curve in formulas": (gallery.tennis_seam(0.8), {}, ("disk", *HARMONIC)),
     "long": (gallery.ellipse(4.0, 0.3).sample(64), {}, FREE),
     "rough": (noisy_ellipse(100), SMOOTH_ONLY, HARMONIC),
     "rough, free": (noisy_ellipse(100), {}, ("vertices",)),

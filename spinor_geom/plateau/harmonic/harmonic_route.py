@@ -41,7 +41,7 @@ _FEWEST_POINTS, _POINTS = 32, 128  # fewest and most points that define Ω; Λ c
 BATCH_NODES = 16384  # nodes of all loops in one batch; half of it takes an eighth longer
 _MOST_PER_EDGE = 16  # largest number of nodes per edge; loops that need more are left to other routes
 # Largest number of points for surfaces through the points, whose cost grows as n³. Longer loops may have this many
-# nodes per edge: 5,000 noisy points need more than 16.
+# nodes per edge: 5,000 noisy points need more than 16, formulas with jumps of the curvature, too.
 MOST_FREE_POINTS, _MOST_PER_EDGE_OF_LONG = 1500, 64
 _MORE_ON_ANALYTIC = 3  # growth factor of the nodes per attempt on analytic curves; 2 on others
 _FEWEST_PER_EDGE = 4  # nodes per edge below which distances over rough loops, or of coarse nodes, are not compared
@@ -256,7 +256,8 @@ class HarmonicSolver:
     def most_nodes(self) -> int:
         """Upper limit on nodes."""
         points = len(self.problem.unit)
-        per_edge = _MOST_PER_EDGE if points <= MOST_FREE_POINTS else _MOST_PER_EDGE_OF_LONG
+        may_be_free = points <= MOST_FREE_POINTS and not self.problem.curve.is_formula
+        per_edge = _MOST_PER_EDGE if may_be_free else _MOST_PER_EDGE_OF_LONG
         return even(max(4 * FEWEST_NODES, per_edge * points))
 
     def is_enough(self, misfit: Misfit) -> bool:

@@ -1,0 +1,272 @@
+"""Shells of spline surfaces as shapes and files of Open CASCADE, the kernel of CadQuery, build123d and FreeCAD."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal, Protocol, get_args
+
+import numpy as np
+from jaxtyping import Float
+
+from spinor_geom.errors import CadFileError, OptionError, require
+from spinor_geom.files import atomic_path
+from spinor_geom.mesh.joined_splines import RationalSpline
+
+Unit = Literal["mm", "cm", "m", "in"]
+_MILLIMETRES: dict[Unit, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
+STEP, IGES, BREP = (".step", ".stp"), (".igs", ".iges"), (".brep",)
+CAD_SUFFIXES = (*STEP, *IGES, *BREP)
+# Open CASCADE takes points at most 1e-7 apart as equal, whatever the unit; edges must be much longer
+_LEAST_EDGE = 1e-4
+
+
+class SplinePatch(Protocol):
+    """A B-spline surface on the unit square."""
+
+    @property
+    def control_points(self) -> Float[np.ndarray, "n m 3"]:
+        """In rows of the first parameter."""
+
+    @property
+    def degrees(self) -> tuple[int, int]:
+        """Of both parameters."""
+
+    @property
+    def knots(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " l"]]:
+        """Of both parameters, from 0 to 1, each repeated as often as it counts."""
+
+
+def is_cad_file(what: Any) -> bool:
+    """Whether an argument is the path of a CAD file, by its suffix."""
+    return isinstance(what, (str, os.PathLike)) and Path(what).suffix.lower() in CAD_SUFFIXES
+
+
+def require_cad_suffix(path: str | os.PathLike[str]) -> str:
+    """The suffix of a CAD file in lower case; a CadFileError if it is unknown, a MissingPackageError without OCP."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in CAD_SUFFIXES:
+        known = ", ".join(CAD_SUFFIXES)
+        raise CadFileError(f"{os.fspath(path)}: '{Path(path).suffix}' is no CAD format; use one of {known}")
+    require("OCP", extra="cad")
+    return suffix
+
+
+def sewn_shell(patches: Iterable[SplinePatch], *, unit: Unit = "mm") -> Any:
+    """The patches as faces of one shell, sewn along equal sides.
+
+    Args:
+        patches: neighbours have equal control points along the side that they share.
+        unit: of the control points. Open CASCADE counts in millimetres.
+
+    Returns:
+        A `TopoDS_Shape` that is a shell, in millimetres.
+
+    Raises:
+        OptionError: an unknown unit.
+        CadFileError: sides are too short for Open CASCADE, or the patches do not form one shell.
+        MissingPackageError: OCP is not installed.
+    """
+    require("OCP", extra="cad")
+    from OCP.BRep import BRep_Builder
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace, BRepBuilderAPI_Sewing
+    from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL
+    from OCP.TopoDS import TopoDS_Shell
+
+    if unit not in _MILLIMETRES:
+        raise OptionError(f"unit must be one of {', '.join(get_args(Unit))}, not {unit!r}")
+    nets = [(patch, _MILLIMETRES[unit] * patch.control_points) for patch in patches]
+    shortest = min(_shortest_side(points) for _, points in nets)
+    if not shortest > _LEAST_EDGE:
+        raise CadFileError(
+            f"a side of {shortest:.1e} mm is too short for CAD, whose kernels take points 1e-7 mm apart as equal; "
+            "scale the curve, or give its unit"
+        )
+    sewing = BRepBuilderAPI_Sewing(_LEAST_EDGE / 100)
+    faces = [BRepBuilderAPI_MakeFace(_spline_surface(patch, points), 1e-7).Face() for patch, points in nets]
+    for face in faces:
+        sewing.Add(face)
+    sewing.Perform()
+    sewn = sewing.SewedShape()
+    if sewn.ShapeType() == TopAbs_SHELL:
+        return sewn
+    if sewn.ShapeType() != TopAbs_FACE:
+        raise CadFileError("the patches do not form one shell: sides that should be shared differ")
+    shell, builder = TopoDS_Shell(), BRep_Builder()
+    builder.MakeShell(shell)
+    builder.Add(shell, sewn)
+    return shell
+
+
+def spline_edge(spline: RationalSpline) -> Any:
+    """A `TopoDS_Edge` of a spline in millimetres."""
+    require("OCP", extra="cad")
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
+    from OCP.Geom import Geom_BSplineCurve
+    from OCP.gp import gp_Pnt
+
+    poles = _array_type("Array1_gp_Pnt")(1, len(spline.poles))
+    for i, point in enumerate(spline.poles.tolist(), 1):
+        poles.SetValue(i, gp_Pnt(*point))
+    values, counts = np.unique(spline.knots, return_counts=True)
+    weights, knots = _array("Array1_double", spline.weights), _array("Array1_double", values)
+    curve = Geom_BSplineCurve(poles, weights, knots, _array("Array1_int", counts), spline.degree)
+    return BRepBuilderAPI_MakeEdge(curve).Edge()
+
+
+def write_shape(shape: Any, path: str | os.PathLike[str], *, name: str = "minimal surface") -> None:
+    """Writes a shape to a STEP, IGES or BREP file, completely or not at all; the suffix selects the format.
+
+    Args:
+        shape: a `TopoDS_Shape`, in millimetres.
+        path: ends with .step, .stp, .igs, .iges or .brep.
+        name: of the part in a STEP file.
+
+    Raises:
+        CadFileError: an unknown suffix, or the shape cannot be translated.
+        OSError: the file cannot be written.
+        MissingPackageError: OCP is not installed.
+    """
+    suffix = require_cad_suffix(path)
+    write: Callable[[Any, str], bool]
+    if suffix in STEP:
+        write = _write_step
+    elif suffix in IGES:
+        write = _write_iges
+    else:
+        write = _write_brep
+    with atomic_path(path) as temporary, _parameters({"write.step.product.name": name}), _silent():
+        if not write(shape, str(temporary)):
+            raise CadFileError(f"{os.fspath(path)}: Open CASCADE cannot write the shape")
+
+
+def read_shape(path: str | os.PathLike[str]) -> Any:
+    """The shape of a STEP, IGES or BREP file, a `TopoDS_Shape` in millimetres.
+
+    Raises:
+        CadFileError: an unknown suffix, a missing or malformed file, or one without shapes.
+        MissingPackageError: OCP is not installed.
+    """
+    suffix = require_cad_suffix(path)
+    if not Path(path).is_file():
+        raise CadFileError(f"{os.fspath(path)}: there is no such file; check the name")
+    from OCP.BRep import BRep_Builder
+    from OCP.BRepTools import BRepTools
+    from OCP.IFSelect import IFSelect_RetDone
+    from OCP.IGESControl import IGESControl_Reader
+    from OCP.STEPControl import STEPControl_Reader
+    from OCP.TopoDS import TopoDS_Shape
+
+    with _silent():
+        if suffix in BREP:
+            shape = TopoDS_Shape()
+            done = BRepTools.Read_s(shape, os.fspath(path), BRep_Builder())
+        else:
+            reader = STEPControl_Reader() if suffix in STEP else IGESControl_Reader()
+            done = reader.ReadFile(os.fspath(path)) == IFSelect_RetDone
+            if done:
+                reader.TransferRoots()
+                shape = reader.OneShape()
+    if not done or shape.IsNull():
+        raise CadFileError(f"{os.fspath(path)}: has no shape that Open CASCADE can read; check the file")
+    return shape
+
+
+def _write_step(shape: Any, path: str) -> bool:
+    from OCP.IFSelect import IFSelect_RetDone
+    from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
+
+    writer = STEPControl_Writer()
+    return bool(writer.Transfer(shape, STEPControl_AsIs) == IFSelect_RetDone and writer.Write(path) == IFSelect_RetDone)
+
+
+def _write_iges(shape: Any, path: str) -> bool:
+    from OCP.IGESControl import IGESControl_Writer
+
+    writer = IGESControl_Writer("MM", 1)  # 1: shells and faces as such, not as loose trimmed surfaces
+    return bool(writer.AddShape(shape) and writer.Write(path))
+
+
+def _write_brep(shape: Any, path: str) -> bool:
+    from OCP.BRepTools import BRepTools
+
+    return bool(BRepTools.Write_s(shape, path))
+
+
+@contextmanager
+def _parameters(values: dict[str, str]) -> Iterator[None]:
+    """Sets parameters of Open CASCADE's writers, which are global, while the context is open."""
+    from OCP.Interface import Interface_Static
+    from OCP.STEPControl import STEPControl_Controller
+
+    STEPControl_Controller.Init_s()  # defines the parameters
+    before = {name: Interface_Static.CVal_s(name) for name in values}
+    try:
+        for name, value in values.items():
+            Interface_Static.SetCVal_s(name, value)
+        yield
+    finally:
+        for name, value in before.items():
+            Interface_Static.SetCVal_s(name, value)
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keeps Open CASCADE from printing statistics while the context is open."""
+    from OCP.Message import Message, Message_Gravity, Message_PrinterOStream
+
+    messenger = Message.DefaultMessenger_s()
+    printers = [printer for printer in messenger.Printers() if isinstance(printer, Message_PrinterOStream)]
+    before = [printer.GetTraceLevel() for printer in printers]
+    for printer in printers:
+        printer.SetTraceLevel(Message_Gravity.Message_Fail)
+    try:
+        yield
+    finally:
+        for printer, level in zip(printers, before, strict=True):
+            printer.SetTraceLevel(level)
+
+
+def _shortest_side(points: Float[np.ndarray, "n m 3"]) -> float:
+    """Length of the shortest control polygon of a side."""
+    sides = (points[0], points[-1], points[:, 0], points[:, -1])
+    return min(float(np.linalg.norm(np.diff(side, axis=0), axis=1).sum()) for side in sides)
+
+
+def _spline_surface(patch: SplinePatch, points: Float[np.ndarray, "n m 3"]) -> Any:
+    """A `Geom_BSplineSurface`."""
+    from OCP.Geom import Geom_BSplineSurface
+    from OCP.gp import gp_Pnt
+
+    poles = _array_type("Array2_gp_Pnt")(1, points.shape[0], 1, points.shape[1])
+    for i, row in enumerate(points.tolist(), 1):
+        for j, point in enumerate(row, 1):
+            poles.SetValue(i, j, gp_Pnt(*point))
+    values, counts = zip(*(np.unique(knots, return_counts=True) for knots in patch.knots), strict=True)
+    knots = [_array("Array1_double", each) for each in values]
+    multiplicities = [_array("Array1_int", each) for each in counts]
+    return Geom_BSplineSurface(poles, *knots, *multiplicities, *patch.degrees)
+
+
+def _array(name: str, values: np.ndarray) -> Any:
+    array = _array_type(name)(1, len(values))
+    for i, value in enumerate(values.tolist(), 1):
+        array.SetValue(i, value)
+    return array
+
+
+def _array_type(name: str) -> Any:
+    """A class of `OCP.collections`, or of the modules that had it before Open CASCADE 8."""
+    try:
+        return getattr(importlib.import_module("OCP.collections"), name)
+    except ModuleNotFoundError:
+        module, old = {
+            "Array1_gp_Pnt": ("TColgp", "TColgp_Array1OfPnt"),
+            "Array2_gp_Pnt": ("TColgp", "TColgp_Array2OfPnt"),
+            "Array1_double": ("TColStd", "TColStd_Array1OfReal"),
+            "Array1_int": ("TColStd", "TColStd_Array1OfInteger"),
+        }[name]
+        return getattr(importlib.import_module(f"OCP.{module}"), old)

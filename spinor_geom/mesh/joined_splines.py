@@ -1,0 +1,194 @@
+"""A closed curve of rational B-splines, one after another, by arc length."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import comb
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.interpolate import BSpline, PPoly
+
+from spinor_geom.errors import CurveError
+from spinor_geom.mesh.curve import SMOOTH_TURN, ClosedCurve
+from spinor_geom.mesh.interpolation import piece_places, through
+
+# Relative error of the polynomials that interpolate the speed; it makes s uneven, points stay on the splines.
+SPEED_ERROR = 1e-12
+MOST_PARTS = 256  # of a span between two knots, for that error
+CHECKS = np.array([0.13, 0.47, 0.81])  # where on each part the error is measured
+MAX_NEWTON_STEPS, ROUNDING = 30, 1e-15
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RationalSpline:
+    """A rational B-spline curve in space, on t from 0 to 1.
+
+    Attributes:
+        knots: (n + d + 1,) increasing; 0 and 1 are knots of multiplicity d + 1.
+        poles: (n, 3) control points, in mesh units.
+        weights: (n,) their positive weights.
+    """
+
+    knots: Float[np.ndarray, " k"]
+    poles: Float[np.ndarray, "n 3"]
+    weights: Float[np.ndarray, " n"]
+
+    @property
+    def degree(self) -> int:
+        """Degree d."""
+        return len(self.knots) - len(self.poles) - 1
+
+    @property
+    def ends(self) -> Float[np.ndarray, "2 3"]:
+        """First and last point."""
+        return self.poles[[0, -1]]
+
+    def reversed(self) -> RationalSpline:
+        """The spline with the opposite direction."""
+        return replace(self, knots=1 - self.knots[::-1], poles=self.poles[::-1], weights=self.weights[::-1])
+
+    def between(self, ends: Float[np.ndarray, "2 3"]) -> RationalSpline:
+        """The spline with its ends moved to given points, and its other control points in proportion."""
+        # Greville's abscissae: a straight spline at constant speed keeps both properties
+        share = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], self.degree).mean(axis=1)[:, None]
+        first, last = ends - self.ends
+        return replace(self, poles=self.poles + (1 - share) * first + share * last)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JoinedSplines:
+    """Rational B-splines of one degree, each of which begins where the one before ends, the first where the last ends.
+
+    Attributes:
+        spline: number k on k ≤ t < k + 1, in homogeneous coordinates (w·x, w·y, w·z, w) relative to `origin`.
+        origin: a point of Γ, in mesh units; derivatives far from 0 would lose digits.
+    """
+
+    spline: BSpline
+    origin: Float[np.ndarray, " 3"]
+
+    @classmethod
+    def of(cls, splines: Sequence[RationalSpline]) -> JoinedSplines:
+        """The curve of splines of one degree whose ends are equal, bit for bit."""
+        degree, origin = splines[0].degree, splines[0].poles[0]
+        knots = [number + one.knots[: -degree - 1] for number, one in enumerate(splines)]
+        poles = [np.column_stack([one.weights[:, None] * (one.poles - origin), one.weights]) for one in splines]
+        last = np.full(degree + 1, float(len(splines)))
+        return cls(spline=BSpline(np.concatenate([*knots, last]), np.concatenate(poles), degree), origin=origin)
+
+    def curve(self) -> ClosedCurve:
+        """Γ(s), s the share of the length.
+
+        Raises:
+            CurveError: the derivative of a spline is 0 or not finite somewhere.
+        """
+        at_knots = self._share(self._knots)
+        return ClosedCurve(
+            point=self.point,
+            derivative=self.derivative,
+            second_derivative=self.second_derivative,
+            corners=tuple(at_knots[self.are_corners].tolist()),
+            joints=tuple(at_knots[~self.are_corners].tolist()),
+        )
+
+    def point(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        """Γ(s), in mesh units."""
+        return np.asarray(self.origin + self._derivatives(self._parameters(s), 0)[0])
+
+    def derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        """Γ′(s), at a corner the right-hand one."""
+        t = self._parameters(s)
+        return np.asarray(self._derivatives(t, 1)[1] / self._share(t, 1)[..., None])
+
+    def second_derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        """Γ″(s), at a corner or joint the right-hand one."""
+        t = self._parameters(s)
+        _, first, second = self._derivatives(t, 2)
+        speed, change = self._share(t, 1)[..., None], self._share(t, 2)[..., None]
+        return np.asarray((second - first * change / speed) / speed**2)
+
+    @cached_property
+    def are_corners(self) -> Bool[np.ndarray, " k"]:
+        """Whether Γ turns by more than `SMOOTH_TURN`, at each knot but the last."""
+        ends = np.nextafter(np.append(self._knots[1:], self._end), 0.0)
+        after, before = (self._derivatives(t, 1)[1] for t in (self._knots, np.roll(ends, 1)))
+        after, before = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (after, before))
+        # arccos of the scalar product would lose half the digits
+        turn = 2 * np.arctan2(np.linalg.norm(after - before, axis=1), np.linalg.norm(after + before, axis=1))
+        return np.asarray(turn > SMOOTH_TURN)
+
+    @property
+    def _end(self) -> float:
+        return float(self.spline.t[-1])
+
+    @cached_property
+    def _knots(self) -> Float[np.ndarray, " k"]:
+        """The different knots but the last."""
+        return np.unique(self.spline.t)[:-1]
+
+    @cached_property
+    def length(self) -> float:
+        """Length of Γ, in mesh units."""
+        return float(self._length(self._end))
+
+    @cached_property
+    def _share(self) -> PPoly:
+        """The share s of the length up to t."""
+        return PPoly(self._length.c / self.length, self._length.x)
+
+    @cached_property
+    def _length(self) -> PPoly:
+        """Length from 0 to t."""
+        knots, parts = np.append(self._knots, self._end), 1
+        while True:
+            divided = knots[:-1, None] + np.diff(knots)[:, None] * np.arange(parts) / parts
+            breaks = np.append(divided.ravel(), self._end)
+            width = np.diff(breaks)[:, None]
+            values = self._speed(breaks[:-1] + width[:, 0] * piece_places()[:, None])
+            speed = PPoly(through(values[..., None], width[:, 0])[..., 0], breaks)
+            at = breaks[:-1, None] + width * CHECKS
+            exact = self._speed(at)
+            error = np.abs(speed(at) - exact)
+            if error.max() <= SPEED_ERROR * exact.max():
+                length: PPoly = speed.antiderivative()
+                return length
+            parts *= 2
+            if parts > MOST_PARTS:
+                worst = float(at.flat[int(error.argmax())])
+                raise CurveError(reason="has a point where its spline stands still", parameter=worst / self._end)
+
+    def _speed(self, t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
+        return np.asarray(np.linalg.norm(self._derivatives(t, 1)[1], axis=-1))
+
+    def _derivatives(self, t: Float[np.ndarray, "*pts"], order: int) -> list[Float[np.ndarray, "*pts 3"]]:
+        """The point relative to `origin` and its derivatives by t, up to an order of at most 2."""
+        values = [self.spline(t, nu) for nu in range(order + 1)]
+        weight = [value[..., 3:] for value in values]
+        found: list[Float[np.ndarray, "*pts 3"]] = []
+        for k, value in enumerate(values):
+            # Leibniz' rule for w·x
+            lower = sum(comb(k, j) * weight[j] * found[k - j] for j in range(1, k + 1))
+            found.append((value[..., :3] - lower) / weight[0])
+        return found
+
+    def _parameters(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
+        """The parameters t of each s, by Newton's method on the part between two breaks that contains it."""
+        s = np.mod(s, 1.0)
+        breaks, starts = self._share.x, self._starts
+        part = np.searchsorted(starts, s, side="right") - 1
+        low, high = breaks[part], np.nextafter(breaks[part + 1], 0.0)
+        ends = np.append(starts[1:], 1.0)
+        t = low + (high - low) * (s - starts[part]) / (ends[part] - starts[part])
+        for _ in range(MAX_NEWTON_STEPS):
+            before, t = t, np.clip(t - (self._share(t) - s) / self._share(t, 1), low, high)
+            if np.abs(t - before).max(initial=0.0) <= ROUNDING * self._end:
+                break
+        return np.where(s == starts[part], low, t)
+
+    @cached_property
+    def _starts(self) -> Float[np.ndarray, " m"]:
+        """The shares at all breaks but the last."""
+        return np.asarray(self._share(self._share.x[:-1]))

@@ -1,0 +1,326 @@
+"""Ω divided into quadrilaterals: a ring along each boundary, and pairs of triangles inside the rings."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+
+from spinor_geom.domain.delaunay import ConstrainedDelaunay, Rims, cross, rim_successors
+from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.polygons import bound_domain
+from spinor_geom.errors import DomainError
+from spinor_geom.nurbs.rims import Rim
+
+_FEWEST, _FINE = 4, 64  # quadrilaterals along a boundary: fewest, and about the number to begin with
+_DEPTHS = 0.5 ** (np.arange(60) / 3)  # of rings, in diameters of Ω, to choose from
+_DEEPEST = 0.35  # depth of a ring with corners, in lengths of the shorter of two neighbouring sides
+_SHALLOWER = 0.7  # factor of the depth of folded quadrilaterals
+_SLOPE = 0.15  # largest change of depth per distance of two marks
+_CLEAR = 0.9  # a depth is possible if the nearest point of ∂Ω is at least at this share of the distance to be expected
+_GRID = np.linspace(0, 1, 9)  # where quadrilaterals of the ring must not be folded
+_ASIDE = 0.005  # where derivatives at the ends of a side are taken, as a share of it
+_LEAST_SINE = 0.1  # of the angle between the parameter lines
+_EVEN = 0.3  # least thickness of a quadrilateral of the ring, as a share of its largest
+_MOST_CORNERS = 100  # of a region that is divided into quadrilaterals: the time grows with the fourth power
+_TRIES = 12  # numbers of sides that are tried for quadrilaterals inside
+_ROUNDS = 10  # of halving sides on ∂Ω
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Blocks:
+    """Quadrilaterals that cover Ω, counter-clockwise.
+
+    The first ones form rings along the boundaries, in order. The side from the first to the second corner of such a
+    quadrilateral is a part of ∂Ω. All other sides are straight.
+
+    Attributes:
+        points: the corners of all.
+        quads: indices of the corners of each.
+        parts: parameters of both ends of the sides on ∂Ω, as in `Rim`, increasing; the last may exceed 1.
+        sizes: numbers of quadrilaterals along each boundary.
+    """
+
+    points: Complex[np.ndarray, " n"]
+    quads: Int[np.ndarray, "q 4"]
+    parts: Float[np.ndarray, "r 2"]
+    sizes: tuple[int, ...]
+
+    @classmethod
+    def of(cls, domain: PlaneDomain, rims: Sequence[Rim]) -> Blocks:
+        """Quadrilaterals with corners at all corners of ∂Ω, whose sides on ∂Ω are halved until none is folded.
+
+        Raises:
+            DomainError: Ω is too narrow somewhere, or the surface runs back and forth along Γ.
+        """
+        rings = [_Ring.along(domain, rim) for rim in rims]
+        for _ in range(_ROUNDS):
+            folded = [ring.folded() for ring in rings]
+            if not any(some.any() for some in folded):
+                if _bound(rings):
+                    break
+                folded = [~some for some in folded]
+            rings = [ring.improved(domain, some) for ring, some in zip(rings, folded, strict=True)]
+        else:
+            raise DomainError(
+                "the plane domain cannot be divided into quadrilaterals: it is too narrow somewhere, or the surface "
+                "misses its curve by too much; solve with a smaller tolerance"
+            )
+        fewer = [ring.coarser() for ring in rings]
+        while sum(map(len, fewer)) < sum(map(len, rings)) and _bound(fewer):
+            rings, fewer = fewer, [ring.coarser() for ring in fewer]
+        finer = rings = _longest_halved(domain, rings) if sum(map(len, rings)) % 2 else rings
+        for _ in range(_TRIES):
+            quads = _inside(finer)
+            if quads is not None:
+                return _assembled(finer, quads)
+            finer = _longest_halved(domain, _longest_halved(domain, finer))
+        return _with_triangles(rings)
+
+    def rim_of(self, quad: int) -> int:
+        """The number of the boundary on which the first side of a quadrilateral lies."""
+        return int(np.searchsorted(np.cumsum(self.sizes), quad, side="right"))
+
+    def grid(
+        self, quad: int, u: Float[np.ndarray, " n"], v: Float[np.ndarray, " m"], first: Complex[np.ndarray, " n"] | None
+    ) -> Complex[np.ndarray, "n m"]:
+        """Points of a quadrilateral at all pairs of parameters in [0, 1].
+
+        Args:
+            quad: its number.
+            u: along its first side.
+            v: away from it.
+            first: points of its first side at u; None for a straight one.
+        """
+        a, b, c, d = self.points[self.quads[quad]]
+        side = a + u * (b - a) if first is None else first
+        return np.asarray((1 - v) * side[:, None] + v * (d + u * (c - d))[:, None])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Ring:
+    """Quadrilaterals along a boundary."""
+
+    rim: Rim
+    marks: Float[np.ndarray, " k"]  # parameters of their corners, increasing
+    outer: Complex[np.ndarray, " k"]  # the corners on ∂Ω
+    depth: Float[np.ndarray, " k"]  # distances of the inner corners from these
+    inwards: Complex[np.ndarray, " k"]  # unit vectors to them, along the bisectors of the angles of ∂Ω
+    fixed: Bool[np.ndarray, " k"]  # which marks are corners of ∂Ω
+
+    def __len__(self) -> int:
+        return len(self.marks)
+
+    @classmethod
+    def along(cls, domain: PlaneDomain, rim: Rim) -> _Ring:
+        """Many short quadrilaterals along a smooth boundary, or those between corners."""
+        marks = rim.corners if len(rim.corners) else np.arange(_FINE) / _FINE
+        while len(marks) < _FEWEST:
+            lengths = _lengths(rim, marks)
+            marks = np.sort(np.append(marks, ((marks + _ends(marks)) / 2)[lengths.argmax()] % 1.0))
+        return cls.at(domain, rim, marks)
+
+    @classmethod
+    def at(cls, domain: PlaneDomain, rim: Rim, marks: Float[np.ndarray, " k"]) -> _Ring:
+        """Quadrilaterals between marks, half as deep as possible without being nearer to other parts of ∂Ω."""
+        before, after = rim.tangents(marks)
+        half = (np.pi - np.angle(after / before)) / 2
+        inwards, outer, fixed = after * np.exp(1j * half), rim.point(marks), np.isin(marks, rim.corners)
+        depths = domain.diameter * _DEPTHS[:, None]
+        clear = -domain.distance_outside((outer + depths * inwards).ravel()).reshape(len(depths), -1)
+        possible = clear >= _CLEAR * depths * np.sin(np.minimum(half, np.pi / 2))
+        possible[-1] = True
+        depth = depths[possible.argmax(axis=0), 0] / 2
+        if fixed.any():
+            lengths = _lengths(rim, marks)
+            depth = np.minimum(depth, _DEEPEST * np.minimum(lengths, np.roll(lengths, 1)))
+        depth = _levelled(depth, outer)
+        return cls(rim=rim, marks=marks, outer=outer, depth=depth, inwards=inwards, fixed=fixed)
+
+    @property
+    def inner(self) -> Complex[np.ndarray, " k"]:
+        """The inner corners."""
+        return np.asarray(self.outer + self.depth * self.inwards)
+
+    @property
+    def lengths(self) -> Float[np.ndarray, " k"]:
+        """Lengths of the sides on ∂Ω."""
+        return _lengths(self.rim, self.marks)
+
+    def improved(self, domain: PlaneDomain, folded: Bool[np.ndarray, " k"]) -> _Ring:
+        """The ring with folded quadrilaterals halved, or shallower if they are longer across than along ∂Ω."""
+        deep = folded & (np.maximum(self.depth, np.roll(self.depth, -1)) > self.lengths)
+        depth = np.where(deep | np.roll(deep, 1), _SHALLOWER * self.depth, self.depth)
+        finer = self.halved(domain, folded & ~deep)
+        most = np.interp(finer.marks, self.marks, depth, period=1.0)
+        return replace(finer, depth=_levelled(np.minimum(finer.depth, most), finer.outer))
+
+    def halved(self, domain: PlaneDomain, chosen: Bool[np.ndarray, " k"]) -> _Ring:
+        """The ring with the chosen quadrilaterals halved."""
+        middle = ((self.marks + _ends(self.marks)) / 2)[chosen] % 1.0
+        return _Ring.at(domain, self.rim, np.sort(np.append(self.marks, middle))) if len(middle) else self
+
+    def coarser(self) -> _Ring:
+        """The ring with pairs of quadrilaterals joined, the shortest first, where the result is not folded."""
+        k = len(self)
+        end, after = np.append(self.marks[2:], self.marks[:2] + 1), np.roll(np.arange(k), -2)
+        folded = _folded(self.rim, self.marks, end, self.inner, self.inner[after])
+        # rounded, so that equal lengths are joined in order
+        length = np.round((self.lengths + np.roll(self.lengths, -1)) / self.lengths.sum(), 9)
+        kept, used = np.ones(k, dtype=bool), np.zeros(k, dtype=bool)
+        for first in np.argsort(length, kind="stable").tolist():
+            second = (first + 1) % k
+            if not (folded[first] or self.fixed[second] or used[first] or used[second]) and kept.sum() > _FEWEST:
+                kept[second], used[first], used[second] = False, True, True
+        left = {name: getattr(self, name)[kept] for name in ("marks", "outer", "depth", "inwards", "fixed")}
+        return replace(self, **left)
+
+    def folded(self) -> Bool[np.ndarray, " k"]:
+        """Which quadrilaterals are folded, or nearly so."""
+        return _folded(self.rim, self.marks, _ends(self.marks), self.inner, np.roll(self.inner, -1))
+
+
+def _levelled(depth: Float[np.ndarray, " k"], outer: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """Depths that change slowly along ∂Ω."""
+    return np.asarray((depth + _SLOPE * np.abs(outer[:, None] - outer)).min(axis=1))
+
+
+def _ends(marks: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    return np.append(marks[1:], marks[0] + 1)
+
+
+def _lengths(rim: Rim, marks: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    t = marks[:, None] + (_ends(marks) - marks)[:, None] * _GRID
+    return np.asarray(np.abs(np.diff(rim.point(t), axis=1)).sum(axis=1))
+
+
+def _folded(
+    rim: Rim,
+    start: Float[np.ndarray, " k"],
+    end: Float[np.ndarray, " k"],
+    before: Complex[np.ndarray, " k"],
+    after: Complex[np.ndarray, " k"],
+) -> Bool[np.ndarray, " k"]:
+    """Which quadrilaterals between boundary points and inner corners are folded, or nearly so."""
+    width = (end - start)[:, None]
+    t, step = start[:, None] + width * _GRID, (after - before)[:, None]
+    velocity = width * rim.derivative(start[:, None] + width * np.clip(_GRID, _ASIDE, 1 - _ASIDE))
+    across = before[:, None] + _GRID * step - rim.point(t)
+    along = (1 - _GRID) * velocity[..., None] + _GRID * step[..., None]
+    area = cross(along, across[..., None])
+    thickness = np.abs(across)
+    even = thickness.min(axis=1) > _EVEN * thickness.max(axis=1)
+    is_open = (area > _LEAST_SINE * np.abs(along) * thickness[..., None]).all(axis=(1, 2))
+    return np.asarray(~(even & is_open))
+
+
+def _bound(rings: Sequence[_Ring]) -> bool:
+    """Whether the inner corners bound a region."""
+    return bound_domain(tuple(ring.inner for ring in rings))
+
+
+def _longest_halved(domain: PlaneDomain, rings: Sequence[_Ring]) -> list[_Ring]:
+    """The rings with the quadrilateral halved that has the longest side on ∂Ω."""
+    lengths = [ring.lengths for ring in rings]
+    number = int(np.argmax([own.max() for own in lengths]))
+    longest = np.arange(len(rings[number])) == lengths[number].argmax()
+    return [ring.halved(domain, longest) if ring is rings[number] else ring for ring in rings]
+
+
+def _inside(rings: Sequence[_Ring]) -> Int[np.ndarray, "q 4"] | None:
+    """Quadrilaterals that fill the region inside the rings, by numbers of inner corners; None if none were found."""
+    inner = np.concatenate([ring.inner for ring in rings])
+    polygon = _cut(inner, tuple(map(len, rings)))
+    quads = _quadrangulated(inner[polygon]) if len(polygon) <= _MOST_CORNERS else None
+    return None if quads is None else polygon[quads]
+
+
+def _assembled(rings: Sequence[_Ring], inside: Int[np.ndarray, "q 4"]) -> Blocks:
+    """The quadrilaterals of rings, and those inside."""
+    sizes = tuple(map(len, rings))
+    n, after = sum(sizes), rim_successors(sizes)
+    own = np.arange(n)
+    return Blocks(
+        points=np.concatenate([ring.outer for ring in rings] + [ring.inner for ring in rings]),
+        quads=np.concatenate([np.stack([own, after, n + after, n + own], axis=1), n + inside]),
+        parts=np.concatenate([np.stack([ring.marks, _ends(ring.marks)], axis=1) for ring in rings]),
+        sizes=sizes,
+    )
+
+
+def _cut(inner: Complex[np.ndarray, " n"], sizes: Rims) -> Int[np.ndarray, " m"]:
+    """The corners of one closed polygon along all rims, with cuts between nearest corners of different rims."""
+    outer, *holes = np.split(np.arange(len(inner)), np.cumsum(sizes)[:-1])
+    polygon, rest = outer.tolist(), [hole.tolist() for hole in holes]
+    while rest:
+        distances = [np.abs(np.subtract.outer(inner[polygon], inner[hole])) for hole in rest]
+        number = int(np.argmin([each.min() for each in distances]))
+        i, j = divmod(int(distances[number].argmin()), len(rest[number]))
+        hole = rest.pop(number)
+        polygon = [*polygon[: i + 1], *hole[j:], *hole[: j + 1], *polygon[i:]]
+    return np.array(polygon)
+
+
+def _quadrangulated(z: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "q 4"] | None:
+    """The convex quadrilaterals that fill a polygon, with the least sum of 1/sin of least angles; None if none do.
+
+    Dynamic programming over the chords of the polygon. Equal points may occur twice.
+    """
+    m = len(z)
+    with np.errstate(invalid="ignore"):
+        step = z - z[:, None]
+        step /= np.abs(step)
+    cost, between = np.full((m, m), np.inf), np.zeros((m, m, 2), dtype=np.int64)
+    cost[np.arange(m - 1), np.arange(1, m)] = 0.0
+    for width in range(3, m, 2):
+        for i in range(m - width):
+            j = i + width
+            k, h = np.arange(i + 1, j, 2)[:, None], np.arange(i + 2, j, 2)
+            sides = np.broadcast_arrays(step[j, i], step[i, k], step[k, h], step[h, j], step[j, i])
+            sine = np.minimum.reduce([cross(a, b) for a, b in itertools.pairwise(sides)])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                total = cost[i, k] + cost[k, h] + cost[h, j] + 1 / np.where(sine > _LEAST_SINE, sine, 0.0)
+            best = int(total.argmin())
+            cost[i, j], between[i, j] = total.flat[best], (k.flat[best // h.size], h.flat[best % h.size])
+    if not np.isfinite(cost[0, m - 1]):
+        return None
+    quads, chords = [], [(0, m - 1)]
+    while chords:
+        i, j = chords.pop()
+        if j - i > 1:
+            k, h = between[i, j].tolist()
+            quads.append((i, k, h, j))
+            chords += [(i, k), (k, h), (h, j)]
+    return np.array(quads)
+
+
+def _with_triangles(rings: Sequence[_Ring]) -> Blocks:
+    """The halves of the quadrilaterals of rings, and the thirds of triangles inside."""
+    blocks = _assembled(rings, np.zeros((0, 4), dtype=np.int64))
+    inner = np.concatenate([ring.inner for ring in rings])
+    triangles = len(inner) + ConstrainedDelaunay(inner, [blocks.sizes]).triangles
+    ring = blocks.quads
+    sides = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
+    ends, index = np.unique(np.sort(np.concatenate([ring[:, 2:], sides]), axis=1), axis=0, return_inverse=True)
+    halfway = blocks.parts.mean(axis=1)
+    outside = [
+        ring.rim.point(part) for ring, part in zip(rings, np.split(halfway, np.cumsum(blocks.sizes)[:-1]), strict=True)
+    ]
+    new = [blocks.points[ends].mean(axis=1), np.concatenate(outside), blocks.points[triangles].mean(axis=1)]
+    first = len(blocks.points) + np.cumsum([0, *map(len, new)])
+    inner, middle = np.split(first[0] + index.ravel(), [len(ring)])
+    outer, middle = first[1] + np.arange(len(ring)), middle.reshape(-1, 3)
+    centre = np.broadcast_to(first[2] + np.arange(len(triangles))[:, None], triangles.shape)
+    a, b, c, d = ring.T
+    halves = np.stack([np.stack([a, outer, inner, d], axis=1), np.stack([outer, b, c, inner], axis=1)], axis=1)
+    thirds = np.stack([triangles, middle, centre, np.roll(middle, 1, axis=1)], axis=-1)
+    start, end = blocks.parts.T
+    return Blocks(
+        points=np.concatenate([blocks.points, *new]),
+        quads=np.concatenate([halves.reshape(-1, 4), thirds.reshape(-1, 4)]),
+        parts=np.stack([start, halfway, halfway, end], axis=1).reshape(-1, 2),
+        sizes=tuple(2 * size for size in blocks.sizes),
+    )

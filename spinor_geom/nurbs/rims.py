@@ -1,0 +1,134 @@
+"""Boundaries of Ω with the parameters of the curves that the surface maps them to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float
+
+from spinor_geom.domain.plane_domain import Boundary
+from spinor_geom.domain.quadrature import cumulative_matrix
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau.solution import PlateauSolution, RimMatch
+from spinor_geom.surface.interior import RimPrimitive
+
+_STEPS, _STEP = 10, 1e-6  # Newton steps for the parameter on ∂Ω, and the difference for its derivative
+_PRECISE, _REACH = 1e-13, 0.02  # the last step, and the longest one
+_ASIDE = 1e-9  # distance of one-sided derivatives from a corner
+_SLOPE_STEP = 1e-6  # difference for derivatives by the parameter on Γ
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rim:
+    """A boundary of Ω as a curve z(s) in the parameter of Γ.
+
+    In this parameter the rim of the surface is as smooth as Γ. The images of equal steps on ∂Ω may crowd.
+
+    Attributes:
+        match: the boundary and Γ.
+        start: position of the boundary's first point.
+        primitive: ∫ φ dz along the boundary.
+    """
+
+    match: RimMatch
+    start: Float[np.ndarray, "3"]
+    primitive: RimPrimitive
+
+    @classmethod
+    def all_of(cls, solution: PlateauSolution) -> tuple[Rim, ...]:
+        """The rims of a solution, in order."""
+        surface, domain = solution.array_surface, solution.domain
+        primitives = surface.rim_primitives(surface.order)
+        starts = surface.position(np.array([match.boundary.point(np.zeros(())) for match in solution.rims]))
+        is_inner = domain.root >= domain.triangulation.boundary_size
+        if is_inner and not (domain.holes or surface.has_closed_positions):
+            # by Cauchy's formula, as inside: paths to ∂Ω pass by poles
+            starts = surface.constant.detach().cpu().numpy() - primitives[0].inside(np.array([surface.root])).real
+        return tuple(
+            cls(match=match, start=start, primitive=primitive)
+            for match, start, primitive in zip(solution.rims, starts, primitives, strict=True)
+        )
+
+    @property
+    def boundary(self) -> Boundary:
+        """The boundary of Ω."""
+        return self.match.boundary
+
+    @property
+    def curve(self) -> BoundaryCurve:
+        """Γ."""
+        return self.match.curve
+
+    @cached_property
+    def corners(self) -> Float[np.ndarray, " c"]:
+        """Parameters of the corners of Γ."""
+        return np.asarray(self.curve.breaks[:-1][self.curve.corners])
+
+    def point(self, s: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        """z(s)."""
+        return self.boundary.point(self.on_boundary(s))
+
+    def derivative(self, s: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        """dz/ds, to a few digits, not at corners."""
+        before, after = self.on_boundary(s - _SLOPE_STEP), self.on_boundary(s + _SLOPE_STEP)
+        return np.asarray((self.boundary.point(after) - self.boundary.point(before)) / (2 * _SLOPE_STEP))
+
+    def tangents(self, s: Float[np.ndarray, " n"]) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
+        """Unit tangents of ∂Ω before and after points."""
+        t = self.on_boundary(s)
+        before, after = (self.boundary.derivative((t + side) % 1.0) for side in (-_ASIDE, _ASIDE))
+        return before / np.abs(before), after / np.abs(after)
+
+    def on_boundary(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
+        """Parameters t on ∂Ω whose positions lie in the normal planes of Γ(s); corners belong to corners."""
+        flat = np.asarray(s, dtype=np.float64).ravel()
+        is_corner, least, most = self._sides(flat)
+        t = np.clip(self._matched(flat), least, most)
+        point, tangent = self.curve.point(flat), self.curve.derivative(flat)
+        for _ in range(_STEPS):
+            ahead = t + np.where(t + _STEP <= most, _STEP, -_STEP)
+            here, there = np.split(self.positions(np.concatenate([t, ahead])), 2)
+            gap = ((point - here) * tangent).sum(axis=1)
+            speed = ((there - here) * tangent).sum(axis=1) / (ahead - t)
+            step = np.divide(gap, speed, out=np.zeros_like(gap), where=speed > 0)
+            t, before = np.clip(t + np.clip(step, -_REACH, _REACH), least, most), t
+            if np.abs(t - before).max(initial=0.0) <= _PRECISE:
+                break
+        return np.where(is_corner, least, t).reshape(np.shape(s))
+
+    def _sides(
+        self, s: Float[np.ndarray, " n"]
+    ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Which points are corners, and the parameters of the corners of ∂Ω before and after them."""
+        if not len(self.corners):
+            return np.zeros(len(s), dtype=bool), np.full(len(s), -np.inf), np.full(len(s), np.inf)
+        ends = np.append(self.corners, self.corners[0] + 1)
+        turns = np.floor(s - ends[0])
+        place = np.clip(np.searchsorted(ends, s - turns, side="right") - 1, 0, len(self.corners) - 1)
+        t = self._at_corners
+        return s - turns == ends[place], t[place] + turns, t[place + 1] + turns
+
+    @cached_property
+    def _at_corners(self) -> Float[np.ndarray, " c1"]:
+        """Parameters of the corners of ∂Ω that belong to those of Γ, and of the first one again."""
+        t = self._matched(self.corners)
+        offset = (t[:, None] - self.boundary.parameters[:-1] + 0.5) % 1.0 - 0.5
+        t = t - offset[np.arange(len(t)), np.abs(offset).argmin(axis=1)]
+        return np.append(t, t[0] + 1)
+
+    def _matched(self, s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Parameters on ∂Ω by the matching of the solution; they increase with s, which is not taken modulo 1."""
+        t, own = (np.concatenate([each + turn for turn in range(-2, 3)]) for each in self.match.matching.T)
+        return np.asarray(np.interp(s, own, t))
+
+    def positions(self, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Positions of the surface at parameters on ∂Ω."""
+        t = t % 1.0
+        order, breaks = self.primitive.panels.order, self.primitive.panels.breaks
+        panel = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, len(breaks) - 2)
+        width = np.diff(breaks)[panel]
+        rows = cumulative_matrix(order, tuple((t - breaks[panel]) / width))
+        within = np.einsum("ng,ngk->nk", rows, self.primitive.velocity.reshape(-1, order, 3)[panel])
+        return np.asarray(self.start + (self.primitive.at_breaks[panel] + width[:, None] * within).real)

@@ -1,0 +1,234 @@
+"""Strips of quadrilaterals, whose common knots are refined until interpolation is accurate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinor_geom.nurbs.spline_space import SplineSpace
+
+Breaks: TypeAlias = tuple[float, ...]
+Values: TypeAlias = Float[np.ndarray, "_ _ 3"]
+Errors: TypeAlias = Float[np.ndarray, "_"]
+Grid: TypeAlias = tuple[int, Float[np.ndarray, "_"], Float[np.ndarray, "_"]]  # number of a quadrilateral, u, v
+Sampler: TypeAlias = Callable[[Sequence[Grid]], list[Values]]
+
+DEGREE = 9  # of splines with inner knots
+NEARER_AT_RIMS = 10.0  # rims are so much nearer to Γ than patches to the surface: films join frames
+_ROUNDS = 20  # of halving pieces
+_MOST_POINTS = 25_000  # control points of all patches, above which no piece is halved; ragged rims take 20 000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class QuadMesh:
+    """Sides and strips of a mesh of quadrilaterals.
+
+    Side k = 0 … 3 of a quadrilateral lies at v = 0, u = 1, v = 1, u = 0, and is directed as the parameter along it. A
+    strip is a row of quadrilaterals that are neighbours along opposite sides; all have the same knots across the strip.
+
+    Attributes:
+        quads: the corners of each, counter-clockwise from u = v = 0.
+        ring: number of the quadrilaterals with a side at v = 0 on a rim; they come first.
+    """
+
+    quads: Int[np.ndarray, "q 4"]
+    ring: int
+
+    @cached_property
+    def _sides(self) -> Int[np.ndarray, "q 4 2"]:
+        return self.quads[:, [[0, 1], [1, 2], [3, 2], [0, 3]]]
+
+    @cached_property
+    def edges(self) -> Int[np.ndarray, "q 4"]:
+        """Numbers of the edges of the mesh at the sides."""
+        _, index = np.unique(np.sort(self._sides.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+        return np.asarray(index).reshape(-1, 4)
+
+    @cached_property
+    def ahead(self) -> Bool[np.ndarray, "q 4"]:
+        """Whether a side runs from the corner of smaller number to the other one."""
+        return np.asarray(self._sides[..., 0] < self._sides[..., 1])
+
+    @cached_property
+    def strips(self) -> tuple[Int[np.ndarray, "q 2"], Bool[np.ndarray, "q 2"]]:
+        """For both parameters of each quadrilateral: the strip, and whether the parameter runs against it."""
+        strip = np.full(int(self.edges.max()) + 1, -1)
+        against = np.zeros(len(strip), dtype=bool)
+        of_edge: list[list[tuple[int, int]]] = [[] for _ in strip]
+        for quad, row in enumerate(self.edges.tolist()):
+            for side, edge in enumerate(row):
+                of_edge[edge].append((quad, side))
+        count = 0
+        for first in range(len(strip)):
+            if strip[first] >= 0:
+                continue
+            strip[first], front = count, [first]
+            while front:
+                edge = front.pop()
+                for quad, side in of_edge[edge]:
+                    other = int(self.edges[quad, side ^ 2])
+                    if strip[other] < 0:
+                        strip[other] = count
+                        against[other] = against[edge] ^ (self.ahead[quad, side] != self.ahead[quad, side ^ 2])
+                        front.append(other)
+            count += 1
+        along = self.edges[:, [0, 3]]
+        return strip[along], against[along] ^ ~self.ahead[:, [0, 3]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """B-spline patches on the quadrilaterals of a mesh.
+
+    Attributes:
+        spaces: the splines in u and v of each.
+        nets: their control points; neighbours have equal ones along the side that they share.
+        error: an estimate of the largest distance of the patches from the positions to interpolate.
+        points: number of control points of all patches.
+    """
+
+    spaces: tuple[tuple[SplineSpace, SplineSpace], ...]
+    nets: tuple[Values, ...]
+    error: float
+
+    @property
+    def points(self) -> int:
+        """Number of control points of all patches."""
+        return sum(net.shape[0] * net.shape[1] for net in self.nets)
+
+
+def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float) -> Fit:
+    """Patches of the least degree without inner knots, or of degree `DEGREE` with the knots that a tolerance needs.
+
+    Interpolation at the nodes is exact along parameter lines through nodes. The error between these is measured in
+    both directions, and the pieces of a strip where it exceeds half of the tolerance are halved.
+    """
+    strip, against = mesh.strips
+    breaks: list[Breaks] = [(0.0, 1.0)] * (int(strip.max()) + 1)
+    whole = _Sampled.of(mesh, sample, breaks, DEGREE, {})
+    degree = next((d for d in range(1, DEGREE) if whole.error_of_degree(d) <= tolerance / (2 * NEARER_AT_RIMS)), DEGREE)
+    if degree < DEGREE:
+        return _Sampled.of(mesh, sample, breaks, degree, {}).fit(mesh)
+    known = whole
+    for _ in range(_ROUNDS):
+        chosen = known.inaccurate(strip, against, breaks, tolerance / 2)
+        if not any(some.any() for some in chosen) or known.points > _MOST_POINTS:
+            break
+        breaks = [_halved(own, some) for own, some in zip(breaks, chosen, strict=True)]
+        known = _Sampled.of(mesh, sample, breaks, DEGREE, known.values)
+    return known.fit(mesh)
+
+
+def _halved(breaks: Breaks, chosen: Bool[np.ndarray, " k"]) -> Breaks:
+    ends = np.array(breaks)
+    return tuple(np.sort(np.append(ends, ((ends[1:] + ends[:-1]) / 2)[chosen])).tolist())
+
+
+_Key: TypeAlias = tuple[int, SplineSpace, SplineSpace]
+_Known: TypeAlias = dict[_Key, tuple[Values, Errors, Errors]]  # at nodes; errors along u and v
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Sampled:
+    """Positions at the nodes of all patches, and errors between them."""
+
+    spaces: tuple[tuple[SplineSpace, SplineSpace], ...]
+    values: _Known
+
+    @classmethod
+    def of(
+        cls,
+        mesh: QuadMesh,
+        sample: Sampler,
+        breaks: Sequence[Breaks],
+        degree: int,
+        known: _Known,
+    ) -> _Sampled:
+        """Samples those patches whose knots are not among the known ones."""
+        spaces = []
+        for strips, flips in zip(*mesh.strips, strict=True):
+            own = (
+                breaks[k] if not flip else tuple(1 - b for b in breaks[k][::-1])
+                for k, flip in zip(strips, flips, strict=True)
+            )
+            u, v = (SplineSpace.on(degree, each) for each in own)
+            spaces.append((u, v))
+        keys = [(quad, *pair) for quad, pair in enumerate(spaces)]
+        new = [key for key in keys if key not in known]
+        grids = []
+        for quad, u, v in new:
+            grids += [(quad, u.nodes, v.nodes), (quad, u.between, v.nodes), (quad, u.nodes, v.between)]
+        found = sample(grids) if grids else []
+        values = {key: known[key] for key in keys if key in known}
+        for key, at_nodes, between_u, between_v in zip(new, found[::3], found[1::3], found[2::3], strict=True):
+            _, u, v = key
+            along_u = np.einsum("ni,ijk->njk", u.to_between, at_nodes) - between_u
+            along_v = np.einsum("nj,ijk->ink", v.to_between, at_nodes) - between_v
+            if key[0] < mesh.ring:
+                along_u[:, 0] *= NEARER_AT_RIMS
+            errors = np.linalg.norm(along_u, axis=2).max(axis=1), np.linalg.norm(along_v, axis=2).max(axis=0)
+            values[key] = (at_nodes, *errors)
+        return cls(spaces=tuple(spaces), values=values)
+
+    @property
+    def points(self) -> int:
+        """Number of control points."""
+        return sum(u.dimension * v.dimension for u, v in self.spaces)
+
+    def error_of_degree(self, degree: int) -> float:
+        """The largest error, with that of polynomials of a lower degree in place of those without inner knots."""
+        low = SplineSpace.on(degree, (0.0, 1.0))
+        (high, _), *_ = self.spaces
+        to_low = high.basis(low.nodes) @ high.interpolation
+        back = low.basis(high.nodes) @ low.interpolation @ to_low - np.eye(high.dimension)
+        lost = max(
+            max(
+                np.abs(np.einsum("ni,ijk->njk", back, values)).max(),
+                np.abs(np.einsum("nj,ijk->ink", back, values)).max(),
+            )
+            for values, _, _ in self.values.values()
+        )
+        return float(lost) + self.error
+
+    @property
+    def error(self) -> float:
+        """The largest error."""
+        return max(float(max(u.max(), v.max())) for _, u, v in self.values.values())
+
+    def inaccurate(
+        self, strip: Int[np.ndarray, "q 2"], against: Bool[np.ndarray, "q 2"], breaks: Sequence[Breaks], allowed: float
+    ) -> list[Bool[np.ndarray, " _"]]:
+        """Which pieces of each strip have a larger error than allowed."""
+        chosen = [np.zeros(len(own) - 1, dtype=bool) for own in breaks]
+        for quad, pair in enumerate(self.spaces):
+            key = (quad, *pair)
+            _, *errors = self.values[key]
+            for axis, (space, error) in enumerate(zip(pair, errors, strict=True)):
+                pieces = space.pieces[error > allowed]
+                if against[quad, axis]:
+                    pieces = len(space.breaks) - 2 - pieces
+                chosen[strip[quad, axis]][pieces] = True
+        return chosen
+
+    def fit(self, mesh: QuadMesh) -> Fit:
+        """The control points; sides and corners are those of the first patch that has them."""
+        nets = []
+        rows: dict[int, tuple[Values, bool]] = {}
+        corners: dict[int, Float[np.ndarray, "3"]] = {}
+        for quad, (u, v) in enumerate(self.spaces):
+            values = self.values[(quad, u, v)][0]
+            net = np.einsum("ai,bj,ijk->abk", u.interpolation, v.interpolation, values)
+            sides = (net[:, 0], net[-1], net[:, -1], net[0])
+            for corner, (a, b) in zip(mesh.quads[quad].tolist(), ((0, 0), (-1, 0), (-1, -1), (0, -1)), strict=True):
+                net[a, b] = corners.setdefault(corner, net[a, b].copy())
+            for side, row in enumerate(sides):
+                ahead = bool(mesh.ahead[quad, side])
+                first, direction = rows.setdefault(int(mesh.edges[quad, side]), (row.copy(), ahead))
+                row[:] = first if direction == ahead else first[::-1]
+            nets.append(net)
+        return Fit(spaces=self.spaces, nets=tuple(nets), error=self.error)

@@ -1,0 +1,86 @@
+"""Objects of OCP, build123d and CadQuery are recognised as closed curves, without an import of these libraries."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spinor_geom.adapters import to_rims
+from spinor_geom.adapters.cad_edges import parts_of
+from spinor_geom.adapters.cad_objects import cad_object, cad_shapes
+from spinor_geom.errors import MissingPackageError
+
+
+def test_other_objects_are_no_cad_shapes() -> None:
+    for what in (np.eye(3), [np.eye(3), np.eye(3)], "mesh.obj", (np.eye(3), np.array([[0, 1, 2]])), [], None):
+        assert cad_shapes(what) is None
+
+
+def build123d_objects() -> dict[str, Any]:
+    import build123d as cad
+
+    with cad.BuildLine() as line:
+        cad.CenterArc((0, 0), 1, 0, 360)
+    with cad.BuildSketch() as sketch:
+        cad.Circle(1)
+    return {
+        "edge": cad.Edge.make_circle(1),
+        "wire": cad.Wire.make_circle(1),
+        "list of edges": cad.Wire.make_circle(1).edges(),
+        "curve": cad.Curve() + cad.CenterArc((0, 0), 1, 0, 360),
+        "sketch": cad.Circle(1),
+        "line builder": line,
+        "sketch builder": sketch,
+        "shape of OCP": cad.Wire.make_circle(1).wrapped,
+        "faces": cad.Circle(1).faces(),
+    }
+
+
+def cadquery_objects() -> dict[str, Any]:
+    import cadquery as cad
+
+    wire = cad.Wire.makeCircle(1, cad.Vector(), cad.Vector(0, 0, 1))
+    return {
+        "edge": wire.Edges()[0],
+        "wire": wire,
+        "list of edges": wire.Edges(),
+        "workplane": cad.Workplane().circle(1),
+        "workplane with a chain of edges": cad.Workplane().moveTo(1, 0).threePointArc((0, 1), (-1, 0)).close().wires(),
+        "sketch": cad.Sketch().circle(1),
+        "face": cad.Face.makeFromWires(wire),
+        "shape of OCP": wire.wrapped,
+    }
+
+
+@pytest.mark.parametrize(("library", "objects"), [("build123d", build123d_objects), ("cadquery", cadquery_objects)])
+def test_objects_of_a_library_give_their_curve(library: str, objects: Any) -> None:
+    pytest.importorskip(library)
+    for name, what in objects().items():
+        (rim,) = to_rims(what)
+        length = np.pi + 2 if "chain" in name else 2 * np.pi
+        assert rim.length == pytest.approx(length, rel=1e-12), name
+
+
+@pytest.mark.parametrize("library", ["build123d", "cadquery"])
+def test_shapes_become_objects_of_a_library(library: str) -> None:
+    module = pytest.importorskip(library)
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
+
+    (shell,) = parts_of(BRepPrimAPI_MakeBox(1, 2, 3).Shape(), "SHELL")
+    assert isinstance(cad_object(shell, library), module.Shell)
+
+
+def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    with pytest.raises(MissingPackageError, match="pip install build123d"):
+        cad_object(None, "build123d")
+
+
+def test_libraries_are_not_imported() -> None:
+    import subprocess
+
+    code = "import sys; from spinor_geom.adapters import to_rims; print({'OCP', 'build123d'} & set(sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"

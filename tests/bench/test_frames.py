@@ -1,0 +1,60 @@
+"""Frames of CAD edges: exact rims, figures of shapes over them, promises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spinor_geom import gallery
+from spinor_geom.bench.cases import known_case
+from spinor_geom.bench.claims import claims
+from spinor_geom.bench.frames import FRAME_METHODS, FRAMES, frame_edges, trigonometric_arcs
+from spinor_geom.bench.tasks import run
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.joined_splines import JoinedSplines
+
+
+def test_rational_arcs_are_the_trigonometric_polynomial() -> None:
+    seam = gallery.tennis_seam(0.8)
+    arcs = trigonometric_arcs(seam.sample(64).points)
+    joined = JoinedSplines.of([arc.between(arc.ends) for arc in arcs])
+    fitted = BoundaryCurve.from_formula(joined.curve())
+    points = seam.point(np.random.default_rng(0).random(50))
+    assert np.linalg.norm(fitted.point(fitted.nearest(points)) - points, axis=1).max() < 1e-13
+
+
+@pytest.mark.parametrize("name", FRAMES)
+def test_frames_are_exact(name: str) -> None:
+    pytest.importorskip("OCP")
+    from spinor_geom.adapters import to_rims
+
+    case = known_case(name)
+    (rim,) = to_rims(frame_edges(case))
+    loop = case.loop(64)
+    fitted = BoundaryCurve.from_formula(rim)
+    away = np.linalg.norm(fitted.point(fitted.nearest(loop.points)) - loop.points, axis=1)
+    assert away.max() < 1e-12 * case.diameter
+    assert len(rim.corners) == loop.corners.sum()
+
+
+def test_figures_of_a_filling_are_those_of_a_plane_region() -> None:
+    """Open CASCADE fills a plane frame by a plane."""
+    pytest.importorskip("OCP")
+    task = {"suite": "cad", "method": "occ-filling", "case": "plane-l", "n": None, "repeat": 0, "data": None}
+    record = run(task)
+    assert record["status"] == "done", record
+    assert record["faces"] == 1
+    assert record["valid"]
+    assert record["area_error"] < 1e-9
+    assert record["rim_distance"] < 1e-9
+    assert record["file_kib"] > 1
+
+
+def test_promises_are_about_ours_alone() -> None:
+    good = {"suite": "cad", "status": "done", "case": "tennis-seam", "method": "spinor-cad", "n": None}
+    good |= {"area_error": 1e-9, "rim_distance": 1e-9, "faces": 5, "valid": True}
+    filled = {**good, "method": "occ-filling", "area_error": 1e-2, "rim_distance": 1e-4}
+    assert all(claim.met for claim in claims([good, filled]))
+    for name, value in (("area_error", 1e-6), ("rim_distance", 1e-6), ("faces", 31), ("valid", False)):
+        assert [claim.met for claim in claims([{**good, name: value}])].count(False) == 1
+    assert set(FRAME_METHODS) == {"spinor-cad", "occ-filling", "occ-filling-fine"}

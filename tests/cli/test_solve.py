@@ -1,0 +1,79 @@
+"""`spinor-geom solve`: outputs, exit statuses, and one sentence for bad input."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinor_geom.cli.main import main
+from tests.fill.shapes import tube
+
+
+def write_obj(path: Path, *curves: np.ndarray, closed: bool = True) -> Path:
+    lines, first = [], 1
+    for curve in curves:
+        lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in curve.tolist()]
+        numbers = [*range(first, first + len(curve)), *([first] if closed else [])]
+        lines.append("l " + " ".join(map(str, numbers)))
+        first += len(curve)
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def circle(height: float, bend: float = 0.0) -> np.ndarray:
+    angle = 2 * np.pi * np.arange(40) / 40
+    return np.column_stack([np.cos(angle), np.sin(angle), height + bend * np.cos(2 * angle)])
+
+
+def test_curves_become_one_film(tmp_path: Path) -> None:
+    pytest.importorskip("OCP")
+    from spinor_geom.adapters.open_cascade import read_shape
+    from tests.open_cascade import free_wires, is_valid
+
+    for curves in ([circle(0, 0.3)], [circle(0), circle(0.7)]):
+        source = write_obj(tmp_path / "curves.obj", *curves)
+        assert main(["solve", str(source), "-o", str(tmp_path / "new" / "film.step")]) == 0
+        shape = read_shape(tmp_path / "new" / "film.step")
+        assert is_valid(shape)
+        assert free_wires(shape)[0] == len(curves)
+
+
+def test_a_rim_of_a_mesh_is_chosen_by_its_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("OCP")
+    vertices, faces = tube()
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    source = tmp_path / "tube.obj"
+    source.write_text("\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist())]) + "\n")
+    film = str(tmp_path / "film.brep")
+    assert main(["solve", str(source), "-o", film]) == 2
+    assert "choose with --loop" in capsys.readouterr().err
+    assert main(["solve", str(source), "-o", film, "--loop", "0"]) == 0
+    assert main(["solve", str(source), "-o", film, "--loop", "7"]) == 2
+    assert "loop 7" in capsys.readouterr().err
+
+
+def test_a_missed_tolerance_is_status_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("OCP")
+    square = np.array([[x, y, (x + y) % 2] for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], dtype=float)
+    source = write_obj(tmp_path / "square.obj", square)
+    arguments = ["solve", str(source), "-o", str(tmp_path / "film.step"), "--tolerance", "1e-13", "--deviation", "1e-2"]
+    assert main(arguments) == 1
+    assert "misses its curve" in capsys.readouterr().err
+
+
+def test_bad_input_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = write_obj(tmp_path / "curve.obj", circle(0, 0.3))
+    assert main(["solve", str(source), "-o", str(tmp_path / "film.stl")]) == 2
+    assert "'.stl' is no CAD format" in capsys.readouterr().err
+    pytest.importorskip("OCP")
+    film = str(tmp_path / "film.step")
+    apart = write_obj(tmp_path / "apart.obj", circle(0), circle(9))
+    for path, message in (
+        (write_obj(tmp_path / "open.obj", circle(0), closed=False), "open curve"),
+        (apart, "solve the curves one by one"),
+    ):
+        assert main(["solve", str(path), "-o", film]) == 2
+        error = capsys.readouterr().err
+        assert message in error
+        assert error.count("\n") == 1
+    assert not Path(film).exists()

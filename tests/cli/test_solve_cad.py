@@ -1,0 +1,89 @@
+"""`spinor-geom solve`: edges in, a film out, in the same place and size; bad input is one sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinor_geom.cli.main import main
+
+cad = pytest.importorskip("build123d")
+
+ANGLES = 2 * np.pi * np.arange(32) / 32
+CIRCLE = "".join(f"v {x} {y} 0\n" for x, y in zip(np.cos(ANGLES), np.sin(ANGLES), strict=True))
+
+
+@pytest.fixture
+def frame(tmp_path: Path) -> Path:
+    """A circle of radius 3 and height 5, in two arcs."""
+    arcs = [cad.CenterArc((0, 0), 3, start, 180).moved(cad.Location((0, 0, 5))) for start in (0, 180)]
+    cad.export_step(cad.Compound(arcs), tmp_path / "frame.step")
+    return tmp_path / "frame.step"
+
+
+@pytest.mark.parametrize("suffix", [".step", ".igs", ".brep"])
+def test_edges_of_a_step_file_become_a_film_in_their_place(
+    frame: Path, suffix: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = frame.parent / "new" / f"film{suffix}"
+    assert main(["solve", str(frame), "-o", str(out)]) == 0
+    said = capsys.readouterr()
+    assert "1 closed curve of 2 edges that belong to no face, in mm\n" in said.out
+    assert said.err == ""
+    # the free boundary of the film is the frame again
+    assert main(["solve", str(out), "-o", str(frame.with_name("again.step"))]) == 0
+    assert "edges on the free boundary of faces" in capsys.readouterr().out
+    film = cad.import_step(frame.with_name("again.step"))
+    assert film.area == pytest.approx(9 * np.pi, rel=1e-6)
+    np.testing.assert_allclose(film.bounding_box().min.Z, 5, atol=1e-6)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("mm", 1.0), ("cm", 100.0), ("in", 25.4**2)])
+def test_curves_of_an_obj_file_have_a_unit(unit: str, factor: float, tmp_path: Path) -> None:
+    (tmp_path / "circle.obj").write_text(f"{CIRCLE}l {' '.join(map(str, range(1, 33)))} 1\n")
+    assert main(["solve", str(tmp_path / "circle.obj"), "-o", str(tmp_path / "film.step"), "--unit", unit]) == 0
+    assert cad.import_step(tmp_path / "film.step").area == pytest.approx(np.pi * factor, rel=1e-6)  # the tolerance
+
+
+def test_one_of_several_holes_is_chosen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tube = cad.Shell([face for face in cad.Cone(2, 1, 2).faces() if face.geom_type == cad.GeomType.CONE])
+    cad.export_step(tube, tmp_path / "tube.step")
+    arguments = ["solve", str(tmp_path / "tube.step"), "-o", str(tmp_path / "lid.step")]
+    assert main(arguments) == 2
+    assert "2 free boundaries" in capsys.readouterr().err
+    assert main([*arguments, "--loop", "1"]) == 0
+    assert cad.import_step(tmp_path / "lid.step").area == pytest.approx(np.pi, rel=1e-6)
+    assert main([*arguments, "--loop", "2"]) == 2
+    assert "loop 2 does not exist" in capsys.readouterr().err
+
+
+BAD = {
+    "open": ([cad.Edge.make_line((0, 0, 0), (1, 0, 0))], [], "the edges are open"),
+    "solid": ([cad.Box(1, 1, 1)], [], "without a free boundary"),
+    "crossing": (
+        [cad.Wire.make_polygon([(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1, 0)])],
+        [],
+        "crosses or touches itself",
+    ),
+    "apart": ([cad.Wire.make_circle(1), cad.Wire.make_circle(1).moved(cad.Location((0, 0, 9)))], [], "no annulus"),
+    "unit": ([cad.Wire.make_circle(1)], ["--unit", "m"], "leave --unit out"),
+}
+
+
+@pytest.mark.parametrize(("shapes", "options", "message"), BAD.values(), ids=BAD)
+def test_bad_input_is_one_sentence_and_nothing_is_written(
+    shapes: list[object], options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cad.export_step(cad.Compound(shapes), tmp_path / "frame.step")
+    assert main(["solve", str(tmp_path / "frame.step"), "-o", str(tmp_path / "film.step"), *options]) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "film.step").exists()
+
+
+def test_an_unknown_output_is_refused_before_solving(frame: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["solve", str(frame), "-o", str(frame.with_suffix(".dwg"))]) == 2
+    assert "no CAD format" in capsys.readouterr().err

@@ -1,0 +1,150 @@
+"""JoinedSplines: arc length, corners and joints of rational splines; RationalSpline: direction, moved ends."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import BSpline
+
+from spinor_geom.errors import CurveError
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.joined_splines import JoinedSplines, RationalSpline
+from tests.strategies import SEEDS, RigidMotion, rigid_motions
+
+
+def full_circle(radius: float = 1.0) -> RationalSpline:
+    """A circle of three rational parabolas."""
+    angle, is_between = 2 * np.pi * np.arange(7) / 6, np.arange(7) % 2 == 1
+    poles = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(7)], axis=1)
+    poles[is_between] *= 2
+    knots = np.array([0, 0, 0, 1, 1, 2, 2, 3, 3, 3]) / 3
+    return RationalSpline(knots=knots, poles=poles, weights=np.where(is_between, 0.5, 1.0))
+
+
+def line(first: np.ndarray, last: np.ndarray, degree: int = 1) -> RationalSpline:
+    share = np.linspace(0, 1, degree + 1)[:, None]
+    knots = np.repeat([0.0, 1.0], degree + 1)
+    return RationalSpline(knots=knots, poles=(1 - share) * first + share * last, weights=np.ones(degree + 1))
+
+
+def polygon(*points: tuple[float, float, float]) -> JoinedSplines:
+    corners = np.array(points, dtype=float)
+    return JoinedSplines.of([line(a, b) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])
+
+
+def random_spline(seed: int, degree: int, spans: int) -> RationalSpline:
+    """An open rational spline with uneven knots and weights."""
+    random = np.random.default_rng(seed)
+    inner = np.cumsum(random.uniform(0.5, 2, size=spans))
+    knots = np.concatenate([np.zeros(degree + 1), inner[:-1] / inner[-1], np.ones(degree + 1)])
+    count = spans + degree
+    # no bend is much sharper than the splines between two knots are long
+    poles = np.cumsum(random.uniform([0.3, -0.7, -0.7], [1.7, 0.7, 0.7], size=(count, 3)), axis=0)
+    return RationalSpline(knots=knots, poles=poles, weights=random.uniform(0.5, 2, size=count))
+
+
+def values(spline: RationalSpline, t: np.ndarray) -> np.ndarray:
+    weighted = np.column_stack([spline.weights[:, None] * spline.poles, spline.weights])
+    homogeneous = BSpline(spline.knots, weighted, spline.degree)(t)
+    return homogeneous[:, :3] / homogeneous[:, 3:]
+
+
+def test_circle_has_the_parameter_of_its_angle() -> None:
+    curve = JoinedSplines.of([full_circle(2.0)]).curve()
+    s = np.linspace(0, 1, 101)[:-1]
+    exact = 2 * np.stack([np.cos(2 * np.pi * s), np.sin(2 * np.pi * s), np.zeros(100)], axis=1)
+    turned = 4 * np.pi * np.stack([-np.sin(2 * np.pi * s), np.cos(2 * np.pi * s), np.zeros(100)], axis=1)
+    np.testing.assert_allclose(curve.point(s), exact, atol=1e-13)  # rounding of the inverse of the length
+    np.testing.assert_allclose(curve.derivative(s), turned, atol=1e-11)
+    np.testing.assert_allclose(curve.second_derivative(s), -4 * np.pi**2 * exact, atol=1e-8)
+    assert curve.corners == ()
+    assert JoinedSplines.of([full_circle(2.0)]).length == pytest.approx(4 * np.pi, rel=1e-13)
+
+
+def test_polygon_has_a_corner_at_each_vertex_and_straight_sides() -> None:
+    joined = polygon((0, 0, 0), (3, 0, 0), (3, 4, 0))
+    curve = joined.curve()
+    np.testing.assert_allclose(curve.corners, [0, 3 / 12, 7 / 12], atol=1e-15)
+    assert curve.joints == ()
+    assert joined.length == pytest.approx(12)
+    np.testing.assert_allclose(curve.point(np.array([0.125, 10 / 12])), [[1.5, 0, 0], [1.2, 1.6, 0]], atol=1e-14)
+    np.testing.assert_allclose(
+        curve.derivative(np.array(curve.corners)), 12 * np.array([[1, 0, 0], [0, 1, 0], [-0.6, -0.8, 0]])
+    )
+
+
+def test_knots_where_the_direction_jumps_are_corners_of_one_spline() -> None:
+    """A polygon as one spline of degree 1, as other programs write it."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [0, 0, 0]], dtype=float)
+    spline = RationalSpline(knots=np.array([0, 0, 1, 2, 3, 4, 4]) / 4, poles=points, weights=np.ones(5))
+    curve = JoinedSplines.of([spline]).curve()
+    assert len(curve.corners) == 3
+    assert len(curve.joints) == 1  # on the straight side
+
+
+@pytest.mark.parametrize(("turn", "corners"), [(0.0, 2), (5e-4, 2), (2e-3, 3)])
+def test_small_turns_are_joints(turn: float, corners: int) -> None:
+    """Imported edges meet with small angles; those up to SMOOTH_TURN = 1e-3 are no corners."""
+    curve = polygon((0, 0, 0), (1, 0, 0), (2, np.tan(turn), 0), (1, 2, 0)).curve()
+    assert len(curve.corners) == corners + 1
+    fitted = BoundaryCurve.from_formula(curve)
+    assert fitted.corners.sum() == corners + 1
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=SEEDS, degree=st.integers(2, 7), spans=st.integers(1, 6))
+def test_random_splines_have_unit_speed_and_pass_their_own_points(seed: int, degree: int, spans: int) -> None:
+    first = random_spline(seed, degree, spans)
+    back = line(first.ends[1], first.ends[0], degree)
+    joined = JoinedSplines.of([first, back])
+    curve = joined.curve()
+    s = np.random.default_rng(seed).random(50)
+    # SPEED_ERROR = 1e-12 of the largest speed; the slowest is hundreds of times slower
+    np.testing.assert_allclose(np.linalg.norm(curve.derivative(s), axis=1), joined.length, rtol=1e-8)
+    fitted = BoundaryCurve.from_formula(curve)  # compares the derivatives with those of the points
+    own = values(first, np.linspace(0, 1, 40))
+    distance = np.linalg.norm(fitted.point(fitted.nearest(own)) - own, axis=1)
+    assert distance.max() < 1e-12 * np.ptp(own)
+    np.testing.assert_allclose(fitted.length(), joined.length, rtol=1e-10)
+
+
+@settings(deadline=None, max_examples=10)
+@given(motion=rigid_motions(max_shift=1e4), seed=SEEDS)
+def test_curves_move_with_their_poles(motion: RigidMotion, seed: int) -> None:
+    """Far from the origin too, where coordinates have larger rounding errors."""
+    spline = random_spline(seed, 3, 4)
+    moved = RationalSpline(knots=spline.knots, poles=motion(spline.poles), weights=spline.weights)
+    one, other = (
+        BoundaryCurve.from_formula(JoinedSplines.of([each, line(each.ends[1], each.ends[0], 3)]).curve())
+        for each in (spline, moved)
+    )
+    s = np.linspace(0, 1, 20)
+    np.testing.assert_allclose(other.point(s), motion(one.point(s)), atol=1e-10)  # 1e4 times the rounding error
+
+
+def test_reversed_is_the_same_curve_backwards() -> None:
+    spline = random_spline(3, 3, 4)
+    t = np.linspace(0, 1, 30)
+    np.testing.assert_allclose(values(spline.reversed(), t), values(spline, 1 - t), atol=1e-13)
+
+
+def test_moved_ends_keep_straight_lines_straight() -> None:
+    moved = line(np.zeros(3), np.array([1.0, 0, 0]), 3).between(np.array([[0, 0.1, 0], [1, 0, 0.2]]))
+    t = np.linspace(0, 1, 7)[:, None]
+    np.testing.assert_allclose(values(moved, t[:, 0]), (1 - t) * [0, 0.1, 0] + t * [1, 0, 0.2], atol=1e-15)
+    whole = full_circle().between(full_circle().ends + np.array([[0, 0, 1e-6], [0, 0, 0]]))
+    away = np.linalg.norm(values(whole, t[:, 0]) - values(full_circle(), t[:, 0]), axis=1)
+    assert away.max() <= 1e-6
+
+
+@pytest.mark.parametrize("at", [1 / 2, 1 / 3])
+def test_a_spline_that_turns_back_is_refused(at: float) -> None:
+    """A cubic whose derivative is (t - at)(v + wt)."""
+    v, w = np.array([1.0, 2, 0]), np.array([1.0, -1, 0])
+    steps = np.array([-at * v, (v - at * w) / 2 - at * v, w + v - at * w - at * v])
+    poles = np.concatenate([np.zeros((1, 3)), np.cumsum(steps / 3, axis=0)])
+    cusp = RationalSpline(knots=np.repeat([0.0, 1.0], 4), poles=poles, weights=np.ones(4))
+    with pytest.raises(CurveError, match=r"kink|stands still"):
+        BoundaryCurve.from_formula(JoinedSplines.of([cusp, line(cusp.ends[1], cusp.ends[0], 3)]).curve())

@@ -1,0 +1,84 @@
+"""Quadrilaterals that cover Ω, by the area that their sides enclose."""
+
+import numpy as np
+import pytest
+
+from spinor_geom import solve_plateau
+from spinor_geom.domain.delaunay import cross
+from spinor_geom.errors import DomainError
+from spinor_geom.gallery import curves, surfaces
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.nurbs import blocks as module
+from spinor_geom.nurbs.blocks import Blocks
+from spinor_geom.nurbs.rims import Rim
+from spinor_geom.plateau.solution import PlateauSolution
+
+PARAMETERS = np.linspace(0, 1, 17)
+
+
+def annulus() -> PlateauSolution:
+    angle = 2 * np.pi * np.arange(32) / 32
+    rims = [np.column_stack([np.cos(angle), np.sin(angle), np.full(32, height)]) for height in (0.0, 0.5)]
+    solution = solve_plateau([BoundaryLoop.from_points(rim, corners=()) for rim in rims])
+    assert isinstance(solution, PlateauSolution)
+    return solution
+
+
+CASES = {
+    "disk": (lambda: solve_plateau(curves.tennis_seam()), 5),
+    "elongated": (lambda: solve_plateau(curves.ellipse(6.0, 0.3)), 20),
+    "L": (lambda: solve_plateau(curves.l_shape()), 8),
+    "annulus": (annulus, 24),
+    "ragged": (lambda: solve_plateau("data/demosthenes_low_res.obj"), 101),
+    "random": (lambda: solve_plateau(curves.random_curve(2)), 30),
+}
+
+
+def areas(solution: PlateauSolution) -> tuple[Blocks, float, float, float]:
+    """The blocks, their least Jacobian and their total area, and the area of Ω."""
+    rims = Rim.all_of(solution)
+    blocks = Blocks.of(solution.domain, rims)
+    least, total = np.inf, 0.0
+    for quad in range(len(blocks.quads)):
+        first = None
+        if quad < len(blocks.parts):
+            start, end = blocks.parts[quad]
+            first = rims[blocks.rim_of(quad)].point(start + PARAMETERS * (end - start))
+        z = blocks.grid(quad, PARAMETERS, PARAMETERS, first)
+        cells = cross(z[1:, 1:] - z[:-1, :-1], z[:-1, 1:] - z[1:, :-1]) / 2
+        least, total = min(least, cells.min()), total + cells.sum()
+    t = np.linspace(0, 1, 20001)
+    outline = [rim.boundary.point(t) for rim in rims]
+    return blocks, least, total, sum(float(np.sum(cross(z[:-1], z[1:]))) / 2 for z in outline)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_blocks_cover_the_domain_once(name: str) -> None:
+    solve, most = CASES[name]
+    blocks, least, total, area = areas(solve())
+    assert least > 0
+    assert abs(total / area - 1) < 2e-2  # the sides on ∂Ω are 16 chords each
+    assert len(blocks.quads) <= most
+
+
+def test_every_side_is_shared_or_on_the_boundary() -> None:
+    blocks, *_ = areas(annulus())
+    sides = np.stack([blocks.quads, np.roll(blocks.quads, -1, axis=1)], axis=-1).reshape(-1, 2)
+    _, times = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
+    assert (times == 1).sum() == len(blocks.parts)
+    assert times.max() == 2
+
+
+def test_regions_that_quadrilaterals_do_not_fill_are_triangulated(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_MOST_CORNERS", 0)
+    blocks, least, total, area = areas(solve_plateau(surfaces.enneper().rim(48)))
+    assert len(blocks.quads) == 8 + 3 * 2
+    assert least > 0
+    assert abs(total / area - 1) < 2e-2
+
+
+def test_a_domain_that_stays_folded_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_LEAST_SINE", 2.0)
+    solution = solve_plateau(curves.l_shape())
+    with pytest.raises(DomainError, match="too narrow"):
+        Blocks.of(solution.domain, Rim.all_of(solution))

@@ -1,0 +1,219 @@
+"""NURBS of known surfaces: exact areas, equal sides, rims on the given curves."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import spinor_geom
+from spinor_geom import gallery
+from spinor_geom.errors import CadFileError, OptionError
+from spinor_geom.gallery import curves, schwarz, surfaces
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.nurbs.nurbs_surface import NurbsPatch, NurbsSurface, nurbs_surface
+from spinor_geom.plateau.solution import PlateauSolution
+from tests.open_cascade import area_of, count, distances, free_boundary, free_wires, is_valid
+
+SEAM_AREA, QUADRILATERAL_AREA = 4.36461878664500, 0.6396307855855032
+
+
+def circles(*heights: float, radius: float = 1.0) -> PlateauSolution:
+    angle = 2 * np.pi * np.arange(64) / 64
+    rims = [radius * np.column_stack([np.cos(angle), np.sin(angle), np.full(64, h / radius)]) for h in heights]
+    return spinor_geom.solve_plateau([BoundaryLoop.from_points(rim, corners=()) for rim in rims])
+
+
+def three_circles() -> PlateauSolution:
+    angle, rims = 2 * np.pi * np.arange(64) / 64, []
+    for turn in 2 * np.pi * np.arange(3) / 3:
+        along, across = np.array([np.cos(turn), np.sin(turn), 0]), np.array([-np.sin(turn), np.cos(turn), 0])
+        circle = along + np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * [0, 0, 1]
+        rims.append(BoundaryLoop.from_points(circle, corners=()))
+    return spinor_geom.solve_plateau(rims)
+
+
+SMOOTH: dict[str, Callable[[], PlateauSolution]] = {
+    "seam": lambda: spinor_geom.solve_plateau(gallery.tennis_seam(0.8)),
+    "enneper": lambda: spinor_geom.solve_plateau(surfaces.enneper().rim(96)),
+    "twisted": lambda: spinor_geom.solve_plateau(gallery.twisted_circle()),
+    "catenoid": lambda: circles(-0.4, 0.4),
+}
+CORNERED: dict[str, Callable[[], PlateauSolution]] = {
+    "quadrilateral": lambda: spinor_geom.solve_plateau(schwarz.schwarz_d_quadrilateral()),
+    "hexagon": lambda: spinor_geom.solve_plateau(schwarz.schwarz_d_hexagon()),
+    "helicoid": lambda: spinor_geom.solve_plateau(surfaces.helicoid().rim(96)),
+}
+
+
+def sides_agree(surface: NurbsSurface) -> bool:
+    """Whether the control points along all seams are equal, bit for bit."""
+    for seam in surface.seams:
+        one, two = (surface.patches[patch].side(side) for patch, side in (seam.first, seam.second))
+        if not np.array_equal(one.control_points, two.control_points[:: -1 if seam.reversed else 1]):
+            return False
+        if not np.array_equal(one.knots, 1 - two.knots[::-1] if seam.reversed else two.knots):
+            return False
+    return True
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_smooth_films_have_the_area_of_the_surface(name: str) -> None:
+    solution = SMOOTH[name]()
+    surface = solution.to_nurbs()
+    assert surface.converged
+    assert sides_agree(surface)
+    assert len(surface.patches) <= 30
+    assert abs(surface.area / solution.area - 1) < 1e-7
+    assert surface.deviations.surface < 2e-6 * surface.deviations.diagonal  # the sum of errors in both directions
+    assert surface.deviations.rim < 1e-7 * surface.deviations.diagonal
+    assert surface.deviations.normals < 1e-2  # degrees: derivatives of an error of 1e-6 over a tenth of the film
+
+
+def test_area_of_the_seam_is_the_known_one() -> None:
+    assert abs(SMOOTH["seam"]().to_nurbs().area / SEAM_AREA - 1) < 1e-7
+
+
+def test_area_converges_with_the_tolerance() -> None:
+    solution = spinor_geom.solve_plateau(gallery.tennis_seam(0.8), tolerance=1e-9)
+    errors = [abs(solution.to_nurbs(tolerance=each).area / SEAM_AREA - 1) for each in (1e-3, 1e-5, 1e-7)]
+    assert errors[2] < errors[1] < errors[0] < 1e-3
+    assert errors[2] < 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CORNERED)
+def test_cornered_films_meet_their_edges(name: str) -> None:
+    solution = CORNERED[name]()
+    surface = solution.to_nurbs()
+    assert surface.converged
+    assert sides_agree(surface)
+    assert abs(surface.area / solution.area - 1) < 1e-6
+    assert surface.deviations.rim < 1e-7 * surface.deviations.diagonal
+
+
+def test_boundary_curves_are_closed_and_pass_through_the_corners() -> None:
+    curve = curves.l_shape(0.5)
+    solution = spinor_geom.solve_plateau(curve)
+    (rim,) = solution.to_nurbs(tolerance=1e-3).boundary_curves
+    ends = np.array([[side.control_points[0], side.control_points[-1]] for side in rim])
+    assert np.array_equal(ends[:, 1], np.roll(ends[:, 0], -1, axis=0))
+    corners = curve.point(np.array(curve.corners))
+    assert np.abs(ends[:, 0][:, None] - corners).max(axis=2).min(axis=0).max() < 1e-12
+    # straight edges are straight
+    assert all(np.linalg.matrix_rank(side.control_points - side.control_points[0], tol=1e-12) == 1 for side in rim)
+
+
+def test_plane_polygons_are_exact_with_patches_of_degree_1() -> None:
+    surface = spinor_geom.solve_plateau(curves.l_shape()).to_nurbs()
+    assert {patch.degrees for patch in surface.patches} == {(1, 1)}
+    assert abs(surface.area - 3) < 1e-14
+    assert surface.deviations.surface < 1e-14
+
+
+def test_rigid_motion_and_scale_move_the_control_points() -> None:
+    rng, loop = np.random.default_rng(5), surfaces.enneper().rim(48)
+    rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    rotation *= np.sign(np.linalg.det(rotation))
+    moved = BoundaryLoop.from_points(30 * loop.points @ rotation.T + [1, 2, 3], corners=())
+    one, other = (spinor_geom.solve_plateau(each).to_nurbs(tolerance=1e-4) for each in (loop, moved))
+    assert len(one.patches) == len(other.patches)
+    # the knots may differ; the error of the area is of second order in that of positions
+    assert abs(other.area / (900 * one.area) - 1) < 1e-6
+
+
+def test_normals_are_those_of_the_surface() -> None:
+    solution = SMOOTH["enneper"]()
+    surface = solution.to_nurbs()
+    half = np.array([0.5])
+    point = surface.patches[-1].grid(half, half)[0, 0]
+    along, across = (surface.patches[-1].grid(half, half, derivatives=each)[0, 0] for each in ((1, 0), (0, 1)))
+    z = solution.domain.triangulation.points
+    nearest = z[np.linalg.norm(solution.surface.position(z) - point, axis=1).argmin()]
+    normal = solution.surface.normal(np.array([nearest]))[0]
+    assert np.cross(along, across) @ normal > 0
+
+
+def test_an_unconverged_solution_gives_unconverged_patches() -> None:
+    solution = spinor_geom.solve_plateau(schwarz.schwarz_d_quadrilateral(), tolerance=1e-12, max_iterations=8)
+    assert not solution.converged
+    surface = solution.to_nurbs(tolerance=1e-2)
+    assert not surface.converged
+    assert "misses its curve" in surface.reason
+
+
+def test_bad_tolerances_and_suffixes_are_errors(tmp_path: Path) -> None:
+    solution = SMOOTH["enneper"]()
+    with pytest.raises(OptionError, match="tolerance"):
+        nurbs_surface(solution, 0.0)
+    with pytest.raises(CadFileError, match=r"\.stl"):
+        solution.save(tmp_path / "film.stl")
+
+
+@pytest.mark.parametrize("suffix", [".step", ".igs", ".brep"])
+def test_files_are_valid_shells_with_free_edges_at_the_rim(tmp_path: Path, suffix: str) -> None:
+    pytest.importorskip("OCP")
+    from spinor_geom.adapters.open_cascade import read_shape
+
+    solution = SMOOTH["seam"]()
+    surface = solution.save(tmp_path / f"film{suffix}")
+    shape = read_shape(tmp_path / f"film{suffix}")
+    assert is_valid(shape)
+    assert (count(shape, "shell"), count(shape, "face")) == (1, len(surface.patches))
+    assert free_wires(shape) == (1, 0, 4)
+    assert abs(area_of(shape) / SEAM_AREA - 1) < 1e-7
+    diagonal = surface.deviations.diagonal
+    given = gallery.tennis_seam(0.8).point(np.arange(40) / 40)
+    assert distances(free_boundary(shape), given).max() < 1e-7 * diagonal
+    inside = solution.surface.position(0.8 * np.exp(2j * np.pi * np.arange(12) / 12))
+    assert distances(shape, inside).max() < 1e-6 * diagonal
+
+
+def test_films_between_rims_are_closed_along_their_seams(tmp_path: Path) -> None:
+    pytest.importorskip("OCP")
+    from spinor_geom.adapters.open_cascade import read_shape
+
+    for solution, rims in ((circles(-0.4, 0.4), 2), (three_circles(), 3)):
+        surface = solution.save(tmp_path / "film.step")
+        shape = read_shape(tmp_path / "film.step")
+        assert is_valid(shape)
+        assert count(shape, "shell") == 1
+        assert free_wires(shape) == (rims, 0, sum(map(len, surface.rims)))
+        assert abs(area_of(shape) / solution.area - 1) < 1e-7
+
+
+def test_units_scale_the_file(tmp_path: Path) -> None:
+    pytest.importorskip("OCP")
+    from spinor_geom.adapters.open_cascade import read_shape
+
+    surface = spinor_geom.solve_plateau(curves.l_shape()).to_nurbs()
+    surface.save(tmp_path / "film.step", unit="in", name="skin")
+    assert abs(area_of(read_shape(tmp_path / "film.step")) - 3 * 25.4**2) < 1e-9
+    assert "skin" in (tmp_path / "film.step").read_text()
+
+
+def test_films_too_small_for_cad_are_an_error() -> None:
+    pytest.importorskip("OCP")
+    loop = BoundaryLoop.from_points(1e-6 * surfaces.enneper().rim(48).points, corners=())
+    surface = spinor_geom.solve_plateau(loop).to_nurbs(tolerance=1e-3)
+    with pytest.raises(CadFileError, match="too short"):
+        surface.shell()
+
+
+@pytest.mark.slow
+def test_a_ragged_rim_is_followed() -> None:
+    solution = spinor_geom.solve_plateau("data/demosthenes_low_res.obj")
+    surface = solution.to_nurbs(tolerance=1e-5)
+    edge, diagonal = solution.loop.mean_edge_length, surface.deviations.diagonal
+    assert surface.deviations.rim < 1e-4 * edge
+    assert surface.deviations.surface < 1e-5 * diagonal + 2 * solution.boundary_residual.max
+
+
+def test_a_patch_is_evaluated_as_its_sides() -> None:
+    rng = np.random.default_rng(1)
+    knots = np.array([0.0, 0, 0, 0.5, 1, 1, 1])
+    patch = NurbsPatch(control_points=rng.normal(size=(4, 4, 3)), degrees=(2, 2), knots=(knots, knots))
+    u = np.linspace(0, 1, 9)
+    ends = [patch.grid(u, np.zeros(1))[:, 0], patch.grid(np.ones(1), u)[0], patch.grid(u, np.ones(1))[:, 0]]
+    for side, expected in enumerate(ends):
+        assert np.abs(patch.side(side).point(u) - expected).max() < 1e-14
