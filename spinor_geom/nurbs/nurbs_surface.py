@@ -225,18 +225,15 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
         blocks = Blocks.of(solution.domain, rims)
         samples = Samples(surface=solution.array_surface, rims=rims, blocks=blocks)
         mesh = QuadMesh(quads=blocks.quads, ring=len(blocks.parts))
-        fit = fitted(mesh, lambda grids: [moved for _, moved in samples.on(grids)], tolerance * diagonal)
+        fit = fitted(mesh, samples.on, tolerance * diagonal)
         patches = tuple(
             NurbsPatch(control_points=net, degrees=(u.degree, v.degree), knots=(u.knots, v.knots))
             for net, (u, v) in zip(fit.nets, fit.spaces, strict=True)
         )
         seams = _seams(mesh)
-        deviations = NurbsDeviations(
-            surface=_distance(patches, fit, samples),
-            rim=_rim_distance(patches, fit, samples),
-            normals=_largest_angle(patches, fit.spaces, seams),
-            diagonal=diagonal,
-        )
+        surface, rim, moved = _distances(patches, fit, samples)
+        normals = _largest_angle(patches, fit.spaces, seams)
+    deviations = NurbsDeviations(surface=surface, rim=rim, normals=normals, diagonal=diagonal)
     reached = f"{fit.error / diagonal:.1e} of the diagonal with {fit.points} control points"
     within = fit.error <= tolerance * diagonal
     reason = f"interpolation error {reached}"
@@ -244,6 +241,11 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
         reason = f"{reason}, above the tolerance {tolerance:.1e}: more control points are not tried"
     elif not solution.converged:
         reason = f"{reason}, but the minimal surface misses its curve: {solution.reason}"
+    elif moved > tolerance * diagonal:
+        reason = (
+            f"{reason}, but the rims are moved by the boundary residual, {moved / diagonal:.1e} of the diagonal: solve "
+            "with a smaller tolerance"
+        )
     ends = np.cumsum(blocks.sizes).tolist()
     return NurbsSurface(
         patches=patches,
@@ -253,7 +255,7 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
         ),
         deviations=deviations,
         tolerance=tolerance,
-        converged=within and solution.converged,
+        converged=within and solution.converged and moved <= tolerance * diagonal,
         reason=reason,
     )
 
@@ -272,23 +274,24 @@ def _seams(mesh: QuadMesh) -> tuple[Seam, ...]:
     return tuple(found)
 
 
-def _distance(patches: Sequence[NurbsPatch], fit: Fit, samples: Samples) -> float:
-    """The largest distance of the patches from the minimal surface, at equal parameters between the nodes."""
-    exact = samples.on([(quad, u.between, v.between) for quad, (u, v) in enumerate(fit.spaces)])
-    return max(
-        float(np.linalg.norm(patch.grid(u.between, v.between) - position, axis=2).max())
-        for patch, (u, v), (position, _) in zip(patches, fit.spaces, exact, strict=True)
-    )
+def _distances(patches: Sequence[NurbsPatch], fit: Fit, samples: Samples) -> tuple[float, float, float]:
+    """Largest distances of patches from the surface, of rims from Γ, and of the surface's rims from Γ.
 
-
-def _rim_distance(patches: Sequence[NurbsPatch], fit: Fit, samples: Samples) -> float:
-    """The largest distance of a rim from Γ, at equal parameters between the nodes."""
-    count = len(samples.blocks.parts)
-    given = samples.on([(quad, fit.spaces[quad][0].between, np.zeros(1)) for quad in range(count)])
-    return max(
-        float(np.linalg.norm(patches[quad].side(0).point(fit.spaces[quad][0].between) - moved[:, 0], axis=1).max())
-        for quad, (_, moved) in enumerate(given)
-    )
+    They are measured at equal parameters, between the nodes.
+    """
+    rims = len(samples.blocks.parts)
+    grids = []
+    for quad, (u, v) in enumerate(fit.spaces):
+        across = np.append(0.0, v.between) if quad < rims else v.between
+        grids.append((quad, u.between, across, v.breaks))
+    surface, rim, residual = [], [], []
+    for patch, (quad, u, v, _), (exact, moved) in zip(patches, grids, samples.on(grids), strict=True):
+        own = patch.grid(u, v)
+        surface.append(np.linalg.norm(own - exact, axis=2).max())
+        if quad < rims:
+            rim.append(np.linalg.norm(own - moved, axis=2)[:, 0].max())
+            residual.append(np.linalg.norm(exact - moved, axis=2)[:, 0].max())
+    return float(max(surface)), float(max(rim)), float(max(residual))
 
 
 def _largest_angle(

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
+from spinor_geom.arrays import to_numpy
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.quadrature import cumulative_matrix
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -45,7 +46,7 @@ class Rim:
         is_inner = domain.root >= domain.triangulation.boundary_size
         if is_inner and not (domain.holes or surface.has_closed_positions):
             # by Cauchy's formula, as inside: paths to ∂Ω pass by poles
-            starts = surface.constant.detach().cpu().numpy() - primitives[0].inside(np.array([surface.root])).real
+            starts = to_numpy(surface.constant) - primitives[0].inside(np.array([surface.root])).real
         return tuple(
             cls(match=match, start=start, primitive=primitive)
             for match, start, primitive in zip(solution.rims, starts, primitives, strict=True)

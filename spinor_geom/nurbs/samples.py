@@ -4,14 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Complex, Float
 
+from spinor_geom.domain.quadrature import cumulative_matrix, rule
+from spinor_geom.mesh.array_checks import shared
 from spinor_geom.nurbs.blocks import Blocks
 from spinor_geom.nurbs.rims import Rim
-from spinor_geom.nurbs.strips import Grid, Values
+from spinor_geom.nurbs.strips import Breaks, Grid, Values
 from spinor_geom.surface.array_surface import ArraySurface
+from spinor_geom.surface.formulas import phi
+from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for
+
+_ALONG = np.linspace(0, 1, 17)  # points of a straight side to which panels on ∂Ω are fitted
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Side:
+    """Points of a side on ∂Ω, their positions, and the points of Γ."""
+
+    z: Complex[np.ndarray, " n"]
+    on_rim: Float[np.ndarray, "n 3"]
+    given: Float[np.ndarray, "n 3"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -20,6 +36,9 @@ class Samples:
 
     The surface misses Γ by the boundary residual. A point at parameter v of a ring, 0 on ∂Ω and 1 at its inner side, is
     moved by (1 − v)² times the displacement of the rim, so that the film fits the frame and stays smooth.
+
+    Without a closed form, positions in a ring are integrals of φ along straight lines from ∂Ω. Those inside are by
+    Cauchy's formula, with the same nodes on ∂Ω for all points.
     """
 
     surface: ArraySurface
@@ -28,35 +47,97 @@ class Samples:
 
     def on(self, grids: Sequence[Grid]) -> list[tuple[Values, Values]]:
         """For each grid the positions of the minimal surface, and those moved to fit the rims."""
-        known = {(quad, id(u)): self._side(quad, u) for quad, u, _ in grids}
-        sides = [known[quad, id(u)] for quad, u, _ in grids]
-        z, inside = [], []
-        for (quad, u, v), side in zip(grids, sides, strict=True):
-            z.append(self.blocks.grid(quad, u, v, None if side is None else side[0]))
-            inside.append(np.broadcast_to((v > 0) | (side is None), z[-1].shape))
-        positions = self.surface.positions_inside(np.concatenate([w[own] for w, own in zip(z, inside, strict=True)]))
-        parts = np.split(positions, np.cumsum([np.count_nonzero(own) for own in inside])[:-1])
-        found = []
-        for (_, _, v), side, own, part in zip(grids, sides, inside, parts, strict=True):
-            exact = np.empty((*own.shape, 3))
-            exact[own] = part
-            if side is None:
-                found.append((exact, exact))
+        ring = [k for k, (quad, *_) in enumerate(grids) if quad < len(self.blocks.parts)]
+        inner = [k for k, (quad, *_) in enumerate(grids) if quad >= len(self.blocks.parts)]
+        found: dict[int, tuple[Values, Values]] = {}
+        z = [self.blocks.grid(quad, u, v, None) for quad, u, v, _ in (grids[k] for k in inner)]
+        for k, exact in zip(inner, _split(self._inside, z), strict=True):
+            found[k] = exact, exact
+        sides = self._sides([grids[k] for k in ring])
+        for k, side, exact in zip(ring, sides, self._rings([grids[k] for k in ring], sides), strict=True):
+            v = grids[k][2]
+            exact[:, v == 0] = side.on_rim[:, None]
+            moved = exact + ((1 - v) ** 2)[:, None] * (side.given - side.on_rim)[:, None]
+            moved[:, v == 0] = side.given[:, None]
+            found[k] = exact, moved
+        return [found[k] for k in range(len(grids))]
+
+    def _sides(self, grids: Sequence[Grid]) -> list[_Side]:
+        """The sides on ∂Ω; grids with the same parameters have the same object."""
+        keys = {(quad, id(u)): (quad, u) for quad, u, *_ in grids}
+        found: dict[tuple[int, int], _Side] = {}
+        for number, rim in enumerate(self.rims):
+            own = {key: request for key, request in keys.items() if self.blocks.rim_of(request[0]) == number}
+            if not own:
                 continue
-            _, on_rim, given = side
-            exact[:, v == 0] = on_rim[:, None]
-            moved = exact + ((1 - v) ** 2)[:, None] * (given - on_rim)[:, None]
-            moved[:, v == 0] = given[:, None]
-            found.append((exact, moved))
+            parts = [(self.blocks.parts[quad], u) for quad, u in own.values()]
+            s = np.concatenate([start + u * (end - start) for (start, end), u in parts])
+            t = rim.on_boundary(s)
+            ends = np.cumsum([len(u) for _, u in parts])[:-1]
+            rows = (np.split(each, ends) for each in (rim.boundary.point(t), rim.positions(t), rim.curve.point(s)))
+            for key, z, on_rim, given in zip(own, *rows, strict=True):
+                found[key] = _Side(z=z, on_rim=on_rim, given=given)
+        return [found[quad, id(u)] for quad, u, *_ in grids]
+
+    def _rings(self, grids: Sequence[Grid], sides: Sequence[_Side]) -> list[Values]:
+        """Positions of the minimal surface in rings, arbitrary on ∂Ω."""
+        if self.surface.has_closed_positions:
+            inside = [np.where(v > 0, v, 1.0) for _, _, v, _ in grids]
+            z = [
+                self.blocks.grid(quad, u, w, side.z)
+                for (quad, u, *_), w, side in zip(grids, inside, sides, strict=True)
+            ]
+            return _split(self._inside, z)
+        columns = {(id(side), breaks): (quad, u, side, breaks) for (quad, u, _, breaks), side in zip(grids, sides)}
+        z = [self.blocks.grid(quad, u, _gauss(breaks), side.z) for quad, u, side, breaks in columns.values()]
+        velocity = dict(zip(columns, _split(self._phi, z), strict=True))
+        found = []
+        for (quad, u, v, breaks), side in zip(grids, sides, strict=True):
+            across = np.diff(self.blocks.grid(quad, u, np.array([0.0, 1.0]), side.z), axis=1)
+            integrals = np.einsum("vg,ugk->uvk", _integrals(breaks, tuple(v)), velocity[id(side), breaks])
+            found.append(side.on_rim[:, None] + (across[..., None] * integrals).real)
         return found
 
-    def _side(
-        self, quad: int, u: Float[np.ndarray, " n"]
-    ) -> tuple[Complex[np.ndarray, " n"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]] | None:
-        """Points of a side on ∂Ω, their positions, and the points of Γ; None for quadrilaterals inside."""
-        if quad >= len(self.blocks.parts):
-            return None
-        start, end = self.blocks.parts[quad]
-        rim, s = self.rims[self.blocks.rim_of(quad)], start + u * (end - start)
-        t = rim.on_boundary(s)
-        return rim.boundary.point(t), rim.positions(t), rim.curve.point(s)
+    def _phi(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
+        p, q = self.surface.spinors(z).T
+        return np.asarray(phi(p, q))
+
+    def _inside(self, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Positions not nearer to ∂Ω than the inner sides of rings, or in closed form."""
+        if self.surface.has_closed_positions or len(self.rims) > 1:
+            return np.asarray(self.surface.position(z))
+        return np.asarray(self.rims[0].start + self._primitive.inside(z).real)
+
+    @cached_property
+    def _primitive(self) -> RimPrimitive:
+        """∫ φ dz along the boundary of a disk, by panels for points inside the ring."""
+        start, end = self.blocks.points[self.blocks.quads[: len(self.blocks.parts), 2:]].T
+        boundary = self.rims[0].boundary
+        inner = (start[:, None] + _ALONG * (end - start)[:, None]).ravel()
+        return RimPrimitive.along(boundary, self._phi, ORDER, breaks_for(boundary, inner))
+
+
+def _split(function, z):  # type: ignore[no-untyped-def]
+    """A function of points at arrays of them, by one evaluation."""
+    if not z:
+        return []
+    values = function(np.concatenate([each.ravel() for each in z]))
+    parts = np.split(values, np.cumsum([each.size for each in z])[:-1])
+    return [part.reshape(*each.shape, 3) for part, each in zip(parts, z, strict=True)]
+
+
+@lru_cache(maxsize=256)
+def _gauss(breaks: Breaks) -> Float[np.ndarray, " g"]:
+    """Gauss-Legendre nodes on all pieces."""
+    ends = np.array(breaks)
+    return shared((ends[:-1, None] + np.diff(ends)[:, None] * rule("gauss", ORDER).nodes).ravel())
+
+
+@lru_cache(maxsize=256)
+def _integrals(breaks: Breaks, v: tuple[float, ...]) -> Float[np.ndarray, "n g"]:
+    """The matrix from values at the nodes on all pieces to integrals from 0 to v."""
+    ends, at = np.array(breaks), np.array(v)
+    width = np.diff(ends)
+    inside = np.clip((at[:, None] - ends[:-1]) / width, 0.0, 1.0)  # share of each piece below v
+    rows = cumulative_matrix(ORDER, tuple(inside.ravel())).reshape(len(at), len(width), ORDER)
+    return shared((width[:, None] * rows).reshape(len(at), -1))

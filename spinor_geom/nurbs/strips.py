@@ -15,8 +15,9 @@ from spinor_geom.nurbs.spline_space import SplineSpace
 Breaks: TypeAlias = tuple[float, ...]
 Values: TypeAlias = Float[np.ndarray, "_ _ 3"]
 Errors: TypeAlias = Float[np.ndarray, "_"]
-Grid: TypeAlias = tuple[int, Float[np.ndarray, "_"], Float[np.ndarray, "_"]]  # number of a quadrilateral, u, v
-Sampler: TypeAlias = Callable[[Sequence[Grid]], list[Values]]
+# number of a quadrilateral, u, v, and the pieces of v on which splines are smooth
+Grid: TypeAlias = tuple[int, Float[np.ndarray, "_"], Float[np.ndarray, "_"], Breaks]
+Sampler: TypeAlias = Callable[[Sequence[Grid]], list[tuple[Values, Values]]]
 
 DEGREE = 9  # of splines with inner knots
 NEARER_AT_RIMS = 10.0  # rims are so much nearer to Γ than patches to the surface: films join frames
@@ -106,7 +107,13 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float) -> Fit:
     """Patches of the least degree without inner knots, or of degree `DEGREE` with the knots that a tolerance needs.
 
     Interpolation at the nodes is exact along parameter lines through nodes. The error between these is measured in
-    both directions, and the pieces of a strip where it exceeds half of the tolerance are halved.
+    both directions, and the pieces of a strip where it exceeds half of the tolerance are halved. It is the error of
+    the surface itself and of the rims. What the rims are moved by, the boundary residual, is not worth more knots.
+
+    Args:
+        mesh: the quadrilaterals.
+        sample: returns positions of the surface, and those with moved rims, which are interpolated.
+        tolerance: in mesh units.
     """
     strip, against = mesh.strips
     breaks: list[Breaks] = [(0.0, 1.0)] * (int(strip.max()) + 1)
@@ -162,17 +169,19 @@ class _Sampled:
         new = [key for key in keys if key not in known]
         grids = []
         for quad, u, v in new:
-            grids += [(quad, u.nodes, v.nodes), (quad, u.between, v.nodes), (quad, u.nodes, v.between)]
+            pairs = (u.nodes, v.nodes), (u.between, v.nodes), (u.nodes, v.between)
+            grids += [(quad, *pair, v.breaks) for pair in pairs]
         found = sample(grids) if grids else []
         values = {key: known[key] for key in keys if key in known}
         for key, at_nodes, between_u, between_v in zip(new, found[::3], found[1::3], found[2::3], strict=True):
-            _, u, v = key
-            along_u = np.einsum("ni,ijk->njk", u.to_between, at_nodes) - between_u
-            along_v = np.einsum("nj,ijk->ink", v.to_between, at_nodes) - between_v
-            if key[0] < mesh.ring:
-                along_u[:, 0] *= NEARER_AT_RIMS
+            quad, u, v = key
+            (exact, moved), (exact_u, moved_u), (exact_v, _) = at_nodes, between_u, between_v
+            along_u = np.einsum("ni,ijk->njk", u.to_between, exact) - exact_u
+            along_v = np.einsum("nj,ijk->ink", v.to_between, exact) - exact_v
+            if quad < mesh.ring:
+                along_u[:, 0] = NEARER_AT_RIMS * (u.to_between @ moved[:, 0] - moved_u[:, 0])
             errors = np.linalg.norm(along_u, axis=2).max(axis=1), np.linalg.norm(along_v, axis=2).max(axis=0)
-            values[key] = (at_nodes, *errors)
+            values[key] = (moved, *errors)
         return cls(spaces=tuple(spaces), values=values)
 
     @property
