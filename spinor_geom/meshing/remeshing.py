@@ -89,6 +89,7 @@ class _Mesh:
         self.vertices, self.faces, self.rim = patch.vertices, np.array(patch.faces), patch.boundary_size
         self._size, self._taken = _graded_size(patch, target), taken
         self._sizes = self._size(self.vertices)  # wanted lengths at the vertices
+        self._changed = np.ones(len(self.faces), dtype=bool)  # faces whose edges may have to be flipped
 
     def split(self) -> None:
         """Halves inner edges that are too long, chords that cut off small angles, and those that must not be there."""
@@ -115,6 +116,8 @@ class _Mesh:
             second[np.arange(len(face)), corner] = new
             self.faces[face, (corner + 1) % 3] = new
             self.faces = np.concatenate([self.faces, second])
+            self._changed[face] = True
+            self._changed = np.append(self._changed, np.ones(len(second), dtype=bool))
             self.flip(_FLIPS_BETWEEN)  # halves of thin triangles would have to be halved very often
 
     def _are_thin_chords(self, sides: Int[np.ndarray, "e 2"], ends: Int[np.ndarray, "e 2"]) -> Bool[np.ndarray, " e"]:
@@ -122,7 +125,7 @@ class _Mesh:
 
         An edge opposite to a small angle is none of them: halving it would halve this angle.
         """
-        angles = _angles(self.vertices, self.faces)
+        angles = np.nan_to_num(internal_angles(self.vertices, self.faces))
         face, corner = np.divmod(sides, 3)
         beside = np.minimum(angles[face, corner], angles[face, (corner + 1) % 3]).min(axis=1)
         opposite = angles[face, (corner + 2) % 3].min(axis=1)
@@ -152,6 +155,7 @@ class _Mesh:
         used[: self.rim] = True
         self.vertices, self._sizes = self.vertices[used], self._sizes[used]
         self.faces = (np.cumsum(used) - 1)[self.faces]
+        self._changed = np.ones(len(self.faces), dtype=bool)
 
     def _collapsed(self, edges: Int[np.ndarray, "k 2"]) -> tuple[Positions, Faces]:
         """The mesh with edges collapsed to their middles, or to their vertices on a rim; two faces of each are flat."""
@@ -181,19 +185,23 @@ class _Mesh:
         for _ in range(rounds):
             half_edges = HalfEdges.of(self.faces)
             sides = half_edges.pairs
+            sides = sides[self._changed[sides // 3].any(axis=1)]
             (a, b), (c, d) = half_edges.origin[sides].T, half_edges.opposite[sides].T
             old = self.faces[sides // 3]
             new = np.stack([np.stack([a, d, c], axis=1), np.stack([b, c, d], axis=1)], axis=1)
-            least = [_angles(self.vertices, each.reshape(-1, 3)).reshape(-1, 6).min(axis=1) for each in (new, old)]
-            gain = least[0] - least[1]
-            across = np.stack([c, d], axis=1)
-            edges = np.concatenate([unique_edges(self.faces, len(self.vertices)), self._taken])
-            chosen = np.flatnonzero((gain > _LEAST_GAIN) & ~self._has_edges(edges, across))
-            chosen = chosen[~_is_sharper(self.vertices, old[chosen], new[chosen])]
-            if not len(chosen):
+            least = [_smallest_angle(self.vertices, each.reshape(-1, 3)).reshape(-1, 2) for each in (new, old)]
+            gain = least[0].min(axis=1) - least[1].min(axis=1)
+            ids = np.flatnonzero(gain > _LEAST_GAIN)
+            edges = half_edges.order[half_edges.starts[:-1]]
+            edges = np.stack([half_edges.origin[edges], half_edges.target[edges]], axis=1)
+            ids = ids[~self._has_edges(np.concatenate([edges, self._taken]), np.stack([c, d], axis=1)[ids])]
+            ids = ids[~_is_sharper(self.vertices, old[ids], new[ids])]
+            self._changed[:] = False
+            if not len(ids):
                 return
-            chosen = chosen[self._independent(np.stack([a, b, c, d], axis=1)[chosen], gain[chosen])]
-            self.faces[sides[chosen] // 3] = new[chosen]
+            self._changed[sides[ids] // 3] = True
+            ids = ids[self._independent(np.stack([a, b, c, d], axis=1)[ids], gain[ids])]
+            self.faces[sides[ids] // 3] = new[ids]
 
     def smooth(self) -> None:
         """Moves inner vertices, in their tangent planes, to the mean of the triangles around them, of even density."""
@@ -205,11 +213,12 @@ class _Mesh:
         normals = vertex_normals(x, faces)
         step -= np.einsum("nd,nd->n", step, normals)[:, None] * normals
         step[: self.rim] = 0
-        least = np.minimum(_angles(x, faces).min(axis=1), _GOOD)
+        least = np.minimum(_smallest_angle(x, faces), _GOOD)
         for _ in range(_CORRECTIONS):
-            wrong = _turned(x, faces, x + step, faces) | (_angles(x + step, faces).min(axis=1) < least)
+            wrong = _turned(x, faces, x + step, faces) | (_smallest_angle(x + step, faces) < least)
             if not wrong.any():
                 self.vertices = x + step
+                self._changed[:] = True
                 self._sizes = self._size(self.vertices)
                 break
             step[faces[wrong]] = 0
@@ -221,7 +230,10 @@ class _Mesh:
             least = _least_angles(x, faces)
             ids = self.rim + np.flatnonzero(least[self.rim :] < _GOOD)
             ids = ids[self._independent(ids[:, None], -least[ids], rings=1)]
-            normals = vertex_normals(x, faces)[ids]
+            is_near = np.isin(faces, ids).any(axis=1)
+            near = faces[is_near]
+            self._changed |= is_near
+            normals = vertex_normals(x, near)[ids]
             across = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
             across *= (share * self._sizes[ids] / np.linalg.norm(across, axis=1))[:, None]
             along = np.cross(normals, across)
@@ -230,8 +242,8 @@ class _Mesh:
                 moved = x.copy()
                 moved[ids] += turn.real * across + turn.imag * along
                 is_turned = np.zeros(len(x), dtype=bool)
-                is_turned[faces[_turned(x, faces, moved, faces)]] = True
-                angles = _least_angles(moved, faces)[ids]
+                is_turned[near[_turned(x, near, moved, near)]] = True
+                angles = _least_angles(moved, near)[ids]
                 better = (angles > found) & ~is_turned[ids]
                 best[ids[better]], found[better] = moved[ids[better]], angles[better]
             self.vertices = best
@@ -274,15 +286,22 @@ def _graded_size(patch: Patch, target: float) -> Size:
     return size
 
 
-def _angles(vertices: Positions, faces: Faces) -> Float[np.ndarray, "f 3"]:
-    """`internal_angles`, 0 in triangles with equal vertices."""
-    return np.asarray(np.nan_to_num(internal_angles(vertices, faces)))
+def _smallest_angle(vertices: Positions, faces: Faces) -> Float[np.ndarray, " f"]:
+    """The smallest angle of each triangle, 0 with equal vertices.
+
+    Its sine is twice the area divided by the two longer edges.
+    """
+    a, b, c = (vertices.take(faces[:, k], axis=0) for k in range(3))
+    p, q, r = (np.einsum("fd,fd->f", edge, edge) for edge in (b - a, c - b, a - c))
+    squared_area = np.maximum(4 * p * q - (p + q - r) ** 2, 0)  # 16 times
+    product = np.maximum(4 * p * q * r, np.finfo(np.float64).tiny)
+    return np.asarray(np.arcsin(np.sqrt(squared_area * np.minimum(np.minimum(p, q), r) / product)))
 
 
 def _least_angles(vertices: Positions, faces: Faces) -> Float[np.ndarray, " n"]:
     """The smallest angle of the triangles at each vertex; π without any."""
     least = np.full(len(vertices), np.pi)
-    np.minimum.at(least, faces.ravel(), np.repeat(_angles(vertices, faces).min(axis=1), 3))
+    np.minimum.at(least, faces.ravel(), np.repeat(_smallest_angle(vertices, faces), 3))
     return least
 
 
