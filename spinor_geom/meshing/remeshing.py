@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import igl
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
@@ -22,7 +22,7 @@ from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.domain.sizes import GROWTH
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.operators import face_areas, face_normals, internal_angles, vertex_normals
-from spinor_geom.mesh.topology import HalfEdges
+from spinor_geom.mesh.topology import HalfEdges, referenced_vertices
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import DECAY, require_few_points
 
@@ -59,7 +59,8 @@ def remesh(patch: Patch, target: float, taken: Int[np.ndarray, "e 2"]) -> Patch:
         OutOfTimeError: a time limit has passed.
     """
     require_few_points(patch.area, target)
-    mesh = _Mesh(patch, target, taken)
+    old = np.asarray(patch.faces)
+    mesh = _Mesh(patch.vertices, old, patch.boundary_size, _graded_size(patch, target), taken)
     mesh.flip()
     for _ in range(_ROUNDS):
         require_time()
@@ -70,24 +71,74 @@ def remesh(patch: Patch, target: float, taken: Int[np.ndarray, "e 2"]) -> Patch:
         mesh.flip()
     mesh.polish()
     mesh.flip()
-    old = np.asarray(patch.faces)
-    inner = np.ascontiguousarray(mesh.vertices[patch.boundary_size :])
-    _, face, nearest = igl.point_mesh_squared_distance(inner, *igl_arrays(patch.vertices, old))
-    corners = old[np.asarray(face).reshape(-1)]
-    weights = igl.barycentric_coordinates(
-        np.ascontiguousarray(nearest), *(np.ascontiguousarray(patch.vertices[corners[:, k]]) for k in range(3))
-    )
-    points = np.einsum("ki,ki->k", np.asarray(weights), patch.points[corners])
-    points = np.concatenate([patch.points[: patch.boundary_size], points])
+    new = mesh.vertices[patch.boundary_size :]
+    points = np.concatenate([patch.points[: patch.boundary_size], _points_at(patch, old, new)])
     return replace(patch, vertices=mesh.vertices, faces=mesh.faces, points=points)
 
 
-class _Mesh:
-    """The mesh that is changed; its first vertices are those of the rims. Unused vertices may remain."""
+def remesh_region(
+    patch: Patch, region: Bool[np.ndarray, " f"], target: float, taken: Int[np.ndarray, "e 2"]
+) -> tuple[Patch, Int[np.ndarray, " f"]]:
+    """Remeshes a region of a patch within its outline, as little as possible: only poor triangles' vertices move.
 
-    def __init__(self, patch: Patch, target: float, taken: Int[np.ndarray, "e 2"]) -> None:
-        self.vertices, self.faces, self.rim = patch.vertices, np.array(patch.faces), patch.boundary_size
-        self._size, self._taken = _graded_size(patch, target), taken
+    Args:
+        patch: over one loop or several.
+        region: which faces may be replaced.
+        target: edge length away from the rims, in mesh units.
+        taken: pairs of boundary vertices that must not be joined by an inner edge.
+
+    Returns:
+        The patch, and for each old face its new number, −1 if it was in the region.
+    """
+    old = np.asarray(patch.faces)
+    inside, outside, count = old[region], old[~region], len(patch.vertices)
+    is_fixed = np.zeros(count, dtype=bool)
+    is_fixed[: patch.boundary_size] = True
+    is_fixed[outside] = True
+    used = referenced_vertices(inside, vertices=count)
+    ids = np.concatenate([np.flatnonzero(used & is_fixed), np.flatnonzero(used & ~is_fixed)])
+    local, fixed = np.full(count, -1), int((used & is_fixed).sum())
+    local[ids] = np.arange(len(ids))
+    pairs = local[np.concatenate([taken, unique_edges(outside, count)])]
+    size = _graded_size(patch, target)
+    mesh = _Mesh(patch.vertices[ids], local[inside], fixed, size, pairs[(pairs >= 0).all(axis=1)])
+    mesh.flip()
+    mesh.split()
+    mesh.collapse()
+    mesh.flip()
+    mesh.polish()
+    mesh.flip()
+    kept = np.ones(count, dtype=bool)
+    kept[ids[fixed:]] = False
+    number, new = np.cumsum(kept) - 1, mesh.vertices[fixed:]
+    numbers = np.concatenate([number[ids[:fixed]], kept.sum() + np.arange(len(new))])
+    remeshed = replace(
+        patch,
+        vertices=np.concatenate([patch.vertices[kept], new]),
+        points=np.concatenate([patch.points[kept], _points_at(patch, inside, new)]),
+        faces=np.concatenate([number[outside], numbers[mesh.faces]]),
+    )
+    return remeshed, np.where(region, -1, np.cumsum(~region) - 1)
+
+
+def _points_at(patch: Patch, faces: Faces, positions: Positions) -> Complex[np.ndarray, " k"]:
+    """Positions in Ω of the points of some faces of a patch that are nearest to positions in space."""
+    _, face, nearest = igl.point_mesh_squared_distance(
+        np.ascontiguousarray(positions), *igl_arrays(patch.vertices, faces)
+    )
+    corners = faces[np.asarray(face).reshape(-1)]
+    weights = igl.barycentric_coordinates(
+        np.ascontiguousarray(nearest), *(np.ascontiguousarray(patch.vertices[corners[:, k]]) for k in range(3))
+    )
+    return np.einsum("ki,ki->k", np.asarray(weights), patch.points[corners])
+
+
+class _Mesh:
+    """The mesh that is changed; its first `rim` vertices are kept. Unused ones of these may remain."""
+
+    def __init__(self, vertices: Positions, faces: Faces, rim: int, size: Size, taken: Int[np.ndarray, "e 2"]) -> None:
+        self.vertices, self.faces, self.rim = vertices, faces.copy(), rim
+        self._size, self._taken = size, taken
         self._sizes = self._size(self.vertices)  # wanted lengths at the vertices
         self._changed = np.ones(len(self.faces), dtype=bool)  # faces whose edges may have to be flipped
 
