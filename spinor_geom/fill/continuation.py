@@ -99,9 +99,9 @@ class Continuation:
             creased=collar.creased,
         )
 
-    def with_angles_of(self, patch: Patch) -> Continuation:
+    def with_angles_of(self, patch: Patch, *, remeshed: bool) -> Continuation:
         """The same for a patch whose triangles were changed later."""
-        return replace(self, **_angles_of(patch))
+        return replace(self, remeshed=remeshed, **_angles_of(patch))
 
     def __repr__(self) -> str:
         bend = f"bend {self.before.rms:.3g}° to {self.after.rms:.3g}°"

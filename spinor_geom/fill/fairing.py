@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.sparse import csc_array, diags_array
 
 from spinor_geom.deadline import is_out_of_time
@@ -87,13 +87,24 @@ class Faired:
 
 def smallest_angles(patch: Patch) -> tuple[float, float]:
     """The smallest angle, in degrees, at corners of the rim filled by one triangle, and elsewhere; ∞ for none."""
+    angles, fills = _corners(patch)
+    return float(angles[fills].min(initial=np.inf)), float(angles[~fills].min(initial=np.inf))
+
+
+def free_angles(patch: Patch) -> Float[np.ndarray, " f"]:
+    """The smallest angle of each triangle, in degrees, but for corners of the rim that one triangle fills."""
+    angles, fills = _corners(patch)
+    return np.asarray(np.where(fills, np.inf, angles).min(axis=1))
+
+
+def _corners(patch: Patch) -> tuple[Float[np.ndarray, "f 3"], Bool[np.ndarray, "f 3"]]:
+    """The angles of all triangles, in degrees, and which ones fill a corner of the rim."""
     faces, inner = np.asarray(patch.faces), len(patch.vertices) - patch.boundary_size
     angles = np.degrees(np.nan_to_num(internal_angles(patch.vertices, faces)))
     after = np.append(rim_successors(patch.rims), np.full(inner, -1))
     on_rim = after[faces] == np.roll(faces, -1, axis=1)
     # both edges at this corner of the triangle are the rim's
-    fills = on_rim & np.roll(on_rim, 1, axis=1)
-    return float(angles[fills].min(initial=np.inf)), float(angles[~fills].min(initial=np.inf))
+    return angles, on_rim & np.roll(on_rim, 1, axis=1)
 
 
 def folded_sides(patch: Patch) -> int:

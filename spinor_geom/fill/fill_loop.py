@@ -30,6 +30,7 @@ from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
 from spinor_geom.fill.retriangulation import retriangulated
+from spinor_geom.fill.thin_triangles import without_thin_triangles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.meshing.embed import Patch, edge_length_over
@@ -129,10 +130,11 @@ def _new_patch(
         new = _cleared(patched, new)
     else:
         options.on_stage(place, "continuation")
+        target = edge_length_over(new.rims, options.target_edge_length)
         with time_limit(options.time_limit):
-            smooth = _continued(patched, new, edge_length_over(new.rims, options.target_edge_length))
+            smooth = _continued(patched, new, target)
         clock.lap("continuation")
-        new = _cleared_continuation(patched, smooth, new)
+        new = _cleared_continuation(patched, smooth, new, target)
     clock.lap("clearance")
     return new
 
@@ -198,21 +200,24 @@ def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch
     return smooth
 
 
-def _cleared_continuation(patched: PatchedMesh, smooth: NewPatch, start: NewPatch) -> NewPatch:
+def _cleared_continuation(patched: PatchedMesh, smooth: NewPatch, start: NewPatch, target: float) -> NewPatch:
     """A continued patch or, if that has fewer intersections, the patch it started from; both are cleared first.
 
-    With equal numbers of intersections the one without replaced faces is taken.
+    With equal numbers of intersections the one without replaced faces is taken. `target` is the edge length where
+    the continued patch is remeshed after that.
     """
     notes = smooth.crossings.notes
     smooth = _cleared(patched, smooth)
     if smooth.continuation is None:
         return smooth
-    smooth = replace(smooth, continuation=smooth.continuation.with_angles_of(smooth.patch))
-    if not len(smooth.crossings) and not smooth.faces_replaced:
-        return smooth
-    start = _cleared(patched, start)
-    ranks = [(len(new.crossings), bool(new.faces_replaced)) for new in (smooth, start)]
-    return smooth if ranks[0] <= ranks[1] else _not_continued(start, f", because then {', '.join(notes)}")
+    if len(smooth.crossings) or smooth.faces_replaced:
+        start = _cleared(patched, start)
+        ranks = [(len(new.crossings), bool(new.faces_replaced)) for new in (smooth, start)]
+        if ranks[0] > ranks[1]:
+            return _not_continued(start, f", because then {', '.join(notes)}")
+    better = without_thin_triangles(patched, smooth, target)
+    is_remeshed = smooth.continuation.remeshed or better.patch is not smooth.patch
+    return replace(better, continuation=smooth.continuation.with_angles_of(better.patch, remeshed=is_remeshed))
 
 
 def _not_continued(start: NewPatch, reason: str = "") -> NewPatch:

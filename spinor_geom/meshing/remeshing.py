@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import igl
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
@@ -22,7 +22,7 @@ from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.domain.sizes import GROWTH
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.operators import face_areas, face_normals, internal_angles, vertex_normals
-from spinor_geom.mesh.topology import HalfEdges
+from spinor_geom.mesh.topology import HalfEdges, referenced_vertices
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import DECAY, require_few_points
 
@@ -59,7 +59,8 @@ def remesh(patch: Patch, target: float, taken: Int[np.ndarray, "e 2"]) -> Patch:
         OutOfTimeError: a time limit has passed.
     """
     require_few_points(patch.area, target)
-    mesh = _Mesh(patch, target, taken)
+    old = np.asarray(patch.faces)
+    mesh = _Mesh(patch.vertices, old, patch.boundary_size, _graded_size(patch, target), taken)
     mesh.flip()
     for _ in range(_ROUNDS):
         require_time()
@@ -70,25 +71,76 @@ def remesh(patch: Patch, target: float, taken: Int[np.ndarray, "e 2"]) -> Patch:
         mesh.flip()
     mesh.polish()
     mesh.flip()
-    old = np.asarray(patch.faces)
-    inner = np.ascontiguousarray(mesh.vertices[patch.boundary_size :])
-    _, face, nearest = igl.point_mesh_squared_distance(inner, *igl_arrays(patch.vertices, old))
-    corners = old[np.asarray(face).reshape(-1)]
-    weights = igl.barycentric_coordinates(
-        np.ascontiguousarray(nearest), *(np.ascontiguousarray(patch.vertices[corners[:, k]]) for k in range(3))
-    )
-    points = np.einsum("ki,ki->k", np.asarray(weights), patch.points[corners])
-    points = np.concatenate([patch.points[: patch.boundary_size], points])
+    new = mesh.vertices[patch.boundary_size :]
+    points = np.concatenate([patch.points[: patch.boundary_size], _points_at(patch, old, new)])
     return replace(patch, vertices=mesh.vertices, faces=mesh.faces, points=points)
 
 
-class _Mesh:
-    """The mesh that is changed; its first vertices are those of the rims. Unused vertices may remain."""
+def remesh_region(
+    patch: Patch, region: Bool[np.ndarray, " f"], target: float, taken: Int[np.ndarray, "e 2"]
+) -> tuple[Patch, Int[np.ndarray, " f"]]:
+    """Remeshes a region of a patch within its outline, as little as possible: only poor triangles' vertices move.
 
-    def __init__(self, patch: Patch, target: float, taken: Int[np.ndarray, "e 2"]) -> None:
-        self.vertices, self.faces, self.rim = patch.vertices, np.array(patch.faces), patch.boundary_size
-        self._size, self._taken = _graded_size(patch, target), taken
+    Args:
+        patch: over one loop or several.
+        region: which faces may be replaced.
+        target: edge length away from the rims, in mesh units.
+        taken: pairs of boundary vertices that must not be joined by an inner edge.
+
+    Returns:
+        The patch, and for each old face its new number, −1 if it was in the region.
+    """
+    old = np.asarray(patch.faces)
+    inside, outside, count = old[region], old[~region], len(patch.vertices)
+    is_fixed = np.zeros(count, dtype=bool)
+    is_fixed[: patch.boundary_size] = True
+    is_fixed[outside] = True
+    used = referenced_vertices(inside, vertices=count)
+    ids = np.concatenate([np.flatnonzero(used & is_fixed), np.flatnonzero(used & ~is_fixed)])
+    local, fixed = np.full(count, -1), int((used & is_fixed).sum())
+    local[ids] = np.arange(len(ids))
+    pairs = local[np.concatenate([taken, unique_edges(outside, count)])]
+    size = _graded_size(patch, target)
+    mesh = _Mesh(patch.vertices[ids], local[inside], fixed, size, pairs[(pairs >= 0).all(axis=1)])
+    mesh.flip()
+    mesh.split()
+    mesh.collapse()
+    mesh.flip()
+    mesh.polish()
+    mesh.flip()
+    kept = np.ones(count, dtype=bool)
+    kept[ids[fixed:]] = False
+    number, new = np.cumsum(kept) - 1, mesh.vertices[fixed:]
+    numbers = np.concatenate([number[ids[:fixed]], kept.sum() + np.arange(len(new))])
+    remeshed = replace(
+        patch,
+        vertices=np.concatenate([patch.vertices[kept], new]),
+        points=np.concatenate([patch.points[kept], _points_at(patch, inside, new)]),
+        faces=np.concatenate([number[outside], numbers[mesh.faces]]),
+    )
+    return remeshed, np.where(region, -1, np.cumsum(~region) - 1)
+
+
+def _points_at(patch: Patch, faces: Faces, positions: Positions) -> Complex[np.ndarray, " k"]:
+    """Positions in Ω of the points of some faces of a patch that are nearest to positions in space."""
+    _, face, nearest = igl.point_mesh_squared_distance(
+        np.ascontiguousarray(positions), *igl_arrays(patch.vertices, faces)
+    )
+    corners = faces[np.asarray(face).reshape(-1)]
+    weights = igl.barycentric_coordinates(
+        np.ascontiguousarray(nearest), *(np.ascontiguousarray(patch.vertices[corners[:, k]]) for k in range(3))
+    )
+    return np.einsum("ki,ki->k", np.asarray(weights), patch.points[corners])
+
+
+class _Mesh:
+    """The mesh that is changed; its first `rim` vertices are kept. Unused ones of these may remain."""
+
+    def __init__(self, vertices: Positions, faces: Faces, rim: int, size: Size, taken: Int[np.ndarray, "e 2"]) -> None:
+        self.vertices, self.faces, self.rim = vertices, faces.copy(), rim
+        self._size, self._taken = size, taken
         self._sizes = self._size(self.vertices)  # wanted lengths at the vertices
+        self._changed = np.ones(len(self.faces), dtype=bool)  # faces whose edges may have to be flipped
 
     def split(self) -> None:
         """Halves inner edges that are too long, chords that cut off small angles, and those that must not be there."""
@@ -115,6 +167,8 @@ class _Mesh:
             second[np.arange(len(face)), corner] = new
             self.faces[face, (corner + 1) % 3] = new
             self.faces = np.concatenate([self.faces, second])
+            self._changed[face] = True
+            self._changed = np.append(self._changed, np.ones(len(second), dtype=bool))
             self.flip(_FLIPS_BETWEEN)  # halves of thin triangles would have to be halved very often
 
     def _are_thin_chords(self, sides: Int[np.ndarray, "e 2"], ends: Int[np.ndarray, "e 2"]) -> Bool[np.ndarray, " e"]:
@@ -122,7 +176,7 @@ class _Mesh:
 
         An edge opposite to a small angle is none of them: halving it would halve this angle.
         """
-        angles = _angles(self.vertices, self.faces)
+        angles = np.nan_to_num(internal_angles(self.vertices, self.faces))
         face, corner = np.divmod(sides, 3)
         beside = np.minimum(angles[face, corner], angles[face, (corner + 1) % 3]).min(axis=1)
         opposite = angles[face, (corner + 2) % 3].min(axis=1)
@@ -152,6 +206,7 @@ class _Mesh:
         used[: self.rim] = True
         self.vertices, self._sizes = self.vertices[used], self._sizes[used]
         self.faces = (np.cumsum(used) - 1)[self.faces]
+        self._changed = np.ones(len(self.faces), dtype=bool)
 
     def _collapsed(self, edges: Int[np.ndarray, "k 2"]) -> tuple[Positions, Faces]:
         """The mesh with edges collapsed to their middles, or to their vertices on a rim; two faces of each are flat."""
@@ -181,19 +236,23 @@ class _Mesh:
         for _ in range(rounds):
             half_edges = HalfEdges.of(self.faces)
             sides = half_edges.pairs
+            sides = sides[self._changed[sides // 3].any(axis=1)]
             (a, b), (c, d) = half_edges.origin[sides].T, half_edges.opposite[sides].T
             old = self.faces[sides // 3]
             new = np.stack([np.stack([a, d, c], axis=1), np.stack([b, c, d], axis=1)], axis=1)
-            least = [_angles(self.vertices, each.reshape(-1, 3)).reshape(-1, 6).min(axis=1) for each in (new, old)]
-            gain = least[0] - least[1]
-            across = np.stack([c, d], axis=1)
-            edges = np.concatenate([unique_edges(self.faces, len(self.vertices)), self._taken])
-            chosen = np.flatnonzero((gain > _LEAST_GAIN) & ~self._has_edges(edges, across))
-            chosen = chosen[~_is_sharper(self.vertices, old[chosen], new[chosen])]
-            if not len(chosen):
+            least = [_smallest_angle(self.vertices, each.reshape(-1, 3)).reshape(-1, 2) for each in (new, old)]
+            gain = least[0].min(axis=1) - least[1].min(axis=1)
+            ids = np.flatnonzero(gain > _LEAST_GAIN)
+            edges = half_edges.order[half_edges.starts[:-1]]
+            edges = np.stack([half_edges.origin[edges], half_edges.target[edges]], axis=1)
+            ids = ids[~self._has_edges(np.concatenate([edges, self._taken]), np.stack([c, d], axis=1)[ids])]
+            ids = ids[~_is_sharper(self.vertices, old[ids], new[ids])]
+            self._changed[:] = False
+            if not len(ids):
                 return
-            chosen = chosen[self._independent(np.stack([a, b, c, d], axis=1)[chosen], gain[chosen])]
-            self.faces[sides[chosen] // 3] = new[chosen]
+            self._changed[sides[ids] // 3] = True
+            ids = ids[self._independent(np.stack([a, b, c, d], axis=1)[ids], gain[ids])]
+            self.faces[sides[ids] // 3] = new[ids]
 
     def smooth(self) -> None:
         """Moves inner vertices, in their tangent planes, to the mean of the triangles around them, of even density."""
@@ -205,11 +264,12 @@ class _Mesh:
         normals = vertex_normals(x, faces)
         step -= np.einsum("nd,nd->n", step, normals)[:, None] * normals
         step[: self.rim] = 0
-        least = np.minimum(_angles(x, faces).min(axis=1), _GOOD)
+        least = np.minimum(_smallest_angle(x, faces), _GOOD)
         for _ in range(_CORRECTIONS):
-            wrong = _turned(x, faces, x + step, faces) | (_angles(x + step, faces).min(axis=1) < least)
+            wrong = _turned(x, faces, x + step, faces) | (_smallest_angle(x + step, faces) < least)
             if not wrong.any():
                 self.vertices = x + step
+                self._changed[:] = True
                 self._sizes = self._size(self.vertices)
                 break
             step[faces[wrong]] = 0
@@ -221,7 +281,10 @@ class _Mesh:
             least = _least_angles(x, faces)
             ids = self.rim + np.flatnonzero(least[self.rim :] < _GOOD)
             ids = ids[self._independent(ids[:, None], -least[ids], rings=1)]
-            normals = vertex_normals(x, faces)[ids]
+            is_near = np.isin(faces, ids).any(axis=1)
+            near = faces[is_near]
+            self._changed |= is_near
+            normals = vertex_normals(x, near)[ids]
             across = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
             across *= (share * self._sizes[ids] / np.linalg.norm(across, axis=1))[:, None]
             along = np.cross(normals, across)
@@ -230,8 +293,8 @@ class _Mesh:
                 moved = x.copy()
                 moved[ids] += turn.real * across + turn.imag * along
                 is_turned = np.zeros(len(x), dtype=bool)
-                is_turned[faces[_turned(x, faces, moved, faces)]] = True
-                angles = _least_angles(moved, faces)[ids]
+                is_turned[near[_turned(x, near, moved, near)]] = True
+                angles = _least_angles(moved, near)[ids]
                 better = (angles > found) & ~is_turned[ids]
                 best[ids[better]], found[better] = moved[ids[better]], angles[better]
             self.vertices = best
@@ -274,15 +337,22 @@ def _graded_size(patch: Patch, target: float) -> Size:
     return size
 
 
-def _angles(vertices: Positions, faces: Faces) -> Float[np.ndarray, "f 3"]:
-    """`internal_angles`, 0 in triangles with equal vertices."""
-    return np.asarray(np.nan_to_num(internal_angles(vertices, faces)))
+def _smallest_angle(vertices: Positions, faces: Faces) -> Float[np.ndarray, " f"]:
+    """The smallest angle of each triangle, 0 with equal vertices.
+
+    Its sine is twice the area divided by the two longer edges.
+    """
+    a, b, c = (vertices.take(faces[:, k], axis=0) for k in range(3))
+    p, q, r = (np.einsum("fd,fd->f", edge, edge) for edge in (b - a, c - b, a - c))
+    squared_area = np.maximum(4 * p * q - (p + q - r) ** 2, 0)  # 16 times
+    product = np.maximum(4 * p * q * r, np.finfo(np.float64).tiny)
+    return np.asarray(np.arcsin(np.sqrt(squared_area * np.minimum(np.minimum(p, q), r) / product)))
 
 
 def _least_angles(vertices: Positions, faces: Faces) -> Float[np.ndarray, " n"]:
     """The smallest angle of the triangles at each vertex; π without any."""
     least = np.full(len(vertices), np.pi)
-    np.minimum.at(least, faces.ravel(), np.repeat(_angles(vertices, faces).min(axis=1), 3))
+    np.minimum.at(least, faces.ravel(), np.repeat(_smallest_angle(vertices, faces), 3))
     return least
 
 

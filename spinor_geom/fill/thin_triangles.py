@@ -1,0 +1,58 @@
+"""Remeshes the surroundings of thin triangles in a continued patch, where that adds no intersection."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from spinor_geom.fill.collar import collar_of
+from spinor_geom.fill.fairing import SMALLEST_ANGLE, free_angles
+from spinor_geom.fill.new_patch import NewPatch
+from spinor_geom.fill.patched_mesh import PatchedMesh, patch_chords
+from spinor_geom.mesh.topology import face_components, referenced_vertices
+from spinor_geom.meshing.embed import Patch
+from spinor_geom.meshing.remeshing import remesh_region
+
+_RINGS = (2, 1, 0, 3)  # of faces around thin ones, in the order in which they are tried
+
+
+def without_thin_triangles(patched: PatchedMesh, new: NewPatch, target: float) -> NewPatch:
+    """Remeshes around triangles with angles below 10°, where that increases angles and adds no intersection.
+
+    Clearing moves vertices and replaces triangles without regard to angles. Those between two edges of the rim cannot
+    be increased. `target` is the edge length away from the rims, in mesh units.
+    """
+    taken = None
+    for rings in _RINGS:
+        pieces = _around_thin_triangles(new.patch, rings)
+        if pieces and taken is None:
+            taken = collar_of(patched, new.rim, new.patch).rim_edges
+        while pieces:
+            piece = pieces.pop()
+            region = np.isin(np.arange(len(new.patch.faces)), piece)
+            patch, places = remesh_region(new.patch, region, target, taken)
+            chords = patch_chords(patch)
+            least = free_angles(patch)[(places >= 0).sum() :].min()
+            if least <= free_angles(new.patch)[piece].min() or patched.has_edges(new.rim[chords]).any():
+                continue
+            crossings = patched.crossings(patch, new.crossings, places)
+            if len(crossings) > len(new.crossings):
+                continue
+            new = replace(new, patch=patch, crossings=crossings)
+            pieces = [places[others] for others in pieces]
+    return new
+
+
+def _around_thin_triangles(patch: Patch, rings: int) -> list[Int[np.ndarray, " k"]]:
+    """Connected regions that consist of the thin triangles and some rings of faces around."""
+    faces = np.asarray(patch.faces)
+    region: Bool[np.ndarray, " f"] = free_angles(patch) < SMALLEST_ANGLE
+    if not region.any():
+        return []
+    for _ in range(rings):
+        a, b, c = referenced_vertices(faces[region], vertices=len(patch.vertices))[faces.T]
+        region = a | b | c
+    component = face_components(faces[region])
+    return [np.flatnonzero(region)[component == k] for k in range(component.max() + 1)]
