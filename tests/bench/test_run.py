@@ -13,6 +13,7 @@ import pytest
 from spinor_geom.bench import run_tables, runner
 from spinor_geom.bench.claims import REFERENCE, REFERENCE_SHARE, claims, judged
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
+from spinor_geom.bench.frames import FRAME_METHODS
 from spinor_geom.bench.machine import machine
 from spinor_geom.bench.odd_holes import odd_holes
 from spinor_geom.bench.runner import DESCRIPTION, RECORDS, SUITES, Run, Settings, case_name, chosen_tasks, key, measure
@@ -178,7 +179,7 @@ def test_names_that_do_not_exist_are_refused_before_anything_is_measured(tmp_pat
 
 def test_the_short_run_has_the_suites_every_tool_and_every_odd_rim():
     tasks = chosen_tasks(Settings.short())
-    assert {t["method"] for t in tasks} == {*LOOP_METHODS, *FILLERS}
+    assert {t["method"] for t in tasks} == {*LOOP_METHODS, *FILLERS, *FRAME_METHODS}
     assert {t["case"] for t in tasks if t["suite"] == "odd"} == set(odd_holes())
     assert {t["suite"] for t in tasks} == set(SUITES) - {"meshes", "batch"}
     keys = [key(task) for task in tasks]

@@ -153,7 +153,7 @@ def test_a_film_that_cannot_go_on_for_want_of_room_stays() -> None:
     vertices, faces = collar(1e-30 * wavy(24), np.array([0, 0, 0.5]))
     _, report = fill_hole((vertices, faces), 0, continuity="C1", return_report=True)
     assert report.loops[0].kind == "minimal"
-    assert "was not continued smoothly: patches with edges of" in report.loops[0].remarks[-1]
+    assert "was not continued smoothly" in report.loops[0].remarks[-1]
 
 
 @pytest.mark.parametrize("gap", [0.01, 0.001])

@@ -10,7 +10,7 @@ from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import DomainError, OptionError
 from spinor_geom.measures import discrete_mean_curvature, smallest_angles
 from spinor_geom.mesh.intersections import self_intersections
-from spinor_geom.meshing.embed import mesh_patch, mesh_patches
+from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_patches, over_domain_of_angles
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
 
 
