@@ -18,7 +18,7 @@ from spinor_geom.plateau.solution import NoConnectedSurface
 from spinor_geom.plateau.solve import solve_plateau
 
 _OF_POINTS, _OF_EDGES = 1e-3, 1e-6  # tolerances of surfaces over points, as of `solve_plateau`, and over CAD edges
-_TOLD = 1e-9  # gaps between edges are named from this share of the curve's length
+_LEAST_GAP = 1e-9  # gaps between edges are reported from this share of the curve's length
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
@@ -79,5 +79,5 @@ def _description(curves: Sequence[CadCurve]) -> str:
     edges = sum(curve.edges for curve in curves)
     what = "edges that belong to no face" if curves[0].kind == "edges" else "edges on the free boundary of faces"
     gap = max(curve.gap for curve in curves)
-    closed = f"; gaps of up to {gap:.1e} were closed" if gap > _TOLD * max(curve.length for curve in curves) else ""
+    closed = f"; gaps of up to {gap:.1e} were closed" if gap > _LEAST_GAP * max(curve.length for curve in curves) else ""
     return f"{len(curves)} closed {'curve' if len(curves) == 1 else 'curves'} of {edges} {what}, in mm{closed}"
