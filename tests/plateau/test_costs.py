@@ -115,7 +115,7 @@ def test_loops_that_a_first_disk_resolves_badly_converge_on_a_finer_one() -> Non
 def test_slides_on_fine_domains_take_fewer_steps(steps: int) -> None:
     """The time of a step grows with the square of the steps of ∂Ω; on the disk it grows as n log n."""
     solver = HarmonicSolver(problem=PlateauProblem.of([waist(28, 0.3)], Options()))
-    form = resolved_form(FourierBoundary(np.array([0.1, 0, 1.1]), 28), steps, torch.device("cpu"))
+    form = resolved_form(FourierBoundary(np.array([0.1, 0, 1.1]), 28), steps, NUMPY)
     assert 0 < solver.most_steps(form) <= MOST_STEPS
     assert solver.most_steps(form) * steps**2 <= 3e7
     assert solver.most_steps(DirichletForm.of_disk(28)) == MOST_STEPS
