@@ -132,17 +132,6 @@ def test_domains_that_cross_themselves_or_are_too_narrow_are_refused():
     assert resolved_form(PEANUT, 256, NUMPY).error < 1e-5
 
 
-@pytest.mark.parametrize("n", [256, 384])
-def test_single_precision_is_enough_for_newton_steps(n):
-    form, x = resolved_form(PEANUT, 256, NUMPY), np.random.default_rng(0).normal(size=(2, n, 3))
-    exact = form(x)
-    assert form.in_single(x).dtype == exact.dtype
-    # the precision is 6e-8; the loosest equations of a step are solved to 0.1
-    np.testing.assert_allclose(form.in_single(x), exact, atol=1e-6 * np.abs(exact).max())
-    disk = DirichletForm.of_disk(32)
-    np.testing.assert_array_equal(disk.in_single(x), disk(x))
-
-
 def test_no_domain_is_made_after_the_time_limit():
     with time_limit(0.0), pytest.raises(OutOfTimeError):
         resolved_form(PEANUT, 256, NUMPY)

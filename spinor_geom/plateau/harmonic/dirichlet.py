@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -76,30 +76,16 @@ class DirichletForm:
 
     def __call__(self, x: Float[Array, "*batch n k"]) -> Float[Array, "*batch n k"]:
         """Λ applied to columns of samples at t = j/n."""
-        return self._applied(x, self.correction)
-
-    def in_single(self, x: Float[Array, "*batch n k"]) -> Float[Array, "*batch n k"]:
-        """Λ with its correction in single precision, in half the time: enough for the equations of a Newton step."""
-        return self._applied(x, self._single)
-
-    @cached_property
-    def _single(self) -> Float[Array, "c c"] | None:
-        c = self.correction
-        return None if c is None else namespace(c).astype(c, namespace(c).float32)
-
-    def _applied(
-        self, x: Float[Array, "*batch n k"], correction: Float[Array, "c c"] | None
-    ) -> Float[Array, "*batch n k"]:
         n, xp = x.shape[-2], namespace(x)
         # transformed as rows: on some processors the rounding of a column depends on the number of columns
         spectrum = xp.fft.rfft(contiguous(xp.moveaxis(x, -1, 0)))
         result = spectrum * frequencies(n, place_of(x))
-        if correction is not None:
-            count = len(correction)
+        if self.correction is not None:
+            count = len(self.correction)
             half = count // 2
-            low = xp.astype(xp.fft.irfft(spectrum[..., :half], n=count), correction.dtype, copy=False)
             # BLAS is far slower on narrow columns, and the matrix is symmetric
-            result[..., :half] += xp.fft.rfft(low @ correction)[..., :half]
+            low = xp.fft.irfft(spectrum[..., :half], n=count) @ self.correction
+            result[..., :half] += xp.fft.rfft(low)[..., :half]
         return xp.moveaxis(xp.fft.irfft(result, n=n), 0, -1)
 
 

@@ -198,7 +198,7 @@ class Slides:
         bend = reflected(self.bend, damping) / square(self.speed)
 
         def applied(u: Float[Array, "b n"]) -> Float[Array, "b n"]:
-            image = (unit * self.form.in_single(unit * u[..., None])).sum(-1) + bend * u
+            image = (unit * self.form(unit * u[..., None])).sum(-1) + bend * u
             return self._without_gauge(image) if self.form.is_disk else image + _GAUGE_STIFFNESS * self._in_gauge(u)
 
         return applied
