@@ -53,7 +53,7 @@ _COARSE_STEPS = 30  # most steps of a coarse solve; with 60 loops that need more
 # that have less, all but one converge on the first Ω; of 31 that have more, 5 do, and 9 on the Ω of the finer disk.
 _FAR = 0.01
 # Most steps of a slide on a domain, times the square of the steps of ∂Ω, by which the time of a step grows: a second
-_MOST_WORK = 3e7
+_MOST_WORK = 5e7
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
