@@ -245,10 +245,13 @@ def finer_disk(disk: Disk, boundary_size: int) -> Disk:
 
     Raises:
         DomainError: the disk has no simple flattening.
+        OutOfTimeError: the time limit was reached.
     """
     points = disk.vertices[:boundary_size]
     for _ in range(2):
+        require_time()
         flat = flatten(disk.vertices, disk.faces, boundary_size).boundary
+        require_time()
         plane = triangulate_polygon(flat, graded_size(flat, growth=_FINE_GROWTH))
         disk = descend_from_plane(plane, points, relative_change=FINE_CHANGE)
     return disk

@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 
 from spinor_geom import gallery
 from spinor_geom.arrays import NUMPY
+from spinor_geom.deadline import time_limit
 from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.domain import FourierBoundary
 from spinor_geom.domain.polygons import is_simple
-from spinor_geom.errors import DomainError
+from spinor_geom.errors import DomainError, OutOfTimeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
@@ -129,6 +130,11 @@ def test_domains_that_cross_themselves_or_are_too_narrow_are_refused():
     with pytest.raises(DomainError, match="too narrow somewhere for 32 steps"):
         resolved_form(ellipse(8.0), 32, NUMPY)
     assert resolved_form(PEANUT, 256, NUMPY).error < 1e-5
+
+
+def test_no_domain_is_made_after_the_time_limit():
+    with time_limit(0.0), pytest.raises(OutOfTimeError):
+        resolved_form(PEANUT, 256, NUMPY)
 
 
 def test_domain_far_too_narrow_is_refused_before_its_form_is_made(monkeypatch):

@@ -7,6 +7,7 @@ from jaxtyping import Complex, Float
 from scipy.interpolate import CubicSpline
 
 from spinor_geom.arrays import Place
+from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.domain.polygons import is_simple
 from spinor_geom.errors import DomainError
@@ -160,6 +161,7 @@ def resolved_form(boundary: FourierBoundary, n: int, place: Place, *, most: int 
 
     Raises:
         DomainError: ∂Ω crosses itself, or n is too small to resolve it or larger than `most`.
+        OutOfTimeError: time ran out.
     """
     if n > most:
         raise DomainError(
@@ -168,6 +170,7 @@ def resolved_form(boundary: FourierBoundary, n: int, place: Place, *, most: int 
         )
     polygon = boundary.grid(n)[0]
     # cheap tests first: Λ costs O(n³), and is not resolved where facing parts are within two steps
+    require_time()
     is_wide = _steps_across(polygon) > 2 and is_simple(polygon)
     form = DirichletForm.of(boundary, n, place) if is_wide else None
     if form is None or not form.error <= _RESOLVED:

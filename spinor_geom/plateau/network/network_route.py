@@ -121,8 +121,9 @@ class NetworkSolver:
         """The minimal surface fitted from the problem's start, or from a first discrete surface."""
         start = self.problem.start or self.first_surface
         fitted = self._fitted_from(start)
-        # rough loops start from a finer one
-        if self.problem.is_disk and self._is_missed(fitted) and not self._is_rough and fitted.work < _MOST_WORK:
+        # rough loops start from a finer one; with corners it has moduli nearer to the right ones, which cost most work
+        may_improve = self.problem.is_disk and self._is_missed(fitted) and not self._is_rough
+        if may_improve and (fitted.stage.has_moduli or fitted.work < _MOST_WORK):
             fitted = self._improved(fitted, start)
         with self.problem.clock.stage("surface"):
             surface, rms_offset = fitted_surface(fitted, allowed=self.problem.allowed)
