@@ -27,11 +27,11 @@ def without_thin_triangles(patched: PatchedMesh, new: NewPatch, target: float) -
     Clearing moves vertices and replaces triangles without regard to angles. Those between two edges of the rim cannot
     be increased. `target` is the edge length away from the rims, in mesh units.
     """
-    taken = None
+    if not _around_thin_triangles(new.patch, 0):
+        return new
+    taken = collar_of(patched, new.rim, new.patch).rim_edges
     for rings, enough in _TRIES:
         pieces = _around_thin_triangles(new.patch, rings)
-        if pieces and taken is None:
-            taken = collar_of(patched, new.rim, new.patch).rim_edges
         while pieces and not is_out_of_time():
             piece = pieces.pop()
             region = np.isin(np.arange(len(new.patch.faces)), piece)

@@ -131,7 +131,7 @@ def _points_at(patch: Patch, faces: Faces, positions: Positions) -> Complex[np.n
     weights = igl.barycentric_coordinates(
         np.ascontiguousarray(nearest), *(np.ascontiguousarray(patch.vertices[corners[:, k]]) for k in range(3))
     )
-    return np.einsum("ki,ki->k", np.asarray(weights), patch.points[corners])
+    return np.asarray(np.einsum("ki,ki->k", np.asarray(weights), patch.points[corners]))
 
 
 class _Mesh:
