@@ -134,7 +134,9 @@ def _new_patch(
         with time_limit(options.time_limit):
             smooth = _continued(patched, new, target)
         clock.lap("continuation")
-        new = _cleared_continuation(patched, smooth, new, target)
+        new = _cleared_continuation(patched, smooth, new)
+        with time_limit(options.time_limit):
+            new = _with_larger_angles(patched, new, target)
     clock.lap("clearance")
     return new
 
@@ -200,24 +202,27 @@ def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch
     return smooth
 
 
-def _cleared_continuation(patched: PatchedMesh, smooth: NewPatch, start: NewPatch, target: float) -> NewPatch:
+def _cleared_continuation(patched: PatchedMesh, smooth: NewPatch, start: NewPatch) -> NewPatch:
     """A continued patch or, if that has fewer intersections, the patch it started from; both are cleared first.
 
-    With equal numbers of intersections the one without replaced faces is taken. `target` is the edge length where
-    the continued patch is remeshed after that.
+    With equal numbers of intersections the one without replaced faces is taken.
     """
     notes = smooth.crossings.notes
     smooth = _cleared(patched, smooth)
+    if smooth.continuation is None or (not len(smooth.crossings) and not smooth.faces_replaced):
+        return smooth
+    start = _cleared(patched, start)
+    ranks = [(len(new.crossings), bool(new.faces_replaced)) for new in (smooth, start)]
+    return smooth if ranks[0] <= ranks[1] else _not_continued(start, f", because then {', '.join(notes)}")
+
+
+def _with_larger_angles(patched: PatchedMesh, smooth: NewPatch, target: float) -> NewPatch:
+    """A continued patch remeshed where clearing left thin triangles; `target` is the edge length of new triangles."""
     if smooth.continuation is None:
         return smooth
-    if len(smooth.crossings) or smooth.faces_replaced:
-        start = _cleared(patched, start)
-        ranks = [(len(new.crossings), bool(new.faces_replaced)) for new in (smooth, start)]
-        if ranks[0] > ranks[1]:
-            return _not_continued(start, f", because then {', '.join(notes)}")
-    better = without_thin_triangles(patched, smooth, target)
-    is_remeshed = smooth.continuation.remeshed or better.patch is not smooth.patch
-    return replace(better, continuation=smooth.continuation.with_angles_of(better.patch, remeshed=is_remeshed))
+    new = without_thin_triangles(patched, smooth, target)
+    is_remeshed = smooth.continuation.remeshed or new.patch is not smooth.patch
+    return replace(new, continuation=smooth.continuation.with_angles_of(new.patch, remeshed=is_remeshed))
 
 
 def _not_continued(start: NewPatch, reason: str = "") -> NewPatch:

@@ -77,7 +77,7 @@ def remesh(patch: Patch, target: float, taken: Int[np.ndarray, "e 2"]) -> Patch:
 
 
 def remesh_region(
-    patch: Patch, region: Bool[np.ndarray, " f"], target: float, taken: Int[np.ndarray, "e 2"]
+    patch: Patch, region: Bool[np.ndarray, " f"], target: float, taken: Int[np.ndarray, "e 2"], enough: float
 ) -> tuple[Patch, Int[np.ndarray, " f"]]:
     """Remeshes a region of a patch within its outline, as little as possible: only poor triangles' vertices move.
 
@@ -86,6 +86,7 @@ def remesh_region(
         region: which faces may be replaced.
         target: edge length away from the rims, in mesh units.
         taken: pairs of boundary vertices that must not be joined by an inner edge.
+        enough: angle that is not increased further, in radians.
 
     Returns:
         The patch, and for each old face its new number, −1 if it was in the region.
@@ -101,7 +102,7 @@ def remesh_region(
     local[ids] = np.arange(len(ids))
     pairs = local[np.concatenate([taken, unique_edges(outside, count)])]
     size = _graded_size(patch, target)
-    mesh = _Mesh(patch.vertices[ids], local[inside], fixed, size, pairs[(pairs >= 0).all(axis=1)])
+    mesh = _Mesh(patch.vertices[ids], local[inside], fixed, size, pairs[(pairs >= 0).all(axis=1)], enough)
     mesh.flip()
     mesh.split()
     mesh.collapse()
@@ -130,15 +131,23 @@ def _points_at(patch: Patch, faces: Faces, positions: Positions) -> Complex[np.n
     weights = igl.barycentric_coordinates(
         np.ascontiguousarray(nearest), *(np.ascontiguousarray(patch.vertices[corners[:, k]]) for k in range(3))
     )
-    return np.einsum("ki,ki->k", np.asarray(weights), patch.points[corners])
+    return np.asarray(np.einsum("ki,ki->k", np.asarray(weights), patch.points[corners]))
 
 
 class _Mesh:
     """The mesh that is changed; its first `rim` vertices are kept. Unused ones of these may remain."""
 
-    def __init__(self, vertices: Positions, faces: Faces, rim: int, size: Size, taken: Int[np.ndarray, "e 2"]) -> None:
+    def __init__(
+        self,
+        vertices: Positions,
+        faces: Faces,
+        rim: int,
+        size: Size,
+        taken: Int[np.ndarray, "e 2"],
+        enough: float = np.pi,
+    ) -> None:
         self.vertices, self.faces, self.rim = vertices, faces.copy(), rim
-        self._size, self._taken = size, taken
+        self._size, self._taken, self._enough = size, taken, enough
         self._sizes = self._size(self.vertices)  # wanted lengths at the vertices
         self._changed = np.ones(len(self.faces), dtype=bool)  # faces whose edges may have to be flipped
 
@@ -241,7 +250,7 @@ class _Mesh:
             old = self.faces[sides // 3]
             new = np.stack([np.stack([a, d, c], axis=1), np.stack([b, c, d], axis=1)], axis=1)
             least = [_smallest_angle(self.vertices, each.reshape(-1, 3)).reshape(-1, 2) for each in (new, old)]
-            gain = least[0].min(axis=1) - least[1].min(axis=1)
+            gain = np.minimum(least[0].min(axis=1), self._enough) - least[1].min(axis=1)
             ids = np.flatnonzero(gain > _LEAST_GAIN)
             edges = half_edges.order[half_edges.starts[:-1]]
             edges = np.stack([half_edges.origin[edges], half_edges.target[edges]], axis=1)
@@ -276,10 +285,12 @@ class _Mesh:
 
     def polish(self) -> None:
         """Moves single vertices of triangles with small angles to where the smallest angle around them is larger."""
-        for share in _STEPS:
+        enough = min(self._enough, _GOOD)
+        # small steps first where less is enough, so that vertices move no farther than they have to
+        for share in _STEPS if enough == _GOOD else _STEPS[::-1]:
             x, faces = self.vertices, self.faces
             least = _least_angles(x, faces)
-            ids = self.rim + np.flatnonzero(least[self.rim :] < _GOOD)
+            ids = self.rim + np.flatnonzero(least[self.rim :] < enough)
             ids = ids[self._independent(ids[:, None], -least[ids], rings=1)]
             is_near = np.isin(faces, ids).any(axis=1)
             near = faces[is_near]

@@ -11,6 +11,7 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
+from spinor_geom.bench.ragged import reported_bowls
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, SingularMatrixError, SpinorGeomError, TooManyPointsError
 from spinor_geom.fill.collar import bend_across, collar_of
@@ -350,10 +351,32 @@ def test_a_continuation_that_cannot_be_remeshed_is_kept(
         raise error
 
     monkeypatch.setattr(f"spinor_geom.fill.continuation.{failing}", fails)
-    # the triangles are stretched by more than 2, so that the patch is remeshed
+    # the triangles are stretched by more than 2, so that they are meshed again
     moved = continue_patch(film, collar, loop.mean_edge_length)
     assert len(calls) > (failing == "brought_to_rest")
     np.testing.assert_array_equal(moved.patch.vertices, first.patch.vertices)
+
+
+@pytest.mark.parametrize("error", [SingularMatrixError(size=5), TooManyPointsError("too many points")])
+def test_a_patch_whose_domain_of_angles_cannot_be_meshed_is_continued(
+    monkeypatch: pytest.MonkeyPatch, error: SpinorGeomError
+) -> None:
+    hole = next(iter(reported_bowls()))
+    loop = boundary_loops((hole.vertices, hole.faces))[0]
+    film = fill_hole((hole.vertices, hole.faces), return_report=True)[1].loops[0].patch
+    collar = collar_of(PatchedMesh(TriangleMesh(hole.vertices, hole.faces)), loop.vertex_ids, film)
+    calls = []
+
+    def fails(*arguments: object) -> Patch:
+        calls.append(arguments)
+        raise error
+
+    monkeypatch.setattr("spinor_geom.fill.continuation.over_domain_of_angles", fails)
+    # the film turns back over the mesh, so that it does not come to rest
+    assert brought_to_rest(film, collar).defect
+    moved = continue_patch(film, collar, loop.mean_edge_length)
+    assert len(calls) == 1
+    assert not np.array_equal(moved.patch.vertices, film.vertices)
 
 
 def test_a_continuation_out_of_time_is_kept_where_it_is_nearer_and_told() -> None:

@@ -167,7 +167,7 @@ def test_angles_below_ten_degrees_are_reported_and_those_of_the_rim_told_apart(a
     assert Faired(patch=patch, steps=0, next_step=0.0, stretch=1.0).is_thin == is_thin
     (smooth, _) = patched(KINDS["saddle"](np.random.default_rng(0)))
     assert smooth.continuation is not None
-    told = smooth.continuation.with_angles_of(patch)
+    told = smooth.continuation.with_angles_of(patch, remeshed=False)
     assert told.smallest_angle == told.smallest_rim_angle == corner
     assert any("between two edges of the rim" in remark for remark in told.remarks)
     told = replace(told, smallest_angle=others)

@@ -16,7 +16,7 @@ from spinor_geom.measures import distances_to_mesh
 from spinor_geom.mesh.operators import internal_angles
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges
 from spinor_geom.meshing.embed import Patch
-from spinor_geom.meshing.remeshing import remesh
+from spinor_geom.meshing.remeshing import remesh, remesh_region
 
 NONE = np.zeros((0, 2), dtype=np.int64)
 
@@ -129,6 +129,29 @@ def test_taken_pairs_are_not_joined() -> None:
     edges = {tuple(sorted(pair)) for face in np.asarray(new.faces) for pair in zip(face, np.roll(face, 1), strict=True)}
     assert both not in edges
     require_same_rims(new, square)
+
+
+@pytest.mark.parametrize("enough", [11.0, 25.0])
+def test_a_region_is_remeshed_within_its_outline(enough: float) -> None:
+    flat = disk()
+    faces, m = np.asarray(flat.faces), flat.boundary_size
+    # one inner vertex almost on a neighbour
+    inner = m + np.abs(flat.points[m:]).argmin()
+    ring = faces[(faces == inner).any(axis=1)]
+    vertices = flat.vertices.copy()
+    vertices[inner] += 0.95 * (vertices[ring[ring != inner][0]] - vertices[inner])
+    thin = replace(flat, vertices=vertices)
+    assert smallest_angle(thin) < 5
+    region = np.isin(faces, ring).any(axis=1)
+    new, places = remesh_region(thin, region, 0.1, NONE, np.radians(enough))
+    require_same_rims(new, thin)
+    assert smallest_angle(new) > 10
+    # outside nothing is changed
+    kept = np.asarray(new.faces)[places[~region]]
+    np.testing.assert_array_equal(new.vertices[kept], vertices[faces[~region]])
+    assert (places[region] == -1).all()
+    assert new.area == pytest.approx(thin.area)  # no triangle is turned over
+    np.testing.assert_allclose(new.points[m:].real, new.vertices[m:, 0], atol=0.1)
 
 
 @settings(max_examples=6, deadline=None)
