@@ -79,5 +79,6 @@ def _description(curves: Sequence[CadCurve]) -> str:
     edges = sum(curve.edges for curve in curves)
     what = "edges that belong to no face" if curves[0].kind == "edges" else "edges on the free boundary of faces"
     gap = max(curve.gap for curve in curves)
-    closed = f"; gaps of up to {gap:.1e} were closed" if gap > _LEAST_GAP * max(curve.length for curve in curves) else ""
+    is_gap = gap > _LEAST_GAP * max(curve.length for curve in curves)
+    closed = f"; gaps of up to {gap:.1e} were closed" if is_gap else ""
     return f"{len(curves)} closed {'curve' if len(curves) == 1 else 'curves'} of {edges} {what}, in mm{closed}"
