@@ -77,7 +77,7 @@ class NurbsPatch:
             BSpline(knots, np.eye(len(knots) - degree - 1), degree)(at, nu=order)
             for knots, degree, at, order in zip(self.knots, self.degrees, (u, v), derivatives, strict=True)
         )
-        return np.asarray(np.einsum("ai,bj,ijk->abk", by_u, by_v, self.control_points))
+        return np.asarray(np.tensordot(by_u, by_v @ self.control_points, axes=1))
 
     def side(self, number: int) -> NurbsCurve:
         """One of the four sides as a curve."""

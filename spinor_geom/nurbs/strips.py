@@ -132,8 +132,13 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float) -> Fit:
 
 
 def _halved(breaks: Breaks, chosen: Bool[np.ndarray, " k"]) -> Breaks:
+    """Breaks with the chosen pieces halved; a piece that is chosen alone at an end, as at corners, is halved twice."""
     ends = np.array(breaks)
-    return tuple(np.sort(np.append(ends, ((ends[1:] + ends[:-1]) / 2)[chosen])).tolist())
+    new = [((ends[1:] + ends[:-1]) / 2)[chosen]]
+    if len(chosen) > 1:
+        at_ends = chosen[[0, -1]] & ~chosen[[1, -2]]
+        new.append((ends[[0, -1]] + (ends[[1, -2]] - ends[[0, -1]]) / 4)[at_ends])
+    return tuple(np.sort(np.concatenate([ends, *new])).tolist())
 
 
 _Key: TypeAlias = tuple[int, SplineSpace, SplineSpace]
@@ -176,8 +181,8 @@ class _Sampled:
         for key, at_nodes, between_u, between_v in zip(new, found[::3], found[1::3], found[2::3], strict=True):
             quad, u, v = key
             (exact, moved), (exact_u, moved_u), (exact_v, _) = at_nodes, between_u, between_v
-            along_u = np.einsum("ni,ijk->njk", u.to_between, exact) - exact_u
-            along_v = np.einsum("nj,ijk->ink", v.to_between, exact) - exact_v
+            along_u = np.tensordot(u.to_between, exact, axes=1) - exact_u
+            along_v = v.to_between @ exact - exact_v
             if quad < mesh.ring:
                 along_u[:, 0] = NEARER_AT_RIMS * (u.to_between @ moved[:, 0] - moved_u[:, 0])
             errors = np.linalg.norm(along_u, axis=2).max(axis=1), np.linalg.norm(along_v, axis=2).max(axis=0)
@@ -197,8 +202,8 @@ class _Sampled:
         back = low.basis(high.nodes) @ low.interpolation @ to_low - np.eye(high.dimension)
         lost = max(
             max(
-                np.abs(np.einsum("ni,ijk->njk", back, values)).max(),
-                np.abs(np.einsum("nj,ijk->ink", back, values)).max(),
+                np.abs(np.tensordot(back, values, axes=1)).max(),
+                np.abs(back @ values).max(),
             )
             for values, _, _ in self.values.values()
         )
@@ -231,7 +236,7 @@ class _Sampled:
         corners: dict[int, Float[np.ndarray, "3"]] = {}
         for quad, (u, v) in enumerate(self.spaces):
             values = self.values[(quad, u, v)][0]
-            net = np.einsum("ai,bj,ijk->abk", u.interpolation, v.interpolation, values)
+            net = np.tensordot(u.interpolation, v.interpolation @ values, axes=1)
             sides = (net[:, 0], net[-1], net[:, -1], net[0])
             for corner, (a, b) in zip(mesh.quads[quad].tolist(), ((0, 0), (-1, 0), (-1, -1), (0, -1)), strict=True):
                 net[a, b] = corners.setdefault(corner, net[a, b].copy())
