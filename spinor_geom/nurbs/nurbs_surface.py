@@ -237,15 +237,15 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
     reached = f"{fit.error / diagonal:.1e} of the diagonal with {fit.points} control points"
     within = fit.error <= tolerance * diagonal
     reason = f"interpolation error {reached}"
-    if not within:
-        reason = f"{reason}, above the tolerance {tolerance:.1e}: more control points are not tried"
-    elif not solution.converged:
+    if not solution.converged:
         reason = f"{reason}, but the minimal surface misses its curve: {solution.reason}"
     elif moved > tolerance * diagonal:
         reason = (
-            f"{reason}, but the rims are moved by the boundary residual, {moved / diagonal:.1e} of the diagonal: solve "
-            "with a smaller tolerance"
+            f"{reason}, but the rims are moved by the boundary residual of the solution, {moved / diagonal:.1e} of the "
+            f"diagonal, above the tolerance {tolerance:.1e}: solve with a smaller tolerance"
         )
+    elif not within:
+        reason = f"{reason}, above the tolerance {tolerance:.1e}: more control points are not tried"
     ends = np.cumsum(blocks.sizes).tolist()
     return NurbsSurface(
         patches=patches,

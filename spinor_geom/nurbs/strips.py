@@ -108,7 +108,8 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float) -> Fit:
 
     Interpolation at the nodes is exact along parameter lines through nodes. The error between these is measured in
     both directions, and the pieces of a strip where it exceeds half of the tolerance are halved. It is the error of
-    the surface itself and of the rims. What the rims are moved by, the boundary residual, is not worth more knots.
+    the surface itself and of the rims. Where the rims are moved by more than the tolerance, the boundary residual is
+    the tolerance: more knots would follow its oscillations.
 
     Args:
         mesh: the quadrilaterals.
@@ -142,7 +143,19 @@ def _halved(breaks: Breaks, chosen: Bool[np.ndarray, " k"]) -> Breaks:
 
 
 _Key: TypeAlias = tuple[int, SplineSpace, SplineSpace]
-_Known: TypeAlias = dict[_Key, tuple[Values, Errors, Errors]]  # at nodes; errors along u and v
+
+
+@dataclass(frozen=True, eq=False)
+class _Values:
+    """Positions of a patch at its nodes, errors along u and v, and the largest displacement that fits its rim."""
+
+    at_nodes: Values
+    along_u: Errors
+    along_v: Errors
+    residual: float
+
+
+_Known: TypeAlias = dict[_Key, _Values]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -186,7 +199,7 @@ class _Sampled:
             if quad < mesh.ring:
                 along_u[:, 0] = NEARER_AT_RIMS * (u.to_between @ moved[:, 0] - moved_u[:, 0])
             errors = np.linalg.norm(along_u, axis=2).max(axis=1), np.linalg.norm(along_v, axis=2).max(axis=0)
-            values[key] = (moved, *errors)
+            values[key] = _Values(moved, *errors, residual=float(np.linalg.norm(moved - exact, axis=2).max()))
         return cls(spaces=tuple(spaces), values=values)
 
     @property
@@ -205,25 +218,25 @@ class _Sampled:
                 np.abs(np.tensordot(back, values, axes=1)).max(),
                 np.abs(back @ values).max(),
             )
-            for values, _, _ in self.values.values()
+            for values in (each.at_nodes for each in self.values.values())
         )
         return float(lost) + self.error
 
     @property
     def error(self) -> float:
         """The largest error."""
-        return max(float(max(u.max(), v.max())) for _, u, v in self.values.values())
+        return max(float(max(each.along_u.max(), each.along_v.max())) for each in self.values.values())
 
     def inaccurate(
         self, strip: Int[np.ndarray, "q 2"], against: Bool[np.ndarray, "q 2"], breaks: Sequence[Breaks], allowed: float
     ) -> list[Bool[np.ndarray, " _"]]:
-        """Which pieces of each strip have a larger error than allowed."""
+        """Which pieces of each strip have a larger error than allowed, and than half of the boundary residual there."""
         chosen = [np.zeros(len(own) - 1, dtype=bool) for own in breaks]
         for quad, pair in enumerate(self.spaces):
-            key = (quad, *pair)
-            _, *errors = self.values[key]
-            for axis, (space, error) in enumerate(zip(pair, errors, strict=True)):
-                pieces = space.pieces[error > allowed]
+            own = self.values[(quad, *pair)]
+            worth = max(allowed, own.residual / 2)
+            for axis, (space, error) in enumerate(zip(pair, (own.along_u, own.along_v), strict=True)):
+                pieces = space.pieces[error > worth]
                 if against[quad, axis]:
                     pieces = len(space.breaks) - 2 - pieces
                 chosen[strip[quad, axis]][pieces] = True
@@ -235,7 +248,7 @@ class _Sampled:
         rows: dict[int, tuple[Values, bool]] = {}
         corners: dict[int, Float[np.ndarray, "3"]] = {}
         for quad, (u, v) in enumerate(self.spaces):
-            values = self.values[(quad, u, v)][0]
+            values = self.values[(quad, u, v)].at_nodes
             net = np.tensordot(u.interpolation, v.interpolation @ values, axes=1)
             sides = (net[:, 0], net[-1], net[:, -1], net[0])
             for corner, (a, b) in zip(mesh.quads[quad].tolist(), ((0, 0), (-1, 0), (-1, -1), (0, -1)), strict=True):
