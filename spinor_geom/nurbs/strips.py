@@ -108,8 +108,8 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float) -> Fit:
 
     Interpolation at the nodes is exact along parameter lines through nodes. The error between these is measured in
     both directions, and the pieces of a strip where it exceeds half of the tolerance are halved. It is the error of
-    the surface itself and of the rims. Where the rims are moved by more than the tolerance, the boundary residual is
-    the tolerance: more knots would follow its oscillations.
+    the surface itself and of the rims. Where it is less than the displacement that moves the rims, by the boundary
+    residual of the solution, more knots are not worth it.
 
     Args:
         mesh: the quadrilaterals.
@@ -145,14 +145,14 @@ def _halved(breaks: Breaks, chosen: Bool[np.ndarray, " k"]) -> Breaks:
 _Key: TypeAlias = tuple[int, SplineSpace, SplineSpace]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Values:
-    """Positions of a patch at its nodes, errors along u and v, and the largest displacement that fits its rim."""
+    """Positions of a patch at its nodes, its largest error, and the largest above the residual along u and v."""
 
     at_nodes: Values
+    error: float
     along_u: Errors
     along_v: Errors
-    residual: float
 
 
 _Known: TypeAlias = dict[_Key, _Values]
@@ -193,13 +193,19 @@ class _Sampled:
         values = {key: known[key] for key in keys if key in known}
         for key, at_nodes, between_u, between_v in zip(new, found[::3], found[1::3], found[2::3], strict=True):
             quad, u, v = key
-            (exact, moved), (exact_u, moved_u), (exact_v, _) = at_nodes, between_u, between_v
-            along_u = np.tensordot(u.to_between, exact, axes=1) - exact_u
-            along_v = v.to_between @ exact - exact_v
+            (exact, moved), (exact_u, moved_u), (exact_v, moved_v) = at_nodes, between_u, between_v
+            along_u = np.linalg.norm(np.tensordot(u.to_between, exact, axes=1) - exact_u, axis=2)
+            along_v = np.linalg.norm(v.to_between @ exact - exact_v, axis=2)
             if quad < mesh.ring:
-                along_u[:, 0] = NEARER_AT_RIMS * (u.to_between @ moved[:, 0] - moved_u[:, 0])
-            errors = np.linalg.norm(along_u, axis=2).max(axis=1), np.linalg.norm(along_v, axis=2).max(axis=0)
-            values[key] = _Values(moved, *errors, residual=float(np.linalg.norm(moved - exact, axis=2).max()))
+                along_u[:, 0] = NEARER_AT_RIMS * np.linalg.norm(u.to_between @ moved[:, 0] - moved_u[:, 0], axis=1)
+            worth_u = along_u > np.linalg.norm(moved_u - exact_u, axis=2)
+            worth_v = along_v > np.linalg.norm(moved_v - exact_v, axis=2)
+            values[key] = _Values(
+                at_nodes=moved,
+                error=float(max(along_u.max(), along_v.max())),
+                along_u=(worth_u * along_u).max(axis=1),
+                along_v=(worth_v * along_v).max(axis=0),
+            )
         return cls(spaces=tuple(spaces), values=values)
 
     @property
@@ -225,18 +231,17 @@ class _Sampled:
     @property
     def error(self) -> float:
         """The largest error."""
-        return max(float(max(each.along_u.max(), each.along_v.max())) for each in self.values.values())
+        return max(each.error for each in self.values.values())
 
     def inaccurate(
         self, strip: Int[np.ndarray, "q 2"], against: Bool[np.ndarray, "q 2"], breaks: Sequence[Breaks], allowed: float
     ) -> list[Bool[np.ndarray, " _"]]:
-        """Which pieces of each strip have a larger error than allowed, and than half of the boundary residual there."""
+        """Which pieces of each strip have a larger error than allowed, and than the displacement there."""
         chosen = [np.zeros(len(own) - 1, dtype=bool) for own in breaks]
         for quad, pair in enumerate(self.spaces):
             own = self.values[(quad, *pair)]
-            worth = max(allowed, own.residual / 2)
             for axis, (space, error) in enumerate(zip(pair, (own.along_u, own.along_v), strict=True)):
-                pieces = space.pieces[error > worth]
+                pieces = space.pieces[error > allowed]
                 if against[quad, axis]:
                     pieces = len(space.breaks) - 2 - pieces
                 chosen[strip[quad, axis]][pieces] = True
