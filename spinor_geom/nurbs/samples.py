@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Inexact
 
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
 from spinor_geom.mesh.array_checks import shared
@@ -89,7 +90,9 @@ class Samples:
                 for (quad, u, *_), w, side in zip(grids, inside, sides, strict=True)
             ]
             return _split(self._inside, z)
-        columns = {(id(side), breaks): (quad, u, side, breaks) for (quad, u, _, breaks), side in zip(grids, sides)}
+        columns = {
+            (id(side), breaks): (quad, u, side, breaks) for (quad, u, _, breaks), side in zip(grids, sides, strict=True)
+        }
         z = [self.blocks.grid(quad, u, _gauss(breaks), side.z) for quad, u, side, breaks in columns.values()]
         velocity = dict(zip(columns, _split(self._phi, z), strict=True))
         found = []
@@ -118,7 +121,10 @@ class Samples:
         return RimPrimitive.along(boundary, self._phi, ORDER, breaks_for(boundary, inner))
 
 
-def _split(function, z):  # type: ignore[no-untyped-def]
+def _split(
+    function: Callable[[Complex[np.ndarray, " n"]], Inexact[np.ndarray, "n 3"]],
+    z: Sequence[Complex[np.ndarray, "_ _"]],
+) -> list[Any]:
     """A function of points at arrays of them, by one evaluation."""
     if not z:
         return []
