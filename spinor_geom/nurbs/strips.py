@@ -239,7 +239,8 @@ class _Sampled:
         """Which pieces of each strip have a larger error than allowed, and than the displacement there."""
         chosen = [np.zeros(len(own) - 1, dtype=bool) for own in breaks]
         for quad, pair in enumerate(self.spaces):
-            own = self.values[(quad, *pair)]
+            u, v = pair
+            own = self.values[quad, u, v]
             for axis, (space, error) in enumerate(zip(pair, (own.along_u, own.along_v), strict=True)):
                 pieces = space.pieces[error > allowed]
                 if against[quad, axis]:
