@@ -12,7 +12,8 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.misfit import BoundaryResidual
-from spinor_geom.plateau.solution import PlateauSolution, RimMatch
+from spinor_geom.plateau.rim_match import RimMatch
+from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.stability import Stability
 from spinor_geom.surface.spinor_surface import SpinorSurface
 

@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator
 
 from spinor_geom.domain.plane_domain import FourierBoundary, panel_breaks
 from spinor_geom.domain.quadrature import Panels
-from spinor_geom.plateau.solution import RimMatch
+from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.interior import RimPrimitive
 

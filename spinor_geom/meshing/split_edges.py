@@ -19,7 +19,7 @@ from spinor_geom.domain.polygons import crossing_edges
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.intersections import crossings_between
-from spinor_geom.plateau.solution import RimMatch
+from spinor_geom.plateau.rim_match import RimMatch
 
 _ROUNDS = 6  # of halving edges
 _FAR_OUTSIDE = 0.1  # distance from Ω per edge; the nearest poles are about an edge outside

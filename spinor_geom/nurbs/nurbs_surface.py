@@ -77,7 +77,7 @@ class NurbsPatch:
             BSpline(knots, np.eye(len(knots) - degree - 1), degree)(at, nu=order)
             for knots, degree, at, order in zip(self.knots, self.degrees, (u, v), derivatives, strict=True)
         )
-        return np.asarray(np.einsum("ai,bj,ijk->abk", by_u, by_v, self.control_points))
+        return np.asarray(np.tensordot(by_u, by_v @ self.control_points, axes=1))
 
     def side(self, number: int) -> NurbsCurve:
         """One of the four sides as a curve."""
@@ -237,15 +237,15 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
     reached = f"{fit.error / diagonal:.1e} of the diagonal with {fit.points} control points"
     within = fit.error <= tolerance * diagonal
     reason = f"interpolation error {reached}"
-    if not within:
-        reason = f"{reason}, above the tolerance {tolerance:.1e}: more control points are not tried"
-    elif not solution.converged:
+    if not solution.converged:
         reason = f"{reason}, but the minimal surface misses its curve: {solution.reason}"
     elif moved > tolerance * diagonal:
         reason = (
-            f"{reason}, but the rims are moved by the boundary residual, {moved / diagonal:.1e} of the diagonal: solve "
-            "with a smaller tolerance"
+            f"{reason}, but the rims are moved by the boundary residual of the solution, {moved / diagonal:.1e} of the "
+            f"diagonal, above the tolerance {tolerance:.1e}: solve with a smaller tolerance"
         )
+    elif not within:
+        reason = f"{reason}, above the tolerance {tolerance:.1e}: more control points are not tried"
     ends = np.cumsum(blocks.sizes).tolist()
     return NurbsSurface(
         patches=patches,

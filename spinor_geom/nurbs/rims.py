@@ -12,7 +12,8 @@ from spinor_geom.arrays import to_numpy
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.quadrature import cumulative_matrix
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.plateau.solution import PlateauSolution, RimMatch
+from spinor_geom.plateau.rim_match import RimMatch
+from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.surface.interior import RimPrimitive
 
 _STEPS, _STEP = 10, 1e-6  # Newton steps for the parameter on ∂Ω, and the difference for its derivative

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Inexact
 
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
 from spinor_geom.mesh.array_checks import shared
@@ -18,6 +19,7 @@ from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for
 
+_ORDER = 10  # Gauss nodes on a piece of a line from ∂Ω: exact for twice the degree of the splines
 _ALONG = np.linspace(0, 1, 17)  # points of a straight side to which panels on ∂Ω are fitted
 
 
@@ -88,13 +90,15 @@ class Samples:
                 for (quad, u, *_), w, side in zip(grids, inside, sides, strict=True)
             ]
             return _split(self._inside, z)
-        columns = {(id(side), breaks): (quad, u, side, breaks) for (quad, u, _, breaks), side in zip(grids, sides)}
+        columns = {
+            (id(side), breaks): (quad, u, side, breaks) for (quad, u, _, breaks), side in zip(grids, sides, strict=True)
+        }
         z = [self.blocks.grid(quad, u, _gauss(breaks), side.z) for quad, u, side, breaks in columns.values()]
         velocity = dict(zip(columns, _split(self._phi, z), strict=True))
         found = []
         for (quad, u, v, breaks), side in zip(grids, sides, strict=True):
             across = np.diff(self.blocks.grid(quad, u, np.array([0.0, 1.0]), side.z), axis=1)
-            integrals = np.einsum("vg,ugk->uvk", _integrals(breaks, tuple(v)), velocity[id(side), breaks])
+            integrals = _integrals(breaks, tuple(v)) @ velocity[id(side), breaks]
             found.append(side.on_rim[:, None] + (across[..., None] * integrals).real)
         return found
 
@@ -117,7 +121,10 @@ class Samples:
         return RimPrimitive.along(boundary, self._phi, ORDER, breaks_for(boundary, inner))
 
 
-def _split(function, z):  # type: ignore[no-untyped-def]
+def _split(
+    function: Callable[[Complex[np.ndarray, " n"]], Inexact[np.ndarray, "n 3"]],
+    z: Sequence[Complex[np.ndarray, "_ _"]],
+) -> list[Any]:
     """A function of points at arrays of them, by one evaluation."""
     if not z:
         return []
@@ -130,7 +137,7 @@ def _split(function, z):  # type: ignore[no-untyped-def]
 def _gauss(breaks: Breaks) -> Float[np.ndarray, " g"]:
     """Gauss-Legendre nodes on all pieces."""
     ends = np.array(breaks)
-    return shared((ends[:-1, None] + np.diff(ends)[:, None] * rule("gauss", ORDER).nodes).ravel())
+    return shared((ends[:-1, None] + np.diff(ends)[:, None] * rule("gauss", _ORDER).nodes).ravel())
 
 
 @lru_cache(maxsize=256)
@@ -139,5 +146,5 @@ def _integrals(breaks: Breaks, v: tuple[float, ...]) -> Float[np.ndarray, "n g"]
     ends, at = np.array(breaks), np.array(v)
     width = np.diff(ends)
     inside = np.clip((at[:, None] - ends[:-1]) / width, 0.0, 1.0)  # share of each piece below v
-    rows = cumulative_matrix(ORDER, tuple(inside.ravel())).reshape(len(at), len(width), ORDER)
+    rows = cumulative_matrix(_ORDER, tuple(inside.ravel())).reshape(len(at), len(width), _ORDER)
     return shared((width[:, None] * rows).reshape(len(at), -1))

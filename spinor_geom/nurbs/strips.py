@@ -108,7 +108,8 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float) -> Fit:
 
     Interpolation at the nodes is exact along parameter lines through nodes. The error between these is measured in
     both directions, and the pieces of a strip where it exceeds half of the tolerance are halved. It is the error of
-    the surface itself and of the rims. What the rims are moved by, the boundary residual, is not worth more knots.
+    the surface itself and of the rims. Where it is less than the displacement that moves the rims, by the boundary
+    residual of the solution, more knots are not worth it.
 
     Args:
         mesh: the quadrilaterals.
@@ -132,12 +133,29 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float) -> Fit:
 
 
 def _halved(breaks: Breaks, chosen: Bool[np.ndarray, " k"]) -> Breaks:
+    """Breaks with the chosen pieces halved; a piece that is chosen alone at an end, as at corners, is halved twice."""
     ends = np.array(breaks)
-    return tuple(np.sort(np.append(ends, ((ends[1:] + ends[:-1]) / 2)[chosen])).tolist())
+    new = [((ends[1:] + ends[:-1]) / 2)[chosen]]
+    if len(chosen) > 1:
+        at_ends = chosen[[0, -1]] & ~chosen[[1, -2]]
+        new.append((ends[[0, -1]] + (ends[[1, -2]] - ends[[0, -1]]) / 4)[at_ends])
+    return tuple(np.sort(np.concatenate([ends, *new])).tolist())
 
 
 _Key: TypeAlias = tuple[int, SplineSpace, SplineSpace]
-_Known: TypeAlias = dict[_Key, tuple[Values, Errors, Errors]]  # at nodes; errors along u and v
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Values:
+    """Positions of a patch at its nodes, its largest error, and the largest above the residual along u and v."""
+
+    at_nodes: Values
+    error: float
+    along_u: Errors
+    along_v: Errors
+
+
+_Known: TypeAlias = dict[_Key, _Values]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -175,13 +193,19 @@ class _Sampled:
         values = {key: known[key] for key in keys if key in known}
         for key, at_nodes, between_u, between_v in zip(new, found[::3], found[1::3], found[2::3], strict=True):
             quad, u, v = key
-            (exact, moved), (exact_u, moved_u), (exact_v, _) = at_nodes, between_u, between_v
-            along_u = np.einsum("ni,ijk->njk", u.to_between, exact) - exact_u
-            along_v = np.einsum("nj,ijk->ink", v.to_between, exact) - exact_v
+            (exact, moved), (exact_u, moved_u), (exact_v, moved_v) = at_nodes, between_u, between_v
+            along_u = np.linalg.norm(np.tensordot(u.to_between, exact, axes=1) - exact_u, axis=2)
+            along_v = np.linalg.norm(v.to_between @ exact - exact_v, axis=2)
             if quad < mesh.ring:
-                along_u[:, 0] = NEARER_AT_RIMS * (u.to_between @ moved[:, 0] - moved_u[:, 0])
-            errors = np.linalg.norm(along_u, axis=2).max(axis=1), np.linalg.norm(along_v, axis=2).max(axis=0)
-            values[key] = (moved, *errors)
+                along_u[:, 0] = NEARER_AT_RIMS * np.linalg.norm(u.to_between @ moved[:, 0] - moved_u[:, 0], axis=1)
+            worth_u = along_u > np.linalg.norm(moved_u - exact_u, axis=2)
+            worth_v = along_v > np.linalg.norm(moved_v - exact_v, axis=2)
+            values[key] = _Values(
+                at_nodes=moved,
+                error=float(max(along_u.max(), along_v.max())),
+                along_u=(worth_u * along_u).max(axis=1),
+                along_v=(worth_v * along_v).max(axis=0),
+            )
         return cls(spaces=tuple(spaces), values=values)
 
     @property
@@ -197,27 +221,27 @@ class _Sampled:
         back = low.basis(high.nodes) @ low.interpolation @ to_low - np.eye(high.dimension)
         lost = max(
             max(
-                np.abs(np.einsum("ni,ijk->njk", back, values)).max(),
-                np.abs(np.einsum("nj,ijk->ink", back, values)).max(),
+                np.abs(np.tensordot(back, values, axes=1)).max(),
+                np.abs(back @ values).max(),
             )
-            for values, _, _ in self.values.values()
+            for values in (each.at_nodes for each in self.values.values())
         )
         return float(lost) + self.error
 
     @property
     def error(self) -> float:
         """The largest error."""
-        return max(float(max(u.max(), v.max())) for _, u, v in self.values.values())
+        return max(each.error for each in self.values.values())
 
     def inaccurate(
         self, strip: Int[np.ndarray, "q 2"], against: Bool[np.ndarray, "q 2"], breaks: Sequence[Breaks], allowed: float
     ) -> list[Bool[np.ndarray, " _"]]:
-        """Which pieces of each strip have a larger error than allowed."""
+        """Which pieces of each strip have a larger error than allowed, and than the displacement there."""
         chosen = [np.zeros(len(own) - 1, dtype=bool) for own in breaks]
         for quad, pair in enumerate(self.spaces):
-            key = (quad, *pair)
-            _, *errors = self.values[key]
-            for axis, (space, error) in enumerate(zip(pair, errors, strict=True)):
+            u, v = pair
+            own = self.values[quad, u, v]
+            for axis, (space, error) in enumerate(zip(pair, (own.along_u, own.along_v), strict=True)):
                 pieces = space.pieces[error > allowed]
                 if against[quad, axis]:
                     pieces = len(space.breaks) - 2 - pieces
@@ -230,8 +254,8 @@ class _Sampled:
         rows: dict[int, tuple[Values, bool]] = {}
         corners: dict[int, Float[np.ndarray, "3"]] = {}
         for quad, (u, v) in enumerate(self.spaces):
-            values = self.values[(quad, u, v)][0]
-            net = np.einsum("ai,bj,ijk->abk", u.interpolation, v.interpolation, values)
+            values = self.values[(quad, u, v)].at_nodes
+            net = np.tensordot(u.interpolation, v.interpolation @ values, axes=1)
             sides = (net[:, 0], net[-1], net[:, -1], net[0])
             for corner, (a, b) in zip(mesh.quads[quad].tolist(), ((0, 0), (-1, 0), (-1, -1), (0, -1)), strict=True):
                 net[a, b] = corners.setdefault(corner, net[a, b].copy())

@@ -15,9 +15,10 @@ A solve goes through these modules, in this order:
 A new route is a module with a `Route`, and a line in `plan`.
 """
 
+from spinor_geom.plateau.annulus import Annulus
 from spinor_geom.plateau.misfit import BoundaryResidual
 from spinor_geom.plateau.options import Cauchy, Laurent
-from spinor_geom.plateau.solution import Annulus, NoConnectedSurface, PlateauSolution
+from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 from spinor_geom.plateau.stability import Stability
 from spinor_geom.plateau.steps import Iteration

@@ -14,6 +14,7 @@ from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError, Spin
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import MIN_POINTS_FOR_HIGH_DEGREE
+from spinor_geom.plateau.annulus import RimDisks
 from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, leave_unstable, lower_beside
 from spinor_geom.plateau.harmonic.harmonic_route import (
     FLATTENING,
@@ -31,7 +32,7 @@ from spinor_geom.plateau.problem import PlateauProblem, Route
 from spinor_geom.plateau.rims.rims_route import RimsSolver, obstacle
 from spinor_geom.plateau.roughness import FEW_POINTS, ROUGH_TURN, has_stray_corners, is_rough, roughness, roundest
 from spinor_geom.plateau.route_result import FAILURES, NoConnectedSurfaceError, RouteResult, typed_failures
-from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution, RimDisks
+from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.steps import SPENT, Clock
 from spinor_geom.plateau.vertices.vertex_route import THROUGH_POINTS
 

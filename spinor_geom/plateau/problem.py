@@ -25,11 +25,13 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop, centroids, diagonals, r
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.intersections import crossings_between, is_star, require_simple
 from spinor_geom.mesh.spacing import with_long_edges_divided
+from spinor_geom.plateau.annulus import Annulus, RimDisks
 from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.misfit import BoundaryResidual, Misfit
 from spinor_geom.plateau.options import Options
+from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.route_result import RouteResult
-from spinor_geom.plateau.solution import Annulus, PlateauSolution, RimDisks, RimMatch, RouteName
+from spinor_geom.plateau.solution import PlateauSolution, RouteName
 from spinor_geom.plateau.steps import Clock, Iteration, Steps
 
 # Most points of a loop for the first disk, Ω and the poles; longer loops are thinned for them. Γ uses all points.

@@ -11,7 +11,8 @@ from spinor_geom.mesh.intersections import self_intersections
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import mesh_patch
-from spinor_geom.plateau.solution import PlateauSolution, RimMatch
+from spinor_geom.plateau.rim_match import RimMatch
+from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau
 
 POINTS = 48

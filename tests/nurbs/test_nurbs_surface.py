@@ -142,6 +142,34 @@ def test_an_unconverged_solution_gives_unconverged_patches() -> None:
     assert "misses its curve" in surface.reason
 
 
+def test_refinement_ends_at_the_residual_of_the_solution() -> None:
+    solution = spinor_geom.solve_plateau(curves.l_shape(0.5))
+    assert solution.converged
+    surface = solution.to_nurbs(tolerance=1e-6)
+    assert not surface.converged
+    assert "moved by the boundary residual" in surface.reason
+    assert "solve with a smaller tolerance" in surface.reason
+    assert surface.size < 10_000  # 11,677 without the end
+
+
+@pytest.mark.slow
+def test_work_is_bounded_for_a_curve_that_is_missed() -> None:
+    solution = spinor_geom.solve_plateau(gallery.random_curve(3))
+    assert not solution.converged
+    surface = solution.to_nurbs(tolerance=1e-5)
+    assert not surface.converged
+    assert "misses its curve" in surface.reason
+    assert surface.size < 25_000
+
+
+def test_surfaces_far_from_their_curve_are_told() -> None:
+    loop = BoundaryLoop.from_points(gallery.random_curve(0).sample(60).points, corners=())
+    solution = spinor_geom.solve_plateau(loop, max_iterations=1)
+    surface = solution.to_nurbs(tolerance=1e-2)
+    assert not surface.converged
+    assert "misses its curve" in surface.reason
+
+
 def test_bad_tolerances_and_suffixes_are_errors(tmp_path: Path) -> None:
     solution = SMOOTH["enneper"]()
     with pytest.raises(OptionError, match="tolerance"):

@@ -11,7 +11,7 @@ from spinor_geom.errors import LoopsMeetError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.plateau import Laurent, NoConnectedSurface
-from spinor_geom.plateau.solution import _partitions
+from spinor_geom.plateau.annulus import _partitions
 from tests.plateau.rims import CATENOIDS, CUBE, KNOIDS, TETRAHEDRON, coaxial, facing, knoid, knoid_curves, ring
 
 

@@ -23,12 +23,12 @@ from spinor_geom.plateau.harmonic.lift import WORTHWHILE, Lift, circles_of, doma
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, SMALL
 from spinor_geom.plateau.plane_route import lie_beside
 from spinor_geom.plateau.problem import PlateauProblem
+from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.rims.capacity_path import all_on_path, mean_modulus
 from spinor_geom.plateau.rims.energy import DENSE, HarmonicSurface, RimsProblem
 from spinor_geom.plateau.rims.starts import OrientedSurface, Rim, projected_starts, start_between
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
 from spinor_geom.plateau.route_result import NoConnectedSurfaceError, RimsResult, RouteResult
-from spinor_geom.plateau.solution import RimMatch
 from spinor_geom.plateau.steps import SPENT
 from spinor_geom.plateau.vertices.vertex_route import surface_through
 

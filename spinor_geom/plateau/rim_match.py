@@ -1,0 +1,67 @@
+"""A loop and the boundary of Ω that a surface maps to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.interpolate import PchipInterpolator
+
+from spinor_geom.domain.plane_domain import Boundary
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RimMatch:
+    """A loop and the boundary of Ω that the surface maps to it.
+
+    Attributes:
+        loop: the loop, in the direction of the surface's boundary.
+        curve: Γ, through all points of the loop.
+        boundary: the boundary of Ω.
+        matching: (n, 2) increasing pairs (t, s): the boundary point at parameter t corresponds to Γ(s). One period of
+            both; s may exceed [0, 1).
+    """
+
+    loop: BoundaryLoop
+    curve: BoundaryCurve
+    boundary: Boundary
+    matching: Float[np.ndarray, "n 2"]
+
+    def __repr__(self) -> str:
+        return f"RimMatch({self.loop!r}, {len(self.matching)} matched places)"
+
+    @cached_property
+    def bulge(self) -> float:
+        """Largest distance of a piece of Γ from its edge of the loop, in mesh units."""
+        return self.curve.bulge()
+
+    def points_in_domain(self) -> Complex[np.ndarray, " m"]:
+        """The points of ∂Ω that correspond to the loop's points, in loop order."""
+        return self.boundary.point(self.parameters(self.curve.at_loop))
+
+    def points_between(self, edge: int, count: int) -> Complex[np.ndarray, " count"]:
+        """Points inside Ω next to the part of ∂Ω between two neighbouring points of the loop, in order.
+
+        They divide the edge's part of Γ evenly. Their distance from ∂Ω is a parabola, in the middle a quarter of their
+        spacing, so that edge and points form a convex polygon.
+        """
+        ends = np.append(self.curve.at_loop, self.curve.at_loop[0] + 1)[edge : edge + 2]
+        share = np.arange(1, count + 1) / (count + 1)
+        t = self.parameters(ends[0] + share * (ends[1] - ends[0]))
+        velocity = self.boundary.derivative(t)
+        length = np.abs(np.diff(self.boundary.point(self.parameters(ends)))) / (count + 1)
+        inwards = 1j * velocity / np.abs(velocity)
+        return np.asarray(self.boundary.point(t) + share * (1 - share) * length * inwards)
+
+    def parameters(self, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Parameters on ∂Ω that correspond to Γ(s), −1 < s < 2."""
+        t, s = self.matching.T
+        # three periods, so that the parameters are not extrapolated; equal s are one knot
+        s = np.concatenate([s - 1, s, s + 1])
+        t = np.concatenate([t - 1, t, t + 1])
+        keep = np.append(True, np.diff(np.maximum.accumulate(s)) > 0)
+        return np.asarray(PchipInterpolator(s[keep], t[keep])(at))
