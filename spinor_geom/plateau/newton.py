@@ -155,13 +155,13 @@ def conjugate_gradients(
     """`Energies.direction` by preconditioned conjugate gradients, which stop at a direction of negative curvature."""
     residual, xp = -gradient, namespace(gradient)
     x, z = xp.zeros_like(residual), precondition(residual)
-    search, metric, size = z, residual, _dot(residual, z)
+    search, metric, size = z, residual, dots(residual, z)
     enough = forcing[:, None] ** 2 * size
     unfinished = xp.ones_like(size, dtype=xp.bool)
     downwards = xp.zeros_like(unfinished)
     for step in range(MOST_STEPS):
         image = hessian(search)
-        curvature, scale = _dot(search, image), _dot(search, metric)
+        curvature, scale = dots(search, image), dots(search, metric)
         flat = unfinished & (curvature <= SMALL * scale)
         downwards |= flat & (curvature < -SMALL * scale)
         unfinished &= ~flat
@@ -171,7 +171,7 @@ def conjugate_gradients(
         x = x + length * search
         residual = residual - length * image
         z = precondition(residual)
-        before, size = size, _dot(residual, z)
+        before, size = size, dots(residual, z)
         unfinished &= ~(size < enough)
         if not unfinished.any():
             break
@@ -228,6 +228,7 @@ def _line_search(here: E, direction: Float[Array, "b k"], highest: Float[Array, 
         lower = trial.energy <= highest[which]
 
 
-def _dot(a: Float[Array, "b k"], b: Float[Array, "b k"]) -> Float[Array, "b 1"]:
+def dots(a: Float[Array, "b k"], b: Float[Array, "b k"]) -> Float[Array, "b 1"]:
+    """Scalar products of rows."""
     product: Array = namespace(a).linalg.vecdot(a, b)
     return product[:, None]
