@@ -170,9 +170,14 @@ class BoundaryLoop:
 
         The normal is on the side of `area_vector`; for collinear points it is any plane through their line.
         """
-        axes, deviations = self._principal_axes
+        axes, _ = self._principal_axes
         normal = -axes[2] if axes[2] @ self.area_vector < 0 else axes[2]
-        return Plane(centroid=self.centroid, normal=normal, rms_distance=float(deviations[2]))
+        return Plane(centroid=self.centroid, normal=normal, rms_distance=self.height)
+
+    @property
+    def height(self) -> float:
+        """Root mean squared distance of the points from `plane`, in mesh units."""
+        return float(self._principal_axes[1][2])
 
     @property
     def elongation(self) -> float:
