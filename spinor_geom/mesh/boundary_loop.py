@@ -210,7 +210,10 @@ def centroids(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b 3"]:
 def _point_weights(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b m"]:
     """Half the length of the two edges at each point of a closed polygon over the perimeter."""
     lengths = edge_lengths(points)
-    both, perimeter = lengths + lengths.take(np.arange(-1, lengths.shape[-1] - 1), axis=-1), lengths.sum(axis=-1, keepdims=True)
+    both, perimeter = (
+        lengths + lengths.take(np.arange(-1, lengths.shape[-1] - 1), axis=-1),
+        lengths.sum(axis=-1, keepdims=True),
+    )
     even = np.full_like(both, 1 / both.shape[-1])
     return np.asarray(np.divide(both, 2 * perimeter, out=even, where=perimeter > 0))
 
