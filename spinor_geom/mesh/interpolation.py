@@ -339,9 +339,9 @@ def poisson_kernels(
 
 
 def _poisson(points: Vertices, breaks: Breaks) -> tuple[Vertices, Float[np.ndarray, "m m"] | None]:
-    """Weights of the kernels that interpolate points at given parameters, and the upper Cholesky factor of their matrix.
+    """Weights of the kernels that interpolate points at given parameters.
 
-    The factor is None if the matrix is singular to rounding.
+    Also the upper Cholesky factor of their matrix, None if the matrix is singular to rounding.
     """
     m, t = len(points), breaks[:-1]
     (matrix,) = poisson_kernels(t, t, m)
