@@ -92,7 +92,7 @@ class DirichletToNeumann:
         solved = self._extended(self._inner.solve(load), start=self.boundary_size)
         return np.asarray(-(self._laplacian @ solved)[: self.boundary_size])
 
-    def _extended(self, values: Columns, *, start: int = 0) -> Columns:
+    def _extended(self, values: Float[np.ndarray, "j *k"], *, start: int = 0) -> Float[np.ndarray, "n *k"]:
         """Columns of values at all vertices, 0 except at those from `start` on that are given."""
         every = np.zeros((self._laplacian.shape[0], *values.shape[1:]))
         every[start : start + len(values)] = values
