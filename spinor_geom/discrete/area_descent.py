@@ -36,8 +36,9 @@ def harmonic_extension(laplacian: csc_array, boundary: Float[np.ndarray, "m k"])
     m = len(boundary)
     if laplacian.shape[0] == m:
         return np.array(boundary)
-    factor = factor_symmetric(laplacian[m:, m:])
-    return np.asarray(np.concatenate([boundary, factor.solve(-(laplacian[m:, :m] @ boundary))]))
+    values = np.concatenate([boundary, np.zeros((laplacian.shape[0] - m, boundary.shape[1]))])
+    values[m:] = factor_symmetric(laplacian[m:, m:]).solve(-(laplacian @ values)[m:])
+    return values
 
 
 def descend_from_plane(plane: PlaneTriangulation, boundary: Vertices, *, relative_change: float) -> Disk:
@@ -99,7 +100,8 @@ def _harmonic_step(x: Vertices, faces: Faces, m: int) -> tuple[Float[np.ndarray,
     """The step of the inner vertices to the harmonic map, and the decrease of the area to first order."""
     laplacian = mollified_laplacian(x, faces)
     step = harmonic_extension(laplacian, x[:m])[m:] - x[m:]
-    return step, float((step * (laplacian[m:, m:] @ step)).sum())
+    # the Laplacian of the harmonic map is 0 at the inner vertices
+    return step, float(-(step * (laplacian @ x)[m:]).sum())
 
 
 def _newton_step(x: Vertices, faces: Faces, m: int) -> tuple[Float[np.ndarray, "i 3"], float]:

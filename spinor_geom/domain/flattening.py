@@ -68,8 +68,6 @@ class DirichletToNeumann:
         """Takes the Laplacian of all vertices, the boundary vertices first."""
         self.boundary_size = boundary_size
         self._laplacian = laplacian.tocsc()
-        self._boundary = self._laplacian[:boundary_size, :boundary_size]
-        self._coupling = self._laplacian[boundary_size:, :boundary_size]
 
     @cached_property
     def _inner(self) -> SuperLU:
@@ -77,34 +75,35 @@ class DirichletToNeumann:
 
     def __matmul__(self, values: Columns) -> Columns:
         """Λ times columns of values at the boundary vertices."""
-        product = self._boundary @ values
-        if self._coupling.shape[0]:
-            product = product - self._coupling.T @ self._inner.solve(self._coupling @ values)
-        return np.asarray(product)
+        # parts of small sparse matrices take longer to select than products with the whole matrix
+        product = self._laplacian @ self._extended(values)
+        return np.asarray(product[: self.boundary_size] + self.inner_load(product[self.boundary_size :]))
 
     def inner_values(self, values: Columns) -> Float[np.ndarray, "i *k"]:
         """The discretely harmonic values at the inner vertices for columns of values at the boundary vertices."""
-        if not self._coupling.shape[0]:
+        if self.boundary_size == self._laplacian.shape[0]:
             return np.zeros((0, *values.shape[1:]))
-        return np.asarray(self._inner.solve(-(self._coupling @ values)))
+        return np.asarray(self._inner.solve(-(self._laplacian @ self._extended(values))[self.boundary_size :]))
 
-    def inner_load(self, load: Float[np.ndarray, " i"]) -> PerVertex:
+    def inner_load(self, load: Float[np.ndarray, " i *k"]) -> Columns:
         """The equivalent load on the boundary vertices of a load on the inner vertices."""
         if not len(load):
-            return np.zeros(self.boundary_size)
-        return np.asarray(-self._coupling.T @ self._inner.solve(load))
+            return np.zeros((self.boundary_size, *load.shape[1:]))
+        solved = self._extended(self._inner.solve(load), start=self.boundary_size)
+        return np.asarray(-(self._laplacian @ solved)[: self.boundary_size])
+
+    def _extended(self, values: Float[np.ndarray, "j *k"], *, start: int = 0) -> Float[np.ndarray, "n *k"]:
+        """Columns of values at all vertices, 0 except at those from `start` on that are given."""
+        every = np.zeros((self._laplacian.shape[0], *values.shape[1:]))
+        every[start : start + len(values)] = values
+        return every
 
     def solver(self, diagonal: PerVertex, factor: float) -> Solver:
         """The solver of systems with the matrix diag(diagonal) + factor·Λ."""
-        n = self._laplacian.shape[0]
-        shift = np.zeros(n)
-        shift[: self.boundary_size] = diagonal
-        system = factor_symmetric(factor * self._laplacian + diags_array(shift))
+        system = factor_symmetric(factor * self._laplacian + diags_array(self._extended(diagonal)))
 
         def solve(load: Columns) -> Columns:
-            every = np.zeros((n, *load.shape[1:]))
-            every[: self.boundary_size] = load
-            return np.asarray(system.solve(every)[: self.boundary_size])
+            return np.asarray(system.solve(self._extended(load))[: self.boundary_size])
 
         return solve
 

@@ -21,20 +21,24 @@ def frozen(
     second length a one-dimensional array becomes one column. Integers are accepted as real numbers.
     """
     kinds, dtype = _KINDS[kind]
-    wanted = f"{name} must be {kind} of shape ({', '.join('n' if length is None else str(length) for length in shape)})"
+
+    def wanted() -> str:
+        lengths = ", ".join("n" if length is None else str(length) for length in shape)
+        return f"{name} must be {kind} of shape ({lengths})"
+
     try:
         array = np.asarray(values)
     except ValueError as error:
-        raise MeshShapeError(f"{wanted}, but its rows have different lengths; give equal ones") from error
+        raise MeshShapeError(f"{wanted()}, but its rows have different lengths; give equal ones") from error
     if array.dtype.kind not in kinds and array.size:
-        raise MeshShapeError(f"{wanted}, got dtype {array.dtype}; convert it first")
+        raise MeshShapeError(f"{wanted()}, got dtype {array.dtype}; convert it first")
     copy: np.ndarray = np.array(array, dtype=dtype, order="C")
     if copy.ndim == 1 and shape[1:] == (None,):
         copy = copy[:, None]
     if copy.size == 0 and shape[0] is None:
         copy = copy.reshape([length or 0 for length in shape])
     if copy.ndim != len(shape) or any(b not in (a, None) for a, b in zip(copy.shape, shape, strict=True)):
-        raise MeshShapeError(f"{wanted}, got {copy.shape}; reshape or convert it")
+        raise MeshShapeError(f"{wanted()}, got {copy.shape}; reshape or convert it")
     return shared(copy)
 
 

@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
+from spinor_geom.arrays import norm
 from spinor_geom.errors import LoopTooShortError, MeshError, MeshShapeError, OptionError, RepeatedPointError
 from spinor_geom.mesh.array_checks import freeze_points, frozen, shared
-from spinor_geom.mesh.spacing import edge_lengths, graded_spacing
+from spinor_geom.mesh.spacing import edge_lengths, following, graded_spacing, have_similar_lengths, preceding
 
 MIN_CORNER_TURN = np.radians(35.0)
 MAX_NEIGHBOUR_TURN_RATIO = 0.25
@@ -160,7 +161,7 @@ class BoundaryLoop:
         """Vector area ½ Σ P_i × P_{i+1} of any surface that the loop bounds, (3,), in squared mesh units."""
         centred = self.points - self.centroid
         # all components in one product: several times as fast as cross products
-        moments = centred.T @ np.roll(centred, -1, axis=0)
+        moments = centred.T @ following(centred)
         return np.asarray(0.5 * (moments - moments.T)[[1, 2, 0], [2, 0, 1]])
 
     @cached_property
@@ -169,9 +170,14 @@ class BoundaryLoop:
 
         The normal is on the side of `area_vector`; for collinear points it is any plane through their line.
         """
-        axes, deviations = self._principal_axes
+        axes, _ = self._principal_axes
         normal = -axes[2] if axes[2] @ self.area_vector < 0 else axes[2]
-        return Plane(centroid=self.centroid, normal=normal, rms_distance=float(deviations[2]))
+        return Plane(centroid=self.centroid, normal=normal, rms_distance=self.height)
+
+    @property
+    def height(self) -> float:
+        """Root mean squared distance of the points from `plane`, in mesh units."""
+        return float(self._principal_axes[1][2])
 
     @property
     def elongation(self) -> float:
@@ -204,7 +210,10 @@ def centroids(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b 3"]:
 def _point_weights(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b m"]:
     """Half the length of the two edges at each point of a closed polygon over the perimeter."""
     lengths = edge_lengths(points)
-    both, perimeter = lengths + np.roll(lengths, 1, axis=-1), lengths.sum(axis=-1, keepdims=True)
+    both, perimeter = (
+        lengths + lengths.take(np.arange(-1, lengths.shape[-1] - 1), axis=-1),
+        lengths.sum(axis=-1, keepdims=True),
+    )
     even = np.full_like(both, 1 / both.shape[-1])
     return np.asarray(np.divide(both, 2 * perimeter, out=even, where=perimeter > 0))
 
@@ -223,12 +232,14 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
     """
     if len(points) < MIN_LOOP_WITH_CORNERS:
         return np.zeros(len(points), dtype=bool)
-    turn = np.nan_to_num(turning_angles(points))
-    length, spacing = edge_lengths(points), graded_spacing(points)
-    at_start, at_end = ((length > spacing) & (length * angle > spacing) for angle in (turn, np.roll(turn, -1)))
-    corners: Bool[np.ndarray, " m"] = at_start | np.roll(at_end, 1)
-    if np.median(turn) <= MIN_CORNER_TURN * MAX_NEIGHBOUR_TURN_RATIO:
-        alone = turn >= MIN_CORNER_TURN
+    turn, length = np.nan_to_num(turning_angles(points)), edge_lengths(points)
+    corners: Bool[np.ndarray, " m"] = np.zeros(len(points), dtype=bool)
+    if not have_similar_lengths(length):
+        spacing = graded_spacing(points)
+        at_start, at_end = ((length > spacing) & (length * angle > spacing) for angle in (turn, np.roll(turn, -1)))
+        corners = at_start | np.roll(at_end, 1)
+    alone = turn >= MIN_CORNER_TURN
+    if alone.any() and np.median(turn) <= MIN_CORNER_TURN * MAX_NEIGHBOUR_TURN_RATIO:
         for step in (-2, -1, 1, 2):
             alone &= np.roll(turn, step) <= turn * MAX_NEIGHBOUR_TURN_RATIO
         corners |= alone
@@ -240,12 +251,12 @@ def turning_angles(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
 
     0 is straight, π is a reversal; NaN beside an edge of length 0.
     """
-    edges = np.roll(points, -1, axis=0) - points
-    lengths = np.linalg.norm(edges, axis=1, keepdims=True)
+    edges = following(points) - points
+    lengths = norm(edges)[:, None]
     directions = np.divide(edges, lengths, out=np.full_like(edges, np.nan), where=lengths > 0)
-    before = np.roll(directions, 1, axis=0)
+    before = preceding(directions)
     # arccos of the scalar product would lose half the digits at small angles
-    sine, cosine = (np.linalg.norm(both, axis=1) for both in (directions - before, directions + before))
+    sine, cosine = norm(directions - before), norm(directions + before)
     return np.asarray(2 * np.arctan2(sine, cosine))
 
 

@@ -283,14 +283,15 @@ def _analytic(
     """
     m = points.shape[1]
     edges = edge_lengths(points)
-    allowed = np.maximum(min(1, m / SURE_POINTS) * errors, ROUNDING * np.ptp(points, axis=1).max(axis=1))
+    rounding = ROUNDING * np.ptp(points, axis=1).max(axis=1)
+    allowed = np.maximum(min(1, m / SURE_POINTS) * errors, rounding)
     allowed[edges.max(axis=1) > MOST_UNEVEN * edges.min(axis=1)] = 0
     even = _left_out_at_equal_steps(points)
     is_uneven = np.abs(m * arcs[:, :-1] - np.arange(m)).max(axis=1) > EQUAL
     found = {}
-    for i in np.flatnonzero(is_uneven & (allowed > 0)).tolist() if m <= MOST_DENSE else ():
-        weights, left_out = _poisson(points[i], arcs[i])
-        if left_out < min(allowed[i], even[i] / AS_GOOD):
+    for i in np.flatnonzero(is_uneven & (allowed > 0) & (even > rounding)).tolist() if m <= MOST_DENSE else ():
+        weights, factor = _poisson(points[i], arcs[i])
+        if _left_out(weights, factor) < min(allowed[i], even[i] / AS_GOOD):
             # this curve's own arcs are more accurate than those of the cubic spline
             own = _arc_shares(arcs[i], _poisson_coefficients(points[i], arcs[i], weights))
             weights, _ = _poisson(points[i], own)
@@ -337,19 +338,27 @@ def poisson_kernels(
     return found
 
 
-def _poisson(points: Vertices, breaks: Breaks) -> tuple[Vertices, float]:
-    """Weights of the kernels that interpolate points at given parameters, and the leave-one-out RMS error."""
+def _poisson(points: Vertices, breaks: Breaks) -> tuple[Vertices, Float[np.ndarray, "m m"] | None]:
+    """Weights of the kernels that interpolate points at given parameters.
+
+    Also the upper Cholesky factor of their matrix, None if the matrix is singular to rounding.
+    """
     m, t = len(points), breaks[:-1]
     (matrix,) = poisson_kernels(t, t, m)
     matrix.flat[:: m + 1] *= 1 + RIDGE
     # LAPACK directly: the checks of scipy.linalg take as long as the work
     factor, weights, is_singular = dposv(matrix, points - points.mean(axis=0))
-    if is_singular:
-        return weights, np.inf
+    return weights, None if is_singular else factor
+
+
+def _left_out(weights: Vertices, factor: Float[np.ndarray, "m m"] | None) -> float:
+    """The leave-one-out RMS error of the weights and factor of `_poisson`."""
+    if factor is None:
+        return np.inf
     # only the diagonal of the inverse
     root = dtrtri(factor)[0]
-    diagonal = np.einsum("ij,ij,ji->i", root, root, np.tri(m))
-    return weights, float(np.sqrt(np.mean((weights / diagonal[:, None]) ** 2)))
+    diagonal = np.einsum("ij,ij,ji->i", root, root, np.tri(len(factor)))
+    return float(np.sqrt(np.mean((weights / diagonal[:, None]) ** 2)))
 
 
 def _poisson_coefficients(points: Vertices, breaks: Breaks, weights: Vertices) -> Coefficients:

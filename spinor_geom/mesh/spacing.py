@@ -1,7 +1,9 @@
 """Detection and division of long edges of closed polygons, much longer than their neighbours."""
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Inexact
+
+from spinor_geom.arrays import norm
 
 LARGEST_GROWTH = 2.0  # ratio of successive edges of a graded spacing
 # Length of the first part of a divided edge, per length of the edges beside it, and growth of the parts per length.
@@ -32,14 +34,30 @@ def graded_spacing(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b
 
 def are_long(points: Float[np.ndarray, "*b m k"]) -> Bool[np.ndarray, "*b m"]:
     """Which edges of a closed polygon exceed its `graded_spacing`; edge i runs from point i to point i + 1."""
-    return np.asarray(edge_lengths(points) > graded_spacing(points))
+    length = edge_lengths(points)
+    if have_similar_lengths(length):
+        return np.zeros(length.shape, dtype=bool)
+    return np.asarray(length > graded_spacing(points))
+
+
+def have_similar_lengths(lengths: Float[np.ndarray, "*b m"]) -> bool:
+    """Whether the edges of each closed polygon differ by so little that none exceeds its `graded_spacing`."""
+    return bool((lengths.max(axis=-1) <= LARGEST_GROWTH * lengths.min(axis=-1)).all())
 
 
 def edge_lengths(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b m"]:
     """Lengths of the edges of a closed polygon."""
-    # as np.roll, which takes several times as long for short polygons
-    following = points.take(np.arange(1 - points.shape[-2], 1), axis=-2)
-    return np.asarray(np.linalg.norm(following - points, axis=-1))
+    return np.asarray(norm(following(points) - points))
+
+
+def following(points: Inexact[np.ndarray, "*b m k"]) -> Inexact[np.ndarray, "*b m k"]:
+    """The next point of a closed polygon at each point: np.roll, which takes several times as long for few points."""
+    return points.take(np.arange(1 - points.shape[-2], 1), axis=-2)
+
+
+def preceding(points: Inexact[np.ndarray, "*b m k"]) -> Inexact[np.ndarray, "*b m k"]:
+    """The last point of a closed polygon before each point."""
+    return points.take(np.arange(-1, points.shape[-2] - 1), axis=-2)
 
 
 def with_long_edges_divided(

@@ -154,29 +154,29 @@ def conjugate_gradients(
 ) -> tuple[Float[Array, "b k"], Bool[Array, " b"]]:
     """`Energies.direction` by preconditioned conjugate gradients, which stop at a direction of negative curvature."""
     residual, xp = -gradient, namespace(gradient)
-    x, z = xp.zeros_like(residual), precondition(residual)
-    search, metric, size = z, residual, _dot(residual, z)
+    x, search = xp.zeros_like(residual), precondition(residual)
+    size = scale = dots(residual, search)  # scale is the square of the search direction's norm by the preconditioner
     enough = forcing[:, None] ** 2 * size
     unfinished = xp.ones_like(size, dtype=xp.bool)
     downwards = xp.zeros_like(unfinished)
     for step in range(MOST_STEPS):
         image = hessian(search)
-        curvature, scale = _dot(search, image), _dot(search, metric)
+        curvature = dots(search, image)
         flat = unfinished & (curvature <= SMALL * scale)
         downwards |= flat & (curvature < -SMALL * scale)
         unfinished &= ~flat
         if step == 0:
-            x = xp.where(flat, z, x)
+            x = xp.where(flat, search, x)
         length = xp.where(unfinished, size / curvature, 0.0)
         x = x + length * search
         residual = residual - length * image
         z = precondition(residual)
-        before, size = size, _dot(residual, z)
+        before, size = size, dots(residual, z)
         unfinished &= ~(size < enough)
         if not unfinished.any():
             break
         ratio = xp.where(unfinished, size / before, 0.0)
-        search, metric = z + ratio * search, residual + ratio * metric
+        search, scale = z + ratio * search, size + ratio**2 * scale
     return x, downwards[:, 0]
 
 
@@ -228,6 +228,7 @@ def _line_search(here: E, direction: Float[Array, "b k"], highest: Float[Array, 
         lower = trial.energy <= highest[which]
 
 
-def _dot(a: Float[Array, "b k"], b: Float[Array, "b k"]) -> Float[Array, "b 1"]:
+def dots(a: Float[Array, "b k"], b: Float[Array, "b k"]) -> Float[Array, "b 1"]:
+    """Scalar products of rows."""
     product: Array = namespace(a).linalg.vecdot(a, b)
     return product[:, None]

@@ -27,9 +27,9 @@ _FLOAT32 = float(np.finfo(np.float32).epsneg)
 def lie_in_plane(loops: Sequence[BoundaryLoop], *, allowed: float) -> bool:
     """Whether loops are coplanar to rounding error: of float32 if that is `allowed`, a share of the diagonal."""
     first, *others = loops
-    plane, diagonal = first.plane, first.diagonal
-    away = [plane.rms_distance]
+    diagonal, away = first.diagonal, [first.height]
     if others:
+        plane = first.plane
         diagonal = float(np.linalg.norm(np.ptp(np.concatenate([loop.points for loop in loops]), axis=0)))
         away += [np.sqrt(np.mean(((loop.points - plane.centroid) @ plane.normal) ** 2)) for loop in others]
     return bool(max(away) <= max(MEETING_PER_DIAGONAL, min(_FLOAT32, allowed)) * diagonal)

@@ -177,7 +177,7 @@ class PlateauProblem:
         """The points of the loop at unit size, with points added on long edges; and a mask of the loop's own points."""
         return with_long_edges_divided(self.unit.points)
 
-    @property
+    @cached_property
     def allowed(self) -> float:
         """Allowed RMS distance of the boundary from Γ, at unit size."""
         return self.options.tolerance * _mean_edge(self.units)

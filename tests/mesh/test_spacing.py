@@ -105,3 +105,11 @@ def test_loops_without_long_edges_get_no_points() -> None:
     divided, are_own = with_long_edges_divided(points)
     assert divided.tobytes() == points.tobytes()
     assert are_own.all()
+
+
+@given(seed=SEEDS, spread=st.sampled_from([0.1, 0.6, 2.0]), several=st.booleans())
+def test_long_edges_are_those_that_exceed_their_graded_spacing(seed: int, spread: float, several: bool) -> None:
+    """Polygons whose edges hardly differ are recognised without the spacing."""
+    rng = np.random.default_rng(seed)
+    points = np.stack([circle_of(np.exp(rng.normal(scale=spread, size=12))) for _ in range(1 + 2 * several)])
+    assert np.array_equal(are_long(points), edge_lengths(points) > graded_spacing(points))

@@ -279,3 +279,24 @@ def test_rough_slide_increases_when_it_is_resampled(seed, n):
     assert np.array_equal(resampled(np.stack([slide, even(120), slide]), n)[2], again)
     # the old nodes lie between the new ones' neighbours
     assert float(np.abs(resampled(slide, 240)[::2] - slide).max()) < 1e-14
+
+
+@every_form
+def test_selected_slides_keep_what_was_computed_for_them(form):
+    curves = CurveTensors.batch([SEAM, NOISY, SEAM])
+    slides = np.stack([even(512) + 0.01 * np.sin(2 * np.pi * (even(512) + shift)) for shift in (0, 0.3, 0.5)])
+    every = Slides.of(curves, form, slides)
+    kept = {name: getattr(every, name) for name in ("gauge", "gradient", "size", "speed")}
+    which = np.array([0, 2])
+    some, anew = every.at(which), Slides.of(curves.at(which), form, slides[which])
+    for name, values in kept.items():
+        assert name in some.__dict__
+        assert np.array_equal(getattr(some, name), values[which])
+        assert np.array_equal(getattr(some, name), getattr(anew, name))
+
+
+@every_form
+def test_the_gauge_is_orthonormal(form):
+    here = Slides.of(CurveTensors.batch([SEAM, NOISY]), form, np.stack([even(512), even(512) ** 1.5]))
+    # three steps of Gram-Schmidt on functions as far from dependent as 1, cosine and sine
+    assert np.abs(here.gauge @ here.gauge.mT - np.eye(3)).max() < 1e-13

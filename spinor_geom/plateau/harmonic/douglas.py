@@ -29,7 +29,7 @@ from spinor_geom.arrays import (
 )
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic.dirichlet import DirichletForm, frequencies
-from spinor_geom.plateau.newton import SMALL, Rows, conjugate_gradients, stationary
+from spinor_geom.plateau.newton import SMALL, Rows, conjugate_gradients, dots, stationary
 from spinor_geom.plateau.stability import AMPLITUDES
 
 # Largest spacing of neighbouring nodes on Γ, over the mean spacing: beyond it the other nodes crowd.
@@ -141,7 +141,9 @@ class Slides:
     def at(self, which: Int[Array, " k"]) -> Slides:
         """The selected slides."""
         parts = {name: getattr(self, name)[which] for name in _BY_CURVE}
-        return Slides(curves=self.curves.at(which), form=self.form, **parts)
+        selected = Slides(curves=self.curves.at(which), form=self.form, **parts)
+        selected.__dict__.update({name: self.__dict__[name][which] for name in _CACHED if name in self.__dict__})
+        return selected
 
     def replaced(self, which: Int[Array, " k"], other: Slides) -> Slides:
         """The slides with some of them replaced."""
@@ -182,12 +184,13 @@ class Slides:
         if not self.form.is_disk:
             fields = xp.broadcast_to(fields, (len(self.slide), *fields.shape))
         else:
-            fields = (self.speed * (self._increments + xp.roll(self._increments, 1, axis=-1)))[..., None] * fields
-        return xp.linalg.qr(fields)[0].mT
+            fields = (self.speed * (self._increments + xp.roll(self._increments, 1, axis=-1)))[:, None] * fields
+        return _orthonormal(fields)
 
     def _in_gauge(self, u: Float[Array, "b n"]) -> Float[Array, "b n"]:
-        # row products take half the time of column products
-        return (u[:, None] @ self.gauge.mT @ self.gauge)[:, 0]
+        # scalar products of rows take less time than a product with a transposed matrix
+        shares = namespace(u).linalg.vecdot(self.gauge, u[:, None])
+        return (shares[:, None] @ self.gauge)[:, 0]
 
     def _without_gauge(self, u: Float[Array, "b n"]) -> Float[Array, "b n"]:
         return u - self._in_gauge(u) if self.form.is_disk else u
@@ -218,6 +221,7 @@ class Slides:
 
 
 _BY_CURVE = ("slide", "points", "tangent", "bend", "normal", "energy")
+_CACHED = ("speed", "gauge", "gradient", "size")  # what a step needs again after others have finished
 
 
 def reflected(bends: Float[Array, "b n"], damping: Float[Array, " b"] | None) -> Float[Array, "b n"]:
@@ -238,10 +242,21 @@ def _smoothing(n: int, place: Place) -> Float[Array, " k"]:
 
 
 @lru_cache(maxsize=64)
-def _first_harmonics(n: int, place: Place) -> Float[Array, "n 3"]:
+def _first_harmonics(n: int, place: Place) -> Float[Array, "3 n"]:
     """1, cosine and sine of the angle at n equal steps."""
     turn = cis(2 * np.pi * np.arange(n) / n)
-    return place.put(np.stack([np.ones(n), turn.real, turn.imag], axis=-1))
+    return place.put(np.stack([np.ones(n), turn.real, turn.imag]))
+
+
+def _orthonormal(rows: Float[Array, "b 3 n"]) -> Float[Array, "b 3 n"]:
+    """Orthonormal rows with the same span, by the modified Gram-Schmidt process."""
+    xp, found = namespace(rows), list[Array]()
+    for k in range(rows.shape[1]):
+        row = rows[:, k]
+        for before in found:
+            row = row - dots(row, before) * before
+        found.append(row / xp.sqrt(dots(row, row)))
+    return xp.stack(found, axis=1)
 
 
 def slid(slide: Float[Array, "b n"], direction: Float[Array, "b n"], length: float) -> Float[Array, "b n"]:

@@ -55,6 +55,9 @@ from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 # Steps for the constant and the closest points; with one the distance from folded curves is 2 % too large.
 _PLACING_STEPS = 2
 WORTHWHILE = 0.5  # a new lift, a Gauss-Newton step or more nodes must reduce the distance by this factor
+# Largest movement of a point along Γ, as a share of its parameter, for which the Taylor polynomial of second order is
+# exact to rounding: over 64 smooth loops of 64 points three quarters of the movements are less than a tenth of it.
+_SMALL_MOVE = 1e-7
 _EACH = 3  # sample points per node; with three the mean squared distance is exact
 _TURN_OF_AN_EDGE = np.radians(25.0)  # largest turn of ∂Ω between neighbouring vertices
 
@@ -263,12 +266,15 @@ class _SampledBoundary:
         """
         functions, spinors, velocity = closed(self.traces, functions, self.dz)
         null_curve, most, xp = self.traces.integral(velocity), 1 / self.dz.shape[1], namespace(velocity)
+        start = near.slides
         for _ in range(_PLACING_STEPS):
             null_curve = null_curve - self._mean(null_curve.real - near.point)[..., None, None]
             error, speed2 = null_curve.real - near.point, square(near.tangent).sum(1)
             move = (error * near.tangent).sum(1) / xp.maximum(speed2 - (error * near.bend).sum(1), speed2 / 2)
             near = near.moved(xp.clip(move, -most, most))
-        near = _on(self.curves, near.slides)
+        far = indices(xp.max(abs(near.slides - start), axis=(1, 2)) > _SMALL_MOVE)
+        if len(far):
+            near = near.replaced(far, _on(self.at(far).curves, near.slides[far]))
         error = null_curve.real - near.point
         return _Placed(
             slides=near.slides,
