@@ -285,8 +285,8 @@ def _distances(patches: Sequence[NurbsPatch], fit: Fit, samples: Samples) -> tup
         across = np.append(0.0, v.between) if quad < rims else v.between
         grids.append((quad, u.between, across, v.breaks))
     surface, rim, residual = [], [], []
-    for patch, (quad, u, v, _), (exact, moved) in zip(patches, grids, samples.on(grids), strict=True):
-        own = patch.grid(u, v)
+    for patch, (quad, at_u, at_v, _), (exact, moved) in zip(patches, grids, samples.on(grids), strict=True):
+        own = patch.grid(at_u, at_v)
         surface.append(np.linalg.norm(own - exact, axis=2).max())
         if quad < rims:
             rim.append(np.linalg.norm(own - moved, axis=2)[:, 0].max())
