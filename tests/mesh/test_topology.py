@@ -67,7 +67,7 @@ def test_added_faces_are_judged_as_those_of_one_mesh(seed: int, count: int, copi
     faces = np.array(trimesh.creation.icosphere(1).faces)
     removed = np.isin(np.arange(len(faces)), rng.choice(len(faces), count, replace=False))
     added = faces[removed][: count - rng.integers(0, 2) if count else 0]
-    if count and rng.integers(0, 2):
+    if len(added) and rng.integers(0, 2):
         added[0] = added[0, :: rng.choice([1, -1])]
     mesh = np.concatenate([faces[~removed], faces[rng.integers(0, len(faces), copies)]])
     unclosed = Sheets.of(np.zeros((42, 3)), mesh).unclosed(mesh, 42)
