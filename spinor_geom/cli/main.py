@@ -305,7 +305,8 @@ def _add_bench(commands: _Commands) -> None:
     ).add_argument
     add("-o", "--output", **_path("DIR"), required=True, help="folder of the run")
     add("--quick", **_FLAG, help="a few cases of each suite, each tool once: less than three minutes")
-    compared, alone = "disks, fills, odd, cut-outs, meshes, ragged, reports, cad", "curves, rims, speed, paper, batch, start"
+    compared = "disks, fills, odd, cut-outs, meshes, ragged, reports, cad"
+    alone = "curves, rims, speed, paper, batch, start"
     suites = f"suites with other tools: {compared}; without: {alone} (default: all)"
     add("--suite", dest="suites", **_NAMES, help=suites)
     add("--cases", **_NAMES, help="names of cases, or patterns such as 'icosphere-*' (default: all)")
