@@ -215,19 +215,18 @@ def _parameters(values: dict[str, str]) -> Iterator[None]:
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Keeps Open CASCADE from printing statistics while the context is open."""
-    from OCP.Message import Message, Message_Gravity, Message_PrinterOStream
+    """Keeps Open CASCADE from printing while the context is open."""
+    from OCP.Message import Message
 
     messenger = Message.DefaultMessenger_s()
-    printers = [printer for printer in messenger.Printers() if isinstance(printer, Message_PrinterOStream)]
-    before = [printer.GetTraceLevel() for printer in printers]
+    printers = list(messenger.Printers())
     for printer in printers:
-        printer.SetTraceLevel(Message_Gravity.Message_Fail)
+        messenger.RemovePrinter(printer)
     try:
         yield
     finally:
-        for printer, level in zip(printers, before, strict=True):
-            printer.SetTraceLevel(level)
+        for printer in printers:
+            messenger.AddPrinter(printer)
 
 
 def _shortest_side(points: Float[np.ndarray, "n m 3"]) -> float:

@@ -17,7 +17,6 @@ from spinor_geom.gradients.area import as_given
 from spinor_geom.gradients.curve_chain import by_points
 from spinor_geom.gradients.jacobi import JacobiFields
 from spinor_geom.gradients.minimal_area import Corners, as_rims, require_first_order, solved
-from spinor_geom.gradients.rim_nodes import null_curve
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.route_result import typed_failures
@@ -113,7 +112,7 @@ def nearest(solution: PlateauSolution, places: Float[np.ndarray, "k 3"]) -> Comp
     start = domain.triangulation.points
     z = start[cKDTree(surface.position(start)).query(places)[1]].copy()
     for _ in range(_STEPS):
-        phi = null_curve(surface, z)
+        phi = surface.null_curve(z)
         away = ((surface.position(z) - places) * phi).sum(axis=1)
         # r_x = Re φ and r_y = −Im φ are orthogonal and of length λ
         step = np.conj(away) / surface.conformal_factor(z) ** 2

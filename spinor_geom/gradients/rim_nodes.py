@@ -38,7 +38,7 @@ class RimNodes:
     def along(cls, rim: RimMatch, surface: ArraySurface) -> RimNodes:
         """The nodes of one rim."""
         boundary, curve = rim.boundary, rim.curve
-        primitive = RimPrimitive.along(boundary, lambda z: null_curve(surface, z), NODES, _breaks(rim))
+        primitive = RimPrimitive.along(boundary, surface.null_curve, NODES, _breaks(rim))
         r, t = primitive.primitive.real, primitive.panels.t
         pairs = np.concatenate([rim.matching - 1, rim.matching, rim.matching + 1])
         s = PchipInterpolator(*pairs.T)(t)
@@ -58,12 +58,6 @@ class RimNodes:
         """
         # with Ω on the left
         return np.asarray(self.panels.weights[:, None] * self.velocity.imag)
-
-
-def null_curve(surface: ArraySurface, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
-    """φ at points of Ω."""
-    p, q = np.moveaxis(np.asarray(surface.spinors(z)), -1, 0)
-    return np.stack([p * p - q * q, -1j * (p * p + q * q), 2 * p * q], axis=-1)
 
 
 def _breaks(rim: RimMatch) -> Float[np.ndarray, " b"]:

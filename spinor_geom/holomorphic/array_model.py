@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, ClassVar, TypeVar
@@ -13,7 +14,7 @@ from spinor_geom.arrays import Array, Place
 M = TypeVar("M", bound="ArrayModel")
 
 
-class ArrayModel:
+class ArrayModel(ABC):
     """p and q as functions of arrays: numpy's, or tensors on one device, by which they can be differentiated.
 
     Methods take points of the same kind as the arrays.
@@ -44,14 +45,14 @@ class ArrayModel:
         """The model in another place."""
         return self.with_arrays({name: place.put(array) for name, array in self.arrays.items()})
 
+    @abstractmethod
     def value(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
         """(p(z), q(z))."""
-        raise NotImplementedError
 
+    @abstractmethod
     def derivative(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
         """(p'(z), q'(z))."""
-        raise NotImplementedError
 
+    @abstractmethod
     def config(self) -> dict[str, Any]:
         """Sizes from which `from_config` makes a model of the same shape; JSON-ready."""
-        raise NotImplementedError

@@ -133,13 +133,17 @@ class ArraySurface(Shown):
             return np.asarray(self.position(z))
         is_inner = self.domain.root >= self.domain.triangulation.boundary_size
         boundary, ends = self.domain.boundary, np.append(z, self.root) if is_inner else z
-        moved = RimPrimitive.along(boundary, self._null_curve, ORDER, breaks_for(boundary, ends)).inside(ends).real
+        moved = RimPrimitive.along(boundary, self.null_curve, ORDER, breaks_for(boundary, ends)).inside(ends).real
         constant = to_numpy(self.constant) - moved[-1] if is_inner else self.position(z[0]) - moved[0]
         return np.asarray(moved[: len(z)] + constant)
 
     def integrate(self, start: Points, end: Points) -> Points:
         """Displacements r(end) − r(start) by quadrature along segments in Ω, shape (*pts, 3)."""
         return self._evaluate(integrate, start, end)
+
+    def null_curve(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
+        """φ of an array."""
+        return self._evaluate(_phi, z)
 
     def normal(self, z: Points) -> Points:
         """Unit normals n = (r_x × r_y)/λ², shape (*pts, 3); NaN at branch points."""
@@ -183,7 +187,7 @@ class ArraySurface(Shown):
 
     def rim_primitives(self, order: int) -> tuple[RimPrimitive, ...]:
         """∫ φ dz along every boundary of Ω, by panels of `order` nodes."""
-        return tuple(RimPrimitive.along(boundary, self._null_curve, order) for boundary in self.domain.boundaries)
+        return tuple(RimPrimitive.along(boundary, self.null_curve, order) for boundary in self.domain.boundaries)
 
     def periods(self) -> Complex[np.ndarray, "holes 3"]:
         """Periods ∮ φ dz along the boundary of each hole of Ω, clockwise.
@@ -191,7 +195,7 @@ class ArraySurface(Shown):
         The real part is the gap of the surface around the hole, 0 to rounding for a surface that closes. The imaginary
         part is the flux, up to its sign the force of surface tension across a curve around the hole.
         """
-        rims = [RimPrimitive.along(boundary, self._null_curve, self.order) for boundary in self.domain.holes]
+        rims = [RimPrimitive.along(boundary, self.null_curve, self.order) for boundary in self.domain.holes]
         return np.array([rim.at_breaks[-1] for rim in rims], dtype=np.complex128).reshape(-1, 3)
 
     def largest_period(self) -> float:
@@ -203,7 +207,7 @@ class ArraySurface(Shown):
 
         Raises the errors of `find_zeros`: ZeroOnContourError and UnplacedZerosError.
         """
-        return branch.branch_points(self._single_valued, self._null_curve, self.domain)
+        return branch.branch_points(self._single_valued, self.null_curve, self.domain)
 
     def spinor_zeros(self) -> tuple[tuple[Zero, ...], tuple[Zero, ...]]:
         """The zeros in Ω of p, where n = −e₃, and of q, where n = e₃ and the Gauss map has poles.
@@ -227,7 +231,7 @@ class ArraySurface(Shown):
         first at the end. Raises OptionError if the frames of neighbours differ by 90° or more.
         """
         closed = np.asarray(z, dtype=np.complex128)
-        return frames.loop_invariant(self._null_curve(closed), np.roll(closed, -1) - np.roll(closed, 1))
+        return frames.loop_invariant(self.null_curve(closed), np.roll(closed, -1) - np.roll(closed, 1))
 
     def associate(self: S, angle: float) -> S:
         """The associate surface with e^{i·angle}φ, the angle in radians, on a copy of the model.
@@ -295,10 +299,6 @@ class ArraySurface(Shown):
             place = place_of(self.constant)
             found: Any = to_numpy(function(self, *(arrays if place == NUMPY else map(place.put, arrays))))
             return cast(Points, found)
-
-    def _null_curve(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
-        """φ of an array."""
-        return self._evaluate(_phi, z)
 
     def at(self, place: Place) -> ArraySurface:
         """The surface in another place."""

@@ -37,7 +37,7 @@ def test_writing_prints_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str
     assert capfd.readouterr() == ("", "")
 
 
-def test_bad_shells_and_files_are_errors(tmp_path: Path) -> None:
+def test_bad_shells_and_files_are_errors(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("OCP")
     with pytest.raises(CadFileError, match="do not form one shell"):
         sewn_shell([square(0), square(3)])
@@ -50,6 +50,7 @@ def test_bad_shells_and_files_are_errors(tmp_path: Path) -> None:
     (tmp_path / "text.step").write_text("no STEP file")
     with pytest.raises(CadFileError, match="no shape"):
         read_shape(tmp_path / "text.step")
+    assert capfd.readouterr() == ("", "")  # Open CASCADE's own messages are not printed
 
 
 def test_unknown_suffixes_and_a_missing_package_are_errors(monkeypatch: pytest.MonkeyPatch) -> None:

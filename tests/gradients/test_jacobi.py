@@ -8,7 +8,6 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.gradients.jacobi import JacobiFields
 from spinor_geom.gradients.minimal_surface import position_gradient
-from spinor_geom.gradients.rim_nodes import null_curve
 from tests.gradients.cases import LINKED, ROUTES, displaced, solved
 
 SLOW = ("annular network", "circles", "network, curved sides")
@@ -31,7 +30,7 @@ def normal_offsets(solution, x, normal):
         return v - (v * normal).sum(axis=1, keepdims=True) * normal
 
     for _ in range(12):
-        phi = null_curve(surface, z)
+        phi = surface.null_curve(z)
         both = np.stack([tangential(phi.real), tangential(-phi.imag)], axis=2)
         away = tangential(surface.position(z) - x)
         step = np.linalg.solve(both.mT @ both, both.mT @ away[..., None])[..., 0]

@@ -18,7 +18,8 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic import lift as lift_module
 from spinor_geom.plateau.harmonic.douglas import HarmonicDisk
-from spinor_geom.plateau.harmonic.lift import circles_of, domain_of, lifted_between, lifted_together, surface_of
+from spinor_geom.plateau.harmonic.lift import lifted_between, lifted_together
+from spinor_geom.plateau.harmonic.lifted_surface import circles_of, domain_of, surface_of
 from spinor_geom.plateau.harmonic.traces import with_between_nodes
 from spinor_geom.plateau.rims.energy import HarmonicSurface
 from spinor_geom.plateau.threads import one_thread

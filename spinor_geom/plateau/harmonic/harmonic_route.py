@@ -27,7 +27,8 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
 from spinor_geom.plateau.harmonic.douglas import HarmonicDisk, minimise_dirichlet_energies, resampled, slide_downhill
-from spinor_geom.plateau.harmonic.lift import WORTHWHILE, Lift, domain_of, lifted_together, surface_of
+from spinor_geom.plateau.harmonic.lift import WORTHWHILE, Lift, lifted_together
+from spinor_geom.plateau.harmonic.lifted_surface import domain_of, surface_of
 from spinor_geom.plateau.harmonic.smooth_domain import NodeDensity, resolved
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING

@@ -9,11 +9,10 @@ powers keeps Re ∮ φ dz = 0 around holes.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, lru_cache, partial
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -23,7 +22,6 @@ from spinor_geom.arrays import (
     EPS,
     NUMPY,
     Array,
-    Place,
     add_to_diagonal,
     closed_steps,
     contiguous,
@@ -35,9 +33,7 @@ from spinor_geom.arrays import (
     replaced,
     square,
 )
-from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.errors import SurfaceError
-from spinor_geom.holomorphic.array_model import ArrayModel
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.laurent import LaurentSeries
@@ -48,7 +44,6 @@ from spinor_geom.plateau.harmonic.douglas import HarmonicDisk, resampled
 from spinor_geom.plateau.harmonic.traces import OnCircles, OnCurve, changes, closed, gap_rows, gaps, moves_by, slopes
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.stability import Curvature, curvature_within
-from spinor_geom.surface.array_surface import ArraySurface, Vector
 from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 
@@ -59,7 +54,6 @@ WORTHWHILE = 0.5  # a new lift, a Gauss-Newton step or more nodes must reduce th
 # exact to rounding: over 64 smooth loops of 64 points three quarters of the movements are less than a tenth of it.
 _SMALL_MOVE = 1e-7
 _EACH = 3  # sample points per node; with three the mean squared distance is exact
-_TURN_OF_AN_EDGE = np.radians(25.0)  # largest turn of ∂Ω between neighbouring vertices
 
 
 _Points = TypeVar("_Points", bound="_OnCurves")
@@ -401,72 +395,3 @@ def _on(curves: CurveTensors, slides: Float[Array, "b m k"]) -> _OnCurves:
     parts = curves.point_and_derivatives(slides.reshape(-1, slides.shape[-1]))
     point, tangent, bend = (namespace(part).moveaxis(part.reshape(*slides.shape, 3), -1, 1) for part in parts)
     return _OnCurves(slides=slides, point=point, tangent=tangent, bend=bend)
-
-
-def domain_of(lift: Lift, *boundaries: FourierBoundary) -> PlaneDomain:
-    """Ω of a lift, the outer boundary first.
-
-    Raises:
-        DomainError: the polygon of the vertices is not simple.
-    """
-    if len(boundaries) == 1 and isinstance(lift.traces, OnCircles):
-        return PlaneDomain.disk(n=len(boundaries[0].vertices))
-    boundary, *holes = (_with_vertices(one, lift.slides.shape[1]) for one in boundaries)
-    return PlaneDomain.inside(boundary, holes=tuple(holes))
-
-
-def surface_of(lift: Lift, domain: PlaneDomain) -> Callable[[float, Vector], ArraySurface]:
-    """A function that makes the surface of a lift at a scale and translation; of the lift it keeps p and q only."""
-    if domain.holes:
-        root = place_of(lift.null_curve).put(domain.triangulation.points[[domain.root]])
-        constant = null_vector(*lift.series.primitive(root)[0]).real + lift.shift
-    else:
-        constant = (_at_root(domain, lift.slides.shape[1], place_of(lift.slides)) @ lift.null_curve[0]).real
-    # the model is made with the surface: many surfaces are never used
-    return partial(_surface_at, lift.traces.model_of(lift.functions), domain, constant)
-
-
-def _surface_at(
-    model: Callable[[], ArrayModel],
-    domain: PlaneDomain,
-    constant: Float[Array, "3"],
-    scale: float,
-    translation: Vector,
-) -> ArraySurface:
-    return ArraySurface(model(), domain, constant).placed(scale, translation)
-
-
-@lru_cache(maxsize=16)
-def _at_root(domain: PlaneDomain, n: int, place: Place) -> Complex[Array, " n"]:
-    """Weights of the values at n equal steps of ∂Ω that give the value at Ω's root, by Cauchy's formula."""
-    assert isinstance(domain.boundary, FourierBoundary)
-    z, dz, _ = domain.boundary.grid(n)
-    unit = dz / (z - domain.triangulation.points[domain.root])
-    return place.put(unit / unit.sum())
-
-
-def circles_of(domain: CircularDomain, counts: Sequence[int]) -> list[FourierBoundary]:
-    """The boundaries of a circular domain, with at least `counts` vertices and edges no longer than the gaps."""
-    radii = [1.0, *domain.radii.tolist()]
-    counts = [
-        max(count, math.ceil(2 * math.pi * radius / gap))
-        for count, radius, gap in zip(counts, radii, domain.clearances.tolist(), strict=True)
-    ]
-    holes = zip(domain.centres.tolist(), radii[1:], counts[1:], strict=True)
-    return [
-        FourierBoundary.circle(1.0, counts[0]),
-        *(FourierBoundary.round_hole(radius, count, centre=centre) for centre, radius, count in holes),
-    ]
-
-
-def _with_vertices(boundary: FourierBoundary, most: int) -> FourierBoundary:
-    """∂Ω with enough vertices that their polygon stays close to it: the model is undefined outside Ω."""
-    tangent = boundary.grid(most)[1]
-    turn = np.append(0.0, np.cumsum(np.abs(np.angle(np.roll(tangent, -1) / tangent))))
-    count = len(boundary.vertices)
-    while 2 * count <= most:
-        at_vertices = np.interp(np.arange(count + 1) / count, np.arange(most + 1) / most, turn)
-        if np.diff(at_vertices).max() <= _TURN_OF_AN_EDGE:
-            break
-        count *= 2
-    return boundary if count == len(boundary.vertices) else FourierBoundary(boundary.coefficients, count)

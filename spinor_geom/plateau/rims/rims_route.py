@@ -19,7 +19,8 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic.harmonic_route import even, points_of_domain
-from spinor_geom.plateau.harmonic.lift import WORTHWHILE, Lift, circles_of, domain_of, lifted_between, surface_of
+from spinor_geom.plateau.harmonic.lift import WORTHWHILE, Lift, lifted_between
+from spinor_geom.plateau.harmonic.lifted_surface import circles_of, domain_of, surface_of
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, SMALL
 from spinor_geom.plateau.plane_route import lie_beside
 from spinor_geom.plateau.problem import PlateauProblem
