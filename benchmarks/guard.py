@@ -120,7 +120,11 @@ def measured(
         cells = [name, f"{base:.1f}", f"{head:.1f}", f"{np.median(ratio):.2f} ({ratio.min():.2f} to {ratio.max():.2f})"]
         beside = np.median(seconds[:, 1:2] / seconds[:, 2:], axis=0).tolist()
         if beside:
-            cells += [f"{counts[1] / len(files):.0f}", f"{counts[2] / len(files):.0f}", *(f"{x:.2f}" for x in beside)]
+            cells += [f"{count / len(files):.0f}" for count in counts[1:3]]
+            cells += [
+                f"{beside[0]:.2f}",
+                f"{beside[1]:.2f}" if counts[1] else "",
+            ]  # if we fill nothing, nor does MeshLib
         yield name, f"| {' | '.join(cells)} |", bool(ratio.min() > 1), beside
 
 

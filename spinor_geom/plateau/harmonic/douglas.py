@@ -23,6 +23,7 @@ from spinor_geom.arrays import (
     padded,
     place_of,
     replaced,
+    shifted,
     square,
     to_numpy,
 )
@@ -190,7 +191,7 @@ class Slides:
         if not self.form.is_disk:
             fields = xp.broadcast_to(fields, (len(self.slide), *fields.shape))
         else:
-            fields = (self.speed * (self._increments + xp.roll(self._increments, 1, axis=-1)))[:, None] * fields
+            fields = (self.speed * (self._increments + shifted(self._increments, 1)))[:, None] * fields
         return _orthonormal(fields)
 
     def _in_gauge(self, u: Float[Array, "b n"]) -> Float[Array, "b n"]:
@@ -268,7 +269,7 @@ def _orthonormal(rows: Float[Array, "b 3 n"]) -> Float[Array, "b 3 n"]:
 def slid(slide: Float[Array, "b n"], direction: Float[Array, "b n"], length: float) -> Float[Array, "b n"]:
     """Slides after a step along a direction; the step scales the increments, which stay positive."""
     xp, increments = namespace(slide), closed_steps(slide)
-    change = length * (xp.roll(direction, -1, axis=-1) - direction) / xp.clip(increments, min=1e-300)
+    change = length * (shifted(direction, -1) - direction) / xp.clip(increments, min=1e-300)
     # positive, and 1 + change up to third order
     factor = xp.where(change < 0, 1 / (1 - change + change**2), 1 + change)
     scaled = increments * factor
