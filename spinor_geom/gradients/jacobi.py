@@ -18,8 +18,8 @@ from jaxtyping import Complex, Float
 from scipy.linalg import cho_factor, cho_solve
 
 from spinor_geom.arrays import place_of, to_numpy
-from spinor_geom.domain.quadrature import path_to, rule
-from spinor_geom.gradients.rim_nodes import NODES, RimNodes
+from spinor_geom.domain.quadrature import path_to
+from spinor_geom.gradients.rim_nodes import RimNodes
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import raw_features
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
@@ -62,12 +62,12 @@ class JacobiFields:
 
     @cached_property
     def _nodes(self) -> Complex[np.ndarray, " k"]:
-        return np.concatenate([rim.panels.z for rim in self.rims])
+        return np.concatenate([rim.z for rim in self.rims])
 
     @cached_property
     def _steps(self) -> Complex[np.ndarray, " k"]:
         """Weights of ∮ f dz."""
-        return np.concatenate([rim.panels.weights * rim.panels.dz for rim in self.rims])
+        return np.concatenate([rim.steps for rim in self.rims])
 
     @cached_property
     def _normal(self) -> Float[np.ndarray, "k 3"]:
@@ -125,15 +125,12 @@ class JacobiFields:
         """∫ 2pf dz and ∫ 2qf dz from the start of the first rim to the nodes, and around the holes."""
         domain, first, parts, periods = self.solution.domain, 0, [], []
         for number, (rim, boundary) in enumerate(zip(self.rims, domain.boundaries, strict=True)):
-            panels = rim.panels
-            by_panel = (self._changes(panels.z) * panels.dz[:, None]).reshape(2, -1, NODES, self._count)
-            total = rule("gauss", NODES).weights @ by_panel * panels.widths[:, None]
-            inner = panels.cumulative @ by_panel * panels.widths[:, None, None]
+            changes = self._changes(rim.z)
+            along, total = rim.integral(np.moveaxis(changes, 0, 1).reshape(len(rim.z), -1))
             start = self._way(first) if len(self.rims) > 1 else 0.0
-            along = inner + (np.cumsum(total, axis=1) - total)[:, :, None]
-            parts.append(along.reshape(2, -1, self._count) + start)
+            parts.append(np.moveaxis(along.reshape(len(rim.z), 2, -1), 1, 0) + start)
             if number:
-                periods.append(total.sum(axis=1))
+                periods.append(total.reshape(2, -1))
             first += len(boundary.vertices)
         return np.concatenate(parts, axis=1), np.array(periods, dtype=np.complex128).reshape(-1, 2, self._count)
 
@@ -151,8 +148,8 @@ class JacobiFields:
             parts = []
             for rim, first in zip(self.rims, starts, strict=False):
                 way = path_to(domain, int(first), PATH_ORDER)[0]
-                angle = np.unwrap(np.angle(np.concatenate([way, rim.panels.z]) - centre))[len(way) :]
-                parts.append(np.log(np.abs(rim.panels.z - centre)) + 1j * angle)
+                angle = np.unwrap(np.angle(np.concatenate([way, rim.z]) - centre))[len(way) :]
+                parts.append(np.log(np.abs(rim.z - centre)) + 1j * angle)
             yield np.concatenate(parts)
 
     def _way(self, vertex: int) -> Complex[np.ndarray, "2 1 f"]:
