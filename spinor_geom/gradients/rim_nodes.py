@@ -23,7 +23,8 @@ _ORDER = 5
 # for Γ of degree d, and geometrically if Γ is analytic: half as many steps give gradients that are off by 6e-4 for
 # splines of degree 7, and by 3e-5 for cubic ones.
 _STEPS = {"analytic": 1, "spline": 4, "cubic": 16}
-_PLACINGS = 2  # steps of the constant and the nearest points of Γ; more change gradients by 1e-8
+# Steps of the constant and the nearest points of Γ, at equal steps and on panels; more change gradients by 1e-8
+_PLACINGS, _PLACINGS_ON_PANELS = 1, 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,6 +52,7 @@ class RimNodes:
         """The nodes of one rim."""
         boundary, curve = rim.boundary, rim.curve
         panels: Panels | None = None
+        placings = _PLACINGS
         low: Float[np.ndarray, " k"] | float = -np.inf
         high: Float[np.ndarray, " k"] | float = np.inf
         if isinstance(boundary, FourierBoundary):
@@ -62,9 +64,10 @@ class RimNodes:
             z, steps = panels.z, panels.weights * panels.dz
             s = PchipInterpolator(*_around(rim).T)(panels.t)
             low, high = _ends_of_sides(rim, panels.t)
+            placings = _PLACINGS_ON_PANELS
         velocity = surface.null_curve(z) * steps[:, None]
         r = _integral(velocity, panels)[0].real
-        for _ in range(_PLACINGS):
+        for _ in range(placings):
             s = np.clip(s, low, high)
             point, tangent = curve.point(s), curve.derivative(s)
             r = r + (point - r).mean(axis=0)

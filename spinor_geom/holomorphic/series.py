@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Complex
 
-from spinor_geom.arrays import Array, arange, is_real, namespace
+from spinor_geom.arrays import Array, arange, is_numpy, is_real, namespace
 from spinor_geom.errors import DtypeError, require_positive
 from spinor_geom.holomorphic.array_model import ArrayModel
 
@@ -98,4 +98,11 @@ def power_table(u: Complex[Array, "*pts"], count: int) -> Complex[Array, "k *pts
     """u⁰ … u^(count − 1)."""
     xp = namespace(u)
     powers = xp.concat([xp.ones_like(u)[None], xp.broadcast_to(u, (max(count - 1, 0), *u.shape))])[:count]
-    return powers.cumprod(0)
+    if not is_numpy(u):
+        return powers.cumprod(0)
+    last = 1
+    while last < count - 1:  # products of rows take a tenth of the time of cumulative ones
+        end = min(2 * last, count - 1)
+        np.multiply(powers[1 : end - last + 1], powers[last], out=powers[last + 1 : end + 1])
+        last = end
+    return powers
