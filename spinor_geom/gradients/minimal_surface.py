@@ -17,6 +17,7 @@ from spinor_geom.gradients.area import as_given
 from spinor_geom.gradients.curve_chain import by_points
 from spinor_geom.gradients.jacobi import JacobiFields
 from spinor_geom.gradients.minimal_area import Corners, as_rims, require_first_order, solved
+from spinor_geom.gradients.slide_adjoint import SlideAdjoint
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.route_result import typed_failures
@@ -172,6 +173,12 @@ class _Positions(torch.autograd.Function):
         return (None, None, None, *(torch.tensor(rows).to(device, dtype) for rows, (dtype, device) in pairs))
 
 
+def normal_fields(solution: PlateauSolution, z: Complex[np.ndarray, " v"]) -> SlideAdjoint | JacobiFields:
+    """Normal displacements at points inside Ω: by Newton's equations on circles, by least squares on other Ω."""
+    on_circles = solution.route in ("disk", "annulus", "circles")
+    return SlideAdjoint(solution=solution, z=z) if on_circles else JacobiFields(solution=solution, z=z)
+
+
 def position_gradient(
     solution: PlateauSolution, z: Complex[np.ndarray, " v"], by_positions: Float[np.ndarray, "v 3"]
 ) -> tuple[Float[np.ndarray, "_ 3"], ...]:
@@ -185,7 +192,7 @@ def position_gradient(
     if not np.isfinite(by_u).all():
         raise NotDifferentiableError("a vertex is a branch point of the surface, which has no normal there; move it")
     with one_thread(), typed_failures():
-        fields = JacobiFields(solution=solution, z=z)
+        fields = normal_fields(solution, z)
         weights = fields.by_boundary(by_u)
         parts = zip(solution.rims, fields.rims, weights, strict=True)
         return as_given(solution, [by_points(rim.curve, nodes.places, own) for rim, nodes, own in parts])

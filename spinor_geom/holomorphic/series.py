@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import Array, arange, is_numpy, is_real, namespace
 from spinor_geom.errors import DtypeError, require_positive
@@ -92,6 +92,21 @@ def power_sums(u: Complex[Array, "*pts"], coefficients: Complex[Array, "k c"]) -
     blocks = [block(flat[k : k + _POINTS]) for k in range(0, max(1, len(flat)), _POINTS)]
     total = blocks[0] if len(blocks) == 1 else xp.concat(blocks, axis=-1)
     return total.mT.reshape(*u.shape, coefficients.shape[1])
+
+
+def power_moments(
+    u: Complex[np.ndarray, " n"], weights: Float[np.ndarray, "n c"], count: int
+) -> Complex[np.ndarray, "c k"]:
+    """Σ_j w_j u_j^k for k < `count` and each column of weights: the transpose of `power_sums`."""
+    total = np.zeros((weights.shape[1], count), dtype=np.complex128)
+    for start in range(0, len(u), _POINTS):
+        some, rows = u[start : start + _POINTS], weights[start : start + _POINTS].T + 0j
+        powers = power_table(some, min(_POWERS, count))
+        step = powers[-1] * some
+        for k in range(0, count, _POWERS):
+            total[:, k : k + _POWERS] += rows @ powers[: count - k].T
+            rows = rows * step
+    return total
 
 
 def power_table(u: Complex[Array, "*pts"], count: int) -> Complex[Array, "k *pts"]:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from spinor_geom.gradients.jacobi import JacobiFields
-from spinor_geom.gradients.minimal_surface import position_gradient
+from spinor_geom.gradients.minimal_surface import normal_fields, position_gradient
 from tests.gradients.cases import LINKED, ROUTES, displaced, solved
 
 SLOW = ("annular network", "circles", "network, curved sides")
@@ -42,7 +41,7 @@ def normal_offsets(solution, x, normal):
 def test_similarities_are_reproduced(name):
     solution = solved(name)
     z = inner_points(solution)
-    fields = JacobiFields(solution=solution, z=z)
+    fields = normal_fields(solution, z)
     normal, x = solution.surface.normal(z), solution.surface.position(z)
     on_rims = [rim.curve.point(nodes.places) for rim, nodes in zip(solution.rims, fields.rims, strict=True)]
     axes = np.eye(3)
@@ -107,7 +106,7 @@ def test_remainder_is_of_second_order(name):
 def test_points_far_from_the_centre_of_a_disk_near_its_rim():
     solution = solved("disk")
     z = 0.97 * np.exp(1j * np.linspace(0, 6, 40))
-    fields = JacobiFields(solution=solution, z=z)
+    fields = normal_fields(solution, z)
     weights = fields.by_boundary(np.ones(len(z)))
     (nodes,), (own,) = fields.rims, weights
     points = solution.curve.point(nodes.places)
