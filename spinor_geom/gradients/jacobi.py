@@ -24,13 +24,11 @@ from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import raw_features
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 from spinor_geom.holomorphic.poles import Poles, edge_poles, place_poles
-from spinor_geom.meshing.triangulate import is_unit_disk
 from spinor_geom.plateau.network.network_route import point_in_hole
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.surface.array_surface import PATH_ORDER
 
-# Degree of the polynomials beside poles, and the highest one on the disk, where there are none: it resolves 256 points
-_DEGREE, _MOST = 40, 128
+_DEGREE = 40  # of the polynomials beside poles
 _AT_ONCE = 1 << 22  # pairs of points for which direct sums take less time
 _DAMPING = 1e-12  # added to the diagonal of the normal equations, per mean entry: tangential displacements are free
 
@@ -81,8 +79,6 @@ class JacobiFields:
 
     @cached_property
     def _poles(self) -> Poles:
-        if self._is_disk:
-            return Poles(positions=np.zeros(0, dtype=np.complex128), scales=np.zeros(0))
         domain, points = self.solution.domain, sum(len(rim.loop) for rim in self.solution.rims)
         if domain.corners.any():
             return place_poles(domain)
@@ -91,19 +87,10 @@ class JacobiFields:
         poles = edge_poles(domain, offset=step)
         return Poles(positions=poles.positions[::step], scales=poles.scales[::step])
 
-    @property
-    def _is_disk(self) -> bool:
-        return is_unit_disk(self.solution.domain)
-
-    @property
-    def _degree(self) -> int:
-        """Degree of the polynomials; alone they resolve the points of the loop."""
-        return min(max(_DEGREE, len(self.solution.rims[0].loop) // 2), _MOST) if self._is_disk else _DEGREE
-
     @cached_property
     def _hessenberg(self) -> Complex[np.ndarray, "d1 d"]:
         weight = np.abs(self._steps)
-        return np.asarray(arnoldi_hessenberg(self._nodes, weight / weight.sum(), self._degree))
+        return np.asarray(arnoldi_hessenberg(self._nodes, weight / weight.sum(), _DEGREE))
 
     def _features(self, z: Complex[np.ndarray, " k"]) -> Values:
         """Functions for δp and δq; they change sign where p and q do."""
@@ -159,7 +146,7 @@ class JacobiFields:
 
     @property
     def _count(self) -> int:
-        return len(self._poles.positions) + self._degree + 1
+        return len(self._poles.positions) + _DEGREE + 1
 
     @cached_property
     def _rows(self) -> Float[np.ndarray, "equations unknowns"]:
