@@ -129,9 +129,7 @@ class _Spline:
         for _ in range(curve.degree):
             terms.append(terms[-1] * u)
         order = np.argsort(piece, kind="stable")
-        sums = csr_array(
-            (np.ones(len(s)), order, np.searchsorted(piece[order], np.arange(m + 1))), shape=(m, len(s))
-        )
+        sums = csr_array((np.ones(len(s)), order, np.searchsorted(piece[order], np.arange(m + 1))), shape=(m, len(s)))
         starts, *by_powers = np.split(sums @ np.concatenate(terms, axis=1), curve.degree + 1, axis=1)
         cubic = _Cubic(points=curve.coefficients[-1], corners=curve.corners)
         system = _system(curve.breaks, curve.coefficients, curve.corners, self._degrees)

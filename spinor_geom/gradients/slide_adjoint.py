@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.sparse.linalg import LinearOperator, cg
 
-from spinor_geom.arrays import norm
+from spinor_geom.arrays import NUMPY, norm
 from spinor_geom.errors import NotDifferentiableError
 from spinor_geom.gradients.rim_nodes import RimNodes
 from spinor_geom.holomorphic.circular_domain import CircularDomain
@@ -26,7 +26,6 @@ from spinor_geom.plateau.harmonic.douglas import Slides
 from spinor_geom.plateau.newton import Rows
 from spinor_geom.plateau.rims.energy import HarmonicSurface
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.arrays import NUMPY
 
 _RESIDUAL = 1e-10  # of the adjoint equations, relative to their right-hand side
 

@@ -11,7 +11,18 @@ from spinor_geom import gallery, solve_plateau
 from spinor_geom.errors import NotDifferentiableError
 from spinor_geom.gradients.area import area_gradient
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from tests.gradients.cases import LINKED, NAMES, RING, ROUTES, difference, displaced, moved, moves_of, order_of, solved, wavy
+from tests.gradients.cases import (
+    LINKED,
+    RING,
+    ROUTES,
+    difference,
+    moved,
+    moves_of,
+    names,
+    order_of,
+    solved,
+    wavy,
+)
 
 # relative error of gradients and of differences of solves; networks are fitted to 1e-5 of an edge, whose square counts
 ERROR = 1e-6
@@ -22,14 +33,14 @@ def along(gradients, moves):
     return sum(float((rows * move).sum()) for rows, move in zip(gradients, moves, strict=True))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", names())
 def test_gradient_equals_differences(name):
     rims, moves, gradients = ROUTES[name], moves_of(name), solved(name).area_gradient
     slope = difference(lambda size: solved(name, moved(rims, moves, size)).area)
     assert abs(along(gradients, moves) - slope) < ERROR * sum(map(np.linalg.norm, gradients))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", names("network", "flattened"))
 @pytest.mark.parametrize("is_placed", [False, True])
 def test_remainder_is_of_second_order(name, is_placed):
     rims, moves = ROUTES[name], moves_of(name)
@@ -41,7 +52,7 @@ def test_remainder_is_of_second_order(name, is_placed):
     assert abs(order - 2) < 0.1  # the terms of third order
 
 
-@pytest.mark.parametrize("name", [*NAMES, *LINKED])
+@pytest.mark.parametrize("name", [*names(), *LINKED])
 def test_rigid_motions_and_scale(name):
     solution, rims = solved(name), (ROUTES | LINKED)[name]
     gradients = solution.area_gradient
