@@ -131,7 +131,7 @@ def require_isolated(solution: PlateauSolution) -> None:
         NotDifferentiableError: the surface is unstable, or nearly so.
 
     Warns:
-        UncertainGradientWarning: the stability is undecided.
+        UncertainGradientWarning: the stability is undecided, or known from a total curvature just below 2π only.
     """
     stability = solution.stability
     if stability.verdict == "unstable":
@@ -144,8 +144,15 @@ def require_isolated(solution: PlateauSolution) -> None:
             f"the surface is degenerate (the eigenvalue {stability.eigenvalue:.6g} of its second variation is nearly "
             "1), so that it may jump when points move; move the rims towards each other, or points away from this place"
         )
-    if stability.verdict == "undecided":
-        reason = "the stability of the surface is undecided; its positions may not be differentiable"
+    # the eigenvalue of a cap of the sphere with area 2π(1 − ε), a lower bound, is above 1 + ε
+    by_curvature = stability.eigenvalue is None and (stability.total_curvature or 0.0) > 2 * np.pi * (1 - _DEGENERATE)
+    if stability.verdict == "undecided" or by_curvature:
+        known = (
+            f"nearly degenerate: its total curvature is {stability.total_curvature:.6g}"
+            if by_curvature
+            else "undecided"
+        )
+        reason = f"the stability of the surface is {known}; its positions may not be differentiable"
         warnings.warn(reason, UncertainGradientWarning, stacklevel=2)
 
 
