@@ -112,7 +112,7 @@ def _even_places(rim: RimMatch, boundary: FourierBoundary) -> Float[np.ndarray, 
     n = max(len(t), len(boundary.coefficients) + 1)
     if n > len(t) or np.abs(len(t) * t - np.arange(len(t))).max() > EQUAL:
         s = PchipInterpolator(*_around(rim).T)(np.arange(n) / n)
-    return resampled(s, n * math.ceil(_STEPS[rim.curve.kind] * len(rim.loop) / n))
+    return np.asarray(resampled(s, n * math.ceil(_STEPS[rim.curve.kind] * len(rim.loop) / n)))
 
 
 def _around(rim: RimMatch) -> Float[np.ndarray, "k 2"]:

@@ -54,7 +54,8 @@ class SlideAdjoint:
         by_values = self._by_values(by_u[:, None] * np.asarray(surface.normal(self.z)))
         along, by_moduli = newton.solved(by_values)
         n = along.shape[1]
-        normal = np.stack([surface.normal(boundary.grid(n)[0]) for boundary in self.solution.domain.boundaries])
+        even = np.arange(n) / n
+        normal = np.stack([surface.normal(boundary.point(even)) for boundary in self.solution.domain.boundaries])
         change = newton.form(newton.unit * along[..., None]) + np.tensordot(by_moduli, newton.changes, axes=1)
         # δΓ′, by which E′ changes too, has the part (n·δΓ) dn/ds
         turning = (newton.by_normal * derivative(normal)).sum(axis=-1) / norm(derivative(newton.points))
@@ -97,7 +98,7 @@ class SlideAdjoint:
     @property
     def _circles(self) -> CircularDomain | None:
         """Ω; None for the unit disk."""
-        model = self.solution.array_surface.model
+        model = self.solution.array_surface.at(NUMPY).model
         return model.circles if isinstance(model, LaurentSeries) else None
 
     def _by_values(self, weights: Float[np.ndarray, "v 3"]) -> OnCircles:
@@ -120,7 +121,7 @@ class SlideAdjoint:
         both = np.fft.fft(spectrum, axis=1) / n
         by_values = -derivative(np.ascontiguousarray(both.real)) - form(np.ascontiguousarray(both.imag))
         by_values[0] += weights.sum(axis=0) / n
-        return by_values
+        return np.asarray(by_values)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -142,10 +143,7 @@ class _Newton:
         along = (by_values * self.unit).sum(axis=-1)
         by_moduli = -(self.displacements * by_values).sum(axis=(1, 2, 3))
         (right,) = self.without_gauge(np.append(along, by_moduli)[None])
-        hessian, inverse = (
-            LinearOperator((len(right), len(right)), matvec=lambda x, rows=rows: rows(x[None])[0], dtype=np.float64)
-            for rows in (self.hessian, self.precondition)
-        )
+        hessian, inverse = (_operator(rows, len(right)) for rows in (self.hessian, self.precondition))
         steps, missed = cg(hessian, right, rtol=_RESIDUAL, M=inverse)
         if missed:
             raise NotDifferentiableError(
@@ -153,3 +151,7 @@ class _Newton:
                 "rims towards each other, or points away from this place"
             )
         return steps[: along.size].reshape(along.shape), steps[along.size :]
+
+
+def _operator(rows: Rows, size: int) -> LinearOperator:
+    return LinearOperator((size, size), matvec=lambda x: rows(x[None])[0], dtype=np.float64)
