@@ -18,7 +18,7 @@ from spinor_geom.arrays import NUMPY, norm
 from spinor_geom.errors import NotDifferentiableError
 from spinor_geom.gradients.rim_nodes import RimNodes
 from spinor_geom.holomorphic.circular_domain import CircularDomain
-from spinor_geom.holomorphic.laurent import ROUND_OFF, LaurentSeries
+from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.series import power_moments
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic.dirichlet import CirclesForm, DirichletForm, derivative
@@ -27,7 +27,7 @@ from spinor_geom.plateau.newton import Rows
 from spinor_geom.plateau.rims.energy import HarmonicSurface
 from spinor_geom.plateau.solution import PlateauSolution
 
-_RESIDUAL = 1e-10  # of the adjoint equations, relative to their right-hand side
+_RESIDUAL = 1e-10  # of the adjoint equations, and powers that they neglect on other circles, relative
 
 OnCircles = Float[np.ndarray, "m n 3"]  # vectors at equal steps of every circle
 
@@ -82,7 +82,7 @@ class SlideAdjoint:
                 precondition=disk.precondition,
                 without_gauge=disk.without_gauge,
             )
-        between = HarmonicSurface.of(curves, slides, self._circles, ROUND_OFF)
+        between = HarmonicSurface.of(curves, slides, self._circles, _RESIDUAL)
         return _Newton(
             points=between.points,
             unit=between.unit,

@@ -79,7 +79,8 @@ class SplineSystem:
         column, ratio = self._after
         unknowns = self.powers.transpose(1, 0, 2).reshape(m * d, 3)
         by_ratio = order * ratio * (multipliers[row] * unknowns[column]).sum(axis=1)
-        by_piece = np.bincount(piece, by_ratio, m)
+        by_piece = np.zeros(m)
+        np.add.at(by_piece, piece, by_ratio)
         return np.roll(by_steps, 1, axis=0) - by_steps, by_piece - np.roll(by_piece, 1)
 
     def _adjoint(self, by_powers: Float[np.ndarray, "d m 3"]) -> Float[np.ndarray, "md 3"]:
