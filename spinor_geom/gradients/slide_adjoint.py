@@ -90,7 +90,7 @@ class SlideAdjoint:
             form=between.form,
             displacements=between.moduli.displacements,
             changes=between.moduli.changes,
-            hessian=between.hessian(np.zeros(1)),
+            hessian=between.hessian(None),
             precondition=between.precondition,
             without_gauge=lambda rows: rows,  # their stiffness is part of the Hessian
         )

@@ -192,11 +192,12 @@ class HarmonicSurface:
         """Number of nodes on all rims."""
         return math.prod(self.slides.shape)
 
-    def hessian(self, damping: Float[Array, "1"]) -> Rows:
+    def hessian(self, damping: Float[Array, "1"] | None) -> Rows:
         """Products with the damped `matrix`."""
         bends = reflected(self.bends, damping)
         moduli, xp = namespace(self.slides).asarray(self._by_moduli, copy=True), namespace(self.slides)
-        add_to_diagonal(moduli, damping * self._scales)
+        if damping is not None:
+            add_to_diagonal(moduli, damping * self._scales)
 
         def applied(rows: Float[Array, "1 k"]) -> Float[Array, "1 k"]:
             (x,) = rows
