@@ -16,9 +16,9 @@ from spinor_geom.plateau.harmonic.douglas import resampled
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.surface.array_surface import ArraySurface
 
-# Gauss-Legendre nodes between neighbouring points of the loop or of ∂Ω; with 4 positions beside a rim are off by 6e-6,
-# with 6 a fifth more time is spent
-_ORDER = 5
+# Gauss-Legendre nodes between neighbouring points of the loop or of ∂Ω: p and q of networks over folded curves have poles
+# near ∂Ω, where gradients are off by 1e-2 with 5 nodes, by 1e-3 with 8, and by less than the boundary with 12
+_ORDER = 12
 # Fewest equal steps of ∂Ω for each point of the loop. The trapezoidal rule converges with the power d + 1 of the step
 # for Γ of degree d, and geometrically if Γ is analytic: half as many steps give gradients that are off by 6e-4 for
 # splines of degree 7, and by 3e-5 for cubic ones.
