@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from spinor_geom import gallery, solve_plateau
 from spinor_geom.errors import NotDifferentiableError
+from spinor_geom.gradients import rim_nodes
 from spinor_geom.gradients.area import area_gradient
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.gradients.cases import (
@@ -118,6 +119,25 @@ def test_change_by_the_parameter_of_a_family():
 
     # the displacement has an error of order step⁴
     assert (gradient * slope(points)).sum() == pytest.approx(slope(area), rel=1e-8)
+
+
+def test_network_with_poles_near_the_boundary_is_in_balance():
+    solution = solve_plateau(gallery.random_curve(4).sample(60), model="cauchy")
+    (gradient,) = solution.area_gradient
+    assert solution.route == "network"
+    # translations do not change the area, whatever the distance from Γ: only quadrature has errors
+    assert np.abs(gradient.sum(axis=0)).max() < 1e-7 * np.linalg.norm(gradient)
+
+
+@pytest.mark.parametrize(("name", "kind"), [("disk, spline of degree 7", "spline"), ("flattened, rough", "cubic")])
+def test_forces_on_single_points_are_resolved(name, kind, monkeypatch):
+    solution = solved(name)
+    (here,) = area_gradient(solution)
+    assert solution.curve.kind == kind
+    monkeypatch.setitem(rim_nodes._STEPS, kind, 64)
+    (fine,) = area_gradient(solution)
+    # the trapezoidal rule across the points, where derivatives of order 7 and 3 jump
+    assert np.abs(here - fine).max() < 2e-5 * np.abs(fine).max()
 
 
 def test_free_curve_between_points_has_no_gradient():
