@@ -171,7 +171,7 @@ class Slides:
     @cached_property
     def gradient(self) -> Float[Array, "b n"]:
         """Gradient of the energy with respect to arc length along Γ."""
-        return self._without_gauge((self.normal * self.tangent).sum(0) / self.speed)
+        return self.without_gauge((self.normal * self.tangent).sum(0) / self.speed)
 
     @cached_property
     def size(self) -> Float[Array, " b"]:
@@ -199,7 +199,8 @@ class Slides:
         shares = namespace(u).linalg.vecdot(self.gauge, u[:, None])
         return (shares[:, None] @ self.gauge)[:, 0]
 
-    def _without_gauge(self, u: Float[Array, "b n"]) -> Float[Array, "b n"]:
+    def without_gauge(self, u: Float[Array, "b n"]) -> Float[Array, "b n"]:
+        """Displacements along Γ less those of conformal maps, on the disk."""
         return u - self._in_gauge(u) if self.form.is_disk else u
 
     def hessian(self, damping: Float[Array, " b"] | None) -> Rows:
@@ -209,7 +210,7 @@ class Slides:
 
         def applied(u: Float[Array, "b n"]) -> Float[Array, "b n"]:
             image = (unit * self.form.on_rows(unit * u)).sum(0) + bend * u
-            return self._without_gauge(image) if self.form.is_disk else image + _GAUGE_STIFFNESS * self._in_gauge(u)
+            return self.without_gauge(image) if self.form.is_disk else image + _GAUGE_STIFFNESS * self._in_gauge(u)
 
         return applied
 
@@ -217,10 +218,11 @@ class Slides:
         self, damping: Float[Array, " b"] | None, forcing: Float[Array, " b"]
     ) -> tuple[Float[Array, "b n"], Bool[Array, " b"]]:
         """Newton's step."""
-        return conjugate_gradients(self.hessian(damping), self.gradient, self._precondition, forcing)
+        return conjugate_gradients(self.hessian(damping), self.gradient, self.precondition, forcing)
 
-    def _precondition(self, u: Float[Array, "b n"]) -> Float[Array, "b n"]:
-        return self._without_gauge(smoothed(u))
+    def precondition(self, u: Float[Array, "b n"]) -> Float[Array, "b n"]:
+        """An approximate solution of Newton's equations, for conjugate gradients."""
+        return self.without_gauge(smoothed(u))
 
     def stepped(self, direction: Float[Array, "b n"], length: float) -> Slides:
         """The slides after a step along a direction in arc length."""
@@ -231,8 +233,8 @@ _SCALARS, _VECTORS = ("slide", "bend", "energy"), ("points", "tangent", "normal"
 _CACHED = ("speed", "gauge", "gradient", "size")  # what a step needs again after others have finished
 
 
-def reflected(bends: Float[Array, "b n"], damping: Float[Array, " b"] | None) -> Float[Array, "b n"]:
-    """Γ″·ΛX; with damping 1 its negative values change sign, with damping ½ they become 0."""
+def reflected(bends: Float[Array, "b n"], damping: Float[Array, " _"] | None) -> Float[Array, "b n"]:
+    """Γ″·ΛX; with damping 1, of a row or of all, its negative values change sign, with damping ½ they become 0."""
     return bends if damping is None else bends + 2 * damping[:, None] * namespace(bends).clip(-bends, min=0)
 
 
