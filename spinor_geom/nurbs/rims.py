@@ -84,11 +84,15 @@ class Rim:
         return before / np.abs(before), after / np.abs(after)
 
     def on_boundary(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-        """Parameters t on ∂Ω whose positions lie in the normal planes of Γ(s); corners belong to corners."""
+        """Parameters t on ∂Ω whose positions lie in the normal planes of Γ(s); corners belong to corners.
+
+        Positions miss corners of Γ. On the side between two of them Γ is shifted by a mean of both distances, so that t
+        is continuous at the corners.
+        """
         flat = np.asarray(s, dtype=np.float64).ravel()
-        is_corner, least, most = self._sides(flat)
+        is_corner, least, most, shift = self._sides(flat)
         t = np.clip(self._matched(flat), least, most)
-        point, tangent = self.curve.point(flat), self.curve.derivative(flat)
+        point, tangent = self.curve.point(flat) + shift, self.curve.derivative(flat)
         for _ in range(_STEPS):
             ahead = t + np.where(t + _STEP <= most, _STEP, -_STEP)
             here, there = np.split(self.positions(np.concatenate([t, ahead])), 2)
@@ -102,15 +106,24 @@ class Rim:
 
     def _sides(
         self, s: Float[np.ndarray, " n"]
-    ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Which points are corners, and the parameters of the corners of ∂Ω before and after them."""
+    ) -> tuple[
+        Bool[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, "#n 3"]
+    ]:
+        """Which points are corners, parameters of the corners of ∂Ω before and after them, and the shift of Γ."""
         if not len(self.corners):
-            return np.zeros(len(s), dtype=bool), np.full(len(s), -np.inf), np.full(len(s), np.inf)
+            return np.zeros(len(s), dtype=bool), np.full(len(s), -np.inf), np.full(len(s), np.inf), np.zeros((1, 3))
         ends = np.append(self.corners, self.corners[0] + 1)
         turns = np.floor(s - ends[0])
         place = np.clip(np.searchsorted(ends, s - turns, side="right") - 1, 0, len(self.corners) - 1)
-        t = self._at_corners
-        return s - turns == ends[place], t[place] + turns, t[place + 1] + turns
+        t, missed = self._at_corners, self._missed_corners
+        share = ((s - turns - ends[place]) / (ends[place + 1] - ends[place]))[:, None]
+        shift = (1 - share) * missed[place] + share * missed[place + 1]
+        return s - turns == ends[place], t[place] + turns, t[place + 1] + turns, shift
+
+    @cached_property
+    def _missed_corners(self) -> Float[np.ndarray, "c1 3"]:
+        """Positions minus Γ at the corners."""
+        return np.asarray(self.positions(self._at_corners) - self.curve.point(np.append(self.corners, self.corners[0])))
 
     @cached_property
     def _at_corners(self) -> Float[np.ndarray, " c1"]:
