@@ -59,7 +59,7 @@ class Samples:
         for k, side, exact in zip(ring, sides, self._rings([grids[k] for k in ring], sides), strict=True):
             v = grids[k][2]
             exact[:, v == 0] = side.on_rim[:, None]
-            moved = exact + ((1 - v) ** 2)[:, None] * (side.given - side.on_rim)[:, None]
+            moved = exact + _extended(side.given - side.on_rim, grids[k][1], v)
             moved[:, v == 0] = side.given[:, None]
             found[k] = exact, moved
         return [found[k] for k in range(len(grids))]
@@ -119,6 +119,20 @@ class Samples:
         boundary = self.rims[0].boundary
         inner = (start[:, None] + _ALONG * (end - start)[:, None]).ravel()
         return RimPrimitive.along(boundary, self._phi, ORDER, breaks_for(boundary, inner))
+
+
+def _extended(
+    shift: Float[np.ndarray, "n 3"], u: Float[np.ndarray, " n"], v: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, "n m 3"]:
+    """A displacement at v = 0, extended to the quadrilateral with derivative 0 across its sides u = 0 and u = 1.
+
+    """
+    first, last = (np.array([np.interp(end, u, each) for each in shift.T]) for end in (0.0, 1.0))
+    step = (u**2 * (3 - 2 * u))[:, None]
+    ends = first + step * (last - first)
+    near = (u * (1 - u))[:, None] ** 2
+    share = near / np.maximum(near + v**2, np.finfo(np.float64).tiny)
+    return ((1 - v) ** 2)[:, None] * (ends[:, None] + share[..., None] * (shift - ends)[:, None])
 
 
 def _split(
