@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float
+from scipy.interpolate import BPoly
+from scipy.optimize import nnls
+from scipy.special import binom
 
 from spinor_geom.arrays import to_numpy
 from spinor_geom.domain.plane_domain import Boundary
@@ -20,13 +24,19 @@ _STEPS, _STEP = 10, 1e-6  # Newton steps for the parameter on ∂Ω, and the dif
 _PRECISE, _REACH = 1e-13, 0.02  # the last step, and the longest one
 _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
 _SLOPE_STEP = 1e-6  # difference for derivatives by the parameter on Γ
+# Shares of s and t on a side that differ by more are approximated by a polynomial: 0.44 beside the opened corner of an
+# L, at most 0.04 elsewhere. Its degree, and the number of steps between the nodes where it is fitted.
+_UNEVEN, _DEGREE, _NODES = 0.2, 9, 64
+_EXACT, _LEAST = 1e3, 1e-5  # weight of the end of a side; least factor of a derivative
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rim:
-    """A boundary of Ω as a curve z(s) in the parameter of Γ.
+    """A boundary of Ω as a curve z(x), which runs with the parameter s of Γ.
 
-    In this parameter the rim of the surface is as smooth as Γ. The images of equal steps on ∂Ω may crowd.
+    In s the rim of the surface is as smooth as Γ; the images of equal steps on ∂Ω may crowd. At opened corners, as in
+    `domain.opening`, s grows like a power of the distance in Ω. On sides that end there s is a polynomial of x, so that
+    the surface is smooth in x as well.
 
     Attributes:
         match: the boundary and Γ.
@@ -68,28 +78,61 @@ class Rim:
         """Parameters of the corners of Γ."""
         return np.asarray(self.curve.breaks[:-1][self.curve.corners])
 
-    def point(self, s: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """z(s)."""
-        return self.boundary.point(self.on_boundary(s))
+    def point(self, x: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        """z(x)."""
+        return self.boundary.point(self.on_boundary(x))
 
-    def derivative(self, s: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """dz/ds, to a few digits, not at corners."""
-        before, after = self.on_boundary(s - _SLOPE_STEP), self.on_boundary(s + _SLOPE_STEP)
+    def derivative(self, x: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        """dz/dx, to a few digits, not at corners."""
+        before, after = self.on_boundary(x - _SLOPE_STEP), self.on_boundary(x + _SLOPE_STEP)
         return np.asarray((self.boundary.point(after) - self.boundary.point(before)) / (2 * _SLOPE_STEP))
 
-    def tangents(self, s: Float[np.ndarray, " n"]) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
+    def tangents(self, x: Float[np.ndarray, " n"]) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
         """Unit tangents of ∂Ω before and after points."""
-        t = self.on_boundary(s)
+        t = self.on_boundary(x)
         before, after = (self.boundary.derivative((t + side) % 1.0) for side in (-_ASIDE, _ASIDE))
         return before / np.abs(before), after / np.abs(after)
 
-    def on_boundary(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-        """Parameters t on ∂Ω whose positions lie in the normal planes of Γ(s); corners belong to corners.
+    def on_curve(self, x: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
+        """s(x)."""
+        s = np.array(x, dtype=np.float64)
+        for side, shares in self._shares:
+            first, last = np.append(self.corners, self.corners[0] + 1)[side : side + 2]
+            share = (s - first) % 1.0 / (last - first)
+            inside = share < 1
+            s[inside] += (last - first) * (shares(share[inside]) - share[inside])
+        return s
+
+    @cached_property
+    def _shares(self) -> list[tuple[int, BPoly]]:
+        """Sides on which the shares of s and t differ much, and polynomials that approximate those of s by those of t.
+
+        Their derivatives are sums of Bernstein polynomials with factors that are not negative.
+        """
+        found = []
+        degrees, nodes = np.arange(_DEGREE + 1), (1 - np.cos(np.pi * np.arange(1, _NODES) / _NODES)) / 2
+        basis = binom(_DEGREE, degrees) * nodes[:, None] ** degrees * (1 - nodes[:, None]) ** degrees[::-1]
+        steps = basis[:, ::-1].cumsum(axis=1)[:, -2::-1]  # sums of the last ones
+        for side, (first, last) in enumerate(itertools.pairwise(self._at_corners)):
+            s = self._matched(first + nodes * (last - first), back=True)
+            begin, end = np.append(self.corners, self.corners[0] + 1)[side : side + 2]
+            shares = (s - begin) % 1.0 / (end - begin)
+            if len(self.corners) > 1 and np.abs(shares - nodes).max() > _UNEVEN:
+                rows = np.vstack([steps, np.full(_DEGREE, _EXACT)])
+                least = np.full(_DEGREE, _LEAST)
+                factors, _ = nnls(rows, np.append(shares, _EXACT) - rows @ least)
+                factors += least
+                sums = np.append(0.0, np.cumsum(factors) / factors.sum())
+                found.append((side, BPoly(sums[:, None], [0.0, 1.0])))
+        return found
+
+    def on_boundary(self, x: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
+        """Parameters t on ∂Ω whose positions lie in the normal planes of Γ(s(x)); corners belong to corners.
 
         Positions miss corners of Γ. On the side between two of them Γ is shifted by a mean of both distances, so that t
         is continuous at the corners.
         """
-        flat = np.asarray(s, dtype=np.float64).ravel()
+        flat = self.on_curve(x).ravel()
         is_corner, least, most, shift = self._sides(flat)
         t = np.clip(self._matched(flat), least, most)
         point, tangent = self.curve.point(flat) + shift, self.curve.derivative(flat)
@@ -102,7 +145,7 @@ class Rim:
             t, before = np.clip(t + np.clip(step, -_REACH, _REACH), least, most), t
             if np.abs(t - before).max(initial=0.0) <= _PRECISE:
                 break
-        return np.where(is_corner, least, t).reshape(np.shape(s))
+        return np.where(is_corner, least, t).reshape(np.shape(x))
 
     def _sides(
         self, s: Float[np.ndarray, " n"]
@@ -133,10 +176,10 @@ class Rim:
         t = t - offset[np.arange(len(t)), np.abs(offset).argmin(axis=1)]
         return np.append(t, t[0] + 1)
 
-    def _matched(self, s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Parameters on ∂Ω by the matching of the solution; they increase with s, which is not taken modulo 1."""
+    def _matched(self, s: Float[np.ndarray, " n"], *, back: bool = False) -> Float[np.ndarray, " n"]:
+        """Parameters on ∂Ω by the matching of the solution, or back; they increase with s, which is not modulo 1."""
         t, own = (np.concatenate([each + turn for turn in range(-2, 3)]) for each in self.match.matching.T)
-        return np.asarray(np.interp(s, own, t))
+        return np.asarray(np.interp(s, t, own) if back else np.interp(s, own, t))
 
     def positions(self, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Positions of the surface at parameters on ∂Ω."""

@@ -76,7 +76,7 @@ class Samples:
             s = np.concatenate([start + u * (end - start) for (start, end), u in parts])
             t = rim.on_boundary(s)
             ends = np.cumsum([len(u) for _, u in parts])[:-1]
-            rows = (np.split(each, ends) for each in (rim.boundary.point(t), rim.positions(t), rim.curve.point(s)))
+            rows = (np.split(each, ends) for each in (rim.boundary.point(t), rim.positions(t), rim.curve.point(rim.on_curve(s))))
             for key, z, on_rim, given in zip(own, *rows, strict=True):
                 found[key] = _Side(z=z, on_rim=on_rim, given=given)
         return [found[quad, id(u)] for quad, u, *_ in grids]
