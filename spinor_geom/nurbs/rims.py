@@ -113,11 +113,11 @@ class Rim:
         degrees, nodes = np.arange(_DEGREE + 1), (1 - np.cos(np.pi * np.arange(1, _NODES) / _NODES)) / 2
         basis = binom(_DEGREE, degrees) * nodes[:, None] ** degrees * (1 - nodes[:, None]) ** degrees[::-1]
         steps = basis[:, ::-1].cumsum(axis=1)[:, -2::-1]  # sums of the last ones
-        for side, (first, last) in enumerate(itertools.pairwise(self._at_corners)):
+        for side, (first, last) in enumerate(itertools.pairwise(self._at_corners if len(self.corners) else ())):
             s = self._matched(first + nodes * (last - first), back=True)
             begin, end = np.append(self.corners, self.corners[0] + 1)[side : side + 2]
             shares = (s - begin) % 1.0 / (end - begin)
-            if len(self.corners) > 1 and np.abs(shares - nodes).max() > _UNEVEN:
+            if np.abs(shares - nodes).max() > _UNEVEN:
                 rows = np.vstack([steps, np.full(_DEGREE, _EXACT)])
                 least = np.full(_DEGREE, _LEAST)
                 factors, _ = nnls(rows, np.append(shares, _EXACT) - rows @ least)
