@@ -149,9 +149,7 @@ class Rim:
 
     def _sides(
         self, s: Float[np.ndarray, " n"]
-    ) -> tuple[
-        Bool[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, "#n 3"]
-    ]:
+    ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, "#n 3"]]:
         """Which points are corners, parameters of the corners of ∂Ω before and after them, and the shift of Γ."""
         if not len(self.corners):
             return np.zeros(len(s), dtype=bool), np.full(len(s), -np.inf), np.full(len(s), np.inf), np.zeros((1, 3))

@@ -76,7 +76,10 @@ class Samples:
             s = np.concatenate([start + u * (end - start) for (start, end), u in parts])
             t = rim.on_boundary(s)
             ends = np.cumsum([len(u) for _, u in parts])[:-1]
-            rows = (np.split(each, ends) for each in (rim.boundary.point(t), rim.positions(t), rim.curve.point(rim.on_curve(s))))
+            rows = (
+                np.split(each, ends)
+                for each in (rim.boundary.point(t), rim.positions(t), rim.curve.point(rim.on_curve(s)))
+            )
             for key, z, on_rim, given in zip(own, *rows, strict=True):
                 found[key] = _Side(z=z, on_rim=on_rim, given=given)
         return [found[quad, id(u)] for quad, u, *_ in grids]
@@ -126,13 +129,15 @@ def _extended(
 ) -> Float[np.ndarray, "n m 3"]:
     """A displacement at v = 0, extended to the quadrilateral with derivative 0 across its sides u = 0 and u = 1.
 
+    Displacements of the ends decay within an eighth of the sides. The rest decays where v exceeds the distance from the
+    ends. It would turn the normals along these sides: near corners it varies within a short distance.
     """
-    first, last = (np.array([np.interp(end, u, each) for each in shift.T]) for end in (0.0, 1.0))
-    step = (u**2 * (3 - 2 * u))[:, None]
-    ends = first + step * (last - first)
+    ends = [np.array([np.interp(end, u, each) for each in shift.T]) for end in (0.0, 1.0)]
+    at_ends = sum(((1 - x) ** 8 * (1 + 8 * x))[:, None] * end for x, end in zip((u, 1 - u), ends, strict=True))
     near = (u * (1 - u))[:, None] ** 2
-    share = near / np.maximum(near + v**2, np.finfo(np.float64).tiny)
-    return ((1 - v) ** 2)[:, None] * (ends[:, None] + share[..., None] * (shift - ends)[:, None])
+    share = (1 - v) ** 2 * near / np.maximum(near + v**2, np.finfo(np.float64).tiny)
+    rest = shift - at_ends
+    return np.asarray(((1 - v) ** 8)[:, None] * at_ends[:, None] + share[..., None] * rest[:, None])
 
 
 def _split(
