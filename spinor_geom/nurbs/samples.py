@@ -20,6 +20,7 @@ from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for
 
 _ORDER = 10  # Gauss nodes on a piece of a line from ∂Ω: exact for twice the degree of the splines
+_TOWARDS_RIM = 0.25 ** np.arange(6, 0, -1)  # more ends of pieces, as shares of the first, beside rims with corners
 _ALONG = np.linspace(0, 1, 17)  # points of a straight side to which panels on ∂Ω are fitted
 
 
@@ -94,16 +95,23 @@ class Samples:
             ]
             return _split(self._inside, z)
         columns = {
-            (id(side), breaks): (quad, u, side, breaks) for (quad, u, _, breaks), side in zip(grids, sides, strict=True)
+            (id(side), breaks): (quad, u, side, self._pieces(quad, breaks))
+            for (quad, u, _, breaks), side in zip(grids, sides, strict=True)
         }
         z = [self.blocks.grid(quad, u, _gauss(breaks), side.z) for quad, u, side, breaks in columns.values()]
         velocity = dict(zip(columns, _split(self._phi, z), strict=True))
         found = []
         for (quad, u, v, breaks), side in zip(grids, sides, strict=True):
             across = np.diff(self.blocks.grid(quad, u, np.array([0.0, 1.0]), side.z), axis=1)
-            integrals = _integrals(breaks, tuple(v)) @ velocity[id(side), breaks]
+            integrals = _integrals(self._pieces(quad, breaks), tuple(v)) @ velocity[id(side), breaks]
             found.append(side.on_rim[:, None] + (across[..., None] * integrals).real)
         return found
+
+    def _pieces(self, quad: int, breaks: Breaks) -> Breaks:
+        """Ends of the pieces of integrals away from a rim: near corners of Ω φ changes within short distances."""
+        if not self.rims[self.blocks.rim_of(quad)].boundary.corners.any():
+            return breaks
+        return (0.0, *(breaks[1] * _TOWARDS_RIM).tolist(), *breaks[1:])
 
     def _phi(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
         p, q = self.surface.spinors(z).T
