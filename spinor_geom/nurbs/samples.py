@@ -20,7 +20,7 @@ from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for
 
 _ORDER = 10  # Gauss nodes on a piece of a line from ∂Ω: exact for twice the degree of the splines
-_TOWARDS_RIM = 0.25 ** np.arange(6, 0, -1)  # more ends of pieces, as shares of the first, beside rims with corners
+_TOWARDS_RIM = 0.25 ** np.arange(3, 0, -1)  # more ends of pieces, as shares of the first, beside rims with corners
 _ALONG = np.linspace(0, 1, 17)  # points of a straight side to which panels on ∂Ω are fitted
 
 
