@@ -14,6 +14,7 @@ from spinor_geom.domain.quadrature import cumulative_matrix, rule
 from spinor_geom.mesh.array_checks import shared
 from spinor_geom.nurbs.blocks import Blocks
 from spinor_geom.nurbs.rims import Rim
+from spinor_geom.nurbs.smooth_primitive import SmoothPrimitive
 from spinor_geom.nurbs.strips import Breaks, Grid, Values
 from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.formulas import phi
@@ -39,8 +40,8 @@ class Samples:
     The surface misses Γ by the boundary residual. A point at parameter v of a ring, 0 on ∂Ω and 1 at its inner side, is
     moved by (1 − v)² times the displacement of the rim, so that the film fits the frame and stays smooth.
 
-    Without a closed form, positions in a ring are integrals of φ along straight lines from ∂Ω. Those inside are by
-    Cauchy's formula, with the same nodes on ∂Ω for all points.
+    Without a closed form positions are by Cauchy's formula, with the same nodes on ∂Ω for all points. Where ∂Ω is not
+    smooth, and between several rims, positions in a ring are integrals of φ along straight lines from ∂Ω.
     """
 
     surface: ArraySurface
@@ -83,7 +84,7 @@ class Samples:
 
     def _rings(self, grids: Sequence[Grid], sides: Sequence[_Side]) -> list[Values]:
         """Positions of the minimal surface in rings, arbitrary on ∂Ω."""
-        if self.surface.has_closed_positions:
+        if self._is_smooth:
             inside = [np.where(v > 0, v, 1.0) for _, _, v, _ in grids]
             z = [
                 self.blocks.grid(quad, u, w, side.z)
@@ -107,14 +108,22 @@ class Samples:
         return np.asarray(phi(p, q))
 
     def _inside(self, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Positions not nearer to ∂Ω than the inner sides of rings, or in closed form."""
+        """Positions, in rings only of smooth surfaces."""
         if self.surface.has_closed_positions or len(self.rims) > 1:
             return np.asarray(self.surface.position(z))
         return np.asarray(self.rims[0].start + self._primitive.inside(z).real)
 
     @cached_property
-    def _primitive(self) -> RimPrimitive:
-        """∫ φ dz along the boundary of a disk, by panels for points inside the ring."""
+    def _is_smooth(self) -> bool:
+        """Whether `_inside` is accurate up to ∂Ω."""
+        one = len(self.rims) == 1 and isinstance(self.rims[0].primitive, SmoothPrimitive)
+        return self.surface.has_closed_positions or one
+
+    @cached_property
+    def _primitive(self) -> RimPrimitive | SmoothPrimitive:
+        """∫ φ dz along the boundary of a disk, by panels for points inside the ring where it is not smooth."""
+        if self._is_smooth:
+            return self.rims[0].primitive
         start, end = self.blocks.points[self.blocks.quads[: len(self.blocks.parts), 2:]].T
         boundary = self.rims[0].boundary
         inner = (start[:, None] + _ALONG * (end - start)[:, None]).ravel()
