@@ -13,6 +13,7 @@ from jaxtyping import Complex, Float, Inexact
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
 from spinor_geom.mesh.array_checks import shared
 from spinor_geom.nurbs.blocks import Blocks
+from spinor_geom.nurbs.quad_polynomials import CANDIDATES, CHECKS, QuadPolynomials
 from spinor_geom.nurbs.rims import Rim
 from spinor_geom.nurbs.smooth_primitive import SmoothPrimitive
 from spinor_geom.nurbs.strips import Breaks, Grid, Values
@@ -40,8 +41,9 @@ class Samples:
     The surface misses Γ by the boundary residual. A point at parameter v of a ring, 0 on ∂Ω and 1 at its inner side, is
     moved by (1 − v)² times the displacement of the rim, so that the film fits the frame and stays smooth.
 
-    Without a closed form positions are by Cauchy's formula, with the same nodes on ∂Ω for all points. Where ∂Ω is not
-    smooth, and between several rims, positions in a ring are integrals of φ along straight lines from ∂Ω.
+    Without a closed form, ∫ φ dz of a smooth disk is a polynomial on each quadrilateral, by Cauchy's formula at the
+    nodes of interpolation. Where ∂Ω is not smooth, and between several rims, positions in a ring are integrals of φ
+    along straight lines from ∂Ω; those inside a disk are by Cauchy's formula, with the same nodes on ∂Ω for all points.
     """
 
     surface: ArraySurface
@@ -54,7 +56,7 @@ class Samples:
         inner = [k for k, (quad, *_) in enumerate(grids) if quad >= len(self.blocks.parts)]
         found: dict[int, tuple[Values, Values]] = {}
         z = [self.blocks.grid(quad, u, v, None) for quad, u, v, _ in (grids[k] for k in inner)]
-        for k, exact in zip(inner, _split(self._inside, z), strict=True):
+        for k, exact in zip(inner, self._inside([grids[k][0] for k in inner], z), strict=True):
             found[k] = exact, exact
         sides = self._sides([grids[k] for k in ring])
         for k, side, exact in zip(ring, sides, self._rings([grids[k] for k in ring], sides), strict=True):
@@ -90,7 +92,7 @@ class Samples:
                 self.blocks.grid(quad, u, w, side.z)
                 for (quad, u, *_), w, side in zip(grids, inside, sides, strict=True)
             ]
-            return _split(self._inside, z)
+            return self._inside([quad for quad, *_ in grids], z)
         columns = {
             (id(side), breaks): (quad, u, side, breaks) for (quad, u, _, breaks), side in zip(grids, sides, strict=True)
         }
@@ -107,11 +109,15 @@ class Samples:
         p, q = self.surface.spinors(z).T
         return np.asarray(phi(p, q))
 
-    def _inside(self, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Positions, in rings only of smooth surfaces."""
+    def _inside(self, quads: Sequence[int], z: Sequence[Complex[np.ndarray, "_ _"]]) -> list[Values]:
+        """Positions at arrays of points of quadrilaterals; in rings only of smooth surfaces."""
         if self.surface.has_closed_positions or len(self.rims) > 1:
-            return np.asarray(self.surface.position(z))
-        return np.asarray(self.rims[0].start + self._primitive.inside(z).real)
+            return _split(self.surface.position, z)
+        start = self.rims[0].start
+        if not self._is_smooth:
+            return _split(lambda w: start + self._primitive.inside(w).real, z)
+        values = (self._polynomials.value(quad, w.ravel()) for quad, w in zip(quads, z, strict=True))
+        return [start + value.real.reshape(*w.shape, 3) for value, w in zip(values, z, strict=True)]
 
     @cached_property
     def _is_smooth(self) -> bool:
@@ -120,10 +126,23 @@ class Samples:
         return self.surface.has_closed_positions or one
 
     @cached_property
-    def _primitive(self) -> RimPrimitive | SmoothPrimitive:
-        """∫ φ dz along the boundary of a disk, by panels for points inside the ring where it is not smooth."""
-        if self._is_smooth:
-            return self.rims[0].primitive
+    def _polynomials(self) -> QuadPolynomials:
+        """∫ φ dz on the quadrilaterals of a disk with a smooth boundary."""
+        outlines = [np.concatenate([self._outlines(u, side) for side in range(4)], axis=1) for u in (CANDIDATES, CHECKS)]
+        return QuadPolynomials.through(self.rims[0].primitive.inside, *outlines)
+
+    def _outlines(self, u: Float[np.ndarray, " n"], side: int) -> Complex[np.ndarray, "q n"]:
+        """Points of one side of all quadrilaterals."""
+        start, end = (self.blocks.points[self.blocks.quads[:, k % 4]][:, None] for k in (side, side + 1))
+        points = start + u * (end - start)
+        if side == 0:
+            first, last = self.blocks.parts[..., None].swapaxes(0, 1)
+            points[: len(first)] = self.rims[0].point(first + u * (last - first))
+        return np.asarray(points)
+
+    @cached_property
+    def _primitive(self) -> RimPrimitive:
+        """∫ φ dz along the boundary of a disk, by panels for points inside the ring."""
         start, end = self.blocks.points[self.blocks.quads[: len(self.blocks.parts), 2:]].T
         boundary = self.rims[0].boundary
         inner = (start[:, None] + _ALONG * (end - start)[:, None]).ravel()
