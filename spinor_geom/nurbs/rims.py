@@ -19,6 +19,8 @@ from spinor_geom.surface.interior import RimPrimitive
 
 _STEPS = 10  # of Newton's method for the parameter on ∂Ω
 _PRECISE, _REACH = 1e-8, 0.02  # the last step, after which the error is about its square, and the longest one
+# relative accuracy of ∫ φ dz: a share of the boundary residual, within limits that the tolerance 1e-6 needs
+_OF_RESIDUAL, _ACCURACY = 1e-3, (1e-10, 1e-8)
 _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
 _SLOPE_STEP = 1e-6  # difference for derivatives by the parameter on Γ
 
@@ -43,7 +45,9 @@ class Rim:
     def all_of(cls, solution: PlateauSolution) -> tuple[Rim, ...]:
         """The rims of a solution, in order."""
         surface, domain = solution.array_surface, solution.domain
-        primitives = [_primitive(surface, boundary) for boundary in domain.boundaries]
+        share = solution.boundary_residual.max / max(match.loop.diagonal for match in solution.rims)
+        accuracy = float(np.clip(_OF_RESIDUAL * share, *_ACCURACY))
+        primitives = [_primitive(surface, boundary, accuracy) for boundary in domain.boundaries]
         is_inner = domain.root >= domain.triangulation.boundary_size
         if is_inner and not (domain.holes or surface.has_closed_positions):
             # by Cauchy's formula, as inside: paths to ∂Ω pass by poles
@@ -131,7 +135,10 @@ class Rim:
         return np.asarray(self.start + self.primitive.at(t % 1.0)[0])
 
 
-def _primitive(surface: ArraySurface, boundary: Boundary) -> RimPrimitive | SmoothPrimitive:
+def _primitive(surface: ArraySurface, boundary: Boundary, accuracy: float) -> RimPrimitive | SmoothPrimitive:
     """∫ φ dz along a boundary, by panels where it is not smooth."""
-    smooth = SmoothPrimitive.along(boundary, surface.null_curve) if isinstance(boundary, FourierBoundary) else None
-    return smooth or RimPrimitive.along(boundary, surface.null_curve, surface.order)
+    if isinstance(boundary, FourierBoundary):
+        smooth = SmoothPrimitive.along(boundary, surface.null_curve, accuracy)
+        if smooth is not None:
+            return smooth
+    return RimPrimitive.along(boundary, surface.null_curve, surface.order)

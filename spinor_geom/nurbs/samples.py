@@ -114,22 +114,24 @@ class Samples:
         if self.surface.has_closed_positions or len(self.rims) > 1:
             return _split(self.surface.position, z)
         start = self.rims[0].start
-        if not self._is_smooth:
+        if self._polynomials is None:
             return _split(lambda w: start + self._primitive.inside(w).real, z)
-        values = (self._polynomials.value(quad, w.ravel()) for quad, w in zip(quads, z, strict=True))
+        values = self._polynomials.values(quads, [w.ravel() for w in z])
         return [start + value.real.reshape(*w.shape, 3) for value, w in zip(values, z, strict=True)]
 
-    @cached_property
+    @property
     def _is_smooth(self) -> bool:
         """Whether `_inside` is accurate up to ∂Ω."""
-        one = len(self.rims) == 1 and isinstance(self.rims[0].primitive, SmoothPrimitive)
-        return self.surface.has_closed_positions or one
+        return self.surface.has_closed_positions or self._polynomials is not None
 
     @cached_property
-    def _polynomials(self) -> QuadPolynomials:
-        """∫ φ dz on the quadrilaterals of a disk with a smooth boundary."""
+    def _polynomials(self) -> QuadPolynomials | None:
+        """∫ φ dz on the quadrilaterals of a disk with a smooth boundary; None for other surfaces."""
+        primitive = self.rims[0].primitive
+        if len(self.rims) > 1 or not isinstance(primitive, SmoothPrimitive):
+            return None
         outlines = [np.concatenate([self._outlines(u, side) for side in range(4)], axis=1) for u in (CANDIDATES, CHECKS)]
-        return QuadPolynomials.through(self.rims[0].primitive.inside, *outlines)
+        return QuadPolynomials.through(primitive.inside, *outlines, 10 * primitive.accuracy)
 
     def _outlines(self, u: Float[np.ndarray, " n"], side: int) -> Complex[np.ndarray, "q n"]:
         """Points of one side of all quadrilaterals."""

@@ -14,7 +14,6 @@ from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 from spinor_geom.surface.interior import NullCurve, Places
 
 _FEWEST, _MOST = 256, 1 << 14  # nodes
-_RESOLVED = 1e-10  # largest coefficient in the upper quarter of the frequencies, relative to the largest one
 # of splines between four times as many nodes, which are as accurate as the series
 _DEGREE, _FINER = 7, 4
 
@@ -27,15 +26,18 @@ class SmoothPrimitive:
         z: the nodes on ∂Ω.
         dz: dz/dt there.
         values: ∫ φ dz from the first node.
+        accuracy: bound of the coefficients in the upper quarter of the frequencies, as a share of the largest one, and
+            about the relative error.
     """
 
     z: Complex[np.ndarray, " n"]
     dz: Complex[np.ndarray, " n"]
     values: Complex[np.ndarray, "n 3"]
+    accuracy: float
 
     @classmethod
-    def along(cls, boundary: FourierBoundary, phi: NullCurve) -> SmoothPrimitive | None:
-        """The integral of a function φ with as many nodes as resolve it; None if `_MOST` do not."""
+    def along(cls, boundary: FourierBoundary, phi: NullCurve, accuracy: float) -> SmoothPrimitive | None:
+        """The integral of a function φ with as many nodes as an accuracy needs; None if `_MOST` are too few."""
         n = _FEWEST
         while n <= _MOST:
             if n > 2 * len(boundary.coefficients):
@@ -44,9 +46,9 @@ class SmoothPrimitive:
                 spectrum = np.fft.fft(phi(z) * dz[:, None], axis=0)
                 spectrum = np.divide(spectrum, 2j * np.pi * k, out=np.zeros_like(spectrum), where=k != 0)
                 size = np.abs(spectrum).max(axis=1)
-                if size[np.abs(k[:, 0]) > 3 * n / 8].max() <= _RESOLVED * size.max():
+                if size[np.abs(k[:, 0]) > 3 * n / 8].max() <= accuracy * size.max():
                     values = np.fft.ifft(spectrum, axis=0)
-                    return cls(z=z, dz=dz, values=values - values[0])
+                    return cls(z=z, dz=dz, values=values - values[0], accuracy=accuracy)
             n *= 2
         return None
 
