@@ -56,9 +56,7 @@ class QuadPolynomials:
         is_accurate = errors <= accuracy * np.abs(values - values[0, 0]).max()
         return cls(function=function, nodes=nodes, strengths=strengths, is_accurate=is_accurate)
 
-    def values(
-        self, quads: Sequence[int], z: Sequence[Complex[np.ndarray, " _"]]
-    ) -> list[Complex[np.ndarray, "_ 3"]]:
+    def values(self, quads: Sequence[int], z: Sequence[Complex[np.ndarray, " _"]]) -> list[Complex[np.ndarray, "_ 3"]]:
         """Values at points of quadrilaterals, of the function itself where the polynomials are not accurate."""
         rest = [points for quad, points in zip(quads, z, strict=True) if not self.is_accurate[quad]]
         ends = np.cumsum([len(points) for points in rest])[:-1]

@@ -60,8 +60,7 @@ class RimPrimitive:
         width = np.diff(breaks)[panel]
         velocity = self.velocity.real.reshape(-1, order, 3)[panel]
         values, integrals = (
-            np.einsum("ng,ngk->nk", rows, velocity)
-            for rows in through_gauss_nodes(order, (t - breaks[panel]) / width)
+            np.einsum("ng,ngk->nk", rows, velocity) for rows in through_gauss_nodes(order, (t - breaks[panel]) / width)
         )
         return self.at_breaks[panel].real + width[:, None] * integrals, values
 

@@ -11,7 +11,8 @@ from spinor_geom import gallery
 from spinor_geom.errors import CadFileError, OptionError
 from spinor_geom.gallery import curves, schwarz, surfaces
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.nurbs.nurbs_surface import NurbsPatch, NurbsSurface, nurbs_surface
+from spinor_geom.nurbs.nurbs_patch import NurbsPatch
+from spinor_geom.nurbs.nurbs_surface import NurbsSurface, nurbs_surface
 from spinor_geom.plateau.solution import PlateauSolution
 from tests.open_cascade import area_of, count, distances, free_boundary, free_wires, is_valid
 
