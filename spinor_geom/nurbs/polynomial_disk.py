@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float, Inexact
 from numpy.polynomial import polynomial as poly
-from scipy.signal import convolve2d
 from scipy.special import comb
 
 from spinor_geom.arrays import to_numpy
@@ -126,8 +125,11 @@ def _maps() -> list[tuple[Complex[np.ndarray, "_ _"], Float[np.ndarray, "_ _"]]]
 
 def _times(a: Inexact[np.ndarray, "i j"], b: Inexact[np.ndarray, "k l"]) -> Inexact[np.ndarray, "m n"]:
     """The product of two polynomials in Bernstein form."""
-    product = convolve2d(a * _binomials(a.shape), b * _binomials(b.shape))
-    return np.asarray(product / _binomials(product.shape))
+    a, b = a * _binomials(a.shape), b * _binomials(b.shape)
+    product = np.zeros(np.add(a.shape, b.shape) - 1, dtype=np.result_type(a, b))
+    for (i, j), factor in np.ndenumerate(b):  # of at most 3 × 3
+        product[i : i + a.shape[0], j : j + a.shape[1]] += factor * a
+    return product / _binomials(product.shape)
 
 
 def _binomials(shape: tuple[int, ...]) -> Float[np.ndarray, "i j"]:
