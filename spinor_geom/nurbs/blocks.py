@@ -24,7 +24,9 @@ _CLEAR = 0.9  # a depth is possible if the nearest point of ∂Ω is at least at
 _GRID = np.linspace(0, 1, 9)  # where quadrilaterals of the ring must not be folded
 _ASIDE = 0.005  # where derivatives at the ends of a side are taken, as a share of it
 _LEAST_SINE = 0.1  # of the angle between the parameter lines
-_EVEN = 0.3  # least thickness of a quadrilateral of the ring, as a share of its largest
+_EVEN = 0.15  # least thickness of a quadrilateral of the ring, as a share of its largest
+_LONGEST = 8.0  # of a quadrilateral of a ring along ∂Ω before some are joined, relative to its depth
+_SIDE_COST = 3.0  # of a quadrilateral of a ring, relative to that of a square inside
 _MOST_CORNERS = 100  # of a region that is divided into quadrilaterals: the time grows with the fourth power
 _TRIES = 12  # numbers of sides that are tried for quadrilaterals inside
 _ROUNDS = 10  # of halving sides on ∂Ω
@@ -69,8 +71,12 @@ class Blocks:
                 "the plane domain cannot be divided into quadrilaterals: it is too narrow somewhere, or the surface "
                 "misses its curve by too much; solve with a smaller tolerance"
             )
+        rings = _shortened(domain, rings)
         fewer = [ring.coarser() for ring in rings]
         while sum(map(len, fewer)) < sum(map(len, rings)) and _bound(fewer):
+            joined = _joined(rings) if sum(map(len, rings)) <= _MOST_CORNERS else None
+            if joined is not None:
+                return _assembled(*joined)
             rings, fewer = fewer, [ring.coarser() for ring in fewer]
         finer = rings = _longest_halved(domain, rings) if sum(map(len, rings)) % 2 else rings
         for _ in range(_TRIES):
@@ -175,8 +181,24 @@ class _Ring:
             second = (first + 1) % k
             if not (folded[first] or self.fixed[second] or used[first] or used[second]) and kept.sum() > _FEWEST:
                 kept[second], used[first], used[second] = False, True, True
-        left = {name: getattr(self, name)[kept] for name in ("marks", "outer", "depth", "inwards", "fixed")}
+        return self.kept(kept)
+
+    def kept(self, which: Bool[np.ndarray, " k"]) -> _Ring:
+        """The ring with some of its marks."""
+        left = {name: getattr(self, name)[which] for name in ("marks", "outer", "depth", "inwards", "fixed")}
         return replace(self, **left)
+
+    def joins(self) -> Int[np.ndarray, "j 2"]:
+        """Pairs of marks between which quadrilaterals can be joined to one that is not folded."""
+        k = len(self)
+        first, more = np.nonzero(np.ones((k, max(1, k // _FEWEST)), dtype=bool))
+        last = first + more + 1
+        crossed = np.append(0, np.cumsum(np.append(self.fixed, self.fixed)))
+        free = (more > 0) & (crossed[last] == crossed[first + 1])
+        first, last = first[free], last[free]
+        marks, inner = np.append(self.marks, self.marks + 1), np.append(self.inner, self.inner)
+        folded = _folded(self.rim, marks[first], marks[last], inner[first], inner[last])
+        return np.stack([first, last % k], axis=1)[~folded]
 
     def folded(self) -> Bool[np.ndarray, " k"]:
         """Which quadrilaterals are folded, or nearly so."""
@@ -230,12 +252,56 @@ def _longest_halved(domain: PlaneDomain, rings: Sequence[_Ring]) -> list[_Ring]:
     return [ring.halved(domain, longest) if ring is rings[number] else ring for ring in rings]
 
 
+def _shortened(domain: PlaneDomain, rings: Sequence[_Ring]) -> list[_Ring]:
+    """The rings with long quadrilaterals halved, so that corners on both sides of a narrow part can face each other."""
+    for _ in range(_ROUNDS):
+        long = [ring.lengths > _LONGEST * np.minimum(ring.depth, np.roll(ring.depth, -1)) for ring in rings]
+        finer = [ring.halved(domain, some) for ring, some in zip(rings, long, strict=True)]
+        unchanged = sum(map(len, finer)) == sum(map(len, rings))
+        if unchanged or sum(map(len, finer)) > _MOST_CORNERS or any(ring.folded().any() for ring in finer):
+            break
+        rings = finer
+    return list(rings)
+
+
 def _inside(rings: Sequence[_Ring]) -> Int[np.ndarray, "q 4"] | None:
     """Quadrilaterals that fill the region inside the rings, by numbers of inner corners; None if none were found."""
     inner = np.concatenate([ring.inner for ring in rings])
     polygon = _cut(inner, tuple(map(len, rings)))
-    quads = _quadrangulated(inner[polygon]) if len(polygon) <= _MOST_CORNERS else None
+    if len(polygon) > _MOST_CORNERS:
+        return None
+    sides = np.stack([np.arange(len(polygon)), np.roll(np.arange(len(polygon)), -1)], axis=1)
+    quads = _quadrangulated(inner[polygon], sides)
     return None if quads is None else polygon[quads]
+
+
+def _joined(rings: Sequence[_Ring]) -> tuple[list[_Ring], Int[np.ndarray, "q 4"]] | None:
+    """The rings with neighbours joined, and the quadrilaterals inside, for the least cost; None if none were found."""
+    sizes = tuple(map(len, rings))
+    inner = np.concatenate([ring.inner for ring in rings])
+    polygon = _cut(inner, sizes)
+    joins = [ring.joins() + first for ring, first in zip(rings, np.cumsum((0, *sizes)), strict=False)]
+    quads = _quadrangulated(inner[polygon], _sides(polygon, np.concatenate(joins)))
+    if quads is None:
+        return None
+    used = np.zeros(len(inner), dtype=bool)
+    used[polygon[quads]] = True
+    kept = np.split(used, np.cumsum(sizes)[:-1])
+    return [ring.kept(own) for ring, own in zip(rings, kept, strict=True)], (np.cumsum(used) - 1)[polygon[quads]]
+
+
+def _sides(polygon: Int[np.ndarray, " m"], joins: Int[np.ndarray, "j 2"]) -> Int[np.ndarray, "s 2"]:
+    """Places in a polygon of the ends of its sides, and of those of joined sides that pass no corner of a cut."""
+    m = len(polygon)
+    place = np.full(int(polygon.max()) + 1, -1)
+    place[polygon] = np.arange(m)
+    twice = np.bincount(polygon)[polygon] > 1
+    passed = np.append(0, np.cumsum(np.append(twice, twice)))
+    own = np.stack([np.arange(m), (np.arange(m) + 1) % m], axis=1)
+    start, end = place[joins].T
+    end = np.where(end <= start, end + m, end)
+    free = (passed[end + 1] == passed[start]) & (end - start > 1) & (polygon[(start + 1) % m] > polygon[start] - m)
+    return np.concatenate([own, np.stack([start, end % m], axis=1)[free]])
 
 
 def _assembled(rings: Sequence[_Ring], inside: Int[np.ndarray, "q 4"]) -> Blocks:
@@ -264,34 +330,49 @@ def _cut(inner: Complex[np.ndarray, " n"], sizes: Rims) -> Int[np.ndarray, " m"]
     return np.array(polygon)
 
 
-def _quadrangulated(z: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "q 4"] | None:
-    """The convex quadrilaterals that fill a polygon, with the least sum of 1/sin of least angles; None if none do.
+def _quadrangulated(z: Complex[np.ndarray, " m"], sides: Int[np.ndarray, "s 2"]) -> Int[np.ndarray, "q 4"] | None:
+    """Convex quadrilaterals that fill a polygon, with the least cost; None if none do.
 
-    Dynamic programming over the chords of the polygon. Equal points may occur twice.
+    The sides join corners, in order, and may leave out others. Their cost is `_SIDE_COST`, that of quadrilaterals
+    1/sin of the least angle. Dynamic programming over the chords of the polygon. Equal points may occur twice.
     """
     m = len(z)
     with np.errstate(invalid="ignore"):
         step = z - z[:, None]
         step /= np.abs(step)
     cost, between = np.full((m, m), np.inf), np.zeros((m, m, 2), dtype=np.int64)
-    cost[np.arange(m - 1), np.arange(1, m)] = 0.0
-    for width in range(3, m, 2):
-        for i in range(m - width):
-            j = i + width
-            k, h = np.arange(i + 1, j, 2)[:, None], np.arange(i + 2, j, 2)
-            sides = np.broadcast_arrays(step[j, i], step[i, k], step[k, h], step[h, j], step[j, i])
-            sine = np.minimum.reduce([cross(a, b) for a, b in itertools.pairwise(sides)])
-            with np.errstate(divide="ignore", invalid="ignore"):
-                total = cost[i, k] + cost[k, h] + cost[h, j] + 1 / np.where(sine > _LEAST_SINE, sine, 0.0)
-            best = int(total.argmin())
-            cost[i, j], between[i, j] = total.flat[best], (k.flat[best // h.size], h.flat[best % h.size])
-    if not np.isfinite(cost[0, m - 1]):
+    start, end = sides[sides[:, 1] > 0].T
+    cost[start, end] = _SIDE_COST
+    every = 2 if len(sides) == m else 1  # without joined sides the numbers of corners on both sides of chords are even
+    for width in range(3, m, every):
+        i = np.arange(m - width)[:, None]
+        # third and fourth corners of all quadrilaterals on the chords from i to i + width
+        second, third = np.nonzero(np.triu(np.ones((width // every,) * 2, dtype=bool)))
+        second, third = every * second + 1, every * third + 2
+        second, third = second[third < width], third[third < width]
+        total = cost[i, i + second] + cost[i + second, i + third] + cost[i + third, i + width]
+        chord, choice = np.nonzero(np.isfinite(total))
+        a, b, c, d = chord, chord + second[choice], chord + third[choice], chord + width
+        corners = step[d, a], step[a, b], step[b, c], step[c, d], step[d, a]
+        sine = np.minimum.reduce([cross(one, two) for one, two in itertools.pairwise(corners)])
+        with np.errstate(divide="ignore"):
+            total[chord, choice] += 1 / np.where(sine > _LEAST_SINE, sine, 0.0)
+        if total.shape[1]:
+            best = total.argmin(axis=1)
+            least, i = total[i[:, 0], best], i[:, 0]
+            better = least < cost[i, i + width]
+            i, best = i[better], best[better]
+            cost[i, i + width] = least[better]
+            between[i, i + width] = np.stack([i + second[best], i + third[best]], axis=1)
+    last = sides[sides[:, 1] == 0, 0]  # ends of the sides to the first corner
+    final = int(last[cost[0, last].argmin()])
+    if not np.isfinite(cost[0, final]):
         return None
-    quads, chords = [], [(0, m - 1)]
+    quads, chords = [], [(0, final)]
     while chords:
         i, j = chords.pop()
-        if j - i > 1:
-            k, h = between[i, j].tolist()
+        k, h = between[i, j].tolist()
+        if h:
             quads.append((i, k, h, j))
             chords += [(i, k), (k, h), (h, j)]
     return np.array(quads)
