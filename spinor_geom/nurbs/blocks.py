@@ -24,9 +24,9 @@ _CLEAR = 0.9  # a depth is possible if the nearest point of ∂Ω is at least at
 _GRID = np.linspace(0, 1, 9)  # where quadrilaterals of the ring must not be folded
 _ASIDE = 0.005  # where derivatives at the ends of a side are taken, as a share of it
 _LEAST_SINE = 0.1  # of the angle between the parameter lines
-_EVEN = 0.15  # least thickness of a quadrilateral of the ring, as a share of its largest
+_JOINED_SINE = 0.3  # the same for joined quadrilaterals
+_EVEN = 0.1  # least thickness of a quadrilateral of the ring, as a share of its largest
 _LONGEST = 8.0  # of a quadrilateral of a ring along ∂Ω before some are joined, relative to its depth
-_SIDE_COST = 3.0  # of a quadrilateral of a ring, relative to that of a square inside
 _MOST_CORNERS = 100  # of a region that is divided into quadrilaterals: the time grows with the fourth power
 _TRIES = 12  # numbers of sides that are tried for quadrilaterals inside
 _ROUNDS = 10  # of halving sides on ∂Ω
@@ -173,7 +173,7 @@ class _Ring:
         """The ring with pairs of quadrilaterals joined, the shortest first, where the result is not folded."""
         k = len(self)
         end, after = np.append(self.marks[2:], self.marks[:2] + 1), np.roll(np.arange(k), -2)
-        folded = _folded(self.rim, self.marks, end, self.inner, self.inner[after])
+        folded = _folded(self.rim, self.marks, end, self.inner, self.inner[after], _LEAST_SINE)
         # rounded, so that equal lengths are joined in order
         length = np.round((self.lengths + np.roll(self.lengths, -1)) / self.lengths.sum(), 9)
         kept, used = np.ones(k, dtype=bool), np.zeros(k, dtype=bool)
@@ -188,8 +188,8 @@ class _Ring:
         left = {name: getattr(self, name)[which] for name in ("marks", "outer", "depth", "inwards", "fixed")}
         return replace(self, **left)
 
-    def joins(self) -> Int[np.ndarray, "j 2"]:
-        """Pairs of marks between which quadrilaterals can be joined to one that is not folded."""
+    def joins(self) -> Int[np.ndarray, "j 3"]:
+        """Pairs of marks between which quadrilaterals can be joined to one that is not folded, and their numbers."""
         k = len(self)
         first, more = np.nonzero(np.ones((k, max(1, k // _FEWEST)), dtype=bool))
         last = first + more + 1
@@ -197,12 +197,12 @@ class _Ring:
         free = (more > 0) & (crossed[last] == crossed[first + 1])
         first, last = first[free], last[free]
         marks, inner = np.append(self.marks, self.marks + 1), np.append(self.inner, self.inner)
-        folded = _folded(self.rim, marks[first], marks[last], inner[first], inner[last])
-        return np.stack([first, last % k], axis=1)[~folded]
+        folded = _folded(self.rim, marks[first], marks[last], inner[first], inner[last], _JOINED_SINE)
+        return np.stack([first, last % k, last - first], axis=1)[~folded]
 
     def folded(self) -> Bool[np.ndarray, " k"]:
         """Which quadrilaterals are folded, or nearly so."""
-        return _folded(self.rim, self.marks, _ends(self.marks), self.inner, np.roll(self.inner, -1))
+        return _folded(self.rim, self.marks, _ends(self.marks), self.inner, np.roll(self.inner, -1), _LEAST_SINE)
 
 
 def _levelled(depth: Float[np.ndarray, " k"], outer: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
@@ -225,6 +225,7 @@ def _folded(
     end: Float[np.ndarray, " k"],
     before: Complex[np.ndarray, " k"],
     after: Complex[np.ndarray, " k"],
+    least_sine: float,
 ) -> Bool[np.ndarray, " k"]:
     """Which quadrilaterals between boundary points and inner corners are folded, or nearly so."""
     width = (end - start)[:, None]
@@ -235,7 +236,7 @@ def _folded(
     area = cross(along, across[..., None])
     thickness = np.abs(across)
     even = thickness.min(axis=1) > _EVEN * thickness.max(axis=1)
-    is_open = (area > _LEAST_SINE * np.abs(along) * thickness[..., None]).all(axis=(1, 2))
+    is_open = (area > least_sine * np.abs(along) * thickness[..., None]).all(axis=(1, 2))
     return np.asarray(~(even & is_open))
 
 
@@ -280,8 +281,10 @@ def _joined(rings: Sequence[_Ring]) -> tuple[list[_Ring], Int[np.ndarray, "q 4"]
     sizes = tuple(map(len, rings))
     inner = np.concatenate([ring.inner for ring in rings])
     polygon = _cut(inner, sizes)
-    joins = [ring.joins() + first for ring, first in zip(rings, np.cumsum((0, *sizes)), strict=False)]
-    quads = _quadrangulated(inner[polygon], _sides(polygon, np.concatenate(joins)))
+    joins = [ring.joins() for ring in rings]
+    ends = [own[:, :2] + first for own, first in zip(joins, np.cumsum((0, *sizes)), strict=False)]
+    sides = _sides(polygon, np.concatenate(ends), np.concatenate([own[:, 2] for own in joins]))
+    quads = _quadrangulated(inner[polygon], sides)
     if quads is None:
         return None
     used = np.zeros(len(inner), dtype=bool)
@@ -290,18 +293,20 @@ def _joined(rings: Sequence[_Ring]) -> tuple[list[_Ring], Int[np.ndarray, "q 4"]
     return [ring.kept(own) for ring, own in zip(rings, kept, strict=True)], (np.cumsum(used) - 1)[polygon[quads]]
 
 
-def _sides(polygon: Int[np.ndarray, " m"], joins: Int[np.ndarray, "j 2"]) -> Int[np.ndarray, "s 2"]:
-    """Places in a polygon of the ends of its sides, and of those of joined sides that pass no corner of a cut."""
+def _sides(
+    polygon: Int[np.ndarray, " m"], joins: Int[np.ndarray, "j 2"], steps: Int[np.ndarray, " j"]
+) -> Int[np.ndarray, "s 2"]:
+    """Places in a polygon of the ends of its sides, and of joined sides of several steps that pass no end of a cut."""
     m = len(polygon)
-    place = np.full(int(polygon.max()) + 1, -1)
-    place[polygon] = np.arange(m)
-    twice = np.bincount(polygon)[polygon] > 1
-    passed = np.append(0, np.cumsum(np.append(twice, twice)))
+    places = np.zeros((2, int(polygon.max()) + 1), dtype=np.int64)  # first and last ones: ends of cuts occur twice
+    places[1, polygon] = np.arange(m)
+    places[0, polygon[::-1]] = np.arange(m)[::-1]
     own = np.stack([np.arange(m), (np.arange(m) + 1) % m], axis=1)
-    start, end = place[joins].T
-    end = np.where(end <= start, end + m, end)
-    free = (passed[end + 1] == passed[start]) & (end - start > 1) & (polygon[(start + 1) % m] > polygon[start] - m)
-    return np.concatenate([own, np.stack([start, end % m], axis=1)[free]])
+    found = [own]
+    for start, end in itertools.product(places, places):
+        pairs = np.stack([start[joins[:, 0]], end[joins[:, 1]]], axis=1)
+        found.append(pairs[(pairs[:, 1] - pairs[:, 0]) % m == steps])
+    return np.unique(np.concatenate(found), axis=0)
 
 
 def _assembled(rings: Sequence[_Ring], inside: Int[np.ndarray, "q 4"]) -> Blocks:
@@ -318,7 +323,10 @@ def _assembled(rings: Sequence[_Ring], inside: Int[np.ndarray, "q 4"]) -> Blocks
 
 
 def _cut(inner: Complex[np.ndarray, " n"], sizes: Rims) -> Int[np.ndarray, " m"]:
-    """The corners of one closed polygon along all rims, with cuts between nearest corners of different rims."""
+    """The corners of one closed polygon along all rims, with cuts between nearest corners of different rims.
+
+    It begins at the end of a cut.
+    """
     outer, *holes = np.split(np.arange(len(inner)), np.cumsum(sizes)[:-1])
     polygon, rest = outer.tolist(), [hole.tolist() for hole in holes]
     while rest:
@@ -327,14 +335,15 @@ def _cut(inner: Complex[np.ndarray, " n"], sizes: Rims) -> Int[np.ndarray, " m"]
         i, j = divmod(int(distances[number].argmin()), len(rest[number]))
         hole = rest.pop(number)
         polygon = [*polygon[: i + 1], *hole[j:], *hole[: j + 1], *polygon[i:]]
-    return np.array(polygon)
+    ends = np.flatnonzero(np.bincount(polygon)[polygon] > 1)
+    return np.roll(polygon, -ends[-1]) if len(ends) else np.array(polygon)
 
 
 def _quadrangulated(z: Complex[np.ndarray, " m"], sides: Int[np.ndarray, "s 2"]) -> Int[np.ndarray, "q 4"] | None:
     """Convex quadrilaterals that fill a polygon, with the least cost; None if none do.
 
-    The sides join corners, in order, and may leave out others. Their cost is `_SIDE_COST`, that of quadrilaterals
-    1/sin of the least angle. Dynamic programming over the chords of the polygon. Equal points may occur twice.
+    The sides join corners, in order, and may leave out others. The cost of a quadrilateral is 1/sin of its least angle.
+    Dynamic programming over the chords of the polygon. Equal points may occur twice.
     """
     m = len(z)
     with np.errstate(invalid="ignore"):
@@ -342,7 +351,7 @@ def _quadrangulated(z: Complex[np.ndarray, " m"], sides: Int[np.ndarray, "s 2"])
         step /= np.abs(step)
     cost, between = np.full((m, m), np.inf), np.zeros((m, m, 2), dtype=np.int64)
     start, end = sides[sides[:, 1] > 0].T
-    cost[start, end] = _SIDE_COST
+    cost[start, end] = 0.0
     every = 2 if len(sides) == m else 1  # without joined sides the numbers of corners on both sides of chords are even
     for width in range(3, m, every):
         i = np.arange(m - width)[:, None]
