@@ -24,7 +24,7 @@ _CLEAR = 0.9  # a depth is possible if the nearest point of ∂Ω is at least at
 _GRID = np.linspace(0, 1, 9)  # where quadrilaterals of the ring must not be folded
 _ASIDE = 0.005  # where derivatives at the ends of a side are taken, as a share of it
 _LEAST_SINE = 0.1  # of the angle between the parameter lines
-_JOINED_SINE = 0.3  # the same for joined quadrilaterals
+_TURN = 1.65  # of ∂Ω along joined quadrilaterals, in radians: less than 90° takes more of them, more takes more knots
 _EVEN = 0.1  # least thickness of a quadrilateral of the ring, as a share of its largest
 _LONGEST = 8.0  # of a quadrilateral of a ring along ∂Ω before some are joined, relative to its depth
 _MOST_CORNERS = 100  # of a region that is divided into quadrilaterals: the time grows with the fourth power
@@ -173,7 +173,7 @@ class _Ring:
         """The ring with pairs of quadrilaterals joined, the shortest first, where the result is not folded."""
         k = len(self)
         end, after = np.append(self.marks[2:], self.marks[:2] + 1), np.roll(np.arange(k), -2)
-        folded = _folded(self.rim, self.marks, end, self.inner, self.inner[after], _LEAST_SINE)
+        folded = _folded(self.rim, self.marks, end, self.inner, self.inner[after])
         # rounded, so that equal lengths are joined in order
         length = np.round((self.lengths + np.roll(self.lengths, -1)) / self.lengths.sum(), 9)
         kept, used = np.ones(k, dtype=bool), np.zeros(k, dtype=bool)
@@ -197,12 +197,12 @@ class _Ring:
         free = (more > 0) & (crossed[last] == crossed[first + 1])
         first, last = first[free], last[free]
         marks, inner = np.append(self.marks, self.marks + 1), np.append(self.inner, self.inner)
-        folded = _folded(self.rim, marks[first], marks[last], inner[first], inner[last], _JOINED_SINE)
+        folded = _folded(self.rim, marks[first], marks[last], inner[first], inner[last], most_turn=_TURN)
         return np.stack([first, last % k, last - first], axis=1)[~folded]
 
     def folded(self) -> Bool[np.ndarray, " k"]:
         """Which quadrilaterals are folded, or nearly so."""
-        return _folded(self.rim, self.marks, _ends(self.marks), self.inner, np.roll(self.inner, -1), _LEAST_SINE)
+        return _folded(self.rim, self.marks, _ends(self.marks), self.inner, np.roll(self.inner, -1))
 
 
 def _levelled(depth: Float[np.ndarray, " k"], outer: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
@@ -225,9 +225,9 @@ def _folded(
     end: Float[np.ndarray, " k"],
     before: Complex[np.ndarray, " k"],
     after: Complex[np.ndarray, " k"],
-    least_sine: float,
+    most_turn: float = np.inf,
 ) -> Bool[np.ndarray, " k"]:
-    """Which quadrilaterals between boundary points and inner corners are folded, or nearly so."""
+    """Which quadrilaterals between boundary points and inner corners are folded, or nearly so, or where ∂Ω turns more."""
     width = (end - start)[:, None]
     t, step = start[:, None] + width * _GRID, (after - before)[:, None]
     velocity = width * rim.derivative(start[:, None] + width * np.clip(_GRID, _ASIDE, 1 - _ASIDE))
@@ -236,8 +236,9 @@ def _folded(
     area = cross(along, across[..., None])
     thickness = np.abs(across)
     even = thickness.min(axis=1) > _EVEN * thickness.max(axis=1)
-    is_open = (area > least_sine * np.abs(along) * thickness[..., None]).all(axis=(1, 2))
-    return np.asarray(~(even & is_open))
+    turn = np.abs(np.angle(velocity[:, 1:] / velocity[:, :-1])).sum(axis=1)
+    is_open = (area > _LEAST_SINE * np.abs(along) * thickness[..., None]).all(axis=(1, 2))
+    return np.asarray(~(even & is_open & (turn <= most_turn)))
 
 
 def _bound(rings: Sequence[_Ring]) -> bool:
