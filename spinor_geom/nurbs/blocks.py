@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from spinor_geom.domain.delaunay import ConstrainedDelaunay, Rims, cross, rim_successors
+from spinor_geom.domain.delaunay import ConstrainedDelaunay, cross, rim_successors
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.polygons import bound_domain
 from spinor_geom.errors import DomainError
+from spinor_geom.nurbs.quadrangulation import LEAST_SINE, cut_open, quadrangulated, sides_of
 from spinor_geom.nurbs.rims import Rim
 
 _FEWEST, _FINE = 4, 64  # quadrilaterals along a boundary: fewest, and about the number to begin with
@@ -23,7 +23,6 @@ _SLOPE = 0.15  # largest change of depth per distance of two marks
 _CLEAR = 0.9  # a depth is possible if the nearest point of ∂Ω is at least at this share of the distance to be expected
 _GRID = np.linspace(0, 1, 9)  # where quadrilaterals of the ring must not be folded
 _ASIDE = 0.005  # where derivatives at the ends of a side are taken, as a share of it
-_LEAST_SINE = 0.1  # of the angle between the parameter lines
 _TURN = 1.65  # of ∂Ω along joined quadrilaterals, in radians: less than 90° takes more of them, more takes more knots
 _EVEN = 0.1  # least thickness of a quadrilateral of the ring, as a share of its largest
 _LONGEST = 8.0  # of a quadrilateral of a ring along ∂Ω before some are joined, relative to its depth
@@ -227,7 +226,10 @@ def _folded(
     after: Complex[np.ndarray, " k"],
     most_turn: float = np.inf,
 ) -> Bool[np.ndarray, " k"]:
-    """Which quadrilaterals between boundary points and inner corners are folded, or nearly so, or where ∂Ω turns more."""
+    """Which quadrilaterals between boundary points and inner corners are folded, or nearly so.
+
+    So are those along parts of ∂Ω that turn more.
+    """
     width = (end - start)[:, None]
     t, step = start[:, None] + width * _GRID, (after - before)[:, None]
     velocity = width * rim.derivative(start[:, None] + width * np.clip(_GRID, _ASIDE, 1 - _ASIDE))
@@ -237,7 +239,7 @@ def _folded(
     thickness = np.abs(across)
     even = thickness.min(axis=1) > _EVEN * thickness.max(axis=1)
     turn = np.abs(np.angle(velocity[:, 1:] / velocity[:, :-1])).sum(axis=1)
-    is_open = (area > _LEAST_SINE * np.abs(along) * thickness[..., None]).all(axis=(1, 2))
+    is_open = (area > LEAST_SINE * np.abs(along) * thickness[..., None]).all(axis=(1, 2))
     return np.asarray(~(even & is_open & (turn <= most_turn)))
 
 
@@ -269,11 +271,11 @@ def _shortened(domain: PlaneDomain, rings: Sequence[_Ring]) -> list[_Ring]:
 def _inside(rings: Sequence[_Ring]) -> Int[np.ndarray, "q 4"] | None:
     """Quadrilaterals that fill the region inside the rings, by numbers of inner corners; None if none were found."""
     inner = np.concatenate([ring.inner for ring in rings])
-    polygon = _cut(inner, tuple(map(len, rings)))
+    polygon = cut_open(inner, tuple(map(len, rings)))
     if len(polygon) > _MOST_CORNERS:
         return None
     sides = np.stack([np.arange(len(polygon)), np.roll(np.arange(len(polygon)), -1)], axis=1)
-    quads = _quadrangulated(inner[polygon], sides)
+    quads = quadrangulated(inner[polygon], sides)
     return None if quads is None else polygon[quads]
 
 
@@ -281,33 +283,17 @@ def _joined(rings: Sequence[_Ring]) -> tuple[list[_Ring], Int[np.ndarray, "q 4"]
     """The rings with neighbours joined, and the quadrilaterals inside, for the least cost; None if none were found."""
     sizes = tuple(map(len, rings))
     inner = np.concatenate([ring.inner for ring in rings])
-    polygon = _cut(inner, sizes)
+    polygon = cut_open(inner, sizes)
     joins = [ring.joins() for ring in rings]
     ends = [own[:, :2] + first for own, first in zip(joins, np.cumsum((0, *sizes)), strict=False)]
-    sides = _sides(polygon, np.concatenate(ends), np.concatenate([own[:, 2] for own in joins]))
-    quads = _quadrangulated(inner[polygon], sides)
+    sides = sides_of(polygon, np.concatenate(ends), np.concatenate([own[:, 2] for own in joins]))
+    quads = quadrangulated(inner[polygon], sides)
     if quads is None:
         return None
     used = np.zeros(len(inner), dtype=bool)
     used[polygon[quads]] = True
     kept = np.split(used, np.cumsum(sizes)[:-1])
     return [ring.kept(own) for ring, own in zip(rings, kept, strict=True)], (np.cumsum(used) - 1)[polygon[quads]]
-
-
-def _sides(
-    polygon: Int[np.ndarray, " m"], joins: Int[np.ndarray, "j 2"], steps: Int[np.ndarray, " j"]
-) -> Int[np.ndarray, "s 2"]:
-    """Places in a polygon of the ends of its sides, and of joined sides of several steps that pass no end of a cut."""
-    m = len(polygon)
-    places = np.zeros((2, int(polygon.max()) + 1), dtype=np.int64)  # first and last ones: ends of cuts occur twice
-    places[1, polygon] = np.arange(m)
-    places[0, polygon[::-1]] = np.arange(m)[::-1]
-    own = np.stack([np.arange(m), (np.arange(m) + 1) % m], axis=1)
-    found = [own]
-    for start, end in itertools.product(places, places):
-        pairs = np.stack([start[joins[:, 0]], end[joins[:, 1]]], axis=1)
-        found.append(pairs[(pairs[:, 1] - pairs[:, 0]) % m == steps])
-    return np.unique(np.concatenate(found), axis=0)
 
 
 def _assembled(rings: Sequence[_Ring], inside: Int[np.ndarray, "q 4"]) -> Blocks:
@@ -321,71 +307,6 @@ def _assembled(rings: Sequence[_Ring], inside: Int[np.ndarray, "q 4"]) -> Blocks
         parts=np.concatenate([np.stack([ring.marks, _ends(ring.marks)], axis=1) for ring in rings]),
         sizes=sizes,
     )
-
-
-def _cut(inner: Complex[np.ndarray, " n"], sizes: Rims) -> Int[np.ndarray, " m"]:
-    """The corners of one closed polygon along all rims, with cuts between nearest corners of different rims.
-
-    It begins at the end of a cut.
-    """
-    outer, *holes = np.split(np.arange(len(inner)), np.cumsum(sizes)[:-1])
-    polygon, rest = outer.tolist(), [hole.tolist() for hole in holes]
-    while rest:
-        distances = [np.abs(np.subtract.outer(inner[polygon], inner[hole])) for hole in rest]
-        number = int(np.argmin([each.min() for each in distances]))
-        i, j = divmod(int(distances[number].argmin()), len(rest[number]))
-        hole = rest.pop(number)
-        polygon = [*polygon[: i + 1], *hole[j:], *hole[: j + 1], *polygon[i:]]
-    ends = np.flatnonzero(np.bincount(polygon)[polygon] > 1)
-    return np.roll(polygon, -ends[-1]) if len(ends) else np.array(polygon)
-
-
-def _quadrangulated(z: Complex[np.ndarray, " m"], sides: Int[np.ndarray, "s 2"]) -> Int[np.ndarray, "q 4"] | None:
-    """Convex quadrilaterals that fill a polygon, with the least cost; None if none do.
-
-    The sides join corners, in order, and may leave out others. The cost of a quadrilateral is 1/sin of its least angle.
-    Dynamic programming over the chords of the polygon. Equal points may occur twice.
-    """
-    m = len(z)
-    with np.errstate(invalid="ignore"):
-        step = z - z[:, None]
-        step /= np.abs(step)
-    cost, between = np.full((m, m), np.inf), np.zeros((m, m, 2), dtype=np.int64)
-    start, end = sides[sides[:, 1] > 0].T
-    cost[start, end] = 0.0
-    every = 2 if len(sides) == m else 1  # without joined sides the numbers of corners on both sides of chords are even
-    for width in range(3, m, every):
-        i = np.arange(m - width)[:, None]
-        # third and fourth corners of all quadrilaterals on the chords from i to i + width
-        second, third = np.nonzero(np.triu(np.ones((width // every,) * 2, dtype=bool)))
-        second, third = every * second + 1, every * third + 2
-        second, third = second[third < width], third[third < width]
-        total = cost[i, i + second] + cost[i + second, i + third] + cost[i + third, i + width]
-        chord, choice = np.nonzero(np.isfinite(total))
-        a, b, c, d = chord, chord + second[choice], chord + third[choice], chord + width
-        corners = step[d, a], step[a, b], step[b, c], step[c, d], step[d, a]
-        sine = np.minimum.reduce([cross(one, two) for one, two in itertools.pairwise(corners)])
-        with np.errstate(divide="ignore"):
-            total[chord, choice] += 1 / np.where(sine > _LEAST_SINE, sine, 0.0)
-        if total.shape[1]:
-            best = total.argmin(axis=1)
-            least, i = total[i[:, 0], best], i[:, 0]
-            better = least < cost[i, i + width]
-            i, best = i[better], best[better]
-            cost[i, i + width] = least[better]
-            between[i, i + width] = np.stack([i + second[best], i + third[best]], axis=1)
-    last = sides[sides[:, 1] == 0, 0]  # ends of the sides to the first corner
-    final = int(last[cost[0, last].argmin()])
-    if not np.isfinite(cost[0, final]):
-        return None
-    quads, chords = [], [(0, final)]
-    while chords:
-        i, j = chords.pop()
-        k, h = between[i, j].tolist()
-        if h:
-            quads.append((i, k, h, j))
-            chords += [(i, k), (k, h), (h, j)]
-    return np.array(quads)
 
 
 def _with_triangles(rings: Sequence[_Ring]) -> Blocks:
