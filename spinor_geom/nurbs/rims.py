@@ -13,15 +13,18 @@ from scipy.optimize import nnls
 from scipy.special import binom
 
 from spinor_geom.arrays import to_numpy
-from spinor_geom.domain.plane_domain import Boundary
-from spinor_geom.domain.quadrature import cumulative_matrix
+from spinor_geom.domain.plane_domain import Boundary, FourierBoundary
 from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.nurbs.smooth_primitive import SmoothPrimitive
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.interior import RimPrimitive
 
-_STEPS, _STEP = 10, 1e-6  # Newton steps for the parameter on ∂Ω, and the difference for its derivative
-_PRECISE, _REACH = 1e-13, 0.02  # the last step, and the longest one
+_STEPS = 10  # of Newton's method for the parameter on ∂Ω
+_PRECISE, _REACH = 1e-8, 0.02  # the last step, after which the error is about its square, and the longest one
+# relative accuracy of ∫ φ dz: a share of the boundary residual, within limits that the tolerance 1e-6 needs
+_OF_RESIDUAL, _ACCURACY = 1e-3, (1e-10, 1e-8)
 _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
 _SLOPE_STEP = 1e-6  # difference for derivatives by the parameter on Γ
 # Shares of s and t on a side that differ by more are approximated by a polynomial: 0.44 beside the opened corner of an
@@ -46,18 +49,21 @@ class Rim:
 
     match: RimMatch
     start: Float[np.ndarray, "3"]
-    primitive: RimPrimitive
+    primitive: RimPrimitive | SmoothPrimitive
 
     @classmethod
     def all_of(cls, solution: PlateauSolution) -> tuple[Rim, ...]:
         """The rims of a solution, in order."""
         surface, domain = solution.array_surface, solution.domain
-        primitives = surface.rim_primitives(surface.order)
-        starts = surface.position(np.array([match.boundary.point(np.zeros(())) for match in solution.rims]))
+        share = solution.boundary_residual.max / max(match.loop.diagonal for match in solution.rims)
+        accuracy = float(np.clip(_OF_RESIDUAL * share, *_ACCURACY))
+        primitives = [_primitive(surface, boundary, accuracy) for boundary in domain.boundaries]
         is_inner = domain.root >= domain.triangulation.boundary_size
         if is_inner and not (domain.holes or surface.has_closed_positions):
             # by Cauchy's formula, as inside: paths to ∂Ω pass by poles
             starts = to_numpy(surface.constant) - primitives[0].inside(np.array([surface.root])).real
+        else:
+            starts = surface.position(np.array([match.boundary.point(np.zeros(())) for match in solution.rims]))
         return tuple(
             cls(match=match, start=start, primitive=primitive)
             for match, start, primitive in zip(solution.rims, starts, primitives, strict=True)
@@ -109,12 +115,12 @@ class Rim:
 
         Their derivatives are sums of Bernstein polynomials with factors that are not negative.
         """
-        found = []
+        found, matched = [], np.concatenate([self.match.matching + turn for turn in range(-2, 3)]).T
         degrees, nodes = np.arange(_DEGREE + 1), (1 - np.cos(np.pi * np.arange(1, _NODES) / _NODES)) / 2
         basis = binom(_DEGREE, degrees) * nodes[:, None] ** degrees * (1 - nodes[:, None]) ** degrees[::-1]
         steps = basis[:, ::-1].cumsum(axis=1)[:, -2::-1]  # sums of the last ones
         for side, (first, last) in enumerate(itertools.pairwise(self._at_corners if len(self.corners) else ())):
-            s = self._matched(first + nodes * (last - first), back=True)
+            s = np.interp(first + nodes * (last - first), *matched)
             begin, end = np.append(self.corners, self.corners[0] + 1)[side : side + 2]
             shares = (s - begin) % 1.0 / (end - begin)
             if np.abs(shares - nodes).max() > _UNEVEN:
@@ -137,10 +143,9 @@ class Rim:
         t = np.clip(self._matched(flat), least, most)
         point, tangent = self.curve.point(flat) + shift, self.curve.derivative(flat)
         for _ in range(_STEPS):
-            ahead = t + np.where(t + _STEP <= most, _STEP, -_STEP)
-            here, there = np.split(self.positions(np.concatenate([t, ahead])), 2)
-            gap = ((point - here) * tangent).sum(axis=1)
-            speed = ((there - here) * tangent).sum(axis=1) / (ahead - t)
+            moved, velocity = self.primitive.at(t % 1.0)
+            gap = ((point - self.start - moved) * tangent).sum(axis=1)
+            speed = (velocity * tangent).sum(axis=1)
             step = np.divide(gap, speed, out=np.zeros_like(gap), where=speed > 0)
             t, before = np.clip(t + np.clip(step, -_REACH, _REACH), least, most), t
             if np.abs(t - before).max(initial=0.0) <= _PRECISE:
@@ -174,17 +179,20 @@ class Rim:
         t = t - offset[np.arange(len(t)), np.abs(offset).argmin(axis=1)]
         return np.append(t, t[0] + 1)
 
-    def _matched(self, s: Float[np.ndarray, " n"], *, back: bool = False) -> Float[np.ndarray, " n"]:
-        """Parameters on ∂Ω by the matching of the solution, or back; they increase with s, which is not modulo 1."""
-        t, own = (np.concatenate([each + turn for turn in range(-2, 3)]) for each in self.match.matching.T)
-        return np.asarray(np.interp(s, t, own) if back else np.interp(s, own, t))
+    def _matched(self, s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Parameters on ∂Ω by the matching of the solution; they increase with s, which is not taken modulo 1."""
+        turns = np.floor(s)
+        return np.asarray(self.match.parameters(s - turns) + turns)
 
     def positions(self, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Positions of the surface at parameters on ∂Ω."""
-        t = t % 1.0
-        order, breaks = self.primitive.panels.order, self.primitive.panels.breaks
-        panel = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, len(breaks) - 2)
-        width = np.diff(breaks)[panel]
-        rows = cumulative_matrix(order, tuple((t - breaks[panel]) / width))
-        within = np.einsum("ng,ngk->nk", rows, self.primitive.velocity.reshape(-1, order, 3)[panel])
-        return np.asarray(self.start + (self.primitive.at_breaks[panel] + width[:, None] * within).real)
+        return np.asarray(self.start + self.primitive.at(t % 1.0)[0])
+
+
+def _primitive(surface: ArraySurface, boundary: Boundary, accuracy: float) -> RimPrimitive | SmoothPrimitive:
+    """∫ φ dz along a boundary, by panels where it is not smooth."""
+    if isinstance(boundary, FourierBoundary):
+        smooth = SmoothPrimitive.along(boundary, surface.null_curve, accuracy)
+        if smooth is not None:
+            return smooth
+    return RimPrimitive.along(boundary, surface.null_curve, surface.order)

@@ -13,7 +13,9 @@ from jaxtyping import Complex, Float, Inexact
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
 from spinor_geom.mesh.array_checks import shared
 from spinor_geom.nurbs.blocks import Blocks
+from spinor_geom.nurbs.quad_polynomials import CANDIDATES, CHECKS, QuadPolynomials
 from spinor_geom.nurbs.rims import Rim
+from spinor_geom.nurbs.smooth_primitive import SmoothPrimitive
 from spinor_geom.nurbs.strips import Breaks, Grid, Values
 from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.formulas import phi
@@ -40,8 +42,9 @@ class Samples:
     The surface misses Γ by the boundary residual. A point at parameter v of a ring, 0 on ∂Ω and 1 at its inner side, is
     moved by (1 − v)² times the displacement of the rim, so that the film fits the frame and stays smooth.
 
-    Without a closed form, positions in a ring are integrals of φ along straight lines from ∂Ω. Those inside are by
-    Cauchy's formula, with the same nodes on ∂Ω for all points.
+    Without a closed form, ∫ φ dz of a smooth disk is a polynomial on each quadrilateral, by Cauchy's formula at the
+    nodes of interpolation. Where ∂Ω is not smooth, and between several rims, positions in a ring are integrals of φ
+    along straight lines from ∂Ω; those inside a disk are by Cauchy's formula, with the same nodes on ∂Ω for all points.
     """
 
     surface: ArraySurface
@@ -54,7 +57,7 @@ class Samples:
         inner = [k for k, (quad, *_) in enumerate(grids) if quad >= len(self.blocks.parts)]
         found: dict[int, tuple[Values, Values]] = {}
         z = [self.blocks.grid(quad, u, v, None) for quad, u, v, _ in (grids[k] for k in inner)]
-        for k, exact in zip(inner, _split(self._inside, z), strict=True):
+        for k, exact in zip(inner, self._inside([grids[k][0] for k in inner], z), strict=True):
             found[k] = exact, exact
         sides = self._sides([grids[k] for k in ring])
         for k, side, exact in zip(ring, sides, self._rings([grids[k] for k in ring], sides), strict=True):
@@ -87,13 +90,13 @@ class Samples:
 
     def _rings(self, grids: Sequence[Grid], sides: Sequence[_Side]) -> list[Values]:
         """Positions of the minimal surface in rings, arbitrary on ∂Ω."""
-        if self.surface.has_closed_positions:
+        if self._is_smooth:
             inside = [np.where(v > 0, v, 1.0) for _, _, v, _ in grids]
             z = [
                 self.blocks.grid(quad, u, w, side.z)
                 for (quad, u, *_), w, side in zip(grids, inside, sides, strict=True)
             ]
-            return _split(self._inside, z)
+            return self._inside([quad for quad, *_ in grids], z)
         columns = {
             (id(side), breaks): (quad, u, side, self._pieces(quad, breaks))
             for (quad, u, _, breaks), side in zip(grids, sides, strict=True)
@@ -117,11 +120,40 @@ class Samples:
         p, q = self.surface.spinors(z).T
         return np.asarray(phi(p, q))
 
-    def _inside(self, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Positions not nearer to ∂Ω than the inner sides of rings, or in closed form."""
+    def _inside(self, quads: Sequence[int], z: Sequence[Complex[np.ndarray, "_ _"]]) -> list[Values]:
+        """Positions at arrays of points of quadrilaterals; in rings only of smooth surfaces."""
         if self.surface.has_closed_positions or len(self.rims) > 1:
-            return np.asarray(self.surface.position(z))
-        return np.asarray(self.rims[0].start + self._primitive.inside(z).real)
+            return _split(self.surface.position, z)
+        start = self.rims[0].start
+        if self._polynomials is None:
+            return _split(lambda w: start + self._primitive.inside(w).real, z)
+        values = self._polynomials.values(quads, [w.ravel() for w in z])
+        return [start + value.real.reshape(*w.shape, 3) for value, w in zip(values, z, strict=True)]
+
+    @property
+    def _is_smooth(self) -> bool:
+        """Whether `_inside` is accurate up to ∂Ω."""
+        return self.surface.has_closed_positions or self._polynomials is not None
+
+    @cached_property
+    def _polynomials(self) -> QuadPolynomials | None:
+        """∫ φ dz on the quadrilaterals of a disk with a smooth boundary; None for other surfaces."""
+        primitive = self.rims[0].primitive
+        if len(self.rims) > 1 or not isinstance(primitive, SmoothPrimitive):
+            return None
+        outlines = [
+            np.concatenate([self._outlines(u, side) for side in range(4)], axis=1) for u in (CANDIDATES, CHECKS)
+        ]
+        return QuadPolynomials.through(primitive.inside, *outlines, 10 * primitive.accuracy)
+
+    def _outlines(self, u: Float[np.ndarray, " n"], side: int) -> Complex[np.ndarray, "q n"]:
+        """Points of one side of all quadrilaterals."""
+        start, end = (self.blocks.points[self.blocks.quads[:, k % 4]][:, None] for k in (side, side + 1))
+        points = start + u * (end - start)
+        if side == 0:
+            first, last = self.blocks.parts[..., None].swapaxes(0, 1)
+            points[: len(first)] = self.rims[0].point(first + u * (last - first))
+        return np.asarray(points)
 
     @cached_property
     def _primitive(self) -> RimPrimitive:

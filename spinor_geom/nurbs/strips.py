@@ -250,19 +250,24 @@ class _Sampled:
         return chosen
 
     def fit(self, mesh: QuadMesh) -> Fit:
-        """The control points; sides and corners are those of the first patch that has them."""
+        """The control points."""
         nets = []
-        rows: dict[int, tuple[Values, bool]] = {}
-        corners: dict[int, Float[np.ndarray, "3"]] = {}
         for quad, (u, v) in enumerate(self.spaces):
             values = self.values[(quad, u, v)].at_nodes
-            net = np.tensordot(u.interpolation, v.interpolation @ values, axes=1)
-            sides = (net[:, 0], net[-1], net[:, -1], net[0])
-            for corner, (a, b) in zip(mesh.quads[quad].tolist(), ((0, 0), (-1, 0), (-1, -1), (0, -1)), strict=True):
-                net[a, b] = corners.setdefault(corner, net[a, b].copy())
-            for side, row in enumerate(sides):
-                ahead = bool(mesh.ahead[quad, side])
-                first, direction = rows.setdefault(int(mesh.edges[quad, side]), (row.copy(), ahead))
-                row[:] = first if direction == ahead else first[::-1]
-            nets.append(net)
+            nets.append(np.tensordot(u.interpolation, v.interpolation @ values, axes=1))
+        share_sides(mesh, nets)
         return Fit(spaces=self.spaces, nets=tuple(nets), error=self.error)
+
+
+def share_sides(mesh: QuadMesh, nets: Sequence[Float[np.ndarray, "_ _ c"]]) -> None:
+    """Makes sides and corners of control nets those of the first patch that has them, bit for bit, in place."""
+    rows: dict[int, tuple[Float[np.ndarray, "_ c"], bool]] = {}
+    corners: dict[int, Float[np.ndarray, " c"]] = {}
+    for quad, net in enumerate(nets):
+        sides = (net[:, 0], net[-1], net[:, -1], net[0])
+        for corner, (a, b) in zip(mesh.quads[quad].tolist(), ((0, 0), (-1, 0), (-1, -1), (0, -1)), strict=True):
+            net[a, b] = corners.setdefault(corner, net[a, b].copy())
+        for side, row in enumerate(sides):
+            ahead = bool(mesh.ahead[quad, side])
+            first, direction = rows.setdefault(int(mesh.edges[quad, side]), (row.copy(), ahead))
+            row[:] = first if direction == ahead else first[::-1]

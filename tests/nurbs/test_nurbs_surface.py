@@ -11,7 +11,8 @@ from spinor_geom import gallery
 from spinor_geom.errors import CadFileError, OptionError
 from spinor_geom.gallery import curves, schwarz, surfaces
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.nurbs.nurbs_surface import NurbsPatch, NurbsSurface, nurbs_surface
+from spinor_geom.nurbs.nurbs_patch import NurbsPatch
+from spinor_geom.nurbs.nurbs_surface import NurbsSurface, nurbs_surface
 from spinor_geom.plateau.solution import PlateauSolution
 from tests.open_cascade import area_of, count, distances, free_boundary, free_wires, is_valid
 
@@ -238,8 +239,21 @@ def test_a_ragged_rim_is_followed() -> None:
 def test_a_patch_is_evaluated_as_its_sides() -> None:
     rng = np.random.default_rng(1)
     knots = np.array([0.0, 0, 0, 0.5, 1, 1, 1])
-    patch = NurbsPatch(control_points=rng.normal(size=(4, 4, 3)), degrees=(2, 2), knots=(knots, knots))
+    net, weights = rng.normal(size=(4, 4, 3)), 1 + rng.random((4, 4))
+    patch = NurbsPatch(control_points=net, weights=weights, degrees=(2, 2), knots=(knots, knots))
     u = np.linspace(0, 1, 9)
     ends = [patch.grid(u, np.zeros(1))[:, 0], patch.grid(np.ones(1), u)[0], patch.grid(u, np.ones(1))[:, 0]]
     for side, expected in enumerate(ends):
         assert np.abs(patch.side(side).point(u) - expected).max() < 1e-14
+
+
+def test_derivatives_of_rational_patches_are_limits_of_differences() -> None:
+    rng, knots = np.random.default_rng(2), np.repeat([0.0, 1.0], 4)
+    net, weights = rng.normal(size=(4, 4, 3)), 1 + rng.random((4, 4))
+    patch = NurbsPatch(control_points=net, weights=weights, degrees=(3, 3), knots=(knots, knots))
+    at, h = np.array([0.3, 0.6]), 1e-5
+    for orders, lower, axis in (((1, 0), (0, 0), 0), ((0, 1), (0, 0), 1), ((2, 0), (1, 0), 0), ((1, 1), (1, 0), 1)):
+        ahead, back = ([at + sign * h if axis == k else at for k in (0, 1)] for sign in (1, -1))
+        difference = (patch.grid(*ahead, derivatives=lower) - patch.grid(*back, derivatives=lower)) / (2 * h)
+        found = patch.grid(at, at, derivatives=orders)
+        assert np.abs(found - difference).max() < 1e-7 * np.abs(found).max()  # of second order in h, and rounding
