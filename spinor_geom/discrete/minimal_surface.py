@@ -19,8 +19,16 @@ from spinor_geom.discrete.first_fill import disk_without_inner_points, unfolded_
 from spinor_geom.discrete.strip import discrete_annulus
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.flattening import flatten
+from spinor_geom.domain.polygons import lattice_inside
 from spinor_geom.domain.sizes import SizeFunction, graded_size, graded_sizes
-from spinor_geom.domain.triangulation import MOST_POINTS, one_by_one_on_error, triangulate_polygon, triangulate_regions
+from spinor_geom.domain.triangulation import (
+    MOST_POINTS,
+    PlaneTriangulation,
+    Seeds,
+    one_by_one_on_error,
+    triangulate_polygon,
+    triangulate_regions,
+)
 from spinor_geom.errors import (
     DomainError,
     FirstFillError,
@@ -42,6 +50,7 @@ DiscreteMethod = Literal["libigl", "pymeshlab"]
 _FIRST_CHANGE = 1e-3  # relative change at which the flattening of the first mesh is accurate enough
 FINE_CHANGE = 1e-8
 _FINE_GROWTH = 0.15
+_SMALL = 100  # points of a loop up to which a uniform first mesh takes less time than refinement for the patch
 _MOST_STRETCHED = 4.0  # times the mean stretch from the plane; a larger one does not refine the mesh further
 _REMESHING_STEPS = 5
 
@@ -233,11 +242,23 @@ def first_disks(loops: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk | Spinor
 
     def made(some: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk]:
         polygons = [unfolded_loop(points) for points in some]
-        planes = triangulate_regions([[polygon] for polygon in polygons], graded_sizes(polygons))
+        planes = _triangulated(polygons)
         pairs = zip(planes, some, strict=True)
         return [descend_from_plane(plane, points, relative_change=_FIRST_CHANGE) for plane, points in pairs]
 
     return one_by_one_on_error(made, loops)
+
+
+def _triangulated(polygons: Sequence[Complex[np.ndarray, " _"]]) -> list[PlaneTriangulation]:
+    """Triangulations of polygons: small ones with edges of the mean length, for patches to start from, others graded."""
+    mean = [float(np.abs(np.roll(polygon, -1) - polygon).mean()) for polygon in polygons]
+    small = [len(polygon) <= _SMALL for polygon in polygons]
+    seeds = [
+        Seeds(lattice_inside(polygon, length)) if one else None
+        for polygon, length, one in zip(polygons, mean, small, strict=True)
+    ]
+    sizes = graded_sizes(polygons, np.where(small, mean, np.inf))
+    return triangulate_regions([[polygon] for polygon in polygons], sizes, seeds=seeds)
 
 
 def finer_disk(disk: Disk, boundary_size: int) -> Disk:

@@ -7,6 +7,7 @@ from spinor_geom.domain.delaunay import ConstrainedDelaunay
 from spinor_geom.domain.sizes import graded_size, graded_sizes
 from spinor_geom.domain.triangulation import (
     PlaneTriangulation,
+    Seeds,
     one_by_one_on_error,
     triangulate_polygon,
     triangulate_regions,
@@ -307,7 +308,7 @@ def test_seeds_outside_the_polygon_are_left_out(n, seed, reach, spacing):
     across = np.arange(-reach, reach, spacing)
     seeds = (across[:, None] + 1j * across).ravel()
     sizes = graded_sizes([boundary])
-    (result,) = triangulate_regions([[boundary]], sizes, seeds=[(seeds, np.full(len(seeds), spacing))])
+    (result,) = triangulate_regions([[boundary]], sizes, seeds=[Seeds(seeds, np.full(len(seeds), spacing))])
     check_is_a_triangulation(result, boundary)
 
 
