@@ -141,15 +141,17 @@ def independent(z: Places, region: Owners, spacing: Lengths, priority: Lengths) 
 def long_bridges(mesh: ConstrainedDelaunay, boundary: BoundaryEdges, size: RegionSizes) -> tuple[Places, Owners]:
     """Points that split long inner edges between boundary vertices, where there is room, and their regions."""
     m, points, faces, after = mesh.boundary_size, mesh.points, mesh.triangles, boundary.after
-    edges = unique_edges(faces[(faces < m).sum(axis=1) > 1], len(points))
-    edges = edges[edges[:, 1] < m]
-    edges = edges[(after[edges] != edges[:, ::-1]).all(axis=1)]
-    start, end = edges.T
+    a, b, c = faces.ravel(), faces[:, [1, 2, 0]].ravel(), faces[:, [2, 0, 1]].ravel()
+    sides = np.flatnonzero((a < m) & (b < m))
+    sides = sides[after[a[sides]] != b[sides]]
+    # each edge once from either side
+    low, high = np.minimum(a[sides], b[sides]), np.maximum(a[sides], b[sides])
+    sides = sides[np.lexsort((high, low))].reshape(-1, 2)
+    start, end = np.sort(np.stack([a[sides[:, 0]], b[sides[:, 0]]]), axis=0)
     owner = mesh.region[start]
     place, length = 0.5 * (points[start] + points[end]), np.abs(points[end] - points[start])
     # an ear cuts off a single convex vertex: it is split sooner, and its point lies farther inside
-    code, count = np.unique(edge_codes(faces[(faces < m).all(axis=1)], m), return_counts=True)
-    one_sided = np.isin(start * m + end, code[count == 1])
+    one_sided = (c[sides] < m).sum(axis=1) == 1
     is_next = after[after[start]] == end
     ear = (is_next | (after[after[end]] == start)) & one_sided
     tip = points[after[np.where(is_next, start, end)]]
