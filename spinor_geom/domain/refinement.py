@@ -10,9 +10,7 @@ from spinor_geom.domain.delaunay import (
     Places,
     circumcircles,
     cross,
-    edge_codes,
     plane_coordinates,
-    unique_edges,
 )
 from spinor_geom.domain.polygons import are_inside
 from spinor_geom.domain.sizes import NearestPoints, RegionSizes
@@ -23,7 +21,7 @@ _LEAST_SINE = np.sin(np.radians(25.0))
 _LARGEST_RADIUS = 0.75
 _DOUBTFUL = 0.8  # share of that radius above which the size at the centroid replaces the mean of the vertices
 _BATCH_SPACING = 0.8  # least distance of new points of one batch, per smaller circumradius
-_BATCHES = 60  # the number of points grows geometrically with the batches
+BATCHES = 60  # the number of points grows geometrically with the batches
 # a boundary edge subtends at most 110° at new points; 90° would leave no room beside short edges next to long ones
 _WIDEST_VIEW = np.cos(np.radians(180 - 110))
 # longest inner edge between two boundary vertices, in wanted edge lengths; shorter where it cuts off one vertex
@@ -63,7 +61,12 @@ class BoundaryEdges:
 
 
 def refine(
-    mesh: ConstrainedDelaunay, boundary: BoundaryEdges, size: RegionSizes, room: Int[np.ndarray, " r"]
+    mesh: ConstrainedDelaunay,
+    boundary: BoundaryEdges,
+    size: RegionSizes,
+    room: Int[np.ndarray, " r"],
+    *,
+    batches: int = BATCHES,
 ) -> None:
     """Inserts batches of circumcentres until no triangle is poor, except where a circumcentre has no room.
 
@@ -72,7 +75,7 @@ def refine(
     at_points = size(mesh.points, mesh.region)
     # triangles with an open vertex are tested: new vertices, and those of triangles whose centre was not inserted
     is_open = np.ones(len(mesh.points), dtype=bool)
-    for _ in range(_BATCHES):
+    for _ in range(batches):
         seen = mesh.inside[is_open[mesh.triangles].any(axis=1)]
         faces = mesh.faces[seen]
         p, owner = mesh.points[faces], mesh.region[faces[:, 0]]
@@ -138,7 +141,16 @@ def independent(z: Places, region: Owners, spacing: Lengths, priority: Lengths) 
     return np.asarray(first[taken])
 
 
-def long_bridges(mesh: ConstrainedDelaunay, boundary: BoundaryEdges, size: RegionSizes) -> tuple[Places, Owners]:
+def split_long_bridges(mesh: ConstrainedDelaunay, boundary: BoundaryEdges, size: RegionSizes) -> None:
+    """Splits long inner edges between boundary vertices where there is room, in up to three rounds."""
+    for _ in range(3):
+        middle, of = _long_bridges(mesh, boundary, size)
+        if len(middle) == 0:
+            break
+        mesh.insert(middle, of)
+
+
+def _long_bridges(mesh: ConstrainedDelaunay, boundary: BoundaryEdges, size: RegionSizes) -> tuple[Places, Owners]:
     """Points that split long inner edges between boundary vertices, where there is room, and their regions."""
     m, points, faces, after = mesh.boundary_size, mesh.points, mesh.triangles, boundary.after
     a, b, c = faces.ravel(), faces[:, [1, 2, 0]].ravel(), faces[:, [2, 0, 1]].ravel()

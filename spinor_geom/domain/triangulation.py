@@ -11,13 +11,14 @@ from jaxtyping import Bool, Complex, Float, Int
 from spinor_geom.domain.delaunay import ConstrainedDelaunay, Lengths, Owners, Places, Rims, rim_successors, unique_edges
 from spinor_geom.domain.polygons import lattices_inside
 from spinor_geom.domain.refinement import (
+    BATCHES,
     BoundaryEdges,
     independent,
-    long_bridges,
     place_in_region,
     polish,
     refine,
     smooth,
+    split_long_bridges,
 )
 from spinor_geom.domain.sizes import NearestPoints, Polygon, RegionSizes, SizeFunction, graded_size
 from spinor_geom.errors import DomainError, OptionError, SpinorGeomError
@@ -119,6 +120,7 @@ def triangulate_regions(
     *,
     seeds: Sequence[Seeds | None] = (),
     max_points: Sequence[int] | int = MOST_POINTS,
+    draft: bool = False,
 ) -> list[PlaneTriangulation]:
     """`triangulate_polygon` for many regions at once; each triangulation is bit-equal to that of the region alone.
 
@@ -128,6 +130,7 @@ def triangulate_regions(
         seeds: points to start from, per region. Those outside or too near to the boundary are omitted; to a lattice,
             points along the boundary are added. By default a lattice with the largest wanted size as spacing.
         max_points: number of points at which refinement stops.
+        draft: inserts one batch of circumcentres only and does not smooth; for triangulations to start others from.
     """
     parts = [[np.array(polygon, dtype=np.complex128) for polygon in region] for region in regions]
     rims = [tuple(map(len, region)) for region in parts]
@@ -160,14 +163,11 @@ def triangulate_regions(
     some = place_in_region(of) < room[of]
     if some.any():
         mesh.insert(inner[some], of[some])
-    refine(mesh, edges, wanted, room)
-    for _ in range(3):
-        middle, of = long_bridges(mesh, edges, wanted)
-        if len(middle) == 0:
-            break
-        mesh.insert(middle, of)
-    smooth(mesh, edges)
-    polish(mesh, edges)
+    refine(mesh, edges, wanted, room, batches=1 if draft else BATCHES)
+    if not draft:
+        split_long_bridges(mesh, edges, wanted)
+        smooth(mesh, edges)
+        polish(mesh, edges)
     points = mesh.points * scale[mesh.region] + centre[mesh.region]
     points[: mesh.boundary_size] = boundary
     return [
@@ -267,7 +267,7 @@ def _tips_and_seeds(
     of: Owners,
     spacing: Lengths,
 ) -> tuple[Places, Owners]:
-    """Tips of equilateral triangles on the boundary edges of regions, and the points z of lattices far enough from them.
+    """Tips of equilateral triangles on the boundary edges of regions, and the lattice points z far enough from them.
 
     All of them lie inside their regions and not too near to an edge; a region where tips are too near to each other has
     none. Returns the points and their regions.
