@@ -1,12 +1,12 @@
 """Triangulation of simple plane polygons with holes that keeps the boundary vertices and adds none."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Complex, Float, Int
 
 from spinor_geom.domain.delaunay import ConstrainedDelaunay, Lengths, Owners, Places, Rims, rim_successors, unique_edges
 from spinor_geom.domain.polygons import lattices_inside
@@ -213,22 +213,23 @@ def _first_points(
     boundary: BoundaryEdges, size: RegionSizes, room: Int[np.ndarray, " r"], seeds: Sequence[Seeds | None]
 ) -> tuple[Places, Owners]:
     """The inner points from which refinement starts, and their regions, in ascending order."""
+    given = {k: one for k, one in enumerate(seeds) if one is not None}
+    lattices = {k: one.spacing for k, one in given.items() if one.spacing is not None}
+    others = [k for k in given if k not in lattices]
+    is_bare, found = np.array([one is None for one in seeds]), []
 
-    def of_kind(kind: Bool[np.ndarray, " r"]) -> tuple[Places, Owners]:
-        regions = np.flatnonzero(kind)
-        some = [seeds[k].points for k in regions]
-        return np.concatenate(some), np.repeat(regions, [len(points) for points in some])
+    def owned(regions: Iterable[int]) -> tuple[Places, Owners]:
+        points = [given[k].points for k in regions]
+        return np.concatenate(points), np.repeat([*regions], [len(some) for some in points])
 
-    are_lattices = np.array([one is not None and one.spacing is not None for one in seeds])
-    are_others = np.array([one is not None and one.spacing is None for one in seeds])
-    is_bare, found = ~(are_lattices | are_others), []
     if is_bare.any():
         found.append(_lattices(boundary, size, np.where(is_bare, room, 0)))
-    if are_lattices.any():
-        spacing = np.concatenate([one.spacing for one in seeds if one is not None and one.spacing is not None])
-        found.append(_tips_and_seeds(boundary, size, are_lattices, *of_kind(are_lattices), spacing))
-    if are_others.any():
-        z, of = of_kind(are_others)
+    if lattices:
+        found.append(
+            _tips_and_seeds(boundary, size, [*lattices], *owned(lattices), np.concatenate([*lattices.values()]))
+        )
+    if others:
+        z, of = owned(others)
         distance, nearest = NearestPoints(boundary.points, boundary.region).query(z, of)
         free = distance[:, 0] > _CLOSEST * np.abs(boundary.edge)[nearest[:, 0]]
         free[free] = boundary.has_room(z[free], of[free])
@@ -260,19 +261,14 @@ def _lattices(boundary: BoundaryEdges, size: RegionSizes, room: Int[np.ndarray, 
 
 
 def _tips_and_seeds(
-    boundary: BoundaryEdges,
-    size: RegionSizes,
-    regions: Bool[np.ndarray, " r"],
-    z: Places,
-    of: Owners,
-    spacing: Lengths,
+    boundary: BoundaryEdges, size: RegionSizes, regions: Sequence[int], z: Places, of: Owners, spacing: Lengths
 ) -> tuple[Places, Owners]:
     """Tips of equilateral triangles on the boundary edges of regions, and the lattice points z far enough from them.
 
     All of them lie inside their regions and not too near to an edge; a region where tips are too near to each other has
     none. Returns the points and their regions.
     """
-    own = np.flatnonzero(regions[boundary.region])
+    own = np.flatnonzero(np.isin(boundary.region, regions))
     polygon, owner, edge = boundary.points[own], boundary.region[own], boundary.edge[own]
     tips, length = 0.5 * (polygon + boundary.points[boundary.after[own]]) + 1j * np.sqrt(0.75) * edge, np.abs(edge)
     kept = np.bincount(owner[independent(tips, owner, _FROM_TIPS * length, length)], minlength=boundary.count)
