@@ -41,16 +41,17 @@ class BoundaryEdges:
     ) -> None:
         self.points, self.after, self.region = points, after, region
         self.edge, self.count = points[after] - points, int(region[-1]) + 1
+        self._half = 0.5 * self.edge
+        # an edge subtends a right angle on the circle of which it is a diameter, and larger angles inside
+        self._centres, self._radii = points + self._half, np.abs(self._half)
 
     def too_near(self, z: Places, region: Owners) -> Bool[np.ndarray, " k"]:
         """Whether a boundary edge of its region subtends too large an angle at each point."""
         near_edge = np.zeros(len(z), dtype=bool)
         if len(z):
-            half = 0.5 * self.edge
-            # an edge subtends a right angle on the circle of which it is a diameter, and larger angles inside
-            point, edge = NearestPoints(z, region).within(np.abs(half), of=self.points + half, region=self.region)
-            offset = z[point] - self.points[edge] - half[edge]
-            seen = (offset + half[edge]) * np.conj(offset - half[edge])
+            point, edge = NearestPoints(z, region).within(self._radii, of=self._centres, region=self.region)
+            offset, half = z[point] - self._centres[edge], self._half[edge]
+            seen = (offset + half) * np.conj(offset - half)
             near_edge[point[seen.real < -_WIDEST_VIEW * np.abs(seen)]] = True
         return near_edge
 
