@@ -16,22 +16,21 @@ from spinor_geom.plateau.harmonic.douglas import resampled
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.surface.array_surface import ArraySurface
 
-# Gauss-Legendre nodes between neighbouring points of the loop or of ∂Ω: p and q of networks over folded curves have poles
-# near ∂Ω, where gradients are off by 1e-2 with 5 nodes, by 1e-3 with 8, and by less than the boundary with 12
+# Gauss-Legendre nodes between neighbouring points of the loop or of ∂Ω. Networks over folded curves have poles near ∂Ω:
+# their gradients are off by 1e-2 with 5 nodes, by 1e-3 with 8, and by less than the boundary with 12.
 _ORDER = 12
 # Fewest equal steps of ∂Ω for each point of the loop. The trapezoidal rule converges with the power d + 1 of the step
 # for Γ of degree d, and geometrically if Γ is analytic: half as many steps give gradients that are off by 6e-4 for
 # splines of degree 7, and by 3e-5 for cubic ones.
 _STEPS = {"analytic": 1, "spline": 4, "cubic": 16}
-# Steps of the constant and the nearest points of Γ, at equal steps and on panels; more change gradients by 1e-8
-_PLACINGS, _PLACINGS_ON_PANELS = 1, 2
+_PLACINGS = 2  # steps of the constant and the nearest points of Γ; more change gradients by 1e-8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RimNodes:
     """Quadrature nodes along a rim of a surface, in the direction of ∂Ω.
 
-    They are at equal steps on analytic ∂Ω, and on panels on ∂Ω with corners.
+    They are at equal steps where ∂Ω is analytic, and on panels where it is a spline.
 
     Attributes:
         z: the nodes.
@@ -52,7 +51,6 @@ class RimNodes:
         """The nodes of one rim."""
         boundary, curve = rim.boundary, rim.curve
         panels: Panels | None = None
-        placings = _PLACINGS
         low: Float[np.ndarray, " k"] | float = -np.inf
         high: Float[np.ndarray, " k"] | float = np.inf
         if isinstance(boundary, FourierBoundary):
@@ -64,10 +62,9 @@ class RimNodes:
             z, steps = panels.z, panels.weights * panels.dz
             s = PchipInterpolator(*_around(rim).T)(panels.t)
             low, high = _ends_of_sides(rim, panels.t)
-            placings = _PLACINGS_ON_PANELS
         velocity = surface.null_curve(z) * steps[:, None]
         r = _integral(velocity, panels)[0].real
-        for _ in range(placings):
+        for _ in range(_PLACINGS):
             s = np.clip(s, low, high)
             point, tangent = curve.point(s), curve.derivative(s)
             r = r + (point - r).mean(axis=0)

@@ -1,8 +1,8 @@
 """Derivatives of surfaces over disks with round holes: the adjoint of Newton's equations for Douglas's energy E.
 
 When Γ moves by δΓ, slides and moduli change by δy = −E″⁻¹ (∂E′/∂Γ) δΓ, and the surface by the harmonic function δr with
-boundary values δΓ + Γ′δs. Its normal part n·δr depends on n·δΓ alone. The adjoint takes weights of n·δr at points of Ω
-to weights of n·δΓ, by one solve with the Hessian E″ of the last Newton step.
+boundary values δΓ + Γ′δs. The adjoint takes weights of its normal part u = n·δr at points of Ω to weights of δΓ, by one
+solve with the Hessian E″ of the last Newton step. Without errors of discretisation these weights are normal to Γ.
 """
 
 from __future__ import annotations
@@ -53,15 +53,11 @@ class SlideAdjoint:
         surface, newton = self.solution.array_surface, self._newton
         by_values = self._by_values(by_u[:, None] * np.asarray(surface.normal(self.z)))
         along, by_moduli = newton.solved(by_values)
-        n = along.shape[1]
-        even = np.arange(n) / n
-        normal = np.stack([surface.normal(boundary.point(even)) for boundary in self.solution.domain.boundaries])
         change = newton.form(newton.unit * along[..., None]) + np.tensordot(by_moduli, newton.changes, axes=1)
-        # δΓ′, by which E′ changes too, has the part (n·δΓ) dn/ds
-        turning = (newton.by_normal * derivative(normal)).sum(axis=-1) / norm(derivative(newton.points))
-        by_offset = (normal * (by_values - change)).sum(axis=-1) - along * turning
+        # E′ changes with δΓ′, too: integrated by parts
+        turned = newton.by_normal * (along / norm(derivative(newton.points)))[..., None]
         # band-limited functions at equal steps
-        spectra = np.fft.rfft(by_offset[..., None] * normal, axis=1)
+        spectra = np.fft.rfft(by_values - change + derivative(turned), axis=1)
         return [np.fft.irfft(own, n=len(nodes.z), axis=0) for own, nodes in zip(spectra, self.rims, strict=True)]
 
     @cached_property

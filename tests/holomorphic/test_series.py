@@ -6,7 +6,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.holomorphic.series import PowerSeries, power_moments, power_sums
 from spinor_geom.surface.module import as_module
 from tests.strategies import SEEDS
 
