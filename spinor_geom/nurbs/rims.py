@@ -22,7 +22,6 @@ _PRECISE, _REACH = 1e-8, 0.02  # the last step, after which the error is about i
 # relative accuracy of ∫ φ dz: a share of the boundary residual, within limits that the tolerance 1e-6 needs
 _OF_RESIDUAL, _ACCURACY = 1e-3, (1e-10, 1e-8)
 _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
-_SLOPE_STEP = 1e-6  # difference for derivatives by the parameter on Γ
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,9 +78,13 @@ class Rim:
         return self.boundary.point(self.on_boundary(s))
 
     def derivative(self, s: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """dz/ds, to a few digits, not at corners."""
-        before, after = self.on_boundary(s - _SLOPE_STEP), self.on_boundary(s + _SLOPE_STEP)
-        return np.asarray((self.boundary.point(after) - self.boundary.point(before)) / (2 * _SLOPE_STEP))
+        """dz/ds, up to the boundary residual, not at corners; infinite where the surface stands still along Γ."""
+        t = self.on_boundary(s)
+        _, velocity = self.primitive.at(t.ravel() % 1.0)
+        tangent = self.curve.derivative(np.ravel(s))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            speed = (tangent * tangent).sum(axis=1) / (velocity * tangent).sum(axis=1)
+            return np.asarray(self.boundary.derivative(t) * speed.reshape(t.shape))
 
     def tangents(self, s: Float[np.ndarray, " n"]) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
         """Unit tangents of ∂Ω before and after points."""
