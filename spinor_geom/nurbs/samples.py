@@ -137,7 +137,7 @@ class Samples:
         outlines = [
             np.concatenate([self._outlines(u, side) for side in range(4)], axis=1) for u in (CANDIDATES, CHECKS)
         ]
-        return QuadPolynomials.through(primitive.inside, *outlines, self.accuracy)
+        return QuadPolynomials.through(primitive.inside, candidates, checks, self.accuracy)
 
     def _outlines(self, u: Float[np.ndarray, " n"], side: int) -> Complex[np.ndarray, "q n"]:
         """Points of one side of all quadrilaterals."""
