@@ -134,9 +134,9 @@ class Samples:
         primitive = self.rims[0].primitive
         if len(self.rims) > 1 or not isinstance(primitive, SmoothPrimitive):
             return None
-        outlines = [
+        candidates, checks = (
             np.concatenate([self._outlines(u, side) for side in range(4)], axis=1) for u in (CANDIDATES, CHECKS)
-        ]
+        )
         return QuadPolynomials.through(primitive.inside, candidates, checks, self.accuracy)
 
     def _outlines(self, u: Float[np.ndarray, " n"], side: int) -> Complex[np.ndarray, "q n"]:
