@@ -26,7 +26,6 @@ _PRECISE, _REACH = 1e-8, 0.02  # the last step, after which the error is about i
 # relative accuracy of ∫ φ dz: a share of the boundary residual, within limits that the tolerance 1e-6 needs
 _OF_RESIDUAL, _ACCURACY = 1e-3, (1e-10, 1e-8)
 _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
-_SLOPE_STEP = 1e-6  # difference for derivatives by the parameter on Γ
 # Shares of s and t on a side that differ by more are approximated by a polynomial: 0.44 beside the opened corner of an
 # L, at most 0.04 elsewhere. Its degree, and the number of steps between the nodes where it is fitted.
 _UNEVEN, _DEGREE, _NODES = 0.2, 9, 64
@@ -89,9 +88,14 @@ class Rim:
         return self.boundary.point(self.on_boundary(x))
 
     def derivative(self, x: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """dz/dx, to a few digits, not at corners."""
-        before, after = self.on_boundary(x - _SLOPE_STEP), self.on_boundary(x + _SLOPE_STEP)
-        return np.asarray((self.boundary.point(after) - self.boundary.point(before)) / (2 * _SLOPE_STEP))
+        """dz/dx, up to the boundary residual, not at corners; infinite where the surface stands still along Γ."""
+        t = self.on_boundary(x)
+        _, velocity = self.primitive.at(t.ravel() % 1.0)
+        s, change = self.on_curve(np.ravel(x))
+        tangent = self.curve.derivative(s)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            speed = change * (tangent * tangent).sum(axis=1) / (velocity * tangent).sum(axis=1)
+            return np.asarray(self.boundary.derivative(t) * speed.reshape(t.shape))
 
     def tangents(self, x: Float[np.ndarray, " n"]) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
         """Unit tangents of ∂Ω before and after points."""
@@ -99,15 +103,17 @@ class Rim:
         before, after = (self.boundary.derivative((t + side) % 1.0) for side in (-_ASIDE, _ASIDE))
         return before / np.abs(before), after / np.abs(after)
 
-    def on_curve(self, x: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-        """s(x)."""
+    def on_curve(self, x: Float[np.ndarray, "*pts"]) -> tuple[Float[np.ndarray, "*pts"], Float[np.ndarray, "*pts"]]:
+        """s(x) and ds/dx."""
         s = np.array(x, dtype=np.float64)
+        change = np.ones(s.shape)
         for side, shares in self._shares:
             first, last = np.append(self.corners, self.corners[0] + 1)[side : side + 2]
             share = (s - first) % 1.0 / (last - first)
             inside = share < 1
             s[inside] += (last - first) * (shares(share[inside]) - share[inside])
-        return s
+            change[inside] = shares.derivative()(share[inside])
+        return s, change
 
     @cached_property
     def _shares(self) -> list[tuple[int, BPoly]]:
@@ -138,7 +144,7 @@ class Rim:
         Positions miss corners of Γ. On the side between two of them Γ is shifted by a mean of both distances, so that t
         is continuous at the corners.
         """
-        flat = self.on_curve(x).ravel()
+        flat = self.on_curve(np.ravel(x))[0]
         is_corner, least, most, shift = self._sides(flat)
         t = np.clip(self._matched(flat), least, most)
         point, tangent = self.curve.point(flat) + shift, self.curve.derivative(flat)
