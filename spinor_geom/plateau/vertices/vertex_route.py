@@ -43,9 +43,10 @@ from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.interior import RimPrimitive
 
 # Largest distance of a start from the points, and of Γ from the rim's edges, in mean edges; one in seven rims cut along
-# triangles exceeds half of it. Along a rim the errors of a start's edges add up like a random walk, so starts of long
-# rims may be farther off: of 1,200 points with noise of 30 % of an edge 3.4, from where Newton's method converges.
-_FAR, _SHORT = 2.0, 100
+# triangles exceeds half of it. Along a rim the errors of a start's edges add up like a random walk, so starts of rims of
+# more than _SHORT points may be farther off: of 1,200 points with noise of 30 % of an edge 3.4, from where Newton's
+# method converges. Of scans none beyond it did, and two of three beyond 1.3.
+_FAR, _SHORT = 2.0, 300
 
 
 def disk_through_points(problem: PlateauProblem) -> RouteResult:
