@@ -187,7 +187,7 @@ def _are_graphs(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"
     wrong = half_edges.is_open & (half_edges.twin >= 0)
     wrong[half_edges.order[np.repeat(half_edges.counts > 2, half_edges.counts)]] = True
     good[half_edges.origin[wrong]] = good[half_edges.target[wrong]] = False
-    return good
+    return np.asarray(good)
 
 
 def _are_separated(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:

@@ -21,6 +21,7 @@ from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.steps import Steps
+from spinor_geom.plateau.vertices.through_points import NODES, Basis
 from spinor_geom.plateau.vertices.vertex_route import disk_through_points
 
 
@@ -156,6 +157,20 @@ def test_a_start_far_from_the_points_is_no_surface(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(BoundaryCurve, "bulge", lambda _: 1.0)
     with pytest.raises(SurfaceError, match=r"away from the loop's edges"):
         solved()
+
+
+def test_more_nodes_are_tried_only_after_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    nodes: list[int] = []
+    on = Basis.on
+
+    def counted(*rims, **options):
+        nodes.append(options["nodes"])
+        return on(*rims, **options)
+
+    monkeypatch.setattr("spinor_geom.plateau.vertices.vertex_route.Basis.on", counted)
+    monkeypatch.setattr("spinor_geom.plateau.vertices.vertex_route.nearest_through", lambda _, readout, **__: readout)
+    sg.solve_plateau(rim_of(3, 0.7), between="free")
+    assert nodes == [NODES]
 
 
 def test_poles_beside_a_polygon_keep_every_edge_at_a_distance() -> None:

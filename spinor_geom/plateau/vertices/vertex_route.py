@@ -43,9 +43,9 @@ from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.interior import RimPrimitive
 
 # Largest distance of a start from the points, and of Γ from the rim's edges, in mean edges; one in seven rims cut along
-# triangles exceeds half of it. Along a rim the errors of a start's edges add up like a random walk, so starts of rims of
-# more than _SHORT points may be farther off: of 1,200 points with noise of 30 % of an edge 3.4, from where Newton's
-# method converges. Of scans none beyond it did, and two of three beyond 1.3.
+# triangles exceeds half of it. Along a rim the errors of a start's edges add up like a random walk, so starts of more
+# than _SHORT points may be farther off: of 1,200 points with noise of 30 % of an edge 3.4, from where Newton's method
+# converges. Of scans none beyond it did.
 _FAR, _SHORT = 2.0, 300
 
 
@@ -68,6 +68,7 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
         spinors = lifted_spinors(disk.vertices, disk.faces, images, (len(points),), place)
     raw: Complex[Array, "k 2"] | None = None
     for nodes in (NODES, 2 * NODES):
+        left = problem.steps.left
         try:
             with clock.stage("features"):
                 polygon = place.put(flat.boundary)
@@ -83,7 +84,10 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
             (rim,) = ArraySurface(network, domain).rim_primitives(2 * nodes)
             error = rim.at_breaks[:-1].real - points
             error -= error.mean(axis=0)
-        if np.linalg.norm(error) <= allowed * len(points) ** 0.5 or is_out_of_time():
+        distance = np.linalg.norm(error) / len(points) ** 0.5
+        # more nodes do not help a start that is far away and allows no step
+        is_stuck = problem.steps.left == left and distance > 0.1 * loop.mean_edge_length
+        if distance <= allowed or is_stuck or is_out_of_time():
             break
     with clock.stage("surface"):
         root = domain.root
