@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Inexact, Shaped
+from jaxtyping import Bool, Complex, Float, Inexact, Int, Shaped
 
 if TYPE_CHECKING:
     import torch
@@ -146,6 +146,14 @@ def add_to_diagonal(matrix: Shaped[Array, "*b n n"], values: Any) -> None:
     """Adds to the diagonals of matrices, in place."""
     own = namespace(matrix).arange(matrix.shape[-1])
     matrix[..., own, own] += values
+
+
+def add_at(total: Inexact[Array, " n"], index: Int[Array, "*any"], values: Inexact[Array, "*any"]) -> None:
+    """Adds to a vector at indices, which may repeat, in place."""
+    if is_numpy(total):
+        np.add.at(total, index.reshape(-1), values.reshape(-1))
+    else:
+        total.index_add_(0, index.reshape(-1), values.reshape(-1))
 
 
 def cholesky(matrix: Inexact[Array, "n n"]) -> Inexact[Array, "n n"] | None:

@@ -167,12 +167,14 @@ class PatchedMesh:
         faces = np.asarray(patch.faces)
         is_new = np.ones(len(faces), dtype=bool)
         is_new[places[places >= 0]] = False
-        new, old = (
-            _Piece(patch.vertices, faces[some], self.face_count + np.flatnonzero(some)) for some in (is_new, ~is_new)
-        )
+        new = _Piece(patch.vertices, faces[is_new], self.face_count + np.flatnonzero(is_new))
         own = NO_PAIRS
-        if patch.hole_sizes or not is_graph(patch.vertices, faces, patch.boundary_size):
+        # of a few new faces the general test is faster
+        if patch.hole_sizes or len(places) or not is_graph(patch.vertices, faces, patch.boundary_size):
             among = new.numbers[self_intersections(patch.vertices, new.faces)]
+            near = np.flatnonzero(~is_new)
+            near = near[meeting_box(patch.vertices, faces[near], new.low, new.high)]
+            old = _Piece(patch.vertices, faces[near], self.face_count + near)
             between = np.sort(new.crossings(old), axis=1)
             one, other = np.sort(faces[between - self.face_count], axis=2).swapaxes(0, 1)
             # as `self_intersections`, without two faces of the same vertices
@@ -254,6 +256,22 @@ class _Piece:
         corners = other.vertices[other.faces[near]].reshape(-1, 3)
         pairs = intersections_between(self.vertices, self.faces, corners, np.arange(len(corners)).reshape(-1, 3))
         return np.stack([self.numbers[pairs[:, 0]], other.numbers[near[pairs[:, 1]]]], axis=1)
+
+
+def meeting_box(
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "f 3"],
+    low: Float[np.ndarray, "3"],
+    high: Float[np.ndarray, "3"],
+) -> Int[np.ndarray, " _"]:
+    """The faces whose bounding boxes overlap a box."""
+    found = np.arange(len(faces))
+    for axis in range(3):
+        corners = faces[found]
+        a, b, c = (vertices[:, axis] < low[axis])[corners].T
+        d, e, f = (vertices[:, axis] > high[axis])[corners].T
+        found = found[~(a & b & c | d & e & f)]
+    return found
 
 
 def overlapping(

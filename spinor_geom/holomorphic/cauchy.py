@@ -200,12 +200,18 @@ def raw_features(
     scales: Float[Array, " k"],
 ) -> Complex[Array, "*pts r"]:
     """The polynomials Q_0 … Q_d and the units d_k/(z − ζ_k)."""
+    return namespace(z).concat([arnoldi_polynomials(z, hessenberg), cauchy_units(z, poles, scales)], axis=-1)
 
-    def part(some: Complex[Array, " n"]) -> Complex[Array, "n r"]:
-        units = complex_of(*_inverse_differences(some, poles, scales))
-        return namespace(z).concat([arnoldi_polynomials(some, hessenberg), units], axis=1)
 
-    return in_blocks(part, z, width=len(hessenberg) + len(poles))
+def cauchy_units(
+    z: Complex[Array, "*pts"], poles: Complex[Array, " k"], scales: Float[Array, " k"]
+) -> Complex[Array, "*pts k"]:
+    """The units d_k/(z − ζ_k)."""
+
+    def part(some: Complex[Array, " n"]) -> Complex[Array, "n k"]:
+        return complex_of(*_inverse_differences(some, poles, scales))
+
+    return in_blocks(part, z, width=max(1, len(poles)))
 
 
 def _inverse_differences(

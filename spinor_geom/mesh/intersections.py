@@ -15,6 +15,7 @@ from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.boxes import edges_with_near_boxes
+from spinor_geom.mesh.topology import HalfEdges
 
 Points = Float[np.ndarray, "k 3"]
 Chain = Float[np.ndarray, "m 3"]
@@ -138,14 +139,55 @@ def _cross(u: Float[np.ndarray, "*k 3"], v: Float[np.ndarray, "*k 3"]) -> Float[
 
 
 def _neighbours_not_separated(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Pairs:
-    """Pairs of different faces with common vertices that are not clearly separated by the plane of one of them."""
-    corners = (np.repeat(np.arange(len(faces)), 3), faces.reshape(-1))
-    incidence = coo_array((np.ones(faces.size, dtype=np.int64), corners), shape=(len(faces), len(vertices))).tocsr()
+    """Pairs of different faces with common vertices that are not clearly separated.
+
+    Faces around a vertex that form a graph there, or of which one lies on one side of the plane of the other, are.
+    """
+    corners = np.ravel(faces)
+    folded = np.flatnonzero(~_are_graphs(vertices, faces)[corners])
+    incidence = coo_array(
+        (np.ones(len(folded), dtype=np.int64), (folded // 3, corners[folded])), shape=(len(faces), len(vertices))
+    ).tocsr()
     common = (incidence @ incidence.T).tocoo()
     wanted = (common.row < common.col) & (common.data < 3)
     pairs = np.stack([common.row[wanted], common.col[wanted]], axis=1).astype(np.int64)
     f, g = vertices[faces[pairs[:, 0]]], vertices[faces[pairs[:, 1]]]
     return np.asarray(pairs[~_are_separated(f, g)])
+
+
+def _are_graphs(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " n"]:
+    """Whether the faces around each vertex are clearly a graph over a plane, so that no two of them cross.
+
+    They are if they are connected by edges, project with their orientation along the sum of their normals, and go
+    around the vertex at most once.
+    """
+    half_edges, count = HalfEdges.of(faces), len(vertices)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normals = _cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1)
+    corners = np.ravel(faces)
+    axis = np.stack([np.bincount(corners, np.repeat(normals[:, k], 3), count) for k in range(3)], axis=1)[corners]
+    size = np.linalg.norm(axis, axis=1)
+    upward = np.einsum("ci,ci->c", axis, np.repeat(normals, 3, axis=0))
+    least = MIN_NORMAL_COSINE * size * np.repeat(length, 3)
+    # angles at the corners between the projections of the sides
+    sides = np.stack([b - a, c - b, a - c], axis=1)
+    ahead, back = sides.reshape(-1, 3), -np.roll(sides, 1, axis=1).reshape(-1, 3)
+    squared = np.where(size > 0, size**2, 1.0)
+    flat = (ahead * back).sum(axis=1) - (ahead * axis).sum(axis=1) * (back * axis).sum(axis=1) / squared
+    angle = np.bincount(corners, np.arctan2(upward / np.sqrt(squared), flat), count)
+    faces_at, ends = np.bincount(corners, minlength=count), half_edges.order[half_edges.starts[:-1]]
+    edges_at = np.bincount(half_edges.origin[ends], minlength=count) + np.bincount(
+        half_edges.target[ends], minlength=count
+    )
+    is_closed = edges_at == faces_at
+    good = (is_closed & (angle < 3 * np.pi)) | ((edges_at == faces_at + 1) & (angle < 2 * np.pi - LEAST_ANGLE))
+    good[corners[~(upward > least)]] = False
+    # edges with faces of equal directions, or with more than two faces
+    wrong = half_edges.is_open & (half_edges.twin >= 0)
+    wrong[half_edges.order[np.repeat(half_edges.counts > 2, half_edges.counts)]] = True
+    good[half_edges.origin[wrong]] = good[half_edges.target[wrong]] = False
+    return np.asarray(good)
 
 
 def _are_separated(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:

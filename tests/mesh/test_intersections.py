@@ -396,3 +396,30 @@ def test_stars_are_simple_where_they_wind_once(seed: int, count: int, turns: int
     several = np.stack([points, rng.normal(size=points.shape), np.ones_like(points)])
     np.testing.assert_array_equal(is_star(several), [is_star(own) for own in several])
     assert not is_star(several[2])
+
+
+def fan(angles: list[float], lift: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Faces around a vertex, in order of the angles of the others; open."""
+    around = np.column_stack([np.cos(angles), np.sin(angles), lift * np.arange(len(angles))])
+    k = np.arange(1, len(angles))
+    return np.vstack([np.zeros(3), around]), np.column_stack([np.zeros_like(k), k, k + 1])
+
+
+def test_faces_around_a_vertex_cross_where_they_overlap_though_all_are_oriented_alike() -> None:
+    once, twice = np.arange(6) * np.radians(70.0), np.arange(7) * np.radians(70.0)
+    assert not len(self_intersections(*fan(once.tolist())))
+    # the sixth face, from 350° to 420°, lies on the first
+    assert self_intersections(*fan(twice.tolist())).tolist() == [[0, 5]]
+    # a closed fan that goes around twice
+    vertices, faces = fan((np.arange(9) * np.radians(80.0)).tolist())
+    assert len(self_intersections(vertices[:-1], np.where(faces == 9, 1, faces))) >= 8
+
+
+def test_two_fans_at_a_vertex_and_faces_on_one_side_of_an_edge_cross() -> None:
+    vertices, faces = fan([0.0, 1.0, 2.0])
+    more, others = fan([0.5, 1.5])
+    both = np.vstack([vertices, more[1:]]), np.vstack([faces, np.where(others > 0, others + 3, 0)])
+    assert self_intersections(*both).tolist() == [[0, 2], [1, 2]]
+    # faces (0, 1, 2) and (0, 3, 2) on one side of the edge 0 to 2, both counter-clockwise
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0.5, 0]])
+    assert self_intersections(vertices, np.array([[0, 1, 2], [0, 3, 2]])).tolist() == [[0, 1]]

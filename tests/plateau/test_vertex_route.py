@@ -21,6 +21,7 @@ from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.steps import Steps
+from spinor_geom.plateau.vertices.through_points import NODES, Basis
 from spinor_geom.plateau.vertices.vertex_route import disk_through_points
 
 
@@ -165,6 +166,20 @@ def test_a_start_far_from_the_points_is_no_surface(monkeypatch: pytest.MonkeyPat
         solved()
 
 
+def test_more_nodes_are_tried_only_after_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    nodes: list[int] = []
+    on = Basis.on
+
+    def counted(*rims, **options):
+        nodes.append(options["nodes"])
+        return on(*rims, **options)
+
+    monkeypatch.setattr("spinor_geom.plateau.vertices.vertex_route.Basis.on", counted)
+    monkeypatch.setattr("spinor_geom.plateau.vertices.vertex_route.nearest_through", lambda _, readout, **__: readout)
+    sg.solve_plateau(rim_of(3, 0.7), between="free")
+    assert nodes == [NODES]
+
+
 def test_poles_beside_a_polygon_keep_every_edge_at_a_distance() -> None:
     # a star: convex tips and deep notches
     t = 2 * np.pi * np.arange(24) / 24
@@ -194,3 +209,13 @@ def test_integrals_to_any_place_are_exact_for_polynomials(order: int) -> None:
     for power in range(order):
         found = cumulative_matrix(order, ends) @ nodes**power
         np.testing.assert_allclose(found, np.array(ends) ** (power + 1) / (power + 1), atol=1e-14)
+
+
+@pytest.mark.slow
+def test_a_long_rim_is_met_though_errors_of_its_start_add_up() -> None:
+    """With noise of 30 % of an edge the start is 3.4 edges away: more than any start of short rims may be."""
+    hole = ragged_hole("noise-30%-1200")
+    (loop,) = (loop for loop in sg.boundary_loops((hole.vertices, hole.faces)) if set(loop.vertex_ids) <= {*hole.rim})
+    solution = sg.solve_plateau(loop, time_limit=600)
+    assert solution.route == "vertices"
+    assert solution.converged

@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -35,6 +36,7 @@ from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features, sign_changing
 from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.plateau.steps import STALLED, Steps
+from spinor_geom.plateau.vertices.edge_features import EdgeFeatures, nodes_on_edges
 from spinor_geom.surface.formulas import null_vector, phi
 
 # Added to the diagonal of the Newton equations, as a share of its mean, because some equations may have no solution.
@@ -47,6 +49,10 @@ NODES = 14
 # Step lengths to try after a new linearisation. Without the last one three of sixty rims cut along triangles keep a
 # residual of 1e-3 of an edge; shorter steps improve none.
 _LENGTHS = (1.0, 0.5, 0.25)
+# A linearisation costs as much as one step for every 30 points. One slow step, which does not halve the distance, is
+# taken for every 100 points before the next linearisation. For short rims, where linearisations cost little, they lead
+# to nearer solutions: with slow steps three of sixty rims cut along triangles keep a residual of 1e-3 of an edge.
+_POINTS_PER_SLOW_STEP = 100
 DEGREE = 24  # degree of the polynomials; with 12 two of these rims keep 1e-3 to 3e-3 of an edge, 48 improves none
 
 
@@ -94,31 +100,33 @@ class PointEquations:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OnRim:
-    """The features on one rim of Ω, times the function that changes sign around holes."""
+    """The features on one rim of Ω, and the function that changes sign around holes, by which they are multiplied."""
 
     polygon: Complex[Array, " n"]
     dz: Complex[Array, "n g"]  # weights of integrals, at Gauss-Legendre nodes on the edges
     sign: Complex[Array, "n g"]
-    features: Complex[Array, "n g k"]
+    features: EdgeFeatures  # without the sign
     own: slice  # the features of the rim's own poles
     norm: Complex[Array, "c c"]  # L with LLᴴ the Gram matrix of the own features in H¹
 
     def nearest(self, spinors: Complex[Array, "n g 2"]) -> Complex[Array, "c 2"]:
         """Orthonormal read-outs of the own features, without sign change, nearest in H¹ to values at the nodes."""
         norm = _norm_of_edge(spinors.shape[1], place_of(spinors)) + 0j
-        weighted = norm.mT @ (norm @ spinors) * shares(self.polygon)[:, None, None] / self.sign.conj()[..., None]
-        features = self.features[..., self.own]
-        rows = features.reshape(-1, features.shape[-1])
-        return solve_lower(self.norm, rows.mT.conj() @ weighted.reshape(-1, 2))
+        weighted = norm.mT @ (norm @ spinors) * shares(self.polygon)[:, None, None]
+        return solve_lower(self.norm, self.features.adjoint(weighted)[self.own])
 
     def nearest_between(self, spinors: Complex[Array, "n 2"]) -> Complex[Array, "k 2"]:
         """Orthonormal read-outs nearest in H¹ to values at the midpoints of the edges, linear between them."""
-        share = place_of(spinors).put(rule("gauss", self.features.shape[1]).nodes)[:, None]
+        share = place_of(spinors).put(rule("gauss", self.sign.shape[1]).nodes)[:, None]
         edge, xp = shares(self.polygon)[:, None, None], namespace(spinors)
         before, after = xp.roll(spinors, 1, axis=0)[:, None], xp.roll(spinors, -1, axis=0)[:, None]
         back = xp.clip(0.5 - share, min=0) * edge * 2 / (edge + xp.roll(edge, 1, axis=0))
         ahead = xp.clip(share - 0.5, min=0) * edge * 2 / (edge + xp.roll(edge, -1, axis=0))
         return self.nearest((1 - back - ahead) * spinors[:, None] + back * before + ahead * after)
+
+    def values(self, raw: Complex[Array, "k 2"]) -> Complex[Array, "n g 2"]:
+        """Values of p and q at the nodes."""
+        return self.sign[..., None] * self.features.values(raw)
 
     def steps(self, spinors: Complex[Array, "n g 2"]) -> Float[Array, "n 3"]:
         """Re ∫ φ dz over each edge."""
@@ -127,7 +135,7 @@ class OnRim:
 
     def changes(self, spinors: Complex[Array, "n g 2"]) -> Complex[Array, "2 n k"]:
         """∫ 2pf dz and ∫ 2qf dz over each edge for all features f."""
-        return (2 * (spinors * self.dz[..., None]).mT @ self.features).swapaxes(0, 1)
+        return self.features.by_edge((spinors * (2 * self.dz * self.sign)[..., None]).mT).swapaxes(0, 1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -170,23 +178,20 @@ class Basis:
         ends = [0, *(len(hessenberg) + np.cumsum([len(each.positions) for each in poles])).tolist()]
         rims = []
         for number, polygon in enumerate(polygons):
-            z = nodes_on_edges(polygon, nodes)
-            sign = sign_changing(z, branches)
             require_time()  # for thousands of points each product takes seconds
-            features = raw_features(z, hessenberg, positions, scales)
+            features = EdgeFeatures.on(polygon, nodes, hessenberg, positions, scales)
             require_time()
             own = slice(*ends[number : number + 2])
-            root = _norm_of_edge(nodes, place) * xp.sqrt(shares(polygon))[:, None, None] + 0j
-            rows = root @ features[..., own]
-            matrix, each = gram(rows.reshape(-1, rows.shape[-1])), xp.arange(rows.shape[-1])
+            matrix = features.gram(_norm_of_edge(nodes, place) + 0j, shares(polygon), own)
+            each = xp.arange(matrix.shape[0])
             # units with neighbouring poles are nearly linearly dependent
             add_to_diagonal(matrix, EPS**0.5 * matrix[each, each].real.mean())
             rims.append(
                 OnRim(
                     polygon=polygon,
                     dz=(xp.roll(polygon, -1) - polygon)[:, None] * gauss,
-                    sign=sign,
-                    features=features * sign[..., None] if len(branches) else features,
+                    sign=sign_changing(nodes_on_edges(polygon, nodes), branches),
+                    features=features,
                     own=own,
                     norm=definite_cholesky(matrix),
                 )
@@ -235,7 +240,7 @@ class Passing:
 
     @cached_property
     def _spinors(self) -> tuple[Complex[Array, "_ g 2"], ...]:
-        return tuple(rim.features @ self.raw for rim in self.basis.rims)
+        return tuple(rim.values(self.raw) for rim in self.basis.rims)
 
     @cached_property
     def _steps(self) -> tuple[Float[Array, "_ 3"], ...]:
@@ -317,13 +322,17 @@ def nearest_through(
         OutOfTimeError: time ran out.
     """
     linear: PointEquations | None = None
+    taken: list[Complex[Array, "k 2"]] = []  # the steps since the last linearisation
+    slow, n = 0, len(here.error)
     while here.distance > allowed / 2 and steps.left:
         require_time()
         fresh = linear is None
         if linear is None:
-            linear = here.linearised()
+            linear, taken, slow = here.linearised(), [], 0
         # a step with a new linearisation leads to the solution nearest to the start
         step = linear.step(here.error, readout - start if fresh else None)
+        if slow:
+            step = _updated(step, taken)
         for length in _LENGTHS if fresh else _LENGTHS[:1]:
             there = here.at(readout + length * step)
             if there.distance < here.distance:
@@ -334,18 +343,29 @@ def nearest_through(
             linear = None
             continue
         readout, here, before = readout + length * step, there, here.distance
+        taken.append(length * step)
         steps.take("Newton", here.distance)
         if here.distance > before / 2:
             if fresh and here.distance > STALLED * before:
                 break
-            linear = None
+            slow += 1
+            if slow * _POINTS_PER_SLOW_STEP > n:
+                linear = None
     return readout
 
 
-def nodes_on_edges(polygon: Complex[Array, " n"], count: int) -> Complex[Array, "n g"]:
-    """Gauss-Legendre nodes on the edges of a polygon."""
-    share = place_of(polygon).put(rule("gauss", count).nodes)
-    return polygon[:, None] + share * (namespace(polygon).roll(polygon, -1) - polygon)[:, None]
+def _updated(step: Complex[Array, "k 2"], taken: Sequence[Complex[Array, "k 2"]]) -> Complex[Array, "k 2"]:
+    """A step with an old linearisation after Broyden's updates by the steps taken since.
+
+    Source: Kelley, "Iterative methods for linear and nonlinear equations" (1995), chapter 7.
+    """
+
+    def share(earlier: Complex[Array, "k 2"]) -> Float[Array, ""]:
+        return (earlier.conj() * step).real.sum() / square(earlier).sum()
+
+    for earlier, later in pairwise(taken):
+        step = step + later * share(earlier)
+    return step / (1 - share(taken[-1]))
 
 
 def shares(polygon: Complex[Array, " n"]) -> Float[Array, " n"]:

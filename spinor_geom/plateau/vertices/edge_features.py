@@ -1,0 +1,136 @@
+"""Polynomials and Cauchy units at Gauss-Legendre nodes on the edges of a polygon.
+
+Along an edge a unit with a distant pole is nearly a polynomial of low degree: few nodes determine it. Only those with
+near poles are evaluated at all nodes. So there are few dense arrays of all edges and all poles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+
+from spinor_geom.arrays import Array, Place, add_at, gram, namespace, place_of, to_numpy, zeros
+from spinor_geom.domain.quadrature import rule
+from spinor_geom.holomorphic.arnoldi import arnoldi_polynomials
+from spinor_geom.holomorphic.cauchy import cauchy_units
+
+# Nodes on each edge for units with poles at least _FAR edge lengths from its middle. Periods around holes are then
+# exact to 1e-9; with 6 nodes to 1e-8, and with 4 three of sixty rims cut along triangles keep 1e-3 of an edge.
+_FEW, _FAR = 7, 3.0
+# Rows of R that include units with distant poles: mean and slope. With one row two of these rims keep 1e-2 of an edge.
+_LONG_RANGE = 2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EdgeFeatures:
+    """The polynomials Q_0 … Q_d and the units d_k/(z − ζ_k), in this order, at g nodes on n edges."""
+
+    polynomials: Complex[Array, "n g d1"]
+    few: Complex[Array, "n c m"]  # the units at few nodes
+    near: Complex[Array, "n g q"]  # values of the units with near poles minus their interpolants through few nodes
+    index: Int[Array, "n q"]  # which units these are
+    between: Float[Array, "g c"]  # interpolation from the few nodes
+
+    @classmethod
+    def on(
+        cls,
+        polygon: Complex[Array, " n"],
+        nodes: int,
+        hessenberg: Complex[Array, "d1 d"],
+        poles: Complex[Array, " m"],
+        scales: Float[Array, " m"],
+    ) -> EdgeFeatures:
+        """The features at `nodes` Gauss-Legendre nodes on the edges of a polygon."""
+        place, xp = place_of(polygon), namespace(polygon)
+        between, z = _interpolation(_FEW, nodes, place), nodes_on_edges(polygon, nodes)
+        few = cauchy_units(nodes_on_edges(polygon, _FEW), poles, scales)
+        index = place.put(_near(to_numpy(polygon), to_numpy(poles)))
+        units = scales[index][:, None] / (z[..., None] - poles[index][:, None])
+        near = units - (between + 0j) @ xp.take_along_axis(few, index[:, None], axis=2)
+        return cls(
+            polynomials=arnoldi_polynomials(z, hessenberg), few=few, near=near, index=index, between=between + 0j
+        )
+
+    @property
+    def count(self) -> int:
+        """Number of features."""
+        return int(self.polynomials.shape[2] + self.few.shape[2])
+
+    def values(self, readout: Complex[Array, "k r"]) -> Complex[Array, "n g r"]:
+        """Sums of the features with given coefficients."""
+        degrees = self.polynomials.shape[2]
+        polynomial, units = readout[:degrees], readout[degrees:]
+        return self.polynomials @ polynomial + self.between @ (self.few @ units) + self.near @ units[self.index]
+
+    def by_edge(self, weights: Complex[Array, "n r g"]) -> Complex[Array, "n r k"]:
+        """Σ w f over the nodes of each edge, for each feature f."""
+        units = (weights @ self.between) @ self.few
+        n, r, m = units.shape
+        xp = namespace(units)
+        rows = place_of(units).put(np.arange(n * r).reshape(n, r, 1))
+        units = xp.reshape(units, (-1,))
+        add_at(units, rows * m + self.index[:, None], weights @ self.near)
+        return xp.concat([weights @ self.polynomials, xp.reshape(units, (n, r, m))], axis=2)
+
+    def adjoint(self, weights: Complex[Array, "n g r"]) -> Complex[Array, "k r"]:
+        """Σ f̄ w over all nodes, for each feature f."""
+        xp = namespace(weights)
+        r = weights.shape[2]
+
+        def summed(features: Complex[Array, "n _ f"], by: Complex[Array, "n _ r"]) -> Complex[Array, "f r"]:
+            # conjugates of the few weights instead of those of the features
+            return (xp.reshape(features, (-1, features.shape[2])).mT @ xp.reshape(by.conj(), (-1, r))).conj()
+
+        units = xp.reshape(summed(self.few, self.between.mT @ weights), (-1,))
+        columns = self.index[..., None] * r + place_of(weights).put(np.arange(r))
+        add_at(units, columns, self.near.mT.conj() @ weights)
+        return xp.concat([summed(self.polynomials, weights), xp.reshape(units, (-1, r))])
+
+    def gram(self, norm: Complex[Array, "h g"], shares: Float[Array, " n"], own: slice) -> Complex[Array, "c c"]:
+        """Lower triangle of Σ share·(Rf)ᴴ(Rf′) over all edges, for the features f, f′ in `own`.
+
+        R is triangular in Legendre polynomials: row k vanishes for polynomials of lower degree. Its last rows neglect
+        units with distant poles, which are nearly linear along the edge.
+        """
+        xp = namespace(shares)
+        root = (xp.sqrt(shares) + 0j)[:, None, None]
+        whole = xp.broadcast_to(norm[:_LONG_RANGE], (len(shares), _LONG_RANGE, norm.shape[1]))
+        long_range = root * self.by_edge(whole)[..., own]
+        matrix = gram(xp.reshape(long_range, (-1, long_range.shape[2])))
+        varying = self.near + self.between @ xp.take_along_axis(self.few, self.index[:, None], axis=2)
+        rows = root * (norm[_LONG_RANGE:] @ xp.concat([self.polynomials, varying], axis=2))
+        degrees, size = self.polynomials.shape[2], matrix.shape[0]
+        first = place_of(shares).put(np.arange(degrees))
+        index = xp.concat([xp.broadcast_to(first, (len(shares), degrees)), degrees + self.index], axis=1) - own.start
+        # features of other rims go to one more row and column
+        index = xp.where((index >= 0) & (index < size), index, size)
+        total = zeros(((size + 1) ** 2,), matrix)
+        add_at(total, index[:, :, None] * (size + 1) + index[:, None], rows.mT.conj() @ rows)
+        return matrix + xp.reshape(total, (size + 1, size + 1))[:size, :size]
+
+
+def nodes_on_edges(polygon: Complex[Array, " n"], count: int) -> Complex[Array, "n g"]:
+    """Gauss-Legendre nodes on the edges of a polygon."""
+    share = place_of(polygon).put(rule("gauss", count).nodes)
+    return polygon[:, None] + share * (namespace(polygon).roll(polygon, -1) - polygon)[:, None]
+
+
+def _near(polygon: Complex[np.ndarray, " n"], poles: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "n q"]:
+    """The poles nearest to each edge of a polygon; equally many for each, with all that are near."""
+    after = np.roll(polygon, -1)
+    distance = np.abs((polygon + after)[:, None] / 2 - poles)
+    count = int((distance < _FAR * np.abs(after - polygon)[:, None]).sum(axis=1).max())
+    return np.asarray(np.argpartition(distance, min(count, len(poles) - 1), axis=1)[:, :count])
+
+
+@lru_cache
+def _interpolation(few: int, count: int, place: Place) -> Float[Array, "g c"]:
+    """The matrix from values at few Gauss-Legendre nodes to those of their interpolating polynomial at more nodes."""
+    places, weights = rule("gauss", few)
+    degrees = np.arange(few)
+    at_few = np.polynomial.legendre.legvander(2 * places - 1, few - 1)
+    at_all = np.polynomial.legendre.legvander(2 * rule("gauss", count).nodes - 1, few - 1)
+    return place.put(at_all @ ((2 * degrees + 1) * at_few * weights[:, None]).T)
