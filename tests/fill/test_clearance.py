@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from functools import cache
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -21,11 +23,16 @@ STEEP = [
 ]
 
 
+@cache
+def filled(hole: Hole, continuity: Literal["C0", "C1"] = "C0") -> Any:
+    every = list(range(len(hole.loops)))
+    return fill_hole((hole.vertices, hole.faces), every, continuity=continuity, return_report=True)
+
+
 @pytest.mark.parametrize("continuity", ["C0", "C1"])
 @pytest.mark.parametrize("hole", STEEP, ids=lambda hole: hole.name)
-def test_no_patch_crosses_a_steep_wall(hole: Hole, continuity: str) -> None:
-    every = list(range(len(hole.loops)))
-    (vertices, faces), report = fill_hole((hole.vertices, hole.faces), every, continuity=continuity, return_report=True)  # type: ignore[call-overload]
+def test_no_patch_crosses_a_steep_wall(hole: Hole, continuity: Literal["C0", "C1"]) -> None:
+    (vertices, faces), report = filled(hole, continuity)
     assert report.watertight
     assert report.intersection_free
     np.testing.assert_array_equal(vertices[: len(hole.vertices)], hole.vertices)
@@ -38,7 +45,7 @@ def test_no_patch_crosses_a_steep_wall(hole: Hole, continuity: str) -> None:
 
 @pytest.mark.parametrize("hole", STEEP, ids=lambda hole: hole.name)
 def test_the_report_has_the_distance_from_the_exact_surface(hole: Hole) -> None:
-    _, report = fill_hole((hole.vertices, hole.faces), list(range(len(hole.loops))), return_report=True)
+    _, report = filled(hole)
     for outcome in report.loops:
         assert outcome.to_dict()["displacement"] == outcome.displacement
         assert 0 <= outcome.displacement <= outcome.loop.mean_edge_length

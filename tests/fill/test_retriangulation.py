@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any, Literal
+
 import numpy as np
 import pytest
 
@@ -17,10 +20,15 @@ NOISY = [hole for k, hole in enumerate(reported_bowls()) if k in (3, 14, 23, 34,
 RAGGED = [bowl(45 + 5 * k, BALLS[k % 4], noise=0.01 * (k % 3), seed=100 + k) for k in range(8)]
 
 
+@cache
+def filled(hole: Hole, continuity: Literal["C0", "C1"] = "C0") -> Any:
+    return fill_hole((hole.vertices, hole.faces), 0, continuity=continuity, return_report=True)
+
+
 @pytest.mark.parametrize("continuity", ["C0", "C1"])
 @pytest.mark.parametrize("hole", NOISY, ids=lambda hole: hole.name)
-def test_noisy_walls_are_not_crossed(hole: Hole, continuity: str) -> None:
-    (vertices, faces), report = fill_hole((hole.vertices, hole.faces), 0, continuity=continuity, return_report=True)  # type: ignore[call-overload]
+def test_noisy_walls_are_not_crossed(hole: Hole, continuity: Literal["C0", "C1"]) -> None:
+    (vertices, faces), report = filled(hole, continuity)
     (outcome,) = report.loops
     assert report.watertight
     assert outcome.intersections == 0
@@ -42,7 +50,7 @@ def test_noisy_walls_are_not_crossed(hole: Hole, continuity: str) -> None:
 
 @pytest.mark.parametrize("hole", [*NOISY, *RAGGED], ids=lambda hole: hole.name)
 def test_no_face_and_no_edge_of_the_mesh_is_repeated(hole: Hole) -> None:
-    (_, faces), _ = fill_hole((hole.vertices, hole.faces), 0, return_report=True)
+    (_, faces), _ = filled(hole)
     assert len(np.unique(np.sort(faces, axis=1), axis=0)) == len(faces)
     assert (HalfEdges.of(faces).counts == 2).all()
 
