@@ -50,6 +50,7 @@ def test_the_first_command_leaves_mesh_report_and_picture(clone: Path) -> None:
     assert boundary_loops(clone / "out" / "filled.obj") == []
 
 
+@pytest.mark.slow
 def test_the_picture_is_what_the_program_makes(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     import pictures

@@ -238,6 +238,7 @@ def noisy_random_curve(seed):
     return gallery.noisy_loop(gallery.evenly_sampled(gallery.random_curve(seed), 120), 0.15, seed=seed)
 
 
+@pytest.mark.slow
 def test_noisy_folds_are_met_on_the_flattening_of_a_discrete_disk():
     """Their unfolding is refused; a network came to 8e-4 of an edge."""
     solution = solve_plateau(noisy_random_curve(121), tolerance=2e-3, between="smooth")
