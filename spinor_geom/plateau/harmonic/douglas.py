@@ -224,7 +224,7 @@ _BY_CURVE = ("slide", "points", "tangent", "bend", "normal", "energy")
 _CACHED = ("speed", "gauge", "gradient", "size")  # what a step needs again after others have finished
 
 
-def reflected(bends: Float[Array, "b n"], damping: Float[Array, " b"] | None) -> Float[Array, "b n"]:
+def reflected(bends: Float[Array, "b n"], damping: Float[Array, " #b"] | None) -> Float[Array, "b n"]:
     """Γ″·ΛX; with damping 1 its negative values change sign, with damping ½ they become 0."""
     return bends if damping is None else bends + 2 * damping[:, None] * namespace(bends).clip(-bends, min=0)
 
