@@ -121,7 +121,9 @@ class _Decorating(ast.NodeTransformer):
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.FunctionDef:
         self.generic_visit(node)
-        if node.name != "__init__":  # which converts what it is given, and raises errors of its own
+        # `__init__` converts what it is given, and raises errors of its own; warnings name the line that calls
+        names_its_caller = any(isinstance(one, ast.keyword) and one.arg == "stacklevel" for one in ast.walk(node))
+        if node.name != "__init__" and not names_its_caller:
             node.decorator_list.append(_named("arrays_checked", node))
         return node
 

@@ -60,6 +60,7 @@ def test_the_picture_is_what_the_program_makes(clone: Path, monkeypatch: pytest.
     assert difference(clone / "drawn.png", ROOT / "docs" / "continuation.png") < SAME
 
 
+@pytest.mark.slow
 def test_commands_in_the_text_run(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     inline = re.findall(r"`spinor-geom ([^`]+)`", " ".join(README.read_text(encoding="utf-8").split()))
     (clone / "scans").mkdir()

@@ -107,7 +107,7 @@ def test_an_editable_install_finds_the_adapters(source: Path, tmp_path: Path) ->
 
 
 @pytest.mark.skipif(not (ROOT / ".git").exists() or shutil.which("git") is None, reason="not in a clone")
-@pytest.mark.parametrize("way", ["zip", "clone"])
+@pytest.mark.parametrize("way", ["zip", pytest.param("clone", marks=pytest.mark.slow)])
 def test_no_part_of_the_package_is_a_link_that_unzipping_or_windows_loses(way: str, tmp_path: Path) -> None:
     place = tmp_path / "place"
     if way == "zip":

@@ -220,7 +220,8 @@ def test_narrow_fingers_are_reached_not_passed_over():
     assert abs(solution.area_in_domain / solution.area - 1) < 1e-3
 
 
-@pytest.mark.parametrize("seed", [pytest.param(22, marks=pytest.mark.slow), 80])
+@pytest.mark.parametrize("seed", [22, 80])
+@pytest.mark.slow
 def test_vertices_follow_every_bend_of_the_domain(seed):
     """Edges that cut across its notches led integrals out of Ω, to positions far from the surface."""
     # the last step may end anywhere within the tolerance, by rounding: no part of a boundary that meets this one is

@@ -59,7 +59,7 @@ def is_area(found: float, known: float, error: float = SPLINE) -> bool:
 # --- known lists ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("a", [pytest.param(0.76, marks=pytest.mark.slow), 0.75, 0.6])
+@pytest.mark.parametrize("a", [*(pytest.param(a, marks=pytest.mark.slow) for a in (0.76, 0.6)), 0.75])
 def test_tennis_seams_below_the_threshold_bound_two_stable_disks_and_a_symmetric_one(a):
     stable, symmetric = gallery.tennis_seam(a).disks
     found = all_disks("seam", a, 128 if a == 0.6 else 100)
