@@ -23,6 +23,11 @@ CALLS = 20  # of one function in one test
 _test = 0  # number of the test that runs
 
 
+def pytest_configure() -> None:
+    """Before any module of the package is imported."""
+    sys.meta_path.insert(0, _Finder())
+
+
 def pytest_runtest_setup() -> None:
     global _test
     _test += 1
@@ -153,6 +158,3 @@ class _Finder(MetaPathFinder):
         if spec is not None and isinstance(spec.loader, SourceFileLoader):
             spec.loader = _Loader(fullname, spec.loader.path)
         return spec
-
-
-sys.meta_path.insert(0, _Finder())
