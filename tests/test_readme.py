@@ -41,6 +41,7 @@ def test_two_blocks_do_everything() -> None:
     assert [command[0] for command in shell_commands()] == ["python", "spinor-geom", "python", "pytest"]
 
 
+@pytest.mark.slow
 def test_the_first_command_leaves_mesh_report_and_picture(clone: Path) -> None:
     (fill,) = (command for command in shell_commands() if command[0] == "spinor-geom")
     assert main(fill[1:]) == 0

@@ -120,6 +120,7 @@ def test_both_forms_are_trained_on_the_twisted_circle_and_ours_stand_beside():
     assert rows[forms.SERIES]["branch points"] == "none"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_the_disks_of_a_seam_are_told_apart(tmp_path):
     kept = replace(TINY_RMSPROP, checkpoint=tmp_path)
@@ -162,6 +163,7 @@ def test_both_weights_start_alike_and_epochs_go_on_from_each_other(tmp_path):
         assert rows[weight, 3]["distance/diagonal"] == whole.max_per_diagonal
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_tangents_bring_the_boundary_nearer(monkeypatch):
     trained = {
