@@ -1,10 +1,12 @@
 """Times fills in two checkouts side by side and lists what became slower beyond noise.
 
 `python benchmarks/guard.py BASE [HEAD]` takes the folders of two checkouts; HEAD is this one by default. One process of
-each, and with `--peer` one of MeshLib, fills the same meshes in turn. The figures are CPU seconds of one thread and
-their ratios within each turn, so that other load hardly matters. The exit status is 1 if something became slower.
+each fills the same meshes in turn. The figures are CPU seconds of one thread and their ratios within each turn, so that
+other load hardly matters. The exit status is 1 if something became slower.
 
-With `--stages` it prints the CPU time of the stages of a fill in both checkouts instead.
+With `--peer` MeshLib fills them too, with its defaults, and again with as many triangles in each hole as HEAD's patch
+has. With `--data FOLDER` the cases are the mesh files of a folder. With `--stages` it prints the CPU time of the stages
+of a fill in both checkouts instead.
 """
 
 import argparse
@@ -16,15 +18,18 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from fnmatch import fnmatchcase
-from functools import reduce
+from functools import partial, reduce
 from importlib import import_module
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
-PEER = "meshlib-nicely"
+OURS, PEER, EQUAL = "spinor-fill", "meshlib-nicely", "equal"
+COLUMNS = ("case", "base, ms", "head, ms", "head / base")
+PEER_COLUMNS = ("triangles", "MeshLib's", "head / MeshLib", "with equal numbers of triangles")
 TURNS = 7  # if nothing changed, all seven ratios are over 1 in one of 128 cases
 # where the function of each stage is called: module, names of the owner and the function
 STAGES: Mapping[str, tuple[str, ...]] = {
@@ -44,20 +49,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--case", default="*", metavar="PATTERN", help="only the cases whose names match")
     parser.add_argument("--turns", type=int, default=TURNS, metavar="N", help="measurements of each case")
     parser.add_argument("--peer", action="store_true", help=f"{PEER} as well")
+    parser.add_argument("--data", type=Path, metavar="FOLDER", help="mesh files to fill, instead of the cases")
     parser.add_argument("--stages", action="store_true", help="the stages of a fill instead")
     options = parser.parse_args(arguments)
-    some = {name: make for name, make in CASES.items() if fnmatchcase(name, options.case)}
+    cases = CASES if options.data is None else whole_meshes(options.data)
+    some = {name: make for name, make in cases.items() if fnmatchcase(name, options.case)}
     if options.stages:
         return print_stages(some, options.base, options.head)
-    print("| case | base, ms | head, ms | head / base | head / MeshLib |\n| --- | --- | --- | --- | --- |")
-    slower = []
+    columns = [*COLUMNS, *(PEER_COLUMNS if options.peer else ())]
+    print(f"| {' | '.join(columns)} |\n|{' --- |' * len(columns)}")
+    slower, ratios = [], []
     with ExitStack() as stack, tempfile.TemporaryDirectory() as folder:
         workers = [stack.enter_context(Worker(path)) for path in (options.base, options.head)]
         if options.peer:
-            workers.append(stack.enter_context(Worker(options.head, PEER)))
-        for name, row, is_slower in measured(some, workers, Path(folder), options.turns):
+            workers += [stack.enter_context(Worker(options.head, name)) for name in (PEER, EQUAL)]
+        for name, row, is_slower, ratio in measured(some, workers, Path(folder), options.turns):
             print(row, flush=True)
             slower += [name] if is_slower else []
+            ratios.append(ratio)
+    if options.peer:
+        least, median, most = np.quantile(np.array(ratios), [0, 0.5, 1], axis=0)[:, 0]
+        print(f"\nhead / MeshLib: {median:.2f} in the median, {least:.2f} to {most:.2f}")
     print(f"\nslower: {', '.join(slower) or 'nothing'}")
     return int(bool(slower))
 
@@ -81,36 +93,45 @@ def print_stages(cases: Mapping[str, "Case"], base: Path, head: Path) -> int:
 def saved(name: str, make: "Case", folder: Path) -> list[Path]:
     """The files of the meshes of a case."""
     files = []
-    for k, (vertices, faces, rim) in enumerate(make()):
+    for k, mesh in enumerate(make()):
         files.append(folder / f"{name} {k}.npz")
-        np.savez(files[-1], vertices=vertices, faces=faces, rim=rim)
+        np.savez(files[-1], **{key: value for key, value in mesh._asdict().items() if value is not None})
     return files
 
 
 def measured(
     cases: Mapping[str, "Case"], workers: Sequence["Worker"], folder: Path, turns: int
-) -> Iterator[tuple[str, str, bool]]:
-    """The name of each case, its row of the table, and whether it was slower in all turns."""
+) -> Iterator[tuple[str, str, bool, list[float]]]:
+    """The name of each case, its row of the table, whether it was slower in all turns, and ratios to MeshLib."""
     for name, make in cases.items():
         files = saved(name, make, folder)
-        for worker in workers:  # the first fill imports modules
-            worker.seconds(files[:1])
+        if len(workers) > 2:
+            # MeshLib's second process takes the numbers of triangles from the files
+            for file, counts in zip(files, workers[1].triangles(files), strict=True):
+                np.savez(file, **dict(np.load(file)), triangles=counts)
+        counts = [worker.count(files) for worker in workers]  # the first fill imports modules
         # every second turn in reverse
         seconds = np.array(
             [[worker.seconds(files) for worker in workers[:: 1 - 2 * (turn % 2)]] for turn in range(turns)]
         )
         seconds[1::2] = seconds[1::2, ::-1]
-        base, head, *peer = 1e3 * np.median(seconds, axis=0) / len(files)
+        base, head = 1e3 * np.median(seconds, axis=0)[:2] / len(files)
         ratio = seconds[:, 1] / seconds[:, 0]
-        beside = f"{np.median(seconds[:, 1] / seconds[:, 2]):.2f}" if peer else ""
-        spread = f"{np.median(ratio):.2f} ({ratio.min():.2f} to {ratio.max():.2f})"
-        yield name, f"| {name} | {base:.1f} | {head:.1f} | {spread} | {beside} |", bool(ratio.min() > 1)
+        cells = [name, f"{base:.1f}", f"{head:.1f}", f"{np.median(ratio):.2f} ({ratio.min():.2f} to {ratio.max():.2f})"]
+        beside = np.median(seconds[:, 1:2] / seconds[:, 2:], axis=0).tolist()
+        if beside:
+            cells += [f"{count / len(files):.0f}" for count in counts[1:3]]
+            cells += [
+                f"{beside[0]:.2f}",
+                f"{beside[1]:.2f}" if counts[1] else "",
+            ]  # if we fill nothing, nor does MeshLib
+        yield name, f"| {' | '.join(cells)} |", bool(ratio.min() > 1), beside
 
 
 class Worker:
     """A process that fills meshes with the package of a checkout, or with another filler."""
 
-    def __init__(self, checkout: Path, filler: str = "spinor-fill") -> None:
+    def __init__(self, checkout: Path, filler: str = OURS) -> None:
         self._filler = filler
         self._environment = {**os.environ, "PYTHONPATH": str(checkout.resolve()), "OMP_NUM_THREADS": "1"}
 
@@ -127,11 +148,19 @@ class Worker:
         """CPU seconds in which the holes of all files were filled."""
         return float(self._answer(self._filler, files)["total"])
 
+    def count(self, files: Sequence[Path]) -> int:
+        """Number of new triangles in all files together."""
+        return int(self._answer(self._filler, files)["triangles"])
+
+    def triangles(self, files: Sequence[Path]) -> list[list[int]]:
+        """For each file the number of new triangles in the hole at each vertex of its rims; of our fills."""
+        return list(self._answer("triangles", files)["by_hole"])
+
     def stages(self, files: Sequence[Path]) -> dict[str, float]:
         """CPU seconds of each stage, of the rest, "solve", and in total."""
         return self._answer("stages", files)
 
-    def _answer(self, request: str, files: Sequence[Path]) -> dict[str, float]:
+    def _answer(self, request: str, files: Sequence[Path]) -> dict[str, Any]:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         print(json.dumps([request, *map(str, files)]), file=self._process.stdin, flush=True)
@@ -142,25 +171,52 @@ class Worker:
 
 
 def serve(requests: IO[str], answers: IO[str]) -> None:
-    """Answers requests, one a line: a filler, or "stages", and files of meshes."""
-    from spinor_geom.bench.fillers import FILLERS
-    from spinor_geom.bench.holes import Hole
-
+    """Answers requests, one a line: a filler, "equal", "triangles" or "stages", and files of meshes."""
     stages: dict[str, float] = {}
     for line in requests:
         request, *files = json.loads(line)
         if request == "stages" and not stages:
             stages = watched_stages()
         stages.update(dict.fromkeys(stages, 0.0))
-        total = 0.0
+        total, triangles, by_hole = 0.0, 0, []
         for file in files:
-            filler = FILLERS["spinor-fill" if request == "stages" else request]
-            fill, _ = filler.prepare(Hole(name=file, **np.load(file)))
+            fill, faces_of = prepared(request, file)
             start = time.process_time()
-            fill()
+            result = fill()
             total += time.process_time() - start
-        rest = total - sum(stages.values())
-        print(json.dumps({"total": total, **stages, "solve": rest}), file=answers, flush=True)
+            triangles += faces_of(result)
+            if request == "triangles":
+                by_hole.append(triangles_at(np.load(file)["rim"], result[1]))
+        figures = {"total": total, **stages, "solve": total - sum(stages.values())}
+        print(json.dumps({**figures, "triangles": triangles, "by_hole": by_hole}), file=answers, flush=True)
+
+
+def prepared(request: str, file: str) -> tuple[Callable[[], Any], Callable[[Any], int]]:
+    """The call that fills the holes of a file, and a function that counts the new triangles in its result."""
+    from spinor_geom.bench.fillers import FILLERS
+    from spinor_geom.bench.holes import Hole
+    from spinor_geom.fill.fill_hole import fill_hole
+
+    mesh = dict(np.load(file))
+    counts, length, before = mesh.pop("triangles", None), mesh.pop("edge_length", None), len(mesh["faces"])
+    hole = Hole(name=file, **mesh)
+    if request in (PEER, EQUAL):
+        fill, convert = FILLERS[PEER].prepare(replace(hole, triangles=counts if request == EQUAL else None))
+        return fill, lambda result: len(convert(result).faces) - before
+    options: dict[str, Any] = {"return_report": True}
+    if len(hole.rim_indices) < len(hole.loops):
+        options["loop"] = hole.rim_indices
+    if length is not None:
+        options["target_edge_length"] = float(length)
+    return partial(fill_hole, (hole.vertices, hole.faces), **options), lambda result: len(result[0][1]) - before
+
+
+def triangles_at(rim: np.ndarray, report: Any) -> list[int]:
+    """The number of new triangles in the hole at each vertex of the rims."""
+    counts = dict.fromkeys(rim.tolist(), 0)
+    for outcome in report.loops:
+        counts.update(dict.fromkeys(outcome.loop.vertex_ids.tolist(), outcome.faces_added if outcome.filled else 0))
+    return [counts[vertex] for vertex in rim.tolist()]
 
 
 def watched_stages() -> dict[str, float]:
@@ -185,8 +241,15 @@ def watched_stages() -> dict[str, float]:
     return seconds
 
 
-# vertices, faces, and the vertices of the rims to fill
-Mesh = tuple[np.ndarray, np.ndarray, np.ndarray]
+class Mesh(NamedTuple):
+    """A mesh with holes."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    rim: np.ndarray  # the vertices of the rims to fill
+    edge_length: float | None = None  # of our patches; by default that of each rim
+
+
 Case = Callable[[], list[Mesh]]
 
 
@@ -195,24 +258,24 @@ def ragged(names: Sequence[str]) -> list[Mesh]:
     from spinor_geom.bench.ragged import ragged_hole
 
     holes = [ragged_hole(name) for name in names]
-    return [(hole.vertices, hole.faces, hole.rim) for hole in holes]
+    return [Mesh(hole.vertices, hole.faces, hole.rim) for hole in holes]
 
 
 def caps() -> list[Mesh]:
     """Rims of 24 to 80 points cut along triangles."""
     from spinor_geom.bench.ragged import CUT
 
-    return [mesh for mesh in ragged(CUT) if 24 <= len(mesh[2]) <= 80][::4]
+    return [mesh for mesh in ragged(CUT) if 24 <= len(mesh.rim) <= 80][::4]
 
 
-def smooth(points: int) -> list[Mesh]:
-    """A strip down from a wavy ellipse."""
+def smooth(points: int, edges: float | None = None) -> list[Mesh]:
+    """A strip down from a wavy ellipse; the patch has edges of that many mean edges of the rim."""
     from spinor_geom.bench.holes import collar
 
     t = 2 * np.pi * np.arange(points) / points
     rim = np.column_stack([2 * np.cos(t), np.sin(t), 0.3 * np.sin(2 * t)])
     hole = collar("", rim, np.column_stack([2.6 * np.cos(t), 1.6 * np.sin(t), np.full(points, -0.8)]))
-    return [(hole.vertices, hole.faces, hole.rim)]
+    return [Mesh(hole.vertices, hole.faces, hole.rim, edges and edges * hole.mean_edge)]
 
 
 def sphere(subdivisions: int, holes: int) -> list[Mesh]:
@@ -232,12 +295,30 @@ def sphere(subdivisions: int, holes: int) -> list[Mesh]:
     points = points + 0.1 * edge * rng.standard_normal(points.shape)
     cut = cut_hole("", points, ball.faces, removed)
     hole = all_rims("", cut.vertices, cut.faces)
-    return [(hole.vertices, hole.faces, hole.rim)]
+    return [Mesh(hole.vertices, hole.faces, hole.rim)]
+
+
+def whole_meshes(folder: Path) -> Mapping[str, Case]:
+    """The mesh files of a folder that have boundary edges; all of their holes are filled."""
+    from spinor_geom.bench.holes import mesh_files
+
+    return {file.name: partial(whole_mesh, file) for file in mesh_files(folder)}
+
+
+def whole_mesh(file: Path) -> list[Mesh]:
+    """The mesh of a file."""
+    from spinor_geom.adapters import read_mesh
+    from spinor_geom.bench.holes import all_rims
+
+    mesh = read_mesh(file).mesh
+    return [Mesh(mesh.vertices, mesh.faces, all_rims("", mesh.vertices, mesh.faces).rim)]
 
 
 CASES: Mapping[str, Case] = {
     "caps of 24 to 80 points": caps,
-    **{f"smooth rim of {n:,} points": (lambda n=n: smooth(n)) for n in (64, 256, 1000)},
+    **{f"smooth rim of {n:,} points": partial(smooth, n) for n in (64, 256, 1000)},
+    # with about as many triangles as MeshLib's defaults; beside 1,000 points short edges need more
+    **{f"smooth rim of {n:,} points, edges × {x}": partial(smooth, n, x) for n, x in ((64, 0.5), (256, 3), (1000, 8))},
     **{f"noisy rim of {n:,} points": (lambda n=n: ragged([f"noise-15%-{n}"])) for n in (250, 600, 1200)},
     "60 holes in 80,000 faces": lambda: sphere(6, 60),
     "295 holes in 1,200,000 faces": lambda: sphere(8, 295),

@@ -22,14 +22,19 @@ STEP, IGES, BREP = (".step", ".stp"), (".igs", ".iges"), (".brep",)
 CAD_SUFFIXES = (*STEP, *IGES, *BREP)
 # Open CASCADE takes points at most 1e-7 apart as equal, whatever the unit; edges must be much longer
 _LEAST_EDGE = 1e-4
+_NETS = "Array2_gp_Pnt", "Array2_double"  # of points and weights
 
 
 class SplinePatch(Protocol):
-    """A B-spline surface on the unit square."""
+    """A rational B-spline surface on the unit square."""
 
     @property
     def control_points(self) -> Float[np.ndarray, "n m 3"]:
         """In rows of the first parameter."""
+
+    @property
+    def weights(self) -> Float[np.ndarray, "n m"]:
+        """Of the control points, positive."""
 
     @property
     def degrees(self) -> tuple[int, int]:
@@ -240,14 +245,14 @@ def _spline_surface(patch: SplinePatch, points: Float[np.ndarray, "n m 3"]) -> A
     from OCP.Geom import Geom_BSplineSurface
     from OCP.gp import gp_Pnt
 
-    poles = _array_type("Array2_gp_Pnt")(1, points.shape[0], 1, points.shape[1])
-    for i, row in enumerate(points.tolist(), 1):
-        for j, point in enumerate(row, 1):
-            poles.SetValue(i, j, gp_Pnt(*point))
+    poles, weights = (_array_type(name)(1, points.shape[0], 1, points.shape[1]) for name in _NETS)
+    for i, j in np.ndindex(points.shape[:2]):
+        poles.SetValue(i + 1, j + 1, gp_Pnt(*points[i, j].tolist()))
+        weights.SetValue(i + 1, j + 1, float(patch.weights[i, j]))
     values, counts = zip(*(np.unique(knots, return_counts=True) for knots in patch.knots), strict=True)
     knots = [_array("Array1_double", each) for each in values]
     multiplicities = [_array("Array1_int", each) for each in counts]
-    return Geom_BSplineSurface(poles, *knots, *multiplicities, *patch.degrees)
+    return Geom_BSplineSurface(poles, weights, *knots, *multiplicities, *patch.degrees)
 
 
 def _array(name: str, values: np.ndarray) -> Any:
@@ -265,6 +270,7 @@ def _array_type(name: str) -> Any:
         module, old = {
             "Array1_gp_Pnt": ("TColgp", "TColgp_Array1OfPnt"),
             "Array2_gp_Pnt": ("TColgp", "TColgp_Array2OfPnt"),
+            "Array2_double": ("TColStd", "TColStd_Array2OfReal"),
             "Array1_double": ("TColStd", "TColStd_Array1OfReal"),
             "Array1_int": ("TColStd", "TColStd_Array1OfInteger"),
         }[name]

@@ -30,32 +30,42 @@ def flattest_triangulation(
     """
     n = len(points)
     index = np.arange(n)
-    normals = np.full((n, n, 3), np.nan)  # of the triangle on the chord from i to j
-    normals[index[:-1], index[1:]] = around[:-1]
-    bend, area = np.zeros((n, n)), np.zeros((n, n))  # 1 − cosine of the largest angle, and twice the area, so far
+    # Quantities of the chord i to i + l are at [..., i, l], and "behind" at [..., i + l, l]; the loop below then needs
+    # slices only. Vectors are one array for each coordinate, on which operations are several times as fast.
+    chords = points.T[:, (index[:, None] + index) % n] - points.T[:, :, None]
+    # unit normals of the triangles on the chords; 1 − cosine of the largest angle, and twice the area, so far
+    normals, normals_behind = np.full((2, 3, n, n), np.nan)
+    normals[:, :, 1] = around.T
+    normals_behind[:, 1:, 1] = around.T[:, :-1]
+    bend, bend_behind, area, area_behind = np.zeros((4, n, n))
     split = np.zeros((n, n), dtype=np.int64)
+    forbidden = np.zeros((n, n, n), dtype=bool)  # by first point, and offsets of the last and of the middle one
+    first, middle, last = np.nonzero(forbidden_triangles)
+    forbidden[first, last - first, middle - first] = True
     for d in range(2, n):
-        first = index[: n - d, None]
-        middle, last = first + index[1:d], first + d
-        a, b = points[middle] - points[first], points[last] - points[first]
-        cross = a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
-        twice = np.sqrt(np.einsum("ikd,ikd->ik", cross, cross))
-        normal = cross / np.maximum(twice, np.finfo(np.float64).tiny)[:, :, None]
-        beside = [normals[first, middle], normals[middle, last]]
+        ahead, back = (..., slice(0, n - d), slice(1, d)), (..., slice(d, n), slice(d - 1, 0, -1))
+        a, b = chords[ahead], chords[:, : n - d, d : d + 1]
+        normal = a[[1, 2, 0]] * b[[2, 0, 1]]
+        normal -= a[[2, 0, 1]] * b[[1, 2, 0]]
+        twice = np.sqrt(np.einsum("dik,dik->ik", normal, normal))
+        normal /= np.maximum(twice, np.finfo(np.float64).tiny)
+        beside = [normals[ahead], normals_behind[back]]
         if d == n - 1:
-            beside.append(around[None, -1:])
-        most = np.maximum(bend[first, middle], bend[middle, last])
+            beside.append(around[-1][:, None, None])
+        most = np.maximum(bend[ahead], bend_behind[back])
         for other in beside:
-            cosine = np.einsum("ikd,ikd->ik", normal, np.broadcast_to(other, normal.shape))
+            cosine = np.einsum("dik,dik->ik", normal, np.broadcast_to(other, normal.shape))
             most = np.fmax(most, 1 - cosine)  # a NaN counts as no neighbour
-        most[forbidden_triangles[first, middle, last]] = np.inf
+        if len(first):
+            most[forbidden[: n - d, d, 1:d]] = np.inf
         if d < n - 1:
-            most[forbidden_chords[first[:, 0], last[:, 0]]] = np.inf
-        total = twice + area[first, middle] + area[middle, last]
+            most[forbidden_chords.diagonal(d)] = np.inf
+        total = twice + area[ahead] + area_behind[back]
         least = most.min(axis=1, keepdims=True)
         best = np.where(most <= least, total, np.inf).argmin(axis=1)
-        start, end, row = first[:, 0], last[:, 0], index[: n - d]
-        normals[start, end] = normal[row, best]
-        bend[start, end], area[start, end] = least[:, 0], total[row, best]
-        split[start, d] = start + 1 + best
+        row = index[: n - d]
+        normals[:, row, d] = normals_behind[:, row + d, d] = normal[:, row, best]
+        bend[row, d] = bend_behind[row + d, d] = least[:, 0]
+        area[row, d] = area_behind[row + d, d] = total[row, best]
+        split[row, d] = row + 1 + best
     return triangles_of(split) if np.isfinite(bend[0, -1]) else None

@@ -12,7 +12,6 @@ from spinor_geom.mesh.intersections import crossings_between
 from spinor_geom.mesh.operators import winding_numbers
 
 _WIDEST_GAP = 8  # in local edge lengths: wider gaps are not searched
-_AT_ONCE = 64  # gaps tested together
 
 
 def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
@@ -107,18 +106,12 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"]) -> float:
     distance = np.abs(along[i] - along[j])
     once = (i < j) | (gap > _WIDEST_GAP * local[j])  # most pairs are found from both ends
     far = np.flatnonzero(once & (np.minimum(distance, edge.sum() - distance) > 4 * gap + 6 * longer))
-    relative = gap[far] / longer[far]
-    order = np.argsort(relative)
-    relative, i, j = relative[order], i[far][order], j[far][order]
-    # in ascending order of the gaps, some at a time: the first one outside is the smallest
-    for start in range(0, len(i), _AT_ONCE):
-        a, b = polygon[i[start : start + _AT_ONCE]], polygon[j[start : start + _AT_ONCE]]
-        across = a[:, None] + np.array([0.2, 0.5, 0.8]) * (b - a)[:, None]
-        winding = winding_numbers(coordinates, plane_coordinates(across.ravel()))
-        outside = (winding.reshape(-1, 3) < 0.5).all(axis=1)
-        if outside.any():
-            return float(relative[start + int(np.argmax(outside))])
-    return np.inf
+    a, b = polygon[i[far]], polygon[j[far]]
+    across = (a[:, None] + np.array([0.2, 0.5, 0.8]) * (b - a)[:, None]).ravel()
+    after, none = np.roll(np.arange(len(polygon)), -1), np.zeros(len(polygon), dtype=np.int64)
+    inside = are_inside(across, np.zeros(len(across), dtype=np.int64), polygon, after, none)
+    outside = ~inside.reshape(-1, 3).any(axis=1)
+    return float((gap[far] / longer[far]).min(where=outside, initial=np.inf))
 
 
 def lattice_inside(polygon: Complex[np.ndarray, " m"], spacing: float) -> Complex[np.ndarray, " k"]:

@@ -56,11 +56,29 @@ def cumulative_matrix(order: int, ends: tuple[float, ...] | None = None) -> Floa
 
     (S f)_i is the integral to end i of the polynomial through the values f at the `order` Gauss nodes.
     """
+    x = rule("gauss", order).nodes if ends is None else np.asarray(ends)
+    return shared(through_gauss_nodes(order, x)[1])
+
+
+def through_gauss_nodes(
+    order: int, x: Float[np.ndarray, " h"]
+) -> tuple[Float[np.ndarray, "h g"], Float[np.ndarray, "h g"]]:
+    """Matrices from values at the `order` Gauss nodes on [0, 1] to the polynomial through them.
+
+    They give its values at x, and its integrals from 0 to x.
+    """
+    basis = np.polynomial.legendre.legvander(2 * x - 1, order)
+    to_values, to_integrals = _legendre_coefficients(order)
+    return basis[:, :-1] @ to_values, basis @ to_integrals
+
+
+@lru_cache(maxsize=32)
+def _legendre_coefficients(order: int) -> tuple[Float[np.ndarray, "g g"], Float[np.ndarray, "g1 g"]]:
+    """Matrices from values at the Gauss nodes to the Legendre coefficients of the polynomial and of its integral."""
     nodes, _ = np.polynomial.legendre.leggauss(order)
-    x = nodes if ends is None else 2 * np.asarray(ends) - 1
-    values = np.polynomial.legendre.legvander(nodes, order - 1)
-    integrals = np.polynomial.legendre.legvander(x, order) @ np.polynomial.legendre.legint(np.eye(order), lbnd=-1)
-    return shared(integrals @ np.linalg.inv(values) / 2)
+    inverse = np.linalg.inv(np.polynomial.legendre.legvander(nodes, order - 1))
+    integral = np.polynomial.legendre.legint(np.eye(order), lbnd=-1)
+    return shared(inverse), shared(integral @ inverse / 2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

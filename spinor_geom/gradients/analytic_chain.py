@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from spinor_geom.mesh.interpolation import ARC_NODES, RIDGE, gauss_nodes, poisson_kernels
 
@@ -43,13 +43,17 @@ class PoissonCurve:
         return kernel, slope
 
     @cached_property
-    def _factor(self) -> tuple[np.ndarray, bool]:
-        return cho_factor(self._own[0])
+    def _factor(self) -> Float[np.ndarray, "m m"]:
+        # LAPACK directly: the checks of scipy.linalg take as long as the work
+        factor, is_singular = dpotrf(self._own[0])
+        if is_singular:
+            raise np.linalg.LinAlgError("the equations of an analytic curve are singular")
+        return np.asarray(factor)
 
     @cached_property
     def weights(self) -> Float[np.ndarray, "m 3"]:
         """The weights c."""
-        return np.asarray(cho_solve(self._factor, self.points - self.points.mean(axis=0)))
+        return np.asarray(dpotrs(self._factor, self.points - self.points.mean(axis=0))[0])
 
     def by_values(
         self, s: Float[np.ndarray, " k"], by_values: Float[np.ndarray, "k 3"]
@@ -80,7 +84,7 @@ class PoissonCurve:
         self, by_weights: Float[np.ndarray, "m 3"]
     ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
         """Derivatives by the points and by the k_j, from those by the weights c."""
-        by_points = cho_solve(self._factor, by_weights)
+        by_points = dpotrs(self._factor, by_weights)[0]
         turned = self._own[1] * (by_points @ self.weights.T)
         return by_points - by_points.mean(axis=0), turned.sum(axis=0) - turned.sum(axis=1)
 

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array
+from scipy.sparse import csr_array
 
 from spinor_geom.errors import NotDifferentiableError
 from spinor_geom.gradients.analytic_chain import PoissonCurve, by_steps, by_trigonometric_points
@@ -125,11 +125,12 @@ class _Spline:
         s = np.mod(s, 1.0)
         piece = np.searchsorted(curve.breaks, s, side="right") - 1
         u = ((s - curve.breaks[piece]) / np.diff(curve.breaks)[piece])[:, None]
-        sums = coo_array((np.ones(len(s)), (piece, np.arange(len(s)))), shape=(m, len(s))).tocsr()
         terms = [by_values]
         for _ in range(curve.degree):
             terms.append(terms[-1] * u)
-        starts, *by_powers = (sums @ term for term in terms)
+        order = np.argsort(piece, kind="stable")
+        sums = csr_array((np.ones(len(s)), order, np.searchsorted(piece[order], np.arange(m + 1))), shape=(m, len(s)))
+        starts, *by_powers = np.split(sums @ np.concatenate(terms, axis=1), curve.degree + 1, axis=1)
         cubic = _Cubic(points=curve.coefficients[-1], corners=curve.corners)
         system = _system(curve.breaks, curve.coefficients, curve.corners, self._degrees)
         own, by_logs = system.by_points(np.stack(by_powers))

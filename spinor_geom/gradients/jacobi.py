@@ -18,19 +18,17 @@ from jaxtyping import Complex, Float
 from scipy.linalg import cho_factor, cho_solve
 
 from spinor_geom.arrays import place_of, to_numpy
-from spinor_geom.domain.quadrature import path_to, rule
-from spinor_geom.gradients.rim_nodes import NODES, RimNodes
+from spinor_geom.domain.quadrature import path_to
+from spinor_geom.gradients.rim_nodes import RimNodes
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import raw_features
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 from spinor_geom.holomorphic.poles import Poles, edge_poles, place_poles
-from spinor_geom.meshing.triangulate import is_unit_disk
 from spinor_geom.plateau.network.network_route import point_in_hole
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.surface.array_surface import PATH_ORDER
 
-# Degree of the polynomials beside poles, and the highest one on the disk, where there are none: it resolves 256 points
-_DEGREE, _MOST = 40, 128
+_DEGREE = 40  # of the polynomials beside poles
 _AT_ONCE = 1 << 22  # pairs of points for which direct sums take less time
 _DAMPING = 1e-12  # added to the diagonal of the normal equations, per mean entry: tangential displacements are free
 
@@ -62,12 +60,12 @@ class JacobiFields:
 
     @cached_property
     def _nodes(self) -> Complex[np.ndarray, " k"]:
-        return np.concatenate([rim.panels.z for rim in self.rims])
+        return np.concatenate([rim.z for rim in self.rims])
 
     @cached_property
     def _steps(self) -> Complex[np.ndarray, " k"]:
         """Weights of ∮ f dz."""
-        return np.concatenate([rim.panels.weights * rim.panels.dz for rim in self.rims])
+        return np.concatenate([rim.steps for rim in self.rims])
 
     @cached_property
     def _normal(self) -> Float[np.ndarray, "k 3"]:
@@ -81,8 +79,6 @@ class JacobiFields:
 
     @cached_property
     def _poles(self) -> Poles:
-        if self._is_disk:
-            return Poles(positions=np.zeros(0, dtype=np.complex128), scales=np.zeros(0))
         domain, points = self.solution.domain, sum(len(rim.loop) for rim in self.solution.rims)
         if domain.corners.any():
             return place_poles(domain)
@@ -91,19 +87,10 @@ class JacobiFields:
         poles = edge_poles(domain, offset=step)
         return Poles(positions=poles.positions[::step], scales=poles.scales[::step])
 
-    @property
-    def _is_disk(self) -> bool:
-        return is_unit_disk(self.solution.domain)
-
-    @property
-    def _degree(self) -> int:
-        """Degree of the polynomials; alone they resolve the points of the loop."""
-        return min(max(_DEGREE, len(self.solution.rims[0].loop) // 2), _MOST) if self._is_disk else _DEGREE
-
     @cached_property
     def _hessenberg(self) -> Complex[np.ndarray, "d1 d"]:
         weight = np.abs(self._steps)
-        return np.asarray(arnoldi_hessenberg(self._nodes, weight / weight.sum(), self._degree))
+        return np.asarray(arnoldi_hessenberg(self._nodes, weight / weight.sum(), _DEGREE))
 
     def _features(self, z: Complex[np.ndarray, " k"]) -> Values:
         """Functions for δp and δq; they change sign where p and q do."""
@@ -125,15 +112,12 @@ class JacobiFields:
         """∫ 2pf dz and ∫ 2qf dz from the start of the first rim to the nodes, and around the holes."""
         domain, first, parts, periods = self.solution.domain, 0, [], []
         for number, (rim, boundary) in enumerate(zip(self.rims, domain.boundaries, strict=True)):
-            panels = rim.panels
-            by_panel = (self._changes(panels.z) * panels.dz[:, None]).reshape(2, -1, NODES, self._count)
-            total = rule("gauss", NODES).weights @ by_panel * panels.widths[:, None]
-            inner = panels.cumulative @ by_panel * panels.widths[:, None, None]
+            changes = self._changes(rim.z)
+            along, total = rim.integral(np.moveaxis(changes, 0, 1).reshape(len(rim.z), -1))
             start = self._way(first) if len(self.rims) > 1 else 0.0
-            along = inner + (np.cumsum(total, axis=1) - total)[:, :, None]
-            parts.append(along.reshape(2, -1, self._count) + start)
+            parts.append(np.moveaxis(along.reshape(len(rim.z), 2, -1), 1, 0) + start)
             if number:
-                periods.append(total.sum(axis=1))
+                periods.append(total.reshape(2, -1))
             first += len(boundary.vertices)
         return np.concatenate(parts, axis=1), np.array(periods, dtype=np.complex128).reshape(-1, 2, self._count)
 
@@ -151,8 +135,8 @@ class JacobiFields:
             parts = []
             for rim, first in zip(self.rims, starts, strict=False):
                 way = path_to(domain, int(first), PATH_ORDER)[0]
-                angle = np.unwrap(np.angle(np.concatenate([way, rim.panels.z]) - centre))[len(way) :]
-                parts.append(np.log(np.abs(rim.panels.z - centre)) + 1j * angle)
+                angle = np.unwrap(np.angle(np.concatenate([way, rim.z]) - centre))[len(way) :]
+                parts.append(np.log(np.abs(rim.z - centre)) + 1j * angle)
             yield np.concatenate(parts)
 
     def _way(self, vertex: int) -> Complex[np.ndarray, "2 1 f"]:
@@ -162,7 +146,7 @@ class JacobiFields:
 
     @property
     def _count(self) -> int:
-        return len(self._poles.positions) + self._degree + 1
+        return len(self._poles.positions) + _DEGREE + 1
 
     @cached_property
     def _rows(self) -> Float[np.ndarray, "equations unknowns"]:

@@ -17,6 +17,7 @@ from spinor_geom.gradients.area import as_given
 from spinor_geom.gradients.curve_chain import by_points
 from spinor_geom.gradients.jacobi import JacobiFields
 from spinor_geom.gradients.minimal_area import Corners, as_rims, require_first_order, solved
+from spinor_geom.gradients.slide_adjoint import SlideAdjoint
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.route_result import typed_failures
@@ -130,7 +131,7 @@ def require_isolated(solution: PlateauSolution) -> None:
         NotDifferentiableError: the surface is unstable, or nearly so.
 
     Warns:
-        UncertainGradientWarning: the stability is undecided.
+        UncertainGradientWarning: the stability is undecided, or known from a total curvature just below 2π only.
     """
     stability = solution.stability
     if stability.verdict == "unstable":
@@ -143,8 +144,15 @@ def require_isolated(solution: PlateauSolution) -> None:
             f"the surface is degenerate (the eigenvalue {stability.eigenvalue:.6g} of its second variation is nearly "
             "1), so that it may jump when points move; move the rims towards each other, or points away from this place"
         )
-    if stability.verdict == "undecided":
-        reason = "the stability of the surface is undecided; its positions may not be differentiable"
+    # the eigenvalue of a cap of the sphere with area 2π(1 − ε), a lower bound, is above 1 + ε
+    by_curvature = stability.eigenvalue is None and (stability.total_curvature or 0.0) > 2 * np.pi * (1 - _DEGENERATE)
+    if stability.verdict == "undecided" or by_curvature:
+        known = (
+            f"nearly degenerate: its total curvature is {stability.total_curvature:.6g}"
+            if by_curvature
+            else "undecided"
+        )
+        reason = f"the stability of the surface is {known}; its positions may not be differentiable"
         warnings.warn(reason, UncertainGradientWarning, stacklevel=2)
 
 
@@ -172,6 +180,12 @@ class _Positions(torch.autograd.Function):
         return (None, None, None, *(torch.tensor(rows).to(device, dtype) for rows, (dtype, device) in pairs))
 
 
+def normal_fields(solution: PlateauSolution, z: Complex[np.ndarray, " v"]) -> SlideAdjoint | JacobiFields:
+    """Normal displacements at points inside Ω: by Newton's equations on circles, by least squares on other Ω."""
+    on_circles = solution.route in ("disk", "annulus", "circles")
+    return SlideAdjoint(solution=solution, z=z) if on_circles else JacobiFields(solution=solution, z=z)
+
+
 def position_gradient(
     solution: PlateauSolution, z: Complex[np.ndarray, " v"], by_positions: Float[np.ndarray, "v 3"]
 ) -> tuple[Float[np.ndarray, "_ 3"], ...]:
@@ -185,7 +199,7 @@ def position_gradient(
     if not np.isfinite(by_u).all():
         raise NotDifferentiableError("a vertex is a branch point of the surface, which has no normal there; move it")
     with one_thread(), typed_failures():
-        fields = JacobiFields(solution=solution, z=z)
+        fields = normal_fields(solution, z)
         weights = fields.by_boundary(by_u)
         parts = zip(solution.rims, fields.rims, weights, strict=True)
         return as_given(solution, [by_points(rim.curve, nodes.places, own) for rim, nodes, own in parts])

@@ -1,9 +1,9 @@
 """The chain rule of interpolating splines: from values of a curve to its points and the widths of its pieces.
 
 On piece i, of width h_i, a spline of degree d is Γ = P_i + Σ_r a_ir u^r, r = 1 … d, with u in [0, 1]. The a_ir solve a
-sparse linear system K(h) a = b: each piece ends at the next point; derivatives agree where two pieces meet without a
-corner; the ends of a side are not-a-knot or natural. K depends on ratios of neighbouring widths only. The derivatives
-by P and h follow from one solve with the transpose of K.
+linear system K(h) a = b: each piece ends at the next point; derivatives agree where two pieces meet without a corner;
+the ends of a side are not-a-knot or natural. K depends on ratios of neighbouring widths only. The derivatives by P and
+h follow from one solve with the transpose of K, a band matrix if the pieces are numbered from both ends of the curve.
 """
 
 from __future__ import annotations
@@ -15,9 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array, csc_array
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.linalg.lapack import dgbsv
 from scipy.special import comb
+
+from spinor_geom.mesh.interpolation import DEGREES
+
+_BINOMIALS = comb(np.arange(max(DEGREES) + 1), np.arange(max(DEGREES) + 1)[:, None])  # rows are orders
 
 
 class _Jumps(NamedTuple):
@@ -34,6 +37,14 @@ class _Entries(NamedTuple):
     row: Int[np.ndarray, " k"]
     column: Int[np.ndarray, " k"]
     value: Float[np.ndarray, " k"]
+
+
+class _Equations(NamedTuple):
+    """The equations K a = b: `near` is for each row the piece whose unknowns it constrains."""
+
+    jumps: _Jumps
+    entries: _Entries
+    near: Int[np.ndarray, " k"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,39 +73,71 @@ class SplineSystem:
         The first term P_i of a piece does not count.
         """
         d, m, _ = by_powers.shape
-        # unknowns are numbered piece by piece, so that K is banded but for the closing of the curve
-        multipliers = self._transposed.solve(by_powers.transpose(1, 0, 2).reshape(m * d, 3))
+        multipliers = self._adjoint(by_powers)
         by_steps = multipliers[::d]
-        piece, order, row = self._equations[0]
+        piece, order, row = self._equations.jumps
         column, ratio = self._after
         unknowns = self.powers.transpose(1, 0, 2).reshape(m * d, 3)
         by_ratio = order * ratio * (multipliers[row] * unknowns[column]).sum(axis=1)
-        by_logs = np.zeros(m)
-        np.add.at(by_logs, piece, by_ratio)
-        np.subtract.at(by_logs, (piece + 1) % m, by_ratio)
-        return np.roll(by_steps, 1, axis=0) - by_steps, by_logs
+        by_piece = np.zeros(m)
+        np.add.at(by_piece, piece, by_ratio)
+        return np.roll(by_steps, 1, axis=0) - by_steps, by_piece - np.roll(by_piece, 1)
+
+    def _adjoint(self, by_powers: Float[np.ndarray, "d m 3"]) -> Float[np.ndarray, "md 3"]:
+        """The solution of the transposed equations, one multiplier for each row of K.
+
+        Raises:
+            LinAlgError: K is singular.
+        """
+        d, m, _ = by_powers.shape
+        jumps, (row, column, value), near = self._equations
+        after, ratio = self._after
+        # 0, 2, 4, … 5, 3, 1: the first and the last piece are neighbours
+        place = np.minimum(2 * np.arange(m), 2 * np.arange(m)[::-1] + 1)
+        unknown = (place[:, None] * d + np.arange(d)).ravel()
+        number = np.empty(m * d, dtype=np.int64)
+        number[np.argsort(place[near], kind="stable")] = np.arange(m * d)
+        row = number[np.append(row, jumps.row)]
+        below = unknown[np.append(column, after)] - row
+        lower, upper = int(below.max()), int(-below.min())
+        bands = np.zeros((m * d, 2 * lower + upper + 1))  # LAPACK's, of the transpose
+        bands[row, lower + upper + below] = np.append(value, -ratio)
+        right = np.empty((m * d, 3), order="F")
+        right[unknown] = by_powers.transpose(1, 0, 2).reshape(m * d, 3)
+        *_, multipliers, is_singular = dgbsv(lower, upper, bands.T, right, overwrite_ab=True, overwrite_b=True)
+        if is_singular:
+            raise np.linalg.LinAlgError("the equations of a spline are singular")
+        return np.asarray(multipliers[number])
 
     @cached_property
-    def _equations(self) -> tuple[_Jumps, _Entries]:
-        """The equations that depend on the widths, and the entries of K that do not."""
+    def _equations(self) -> _Equations:
+        """The equations, numbered piece by piece: first that for the end of a piece, then derivatives there."""
         d, m, _ = self.powers.shape
-        order, piece = np.meshgrid(np.arange(1, d + 1), np.arange(m), indexing="ij")
+        piece, order = np.arange(m)[:, None], np.arange(1, d + 1)
         unknown = piece * d + order - 1
-        smooth, beyond = (order < self.degrees) & ~np.roll(self.corners, -1), order > self.degrees
-        jumps = [_Jumps(piece[smooth], order[smooth], unknown[smooth] + 1)]
+        degrees, ends = self.degrees[:, None], np.roll(self.corners, -1)[:, None]
+        smooth, beyond = (order < degrees) & ~ends, order > degrees
+        at, power = smooth.nonzero()
+        jumps = [_Jumps(at, power + 1, unknown[smooth] + 1)]
         entries = [
-            _Entries((piece * d).ravel(), unknown.ravel(), np.ones(m * d)),
+            _Entries(np.repeat(d * np.arange(m), d), unknown.ravel(), np.ones(m * d)),
             _Entries(unknown[beyond], unknown[beyond], np.ones(np.count_nonzero(beyond))),
         ]
-        for k in range((d - 1) // 2):
-            for some, fixed in self._ends_of_sides(k):
-                jumps.append(some)
-                entries += fixed
+        near = np.repeat(piece, d, axis=1)
+        if self.corners.any():
+            first, odd = np.flatnonzero(self.corners)[:, None], np.arange(1, d, 2)
+            last = np.roll(first, -1, axis=0) - 1
+            # of the conditions at the ends of a side, those at its start
+            near[last, odd] = np.where(odd < self.degrees[last], first, last % m)
+            for k in range((d - 1) // 2):
+                for some, fixed in self._ends_of_sides(k):
+                    jumps.append(some)
+                    entries += fixed
         jump = _Jumps(*map(np.concatenate, zip(*jumps, strict=True)))
-        for power in range(1, d + 1):
-            # derivatives over r! at the end of piece i
-            entries.append(_Entries(jump.row, jump.piece * d + power - 1, comb(power, jump.order)))
-        return jump, _Entries(*map(np.concatenate, zip(*entries, strict=True)))
+        # derivatives over r! at the end of piece i
+        own = unknown[jump.piece]
+        entries.append(_Entries(np.repeat(jump.row, d), own.ravel(), _BINOMIALS[jump.order, 1 : d + 1].ravel()))
+        return _Equations(jump, _Entries(*map(np.concatenate, zip(*entries, strict=True))), near.ravel())
 
     def _ends_of_sides(self, k: int) -> Iterator[tuple[_Jumps, list[_Entries]]]:
         """Condition number k at both ends of the sides whose degree has so many: not-a-knot or natural.
@@ -126,18 +169,9 @@ class SplineSystem:
             yield _Jumps(inner, self.degrees[inner], row[knots]), fixed
 
     @cached_property
-    def _transposed(self) -> SuperLU:
-        """A factor of the transpose of K."""
-        d, m, _ = self.powers.shape
-        jumps, (row, column, value) = self._equations
-        after, ratio = self._after
-        parts = np.append(value, -ratio), (np.append(column, after), np.append(row, jumps.row))
-        return splu(csc_array(coo_array(parts, shape=(m * d, m * d))))
-
-    @cached_property
     def _after(self) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
         """For each jump the unknown at the start of the next piece, and its factor (h_i/h_{i+1})^r."""
         d, m, _ = self.powers.shape
-        piece, order, _ = self._equations[0]
+        piece, order, _ = self._equations.jumps
         after = (piece + 1) % m
         return after * d + order - 1, (self.widths[piece] / self.widths[after]) ** order

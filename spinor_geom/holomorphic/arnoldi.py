@@ -43,21 +43,25 @@ def arnoldi_polynomials(z: Complex[Array, "*pts"], hessenberg: Complex[Array, "d
     return place_of(z).put(rows.T.reshape(*z.shape, len(rows)))
 
 
-def leja_points(z: Complex[Array, " n"], count: int) -> Complex[Array, " count"]:
-    """Leja points of a set: each maximises the product of its distances from the previous ones."""
-    candidates = to_numpy(z)[:: max(1, len(z) // _MOST_CANDIDATES)]
-    chosen = [candidates[np.abs(candidates - candidates.mean()).argmax()]]
-    product = np.zeros(len(candidates))
+def leja_points(z: Complex[Array, "*b n"], count: int) -> Complex[Array, "*b count"]:
+    """Leja points of sets: each maximises the product of its distances from the previous ones."""
+    candidates = to_numpy(z)[..., :: max(1, z.shape[-1] // _MOST_CANDIDATES)]
+    far = np.abs(candidates - candidates.mean(axis=-1, keepdims=True))
+    chosen, product = [_at_largest(candidates, far)], np.zeros(candidates.shape)
     with np.errstate(divide="ignore"):  # chosen points have the product 0
         for _ in range(count - 1):
             product += np.log(np.abs(candidates - chosen[-1]))
-            chosen.append(candidates[product.argmax()])
-    return place_of(z).put(np.array(chosen))
+            chosen.append(_at_largest(candidates, product))
+    return place_of(z).put(np.concatenate(chosen, axis=-1))
 
 
-def barycentric_weights(points: Complex[Array, " k"]) -> Complex[Array, " k"]:
+def _at_largest(z: Complex[np.ndarray, "*b n"], value: Float[np.ndarray, "*b n"]) -> Complex[np.ndarray, "*b 1"]:
+    return np.asarray(np.take_along_axis(z, value.argmax(axis=-1, keepdims=True), axis=-1))
+
+
+def barycentric_weights(points: Complex[Array, "*b k"]) -> Complex[Array, "*b k"]:
     """w_j ∝ Π_{k≠j} 1/(ζ_j − ζ_k), for which Σ w_j f_j/(ζ_j − z)/Σ w_j/(ζ_j − z) is the interpolating polynomial."""
-    xp, difference = namespace(points), points[:, None] - points
+    xp, difference = namespace(points), points[..., :, None] - points[..., None, :]
     add_to_diagonal(difference, 1)
-    logarithms = xp.log(difference).sum(1)
-    return xp.exp(logarithms.real.mean() - logarithms)
+    logarithms = xp.log(difference).sum(-1)
+    return xp.exp(logarithms.real.mean(-1)[..., None] - logarithms)

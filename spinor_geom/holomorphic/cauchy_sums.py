@@ -18,8 +18,9 @@ _SOURCES_PER_LEAF = 8
 # largest side of a cell of targets, as a share of its distance from the sources, and fewest targets in a cell
 _CELL_SIDE, _FEWEST_IN_CELL = 0.3, 4
 _MOST_HALVINGS = 40
-# number of pairs of sources and targets up to which direct sums are faster; number of pairs that fit the cache
-_FEW_PAIRS, _AT_ONCE = 1 << 23, 1 << 15
+# numbers of sources, and of pairs of sources and targets, up to which direct sums are faster; number of pairs that fit
+# the cache
+_FEW_SOURCES, _FEW_PAIRS, _AT_ONCE = 1 << 10, 1 << 23, 1 << 15
 _PAIRS = 1 << 10  # pairs of clusters, or sources, whose series fit the cache
 _BINOMIALS = comb(np.add.outer(np.arange(_TERMS), np.arange(_TERMS)), np.arange(_TERMS)[:, None])
 _TINY = np.finfo(np.float64).tiny
@@ -32,7 +33,7 @@ def cauchy_sums(
 
     The sources ζ_j are in order along a curve; the strengths g_j, real or complex, have one column for each sum.
     """
-    if len(sources) * len(targets) > _FEW_PAIRS:
+    if len(sources) > _FEW_SOURCES and len(sources) * len(targets) > _FEW_PAIRS:
         return fast_sums(sources, strengths, targets)
     step = max(1, _AT_ONCE // max(1, len(sources)))
     parts = np.split(targets, np.arange(step, len(targets), step))

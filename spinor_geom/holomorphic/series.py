@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Complex, Float
 
-from spinor_geom.arrays import Array, arange, is_real, namespace
+from spinor_geom.arrays import Array, arange, is_numpy, is_real, namespace
 from spinor_geom.errors import DtypeError, require_positive
 from spinor_geom.holomorphic.array_model import ArrayModel
 
@@ -94,8 +94,30 @@ def power_sums(u: Complex[Array, "*pts"], coefficients: Complex[Array, "k c"]) -
     return total.mT.reshape(*u.shape, coefficients.shape[1])
 
 
+def power_moments(
+    u: Complex[np.ndarray, " n"], weights: Float[np.ndarray, "n c"], count: int
+) -> Complex[np.ndarray, "c k"]:
+    """Σ_j w_j u_j^k for k < `count` and each column of weights: the transpose of `power_sums`."""
+    total = np.zeros((weights.shape[1], count), dtype=np.complex128)
+    for start in range(0, len(u), _POINTS):
+        some, rows = u[start : start + _POINTS], weights[start : start + _POINTS].T + 0j
+        powers = power_table(some, min(_POWERS, count))
+        step = powers[-1] * some
+        for k in range(0, count, _POWERS):
+            total[:, k : k + _POWERS] += rows @ powers[: count - k].T
+            rows = rows * step
+    return total
+
+
 def power_table(u: Complex[Array, "*pts"], count: int) -> Complex[Array, "k *pts"]:
     """u⁰ … u^(count − 1)."""
     xp = namespace(u)
     powers = xp.concat([xp.ones_like(u)[None], xp.broadcast_to(u, (max(count - 1, 0), *u.shape))])[:count]
-    return powers.cumprod(0)
+    if not is_numpy(u):
+        return powers.cumprod(0)
+    last = 1
+    while last < count - 1:  # products of rows take a tenth of the time of cumulative ones
+        end = min(2 * last, count - 1)
+        np.multiply(powers[1 : end - last + 1], powers[last], out=powers[last + 1 : end + 1])
+        last = end
+    return powers

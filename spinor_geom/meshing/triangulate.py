@@ -12,6 +12,7 @@ from spinor_geom.domain.polygons import lattice_inside
 from spinor_geom.domain.sizes import GROWTH, NearestPoints, RegionSizes, size_bounds
 from spinor_geom.domain.triangulation import PlaneTriangulation, Seeds, triangulate_regions
 from spinor_geom.errors import TooManyPointsError
+from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 from spinor_geom.surface.array_surface import ArraySurface
 
 DECAY = 0.5  # largest decrease of the edge length per distance from the boundary
@@ -25,7 +26,6 @@ POINTS_PER_TRIANGLE = 2
 MOST_POINTS = 10**7  # of one patch, which would take gigabytes and minutes
 _WINDING_ERROR = 1e-3  # of winding numbers by quadrature; larger beside the boundary
 _MOST_STRETCHED = 1.2  # ratio of the areas of flattening and surface beyond which seeds are of no use
-_AT_ONCE = 256  # points per batch, which fits into the cache
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,10 +143,6 @@ def even_seeds(stretch: Float[np.ndarray, " n"], target: float, area: float) -> 
     lattice = lattice_inside(rim, spacing)
     # Cauchy's formula for the inverse of G and its derivative, over that for 1
     strengths = np.stack([slope * circle, slope * circle**2, circle], axis=1)
-    found = []
-    for some in np.split(lattice, np.arange(_AT_ONCE, len(lattice), _AT_ONCE)):
-        turns, inverse, widening = (1 / (rim - some[:, None]) @ strengths).T
-        once = np.abs(turns / (2 * n) - 1) < _WINDING_ERROR
-        found.append(np.stack([inverse[once] / turns[once], spacing * np.abs(widening[once] / turns[once])]))
-    points, distance = np.concatenate(found, axis=1)
-    return points, distance.real
+    turns, inverse, widening = cauchy_sums(rim, strengths, lattice).T
+    once = np.abs(turns / (2 * n) - 1) < _WINDING_ERROR
+    return inverse[once] / turns[once], spacing * np.abs(widening[once] / turns[once])

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from spinor_geom.domain.delaunay import ConstrainedDelaunay, Rims, cross, rim_successors
+from spinor_geom.domain.delaunay import ConstrainedDelaunay, cross, rim_successors
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.polygons import bound_domain
 from spinor_geom.errors import DomainError
+from spinor_geom.nurbs.quadrangulation import LEAST_SINE, cut_open, quadrangulated, sides_of
 from spinor_geom.nurbs.rims import Rim
 
 _FEWEST, _FINE = 4, 64  # quadrilaterals along a boundary: fewest, and about the number to begin with
@@ -23,8 +23,9 @@ _SLOPE = 0.15  # largest change of depth per distance of two marks
 _CLEAR = 0.9  # a depth is possible if the nearest point of ∂Ω is at least at this share of the distance to be expected
 _GRID = np.linspace(0, 1, 9)  # where quadrilaterals of the ring must not be folded
 _ASIDE = 0.005  # where derivatives at the ends of a side are taken, as a share of it
-_LEAST_SINE = 0.1  # of the angle between the parameter lines
-_EVEN = 0.3  # least thickness of a quadrilateral of the ring, as a share of its largest
+_TURN = 1.65  # of ∂Ω along joined quadrilaterals, in radians: less than 90° takes more of them, more takes more knots
+_EVEN = 0.1  # least thickness of a quadrilateral of the ring, as a share of its largest
+_LONGEST = 8.0  # of a quadrilateral of a ring along ∂Ω before some are joined, relative to its depth
 _MOST_CORNERS = 100  # of a region that is divided into quadrilaterals: the time grows with the fourth power
 _TRIES = 12  # numbers of sides that are tried for quadrilaterals inside
 _ROUNDS = 10  # of halving sides on ∂Ω
@@ -69,8 +70,12 @@ class Blocks:
                 "the plane domain cannot be divided into quadrilaterals: it is too narrow somewhere, or the surface "
                 "misses its curve by too much; solve with a smaller tolerance"
             )
+        rings = _shortened(domain, rings)
         fewer = [ring.coarser() for ring in rings]
         while sum(map(len, fewer)) < sum(map(len, rings)) and _bound(fewer):
+            joined = _joined(rings) if sum(map(len, rings)) <= _MOST_CORNERS else None
+            if joined is not None:
+                return _assembled(*joined)
             rings, fewer = fewer, [ring.coarser() for ring in fewer]
         finer = rings = _longest_halved(domain, rings) if sum(map(len, rings)) % 2 else rings
         for _ in range(_TRIES):
@@ -175,8 +180,24 @@ class _Ring:
             second = (first + 1) % k
             if not (folded[first] or self.fixed[second] or used[first] or used[second]) and kept.sum() > _FEWEST:
                 kept[second], used[first], used[second] = False, True, True
-        left = {name: getattr(self, name)[kept] for name in ("marks", "outer", "depth", "inwards", "fixed")}
+        return self.kept(kept)
+
+    def kept(self, which: Bool[np.ndarray, " k"]) -> _Ring:
+        """The ring with some of its marks."""
+        left = {name: getattr(self, name)[which] for name in ("marks", "outer", "depth", "inwards", "fixed")}
         return replace(self, **left)
+
+    def joins(self) -> Int[np.ndarray, "j 3"]:
+        """Pairs of marks between which quadrilaterals can be joined to one that is not folded, and their numbers."""
+        k = len(self)
+        first, more = np.nonzero(np.ones((k, max(1, k // _FEWEST)), dtype=bool))
+        last = first + more + 1
+        crossed = np.append(0, np.cumsum(np.append(self.fixed, self.fixed)))
+        free = (more > 0) & (crossed[last] == crossed[first + 1])
+        first, last = first[free], last[free]
+        marks, inner = np.append(self.marks, self.marks + 1), np.append(self.inner, self.inner)
+        folded = _folded(self.rim, marks[first], marks[last], inner[first], inner[last], most_turn=_TURN)
+        return np.stack([first, last % k, last - first], axis=1)[~folded]
 
     def folded(self) -> Bool[np.ndarray, " k"]:
         """Which quadrilaterals are folded, or nearly so."""
@@ -203,8 +224,12 @@ def _folded(
     end: Float[np.ndarray, " k"],
     before: Complex[np.ndarray, " k"],
     after: Complex[np.ndarray, " k"],
+    most_turn: float = np.inf,
 ) -> Bool[np.ndarray, " k"]:
-    """Which quadrilaterals between boundary points and inner corners are folded, or nearly so."""
+    """Which quadrilaterals between boundary points and inner corners are folded, or nearly so.
+
+    So are those along parts of ∂Ω that turn more.
+    """
     width = (end - start)[:, None]
     t, step = start[:, None] + width * _GRID, (after - before)[:, None]
     velocity = width * rim.derivative(start[:, None] + width * np.clip(_GRID, _ASIDE, 1 - _ASIDE))
@@ -213,8 +238,9 @@ def _folded(
     area = cross(along, across[..., None])
     thickness = np.abs(across)
     even = thickness.min(axis=1) > _EVEN * thickness.max(axis=1)
-    is_open = (area > _LEAST_SINE * np.abs(along) * thickness[..., None]).all(axis=(1, 2))
-    return np.asarray(~(even & is_open))
+    turn = np.abs(np.angle(velocity[:, 1:] / velocity[:, :-1])).sum(axis=1)
+    is_open = (area > LEAST_SINE * np.abs(along) * thickness[..., None]).all(axis=(1, 2))
+    return np.asarray(~(even & is_open & (turn <= most_turn)))
 
 
 def _bound(rings: Sequence[_Ring]) -> bool:
@@ -230,12 +256,44 @@ def _longest_halved(domain: PlaneDomain, rings: Sequence[_Ring]) -> list[_Ring]:
     return [ring.halved(domain, longest) if ring is rings[number] else ring for ring in rings]
 
 
+def _shortened(domain: PlaneDomain, rings: Sequence[_Ring]) -> list[_Ring]:
+    """The rings with long quadrilaterals halved, so that corners on both sides of a narrow part can face each other."""
+    for _ in range(_ROUNDS):
+        long = [ring.lengths > _LONGEST * np.minimum(ring.depth, np.roll(ring.depth, -1)) for ring in rings]
+        finer = [ring.halved(domain, some) for ring, some in zip(rings, long, strict=True)]
+        unchanged = sum(map(len, finer)) == sum(map(len, rings))
+        if unchanged or sum(map(len, finer)) > _MOST_CORNERS or any(ring.folded().any() for ring in finer):
+            break
+        rings = finer
+    return list(rings)
+
+
 def _inside(rings: Sequence[_Ring]) -> Int[np.ndarray, "q 4"] | None:
     """Quadrilaterals that fill the region inside the rings, by numbers of inner corners; None if none were found."""
     inner = np.concatenate([ring.inner for ring in rings])
-    polygon = _cut(inner, tuple(map(len, rings)))
-    quads = _quadrangulated(inner[polygon]) if len(polygon) <= _MOST_CORNERS else None
+    polygon = cut_open(inner, tuple(map(len, rings)))
+    if len(polygon) > _MOST_CORNERS:
+        return None
+    sides = np.stack([np.arange(len(polygon)), np.roll(np.arange(len(polygon)), -1)], axis=1)
+    quads = quadrangulated(inner[polygon], sides)
     return None if quads is None else polygon[quads]
+
+
+def _joined(rings: Sequence[_Ring]) -> tuple[list[_Ring], Int[np.ndarray, "q 4"]] | None:
+    """The rings with neighbours joined, and the quadrilaterals inside, for the least cost; None if none were found."""
+    sizes = tuple(map(len, rings))
+    inner = np.concatenate([ring.inner for ring in rings])
+    polygon = cut_open(inner, sizes)
+    joins = [ring.joins() for ring in rings]
+    ends = [own[:, :2] + first for own, first in zip(joins, np.cumsum((0, *sizes)), strict=False)]
+    sides = sides_of(polygon, np.concatenate(ends), np.concatenate([own[:, 2] for own in joins]))
+    quads = quadrangulated(inner[polygon], sides)
+    if quads is None:
+        return None
+    used = np.zeros(len(inner), dtype=bool)
+    used[polygon[quads]] = True
+    kept = np.split(used, np.cumsum(sizes)[:-1])
+    return [ring.kept(own) for ring, own in zip(rings, kept, strict=True)], (np.cumsum(used) - 1)[polygon[quads]]
 
 
 def _assembled(rings: Sequence[_Ring], inside: Int[np.ndarray, "q 4"]) -> Blocks:
@@ -249,52 +307,6 @@ def _assembled(rings: Sequence[_Ring], inside: Int[np.ndarray, "q 4"]) -> Blocks
         parts=np.concatenate([np.stack([ring.marks, _ends(ring.marks)], axis=1) for ring in rings]),
         sizes=sizes,
     )
-
-
-def _cut(inner: Complex[np.ndarray, " n"], sizes: Rims) -> Int[np.ndarray, " m"]:
-    """The corners of one closed polygon along all rims, with cuts between nearest corners of different rims."""
-    outer, *holes = np.split(np.arange(len(inner)), np.cumsum(sizes)[:-1])
-    polygon, rest = outer.tolist(), [hole.tolist() for hole in holes]
-    while rest:
-        distances = [np.abs(np.subtract.outer(inner[polygon], inner[hole])) for hole in rest]
-        number = int(np.argmin([each.min() for each in distances]))
-        i, j = divmod(int(distances[number].argmin()), len(rest[number]))
-        hole = rest.pop(number)
-        polygon = [*polygon[: i + 1], *hole[j:], *hole[: j + 1], *polygon[i:]]
-    return np.array(polygon)
-
-
-def _quadrangulated(z: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "q 4"] | None:
-    """The convex quadrilaterals that fill a polygon, with the least sum of 1/sin of least angles; None if none do.
-
-    Dynamic programming over the chords of the polygon. Equal points may occur twice.
-    """
-    m = len(z)
-    with np.errstate(invalid="ignore"):
-        step = z - z[:, None]
-        step /= np.abs(step)
-    cost, between = np.full((m, m), np.inf), np.zeros((m, m, 2), dtype=np.int64)
-    cost[np.arange(m - 1), np.arange(1, m)] = 0.0
-    for width in range(3, m, 2):
-        for i in range(m - width):
-            j = i + width
-            k, h = np.arange(i + 1, j, 2)[:, None], np.arange(i + 2, j, 2)
-            sides = np.broadcast_arrays(step[j, i], step[i, k], step[k, h], step[h, j], step[j, i])
-            sine = np.minimum.reduce([cross(a, b) for a, b in itertools.pairwise(sides)])
-            with np.errstate(divide="ignore", invalid="ignore"):
-                total = cost[i, k] + cost[k, h] + cost[h, j] + 1 / np.where(sine > _LEAST_SINE, sine, 0.0)
-            best = int(total.argmin())
-            cost[i, j], between[i, j] = total.flat[best], (k.flat[best // h.size], h.flat[best % h.size])
-    if not np.isfinite(cost[0, m - 1]):
-        return None
-    quads, chords = [], [(0, m - 1)]
-    while chords:
-        i, j = chords.pop()
-        if j - i > 1:
-            k, h = between[i, j].tolist()
-            quads.append((i, k, h, j))
-            chords += [(i, k), (k, h), (h, j)]
-    return np.array(quads)
 
 
 def _with_triangles(rings: Sequence[_Ring]) -> Blocks:

@@ -4,108 +4,28 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import BSpline
 
 from spinor_geom.adapters.cad_objects import cad_object
 from spinor_geom.adapters.open_cascade import Unit, require_cad_suffix, sewn_shell, write_shape
-from spinor_geom.domain.quadrature import rule
-from spinor_geom.errors import require_positive
+from spinor_geom.errors import OptionError, require_positive
 from spinor_geom.nurbs.blocks import Blocks
+from spinor_geom.nurbs.nurbs_patch import NurbsCurve, NurbsPatch, homogeneous
+from spinor_geom.nurbs.polynomial_disk import QUADS, PolynomialDisk
 from spinor_geom.nurbs.rims import Rim
 from spinor_geom.nurbs.samples import Samples
-from spinor_geom.nurbs.spline_space import SplineSpace
-from spinor_geom.nurbs.strips import Fit, QuadMesh, fitted
+from spinor_geom.nurbs.strips import NEARER_AT_RIMS, Fit, QuadMesh, fitted, share_sides
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.shown import shortened
+from spinor_geom.surface.array_surface import ArraySurface
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class NurbsCurve:
-    """A B-spline curve on [0, 1].
-
-    Attributes:
-        control_points: in mesh units.
-        degree: of the polynomials.
-        knots: from 0 to 1, each repeated as often as it counts.
-    """
-
-    control_points: Float[np.ndarray, "n 3"]
-    degree: int
-    knots: Float[np.ndarray, " k"]
-
-    def __repr__(self) -> str:
-        return f"NurbsCurve({len(self.control_points)} control points, degree {self.degree})"
-
-    def point(self, u: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m 3"]:
-        """Points of the curve."""
-        return np.asarray(BSpline(self.knots, self.control_points, self.degree)(u))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class NurbsPatch:
-    """A B-spline surface on the unit square; all weights are 1.
-
-    The normal of the minimal surface is that of the directions of u and v, in this order. Side 0 lies at v = 0, side 1
-    at u = 1, side 2 at v = 1, side 3 at u = 0; a side is directed as the other parameter.
-
-    Attributes:
-        control_points: in mesh units, in rows of equal u.
-        degrees: in u and in v.
-        knots: of u and of v, from 0 to 1, each repeated as often as it counts.
-    """
-
-    control_points: Float[np.ndarray, "n m 3"]
-    degrees: tuple[int, int]
-    knots: tuple[Float[np.ndarray, " k"], Float[np.ndarray, " l"]]
-
-    def __repr__(self) -> str:
-        n, m, _ = self.control_points.shape
-        return f"NurbsPatch({n} × {m} control points, degrees {self.degrees})"
-
-    def grid(
-        self, u: Float[np.ndarray, " a"], v: Float[np.ndarray, " b"], *, derivatives: tuple[int, int] = (0, 0)
-    ) -> Float[np.ndarray, "a b 3"]:
-        """Points, or partial derivatives of given orders, at all pairs of parameters."""
-        by_u, by_v = (
-            BSpline(knots, np.eye(len(knots) - degree - 1), degree)(at, nu=order)
-            for knots, degree, at, order in zip(self.knots, self.degrees, (u, v), derivatives, strict=True)
-        )
-        return np.asarray(np.tensordot(by_u, by_v @ self.control_points, axes=1))
-
-    def side(self, number: int) -> NurbsCurve:
-        """One of the four sides as a curve."""
-        points = self.control_points
-        row = (points[:, 0], points[-1], points[:, -1], points[0])[number]
-        axis = number % 2
-        return NurbsCurve(control_points=row, degree=self.degrees[axis], knots=self.knots[axis])
-
-    def normals_on(self, number: int, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Normals of the patch at points of a side, not of unit length."""
-        end = np.array([0.0 if number in (0, 3) else 1.0])
-        u, v = (at, end) if number % 2 == 0 else (end, at)
-        along, across = (self.grid(u, v, derivatives=orders).reshape(-1, 3) for orders in ((1, 0), (0, 1)))
-        return np.cross(along, across)
-
-    @property
-    def area(self) -> float:
-        """Area by Gauss-Legendre quadrature, in squared mesh units."""
-        (u, by_u), (v, by_v) = (_nodes(*each) for each in zip(self.knots, self.degrees, strict=True))
-        along, across = (self.grid(u, v, derivatives=orders) for orders in ((1, 0), (0, 1)))
-        return float(by_u @ np.linalg.norm(np.cross(along, across), axis=2) @ by_v)
-
-
-def _nodes(knots: Float[np.ndarray, " k"], degree: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Nodes and weights of integrals over all pieces."""
-    gauss, ends = rule("gauss", degree + 3), np.unique(knots)
-    width = np.diff(ends)[:, None]
-    return (ends[:-1, None] + width * gauss.nodes).ravel(), (width * gauss.weights).ravel()
+_AROUND, _ROUNDING = 256, 1e-12  # points of a rim for its diagonal; tolerance of exact patches
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +44,7 @@ class NurbsDeviations:
     Attributes:
         surface: distance of a patch from the minimal surface at equal parameters, between the nodes of interpolation;
             near the rims it includes the boundary residual of the solution.
-        rim: distance of a rim from the given curve at equal parameters.
+        rim: distance of a rim from the given curve at equal parameters, or at the nearest ones for exact patches.
         normals: angle between the normals of two patches along a seam.
         diagonal: of the bounding box of the largest loop.
     """
@@ -166,6 +86,28 @@ class NurbsSurface:
         size = f"{len(self.patches)} patches, {self.size} control points, {len(self.rims)} rims"
         state = "converged" if self.converged else f"not converged: {self.reason}"
         return shortened(f"NurbsSurface({size}, area {self.area:.6g}, {state})")
+
+    @classmethod
+    def of_polynomials(cls, surface: ArraySurface) -> NurbsSurface:
+        """The exact patches of a surface whose p and q are polynomials of degree up to 5 on a disk.
+
+        Positions are a polynomial of degree d in z. On five rational maps of a square to the disk they are rational
+        patches of degree 2d: four in a ring, and one inside. `PlateauSolution.to_nurbs` makes them too where p and q of
+        the solution are polynomials. The rim is the surface's own; the tolerance of the result is that of rounding.
+
+        Raises:
+            OptionError: p and q are not given as power series on a disk, or their degree is above 5, since CAD takes
+                patches up to degree 25.
+        """
+        disk = PolynomialDisk.of(surface)
+        if disk is None or not disk.is_representable:
+            what = "no polynomials on a disk" if disk is None else f"polynomials of degree {(disk.degree - 1) // 2}"
+            raise OptionError(
+                f"p and q of this surface are {what}, and exact patches take polynomials up to degree 5 on a disk; "
+                "solve_plateau(curve).to_nurbs() approximates the surface over its boundary curve"
+            )
+        rim = surface.position(surface.domain.boundary.point(np.arange(_AROUND) / _AROUND))
+        return _exact(disk, float(np.linalg.norm(np.ptp(rim, axis=0))), 0.0, _ROUNDING)
 
     @property
     def size(self) -> int:
@@ -220,19 +162,27 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
     """See `PlateauSolution.to_nurbs`."""
     require_positive("tolerance", tolerance)
     diagonal = max(rim.loop.diagonal for rim in solution.rims)
+    disk, missed = PolynomialDisk.of(solution.array_surface), solution.boundary_residual.max
     with one_thread():
+        if disk is not None and disk.is_representable and missed <= tolerance * diagonal / NEARER_AT_RIMS:
+            return _exact(disk, diagonal, missed, tolerance)
         rims = Rim.all_of(solution)
         blocks = Blocks.of(solution.domain, rims)
         samples = Samples(surface=solution.array_surface, rims=rims, blocks=blocks)
         mesh = QuadMesh(quads=blocks.quads, ring=len(blocks.parts))
         fit = fitted(mesh, samples.on, tolerance * diagonal)
         patches = tuple(
-            NurbsPatch(control_points=net, degrees=(u.degree, v.degree), knots=(u.knots, v.knots))
+            NurbsPatch(
+                control_points=net,
+                weights=np.ones(net.shape[:2]),
+                degrees=(u.degree, v.degree),
+                knots=(u.knots, v.knots),
+            )
             for net, (u, v) in zip(fit.nets, fit.spaces, strict=True)
         )
         seams = _seams(mesh)
         surface, rim, moved = _distances(patches, fit, samples)
-        normals = _largest_angle(patches, fit.spaces, seams)
+        normals = _largest_angle(patches, seams, [(u.between, v.between) for u, v in fit.spaces])
     deviations = NurbsDeviations(surface=surface, rim=rim, normals=normals, diagonal=diagonal)
     reached = f"{fit.error / diagonal:.1e} of the diagonal with {fit.points} control points"
     within = fit.error <= tolerance * diagonal
@@ -246,17 +196,43 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
         )
     elif not within:
         reason = f"{reason}, above the tolerance {tolerance:.1e}: more control points are not tried"
-    ends = np.cumsum(blocks.sizes).tolist()
     return NurbsSurface(
         patches=patches,
         seams=seams,
-        rims=tuple(
-            tuple((patch, 0) for patch in range(end - size, end)) for size, end in zip(blocks.sizes, ends, strict=True)
-        ),
+        rims=_rims(blocks.sizes),
         deviations=deviations,
         tolerance=tolerance,
         converged=within and solution.converged and moved <= tolerance * diagonal,
         reason=reason,
+    )
+
+
+def _rims(sizes: Sequence[int]) -> tuple[tuple[tuple[int, int], ...], ...]:
+    """The first sides of the first patches, by boundaries."""
+    ends = np.cumsum(sizes).tolist()
+    return tuple(tuple((patch, 0) for patch in range(end - size, end)) for size, end in zip(sizes, ends, strict=True))
+
+
+def _exact(disk: PolynomialDisk, diagonal: float, missed: float, tolerance: float) -> NurbsSurface:
+    """Rational patches of polynomials, whose rim is at a given distance from the given curve."""
+    mesh = QuadMesh(quads=QUADS, ring=4)
+    patches, error = disk.patches()
+    nets = [homogeneous(patch.control_points, patch.weights) for patch in patches]
+    share_sides(mesh, nets)
+    patches = [
+        replace(patch, control_points=net[..., :3] / net[..., 3:], weights=net[..., 3])
+        for patch, net in zip(patches, nets, strict=True)
+    ]
+    seams, at = _seams(mesh), np.linspace(0, 1, 2 * disk.degree + 1)
+    normals = _largest_angle(patches, seams, [(at, at)] * len(patches))
+    return NurbsSurface(
+        patches=tuple(patches),
+        seams=seams,
+        rims=_rims((4,)),
+        deviations=NurbsDeviations(surface=error, rim=missed + error, normals=normals, diagonal=diagonal),
+        tolerance=tolerance,
+        converged=True,
+        reason=f"exact: p and q are polynomials, positions have degree {disk.degree} in z",
     )
 
 
@@ -295,13 +271,18 @@ def _distances(patches: Sequence[NurbsPatch], fit: Fit, samples: Samples) -> tup
 
 
 def _largest_angle(
-    patches: Sequence[NurbsPatch], spaces: Sequence[tuple[SplineSpace, SplineSpace]], seams: Sequence[Seam]
+    patches: Sequence[NurbsPatch],
+    seams: Sequence[Seam],
+    parameters: Sequence[tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]],
 ) -> float:
-    """The largest angle between normals on both sides of a seam, in degrees; 0 without seams."""
+    """The largest angle between normals on both sides of a seam, in degrees; 0 without seams.
+
+    The parameters are those of the points, along u and along v for each patch.
+    """
     largest = 0.0
     for seam in seams:
         (patch, side), (other, its_side) = seam.first, seam.second
-        at = spaces[patch][side % 2].between
+        at = parameters[patch][side % 2]
         one = patches[patch].normals_on(side, at)
         two = patches[other].normals_on(its_side, 1 - at if seam.reversed else at)
         sine, cosine = np.linalg.norm(np.cross(one, two), axis=1), (one * two).sum(axis=1)

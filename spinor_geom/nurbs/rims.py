@@ -2,31 +2,44 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float
+from scipy.interpolate import BPoly
+from scipy.optimize import nnls
+from scipy.special import binom
 
 from spinor_geom.arrays import to_numpy
-from spinor_geom.domain.plane_domain import Boundary
-from spinor_geom.domain.quadrature import cumulative_matrix
+from spinor_geom.domain.plane_domain import Boundary, FourierBoundary
 from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.nurbs.smooth_primitive import SmoothPrimitive
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.interior import RimPrimitive
 
-_STEPS, _STEP = 10, 1e-6  # Newton steps for the parameter on ∂Ω, and the difference for its derivative
-_PRECISE, _REACH = 1e-13, 0.02  # the last step, and the longest one
+_STEPS = 10  # of Newton's method for the parameter on ∂Ω
+_PRECISE, _REACH = 1e-8, 0.02  # the last step, after which the error is about its square, and the longest one
+# relative accuracy of ∫ φ dz: a share of the boundary residual, within limits that the tolerance 1e-6 needs
+_OF_RESIDUAL, _ACCURACY = 1e-3, (1e-10, 1e-8)
 _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
 _SLOPE_STEP = 1e-6  # difference for derivatives by the parameter on Γ
+# Shares of s and t on a side that differ by more are approximated by a polynomial: 0.44 beside the opened corner of an
+# L, at most 0.04 elsewhere. Its degree, and the number of steps between the nodes where it is fitted.
+_UNEVEN, _DEGREE, _NODES = 0.2, 9, 64
+_EXACT, _LEAST = 1e3, 1e-5  # weight of the end of a side; least factor of a derivative
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rim:
-    """A boundary of Ω as a curve z(s) in the parameter of Γ.
+    """A boundary of Ω as a curve z(x), which runs with the parameter s of Γ.
 
-    In this parameter the rim of the surface is as smooth as Γ. The images of equal steps on ∂Ω may crowd.
+    In s the rim of the surface is as smooth as Γ; the images of equal steps on ∂Ω may crowd. At opened corners, as in
+    `domain.opening`, s grows like a power of the distance in Ω. On sides that end there s is a polynomial of x, so that
+    the surface is smooth in x as well.
 
     Attributes:
         match: the boundary and Γ.
@@ -36,18 +49,21 @@ class Rim:
 
     match: RimMatch
     start: Float[np.ndarray, "3"]
-    primitive: RimPrimitive
+    primitive: RimPrimitive | SmoothPrimitive
 
     @classmethod
     def all_of(cls, solution: PlateauSolution) -> tuple[Rim, ...]:
         """The rims of a solution, in order."""
         surface, domain = solution.array_surface, solution.domain
-        primitives = surface.rim_primitives(surface.order)
-        starts = surface.position(np.array([match.boundary.point(np.zeros(())) for match in solution.rims]))
+        share = solution.boundary_residual.max / max(match.loop.diagonal for match in solution.rims)
+        accuracy = float(np.clip(_OF_RESIDUAL * share, *_ACCURACY))
+        primitives = [_primitive(surface, boundary, accuracy) for boundary in domain.boundaries]
         is_inner = domain.root >= domain.triangulation.boundary_size
         if is_inner and not (domain.holes or surface.has_closed_positions):
             # by Cauchy's formula, as inside: paths to ∂Ω pass by poles
             starts = to_numpy(surface.constant) - primitives[0].inside(np.array([surface.root])).real
+        else:
+            starts = surface.position(np.array([match.boundary.point(np.zeros(())) for match in solution.rims]))
         return tuple(
             cls(match=match, start=start, primitive=primitive)
             for match, start, primitive in zip(solution.rims, starts, primitives, strict=True)
@@ -68,49 +84,92 @@ class Rim:
         """Parameters of the corners of Γ."""
         return np.asarray(self.curve.breaks[:-1][self.curve.corners])
 
-    def point(self, s: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """z(s)."""
-        return self.boundary.point(self.on_boundary(s))
+    def point(self, x: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        """z(x)."""
+        return self.boundary.point(self.on_boundary(x))
 
-    def derivative(self, s: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """dz/ds, to a few digits, not at corners."""
-        before, after = self.on_boundary(s - _SLOPE_STEP), self.on_boundary(s + _SLOPE_STEP)
+    def derivative(self, x: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+        """dz/dx, to a few digits, not at corners."""
+        before, after = self.on_boundary(x - _SLOPE_STEP), self.on_boundary(x + _SLOPE_STEP)
         return np.asarray((self.boundary.point(after) - self.boundary.point(before)) / (2 * _SLOPE_STEP))
 
-    def tangents(self, s: Float[np.ndarray, " n"]) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
+    def tangents(self, x: Float[np.ndarray, " n"]) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
         """Unit tangents of ∂Ω before and after points."""
-        t = self.on_boundary(s)
+        t = self.on_boundary(x)
         before, after = (self.boundary.derivative((t + side) % 1.0) for side in (-_ASIDE, _ASIDE))
         return before / np.abs(before), after / np.abs(after)
 
-    def on_boundary(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-        """Parameters t on ∂Ω whose positions lie in the normal planes of Γ(s); corners belong to corners."""
-        flat = np.asarray(s, dtype=np.float64).ravel()
-        is_corner, least, most = self._sides(flat)
+    def on_curve(self, x: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
+        """s(x)."""
+        s = np.array(x, dtype=np.float64)
+        for side, shares in self._shares:
+            first, last = np.append(self.corners, self.corners[0] + 1)[side : side + 2]
+            share = (s - first) % 1.0 / (last - first)
+            inside = share < 1
+            s[inside] += (last - first) * (shares(share[inside]) - share[inside])
+        return s
+
+    @cached_property
+    def _shares(self) -> list[tuple[int, BPoly]]:
+        """Sides on which the shares of s and t differ much, and polynomials that approximate those of s by those of t.
+
+        Their derivatives are sums of Bernstein polynomials with factors that are not negative.
+        """
+        found, matched = [], np.concatenate([self.match.matching + turn for turn in range(-2, 3)]).T
+        degrees, nodes = np.arange(_DEGREE + 1), (1 - np.cos(np.pi * np.arange(1, _NODES) / _NODES)) / 2
+        basis = binom(_DEGREE, degrees) * nodes[:, None] ** degrees * (1 - nodes[:, None]) ** degrees[::-1]
+        steps = basis[:, ::-1].cumsum(axis=1)[:, -2::-1]  # sums of the last ones
+        for side, (first, last) in enumerate(itertools.pairwise(self._at_corners if len(self.corners) else ())):
+            s = np.interp(first + nodes * (last - first), *matched)
+            begin, end = np.append(self.corners, self.corners[0] + 1)[side : side + 2]
+            shares = (s - begin) % 1.0 / (end - begin)
+            if np.abs(shares - nodes).max() > _UNEVEN:
+                rows = np.vstack([steps, np.full(_DEGREE, _EXACT)])
+                least = np.full(_DEGREE, _LEAST)
+                factors, _ = nnls(rows, np.append(shares, _EXACT) - rows @ least)
+                factors += least
+                sums = np.append(0.0, np.cumsum(factors) / factors.sum())
+                found.append((side, BPoly(sums[:, None], [0.0, 1.0])))
+        return found
+
+    def on_boundary(self, x: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
+        """Parameters t on ∂Ω whose positions lie in the normal planes of Γ(s(x)); corners belong to corners.
+
+        Positions miss corners of Γ. On the side between two of them Γ is shifted by a mean of both distances, so that t
+        is continuous at the corners.
+        """
+        flat = self.on_curve(x).ravel()
+        is_corner, least, most, shift = self._sides(flat)
         t = np.clip(self._matched(flat), least, most)
-        point, tangent = self.curve.point(flat), self.curve.derivative(flat)
+        point, tangent = self.curve.point(flat) + shift, self.curve.derivative(flat)
         for _ in range(_STEPS):
-            ahead = t + np.where(t + _STEP <= most, _STEP, -_STEP)
-            here, there = np.split(self.positions(np.concatenate([t, ahead])), 2)
-            gap = ((point - here) * tangent).sum(axis=1)
-            speed = ((there - here) * tangent).sum(axis=1) / (ahead - t)
+            moved, velocity = self.primitive.at(t % 1.0)
+            gap = ((point - self.start - moved) * tangent).sum(axis=1)
+            speed = (velocity * tangent).sum(axis=1)
             step = np.divide(gap, speed, out=np.zeros_like(gap), where=speed > 0)
             t, before = np.clip(t + np.clip(step, -_REACH, _REACH), least, most), t
             if np.abs(t - before).max(initial=0.0) <= _PRECISE:
                 break
-        return np.where(is_corner, least, t).reshape(np.shape(s))
+        return np.where(is_corner, least, t).reshape(np.shape(x))
 
     def _sides(
         self, s: Float[np.ndarray, " n"]
-    ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Which points are corners, and the parameters of the corners of ∂Ω before and after them."""
+    ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, "#n 3"]]:
+        """Which points are corners, parameters of the corners of ∂Ω before and after them, and the shift of Γ."""
         if not len(self.corners):
-            return np.zeros(len(s), dtype=bool), np.full(len(s), -np.inf), np.full(len(s), np.inf)
+            return np.zeros(len(s), dtype=bool), np.full(len(s), -np.inf), np.full(len(s), np.inf), np.zeros((1, 3))
         ends = np.append(self.corners, self.corners[0] + 1)
         turns = np.floor(s - ends[0])
         place = np.clip(np.searchsorted(ends, s - turns, side="right") - 1, 0, len(self.corners) - 1)
-        t = self._at_corners
-        return s - turns == ends[place], t[place] + turns, t[place + 1] + turns
+        t, missed = self._at_corners, self._missed_corners
+        share = ((s - turns - ends[place]) / (ends[place + 1] - ends[place]))[:, None]
+        shift = (1 - share) * missed[place] + share * missed[place + 1]
+        return s - turns == ends[place], t[place] + turns, t[place + 1] + turns, shift
+
+    @cached_property
+    def _missed_corners(self) -> Float[np.ndarray, "c1 3"]:
+        """Positions minus Γ at the corners."""
+        return np.asarray(self.positions(self._at_corners) - self.curve.point(np.append(self.corners, self.corners[0])))
 
     @cached_property
     def _at_corners(self) -> Float[np.ndarray, " c1"]:
@@ -122,15 +181,18 @@ class Rim:
 
     def _matched(self, s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Parameters on ∂Ω by the matching of the solution; they increase with s, which is not taken modulo 1."""
-        t, own = (np.concatenate([each + turn for turn in range(-2, 3)]) for each in self.match.matching.T)
-        return np.asarray(np.interp(s, own, t))
+        turns = np.floor(s)
+        return np.asarray(self.match.parameters(s - turns) + turns)
 
     def positions(self, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Positions of the surface at parameters on ∂Ω."""
-        t = t % 1.0
-        order, breaks = self.primitive.panels.order, self.primitive.panels.breaks
-        panel = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, len(breaks) - 2)
-        width = np.diff(breaks)[panel]
-        rows = cumulative_matrix(order, tuple((t - breaks[panel]) / width))
-        within = np.einsum("ng,ngk->nk", rows, self.primitive.velocity.reshape(-1, order, 3)[panel])
-        return np.asarray(self.start + (self.primitive.at_breaks[panel] + width[:, None] * within).real)
+        return np.asarray(self.start + self.primitive.at(t % 1.0)[0])
+
+
+def _primitive(surface: ArraySurface, boundary: Boundary, accuracy: float) -> RimPrimitive | SmoothPrimitive:
+    """∫ φ dz along a boundary, by panels where it is not smooth."""
+    if isinstance(boundary, FourierBoundary):
+        smooth = SmoothPrimitive.along(boundary, surface.null_curve, accuracy)
+        if smooth is not None:
+            return smooth
+    return RimPrimitive.along(boundary, surface.null_curve, surface.order)

@@ -13,13 +13,16 @@ from jaxtyping import Complex, Float, Inexact
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
 from spinor_geom.mesh.array_checks import shared
 from spinor_geom.nurbs.blocks import Blocks
+from spinor_geom.nurbs.quad_polynomials import CANDIDATES, CHECKS, QuadPolynomials
 from spinor_geom.nurbs.rims import Rim
+from spinor_geom.nurbs.smooth_primitive import SmoothPrimitive
 from spinor_geom.nurbs.strips import Breaks, Grid, Values
 from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for
 
 _ORDER = 10  # Gauss nodes on a piece of a line from ∂Ω: exact for twice the degree of the splines
+_TOWARDS_RIM = 0.25 ** np.arange(3, 0, -1)  # more ends of pieces, as shares of the first, beside rims with corners
 _ALONG = np.linspace(0, 1, 17)  # points of a straight side to which panels on ∂Ω are fitted
 
 
@@ -39,8 +42,9 @@ class Samples:
     The surface misses Γ by the boundary residual. A point at parameter v of a ring, 0 on ∂Ω and 1 at its inner side, is
     moved by (1 − v)² times the displacement of the rim, so that the film fits the frame and stays smooth.
 
-    Without a closed form, positions in a ring are integrals of φ along straight lines from ∂Ω. Those inside are by
-    Cauchy's formula, with the same nodes on ∂Ω for all points.
+    Without a closed form, ∫ φ dz of a smooth disk is a polynomial on each quadrilateral, by Cauchy's formula at the
+    nodes of interpolation. Where ∂Ω is not smooth, and between several rims, positions in a ring are integrals of φ
+    along straight lines from ∂Ω; those inside a disk are by Cauchy's formula, with the same nodes on ∂Ω for all points.
     """
 
     surface: ArraySurface
@@ -53,13 +57,13 @@ class Samples:
         inner = [k for k, (quad, *_) in enumerate(grids) if quad >= len(self.blocks.parts)]
         found: dict[int, tuple[Values, Values]] = {}
         z = [self.blocks.grid(quad, u, v, None) for quad, u, v, _ in (grids[k] for k in inner)]
-        for k, exact in zip(inner, _split(self._inside, z), strict=True):
+        for k, exact in zip(inner, self._inside([grids[k][0] for k in inner], z), strict=True):
             found[k] = exact, exact
         sides = self._sides([grids[k] for k in ring])
         for k, side, exact in zip(ring, sides, self._rings([grids[k] for k in ring], sides), strict=True):
             v = grids[k][2]
             exact[:, v == 0] = side.on_rim[:, None]
-            moved = exact + ((1 - v) ** 2)[:, None] * (side.given - side.on_rim)[:, None]
+            moved = exact + _extended(side.given - side.on_rim, grids[k][1], v)
             moved[:, v == 0] = side.given[:, None]
             found[k] = exact, moved
         return [found[k] for k in range(len(grids))]
@@ -76,41 +80,80 @@ class Samples:
             s = np.concatenate([start + u * (end - start) for (start, end), u in parts])
             t = rim.on_boundary(s)
             ends = np.cumsum([len(u) for _, u in parts])[:-1]
-            rows = (np.split(each, ends) for each in (rim.boundary.point(t), rim.positions(t), rim.curve.point(s)))
+            rows = (
+                np.split(each, ends)
+                for each in (rim.boundary.point(t), rim.positions(t), rim.curve.point(rim.on_curve(s)))
+            )
             for key, z, on_rim, given in zip(own, *rows, strict=True):
                 found[key] = _Side(z=z, on_rim=on_rim, given=given)
         return [found[quad, id(u)] for quad, u, *_ in grids]
 
     def _rings(self, grids: Sequence[Grid], sides: Sequence[_Side]) -> list[Values]:
         """Positions of the minimal surface in rings, arbitrary on ∂Ω."""
-        if self.surface.has_closed_positions:
+        if self._is_smooth:
             inside = [np.where(v > 0, v, 1.0) for _, _, v, _ in grids]
             z = [
                 self.blocks.grid(quad, u, w, side.z)
                 for (quad, u, *_), w, side in zip(grids, inside, sides, strict=True)
             ]
-            return _split(self._inside, z)
+            return self._inside([quad for quad, *_ in grids], z)
         columns = {
-            (id(side), breaks): (quad, u, side, breaks) for (quad, u, _, breaks), side in zip(grids, sides, strict=True)
+            (id(side), breaks): (quad, u, side, self._pieces(quad, breaks))
+            for (quad, u, _, breaks), side in zip(grids, sides, strict=True)
         }
         z = [self.blocks.grid(quad, u, _gauss(breaks), side.z) for quad, u, side, breaks in columns.values()]
         velocity = dict(zip(columns, _split(self._phi, z), strict=True))
         found = []
         for (quad, u, v, breaks), side in zip(grids, sides, strict=True):
             across = np.diff(self.blocks.grid(quad, u, np.array([0.0, 1.0]), side.z), axis=1)
-            integrals = _integrals(breaks, tuple(v)) @ velocity[id(side), breaks]
+            integrals = _integrals(self._pieces(quad, breaks), tuple(v)) @ velocity[id(side), breaks]
             found.append(side.on_rim[:, None] + (across[..., None] * integrals).real)
         return found
+
+    def _pieces(self, quad: int, breaks: Breaks) -> Breaks:
+        """Ends of the pieces of integrals away from a rim: near corners of Ω φ changes within short distances."""
+        if not self.rims[self.blocks.rim_of(quad)].boundary.corners.any():
+            return breaks
+        return (0.0, *(breaks[1] * _TOWARDS_RIM).tolist(), *breaks[1:])
 
     def _phi(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n 3"]:
         p, q = self.surface.spinors(z).T
         return np.asarray(phi(p, q))
 
-    def _inside(self, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Positions not nearer to ∂Ω than the inner sides of rings, or in closed form."""
+    def _inside(self, quads: Sequence[int], z: Sequence[Complex[np.ndarray, "_ _"]]) -> list[Values]:
+        """Positions at arrays of points of quadrilaterals; in rings only of smooth surfaces."""
         if self.surface.has_closed_positions or len(self.rims) > 1:
-            return np.asarray(self.surface.position(z))
-        return np.asarray(self.rims[0].start + self._primitive.inside(z).real)
+            return _split(self.surface.position, z)
+        start = self.rims[0].start
+        if self._polynomials is None:
+            return _split(lambda w: start + self._primitive.inside(w).real, z)
+        values = self._polynomials.values(quads, [w.ravel() for w in z])
+        return [start + value.real.reshape(*w.shape, 3) for value, w in zip(values, z, strict=True)]
+
+    @property
+    def _is_smooth(self) -> bool:
+        """Whether `_inside` is accurate up to ∂Ω."""
+        return self.surface.has_closed_positions or self._polynomials is not None
+
+    @cached_property
+    def _polynomials(self) -> QuadPolynomials | None:
+        """∫ φ dz on the quadrilaterals of a disk with a smooth boundary; None for other surfaces."""
+        primitive = self.rims[0].primitive
+        if len(self.rims) > 1 or not isinstance(primitive, SmoothPrimitive):
+            return None
+        outlines = [
+            np.concatenate([self._outlines(u, side) for side in range(4)], axis=1) for u in (CANDIDATES, CHECKS)
+        ]
+        return QuadPolynomials.through(primitive.inside, *outlines, 10 * primitive.accuracy)
+
+    def _outlines(self, u: Float[np.ndarray, " n"], side: int) -> Complex[np.ndarray, "q n"]:
+        """Points of one side of all quadrilaterals."""
+        start, end = (self.blocks.points[self.blocks.quads[:, k % 4]][:, None] for k in (side, side + 1))
+        points = start + u * (end - start)
+        if side == 0:
+            first, last = self.blocks.parts[..., None].swapaxes(0, 1)
+            points[: len(first)] = self.rims[0].point(first + u * (last - first))
+        return np.asarray(points)
 
     @cached_property
     def _primitive(self) -> RimPrimitive:
@@ -119,6 +162,22 @@ class Samples:
         boundary = self.rims[0].boundary
         inner = (start[:, None] + _ALONG * (end - start)[:, None]).ravel()
         return RimPrimitive.along(boundary, self._phi, ORDER, breaks_for(boundary, inner))
+
+
+def _extended(
+    shift: Float[np.ndarray, "n 3"], u: Float[np.ndarray, " n"], v: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, "n m 3"]:
+    """A displacement at v = 0, extended to the quadrilateral with derivative 0 across its sides u = 0 and u = 1.
+
+    Displacements of the ends decay within an eighth of the sides. The rest decays where v exceeds the distance from the
+    ends. It would turn the normals along these sides: near corners it varies within a short distance.
+    """
+    ends = [np.array([np.interp(end, u, each) for each in shift.T]) for end in (0.0, 1.0)]
+    at_ends = sum(((1 - x) ** 8 * (1 + 8 * x))[:, None] * end for x, end in zip((u, 1 - u), ends, strict=True))
+    near = (u * (1 - u))[:, None] ** 2
+    share = (1 - v) ** 2 * near / np.maximum(near + v**2, np.finfo(np.float64).tiny)
+    rest = shift - at_ends
+    return np.asarray(((1 - v) ** 8)[:, None] * at_ends[:, None] + share[..., None] * rest[:, None])
 
 
 def _split(

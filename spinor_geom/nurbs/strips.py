@@ -193,19 +193,20 @@ class _Sampled:
         values = {key: known[key] for key in keys if key in known}
         for key, at_nodes, between_u, between_v in zip(new, found[::3], found[1::3], found[2::3], strict=True):
             quad, u, v = key
-            (exact, moved), (exact_u, moved_u), (exact_v, moved_v) = at_nodes, between_u, between_v
+            (exact, moved), (exact_u, moved_u), (exact_v, _) = at_nodes, between_u, between_v
             along_u = np.linalg.norm(np.tensordot(u.to_between, exact, axes=1) - exact_u, axis=2)
             along_v = np.linalg.norm(v.to_between @ exact - exact_v, axis=2)
             if quad < mesh.ring:
                 along_u[:, 0] = NEARER_AT_RIMS * np.linalg.norm(u.to_between @ moved[:, 0] - moved_u[:, 0], axis=1)
-            worth_u = along_u > np.linalg.norm(moved_u - exact_u, axis=2)
-            worth_v = along_v > np.linalg.norm(moved_v - exact_v, axis=2)
-            values[key] = _Values(
-                at_nodes=moved,
-                error=float(max(along_u.max(), along_v.max())),
-                along_u=(worth_u * along_u).max(axis=1),
-                along_v=(worth_v * along_v).max(axis=0),
-            )
+            error = float(max(along_u.max(), along_v.max()))
+            if quad < mesh.ring:
+                # more knots are not worth it where the rim is moved by more; it is moved by less further inside
+                for along, on_rim, at in (
+                    (along_u, moved_u[:, 0] - exact_u[:, 0], v.nodes),
+                    (along_v, moved[:, 0] - exact[:, 0], v.between),
+                ):
+                    along *= along > np.linalg.norm(on_rim, axis=1)[:, None] * (1 - at) ** 2
+            values[key] = _Values(at_nodes=moved, error=error, along_u=along_u.max(axis=1), along_v=along_v.max(axis=0))
         return cls(spaces=tuple(spaces), values=values)
 
     @property
@@ -249,19 +250,24 @@ class _Sampled:
         return chosen
 
     def fit(self, mesh: QuadMesh) -> Fit:
-        """The control points; sides and corners are those of the first patch that has them."""
+        """The control points."""
         nets = []
-        rows: dict[int, tuple[Values, bool]] = {}
-        corners: dict[int, Float[np.ndarray, "3"]] = {}
         for quad, (u, v) in enumerate(self.spaces):
             values = self.values[(quad, u, v)].at_nodes
-            net = np.tensordot(u.interpolation, v.interpolation @ values, axes=1)
-            sides = (net[:, 0], net[-1], net[:, -1], net[0])
-            for corner, (a, b) in zip(mesh.quads[quad].tolist(), ((0, 0), (-1, 0), (-1, -1), (0, -1)), strict=True):
-                net[a, b] = corners.setdefault(corner, net[a, b].copy())
-            for side, row in enumerate(sides):
-                ahead = bool(mesh.ahead[quad, side])
-                first, direction = rows.setdefault(int(mesh.edges[quad, side]), (row.copy(), ahead))
-                row[:] = first if direction == ahead else first[::-1]
-            nets.append(net)
+            nets.append(np.tensordot(u.interpolation, v.interpolation @ values, axes=1))
+        share_sides(mesh, nets)
         return Fit(spaces=self.spaces, nets=tuple(nets), error=self.error)
+
+
+def share_sides(mesh: QuadMesh, nets: Sequence[Float[np.ndarray, "_ _ c"]]) -> None:
+    """Makes sides and corners of control nets those of the first patch that has them, bit for bit, in place."""
+    rows: dict[int, tuple[Float[np.ndarray, "_ c"], bool]] = {}
+    corners: dict[int, Float[np.ndarray, " c"]] = {}
+    for quad, net in enumerate(nets):
+        sides = (net[:, 0], net[-1], net[:, -1], net[0])
+        for corner, (a, b) in zip(mesh.quads[quad].tolist(), ((0, 0), (-1, 0), (-1, -1), (0, -1)), strict=True):
+            net[a, b] = corners.setdefault(corner, net[a, b].copy())
+        for side, row in enumerate(sides):
+            ahead = bool(mesh.ahead[quad, side])
+            first, direction = rows.setdefault(int(mesh.edges[quad, side]), (row.copy(), ahead))
+            row[:] = first if direction == ahead else first[::-1]

@@ -86,6 +86,13 @@ class CurveTensors:
         self, s: Float[Array, "*pts"]
     ) -> tuple[Float[Array, "*pts 3"], Float[Array, "*pts 3"], Float[Array, "*pts 3"]]:
         """Γ(s), Γ'(s) and Γ''(s); s is taken modulo 1, of shape (*batch, n) for a batch."""
+        value, first, second = (namespace(s).moveaxis(part, 0, -1) for part in self.coordinates(s))
+        return value, first, second
+
+    def coordinates(
+        self, s: Float[Array, "*pts"]
+    ) -> tuple[Float[Array, "3 *pts"], Float[Array, "3 *pts"], Float[Array, "3 *pts"]]:
+        """`point_and_derivatives` with one array for each coordinate, on which operations are several times as fast."""
         xp = namespace(s)
         s = s - xp.floor(s)
         piece = self._piece(s)
@@ -93,7 +100,7 @@ class CurveTensors:
         value, first, second = _horner(self._pieces, piece, h)
         if self._slope_pieces is not None:
             first, second, _ = _horner(self._slope_pieces, piece, h)
-        return tuple(xp.moveaxis(part, 0, -1) for part in (value, first, second))
+        return value, first, second
 
     def point_and_derivative(self, s: Float[Array, "*pts"]) -> tuple[Float[Array, "*pts 3"], Float[Array, "*pts 3"]]:
         """Γ(s) and Γ'(s); s is taken modulo 1."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.arrays import TINY, Array, arange, closed_steps, indices, namespace, norm, square
+from spinor_geom.arrays import TINY, Array, arange, closed_steps, indices, namespace, norm, shifted, square
 from spinor_geom.mesh.curve import SAMPLES_PER_PIECE
 from spinor_geom.plateau.curve_tensors import CurveTensors
 
@@ -55,11 +55,11 @@ class Misfit:
     ) -> tuple[Misfit, ...]:
         """The misfits of several boundaries from distances, |Γ′| and local edges; `alone` returns one of the curves."""
         xp = namespace(r)
-        step, chord, ahead = closed_steps(slide), norm(xp.roll(r, -1, axis=1) - r), xp.roll(speed, -1, axis=1)
+        step, chord, ahead = closed_steps(slide), norm(xp.roll(r, -1, axis=1) - r), shifted(speed, -1)
         arc = step * (speed + ahead) / 2
         skipped = step * xp.maximum(speed, ahead) > _SKIPPED * chord + distance
         span = xp.where(skipped, 0.0, xp.maximum(arc, chord))
-        squares = ((span + xp.roll(span, 1, axis=1)) / 2 * square(distance)).sum(-1)
+        squares = ((span + shifted(span, 1)) / 2 * square(distance)).sum(-1)
         largest, local = xp.max(distance, axis=-1), xp.max(distance / local_edge, axis=-1)
         for i in indices(skipped.any(-1)).tolist():
             curve = alone(i)

@@ -175,12 +175,12 @@ class PlateauSolution(Shown):
     def to_nurbs(self, *, tolerance: float = 1e-6) -> NurbsSurface:
         """The surface as B-spline patches for CAD, within a tolerance.
 
-        Ω is divided into quadrilaterals: 5 for a disk over a smooth curve, more for elongated and cornered curves, and
-        three for every two points of a ragged rim, or five for long ones. On each the surface is interpolated by
-        splines, in the parameter of Γ along the rims. The rims are Γ itself: within the last patches the surface is
-        moved by its boundary residual.
-        Plane polygons give exact patches of degree 1. Other films are approximated: Ω of a disk is bounded by a circle,
-        which polynomials do not represent.
+        Ω is divided into quadrilaterals: 5 for a disk over a smooth curve, up to 30 for strongly folded and elongated
+        ones, more for curves with many corners, and three for every two points of a ragged rim, or five for long ones.
+        On each the surface is interpolated by splines, in the parameter of Γ along the rims. The rims are Γ itself:
+        within the last patches the surface is moved by its boundary residual.
+        Plane polygons give exact patches of degree 1. Where p and q are polynomials of degree up to 5 on a disk, as for
+        Enneper's surface, five rational patches are exact; see `NurbsSurface.of_polynomials`.
 
         The patches are those of the C0 surface. What `fill_hole(continuity="C1")` makes is a mesh without a NURBS form.
         At a branch point a patch has no normal.

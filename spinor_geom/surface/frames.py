@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from spinor_geom.arrays import Array, complex_of, namespace, norm, place_of, unit
+from spinor_geom.arrays import Array, complex_of, namespace, norm, place_of, shifted, unit
 from spinor_geom.errors import OptionError
 from spinor_geom.holomorphic.blocks import require_complex
 
@@ -97,7 +97,7 @@ def loop_invariant(phi: Complex[Array, "n 3"], direction_in_omega: Complex[Array
 def _signs(p: Complex[Array, "*batch n"], q: Complex[Array, "*batch n"]) -> Float[Array, "*batch n"]:
     """−1 where the spinors at k and k − 1 have opposite signs, else +1; entry 0 compares the first and the last."""
     xp = namespace(p)
-    overlap = p * xp.roll(p, 1, axis=-1).conj() + q * xp.roll(q, 1, axis=-1).conj()
+    overlap = p * shifted(p, 1).conj() + q * shifted(q, 1).conj()
     return xp.where(overlap.real < 0, -1.0, xp.ones_like(overlap.real))
 
 

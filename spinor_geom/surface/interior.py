@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates
 from spinor_geom.domain.plane_domain import Boundary, PlaneDomain, panel_breaks
-from spinor_geom.domain.quadrature import Panels
+from spinor_geom.domain.quadrature import Panels, through_gauss_nodes
 from spinor_geom.errors import DomainError
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 from spinor_geom.mesh.array_checks import igl_arrays
@@ -52,6 +52,17 @@ class RimPrimitive:
     def area(self) -> float:
         """½∮ r·Im(φ dz) with r = 0 at the start."""
         return 0.5 * float(np.einsum("n,nk,nk->", self.panels.weights, self.primitive.real, self.velocity.imag))
+
+    def at(self, t: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+        """Displacements Re ∫ φ dz from the start to parameters in [0, 1], and their derivatives by t."""
+        order, breaks = self.panels.order, self.panels.breaks
+        panel = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, len(breaks) - 2)
+        width = np.diff(breaks)[panel]
+        velocity = self.velocity.real.reshape(-1, order, 3)[panel]
+        values, integrals = (
+            np.einsum("ng,ngk->nk", rows, velocity) for rows in through_gauss_nodes(order, (t - breaks[panel]) / width)
+        )
+        return self.at_breaks[panel].real + width[:, None] * integrals, values
 
     def inside(self, z: Places) -> Complex[np.ndarray, "k 3"]:
         """∫ φ dz from the start to points inside a boundary without holes."""

@@ -15,7 +15,8 @@ KNOTS = np.array([0, 0, 0.5, 1, 1])
 
 def square(left: float, size: float = 1.0) -> SimpleNamespace:
     x, y = np.meshgrid(left + size * np.linspace(0, 1, 3), size * np.linspace(0, 1, 3), indexing="ij")
-    return SimpleNamespace(control_points=np.stack([x, y, 0 * x], axis=-1), degrees=(1, 1), knots=(KNOTS, KNOTS))
+    net = np.stack([x, y, 0 * x], axis=-1)
+    return SimpleNamespace(control_points=net, weights=np.ones(net.shape[:2]), degrees=(1, 1), knots=(KNOTS, KNOTS))
 
 
 @pytest.mark.parametrize("suffix", CAD_SUFFIXES)

@@ -17,14 +17,20 @@ def guard(monkeypatch):
 
 
 class Clock:
-    """In place of a worker: given seconds, one after the other, after those of the first fill."""
+    """In place of a worker: given seconds, one after the other, and seven triangles in each hole."""
 
     def __init__(self, *seconds):
-        self._seconds = cycle((99.0, *seconds))
+        self._seconds = cycle(seconds)
 
     def seconds(self, files):
         assert all(file.is_file() for file in files)
         return next(self._seconds)
+
+    def count(self, files):
+        return 7 * len(files)
+
+    def triangles(self, files):
+        return [[7, 7, 7] for _ in files]
 
 
 @pytest.mark.parametrize(
@@ -33,12 +39,14 @@ class Clock:
     ids=["always", "twice", "never"],
 )
 def test_slower_means_slower_in_every_turn(guard, tmp_path, head, is_slower):
-    mesh = np.zeros((3, 3)), np.array([[0, 1, 2]]), np.arange(3)
-    workers = [Clock(1.0, 2.0, 1.0), Clock(*head), Clock(0.5, 0.5, 0.5)]
-    ((name, row, slower),) = guard.measured({"two": lambda: [mesh, mesh]}, workers, tmp_path, 3)
+    mesh = guard.Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]), np.arange(3))
+    workers = [Clock(1.0, 2.0, 1.0), Clock(*head), Clock(0.5), Clock(0.25)]
+    ((name, row, slower, beside),) = guard.measured({"two": lambda: [mesh, mesh]}, workers, tmp_path, 3)
     assert (name, slower) == ("two", is_slower)
     # the median of 1, 2 and 1 seconds for two meshes, in milliseconds
     assert row.startswith("| two | 500.0 | ")
+    assert beside == [2 * np.median(head), 4 * np.median(head)]
+    assert np.load(tmp_path / "two 1.npz")["triangles"].tolist() == [7, 7, 7]
 
 
 @pytest.mark.slow
@@ -52,6 +60,25 @@ def test_a_checkout_is_as_fast_as_itself(guard, capsys):
 
 def test_every_case_is_a_mesh_with_rims_to_fill(guard):
     for name in ("caps of 24 to 80 points", "smooth rim of 64 points", "noisy rim of 250 points"):
-        for vertices, faces, rim in guard.CASES[name]():
-            assert faces.max() == len(vertices) - 1
-            assert len(rim) >= 24
+        for mesh in guard.CASES[name]():
+            assert mesh.faces.max() == len(mesh.vertices) - 1
+            assert len(mesh.rim) >= 24
+
+
+def test_triangles_are_counted_by_hole(guard, tmp_path):
+    from spinor_geom.fill.fill_hole import fill_hole
+
+    ((vertices, faces, rim, _),) = guard.smooth(24)
+    (open_faces, report) = fill_hole((vertices, faces), loop=1, return_report=True)
+    counts = guard.triangles_at(np.arange(len(vertices)), report)
+    added = len(open_faces[1]) - len(faces)
+    assert added > 0
+    assert counts == [added if vertex in rim else 0 for vertex in range(len(vertices))]
+
+
+def test_whole_meshes_of_a_folder_have_all_their_rims(guard):
+    cases = guard.whole_meshes(ROOT / "data")
+    assert "plane_holes.obj" in cases
+    assert "squiggle_on_sphere.obj" not in cases  # a curve
+    ((_, _, rim, length),) = cases["trimesh_reference.obj"]()
+    assert (len(rim), length) == (80, None)

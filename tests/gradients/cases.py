@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
+import pytest
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import PlateauSolution, solve_plateau
@@ -34,7 +38,10 @@ def displaced(points: np.ndarray) -> np.ndarray:
 
 ROUTES = {
     "disk": [wavy(64)],
+    "disk, Poisson kernels": [wavy(40, uneven=1)],
+    "disk, spline of degree 7": [wavy(300, uneven=1)],
     "flattened": [wavy(96) * [5, 1, 1]],
+    "flattened, rough": [wavy(24) + 0.03 * np.random.default_rng(0).normal(size=(24, 3))],
     "plane": [RING * [2, 1, 1]],
     "network": [QUADRILATERAL],
     "network, curved sides": [arched(8)],
@@ -46,6 +53,12 @@ ROUTES = {
 LINKED = {"annulus, linked": [RING, RING[:, [0, 2, 1]] + [1, 0, 0]]}
 
 
+def names(*slow: str) -> list[Any]:
+    """The routes as parameters of a test; those of which a solve takes a second, and others, are slow."""
+    slow = (*slow, "annular network", "circles", "network, curved sides", "flattened, rough")
+    return [pytest.param(name, marks=pytest.mark.slow if name in slow else ()) for name in ROUTES]
+
+
 def solved(name: str, rims: list[np.ndarray] | None = None) -> PlateauSolution:
     """The solution over the rims of a route, or over others in their place."""
     kind = name.split(",")[0]
@@ -54,9 +67,35 @@ def solved(name: str, rims: list[np.ndarray] | None = None) -> PlateauSolution:
     solution = solve_plateau(
         [BoundaryLoop.from_points(points, corners=corners) for points in loops],
         model="cauchy" if kind == "annular network" else "auto",
-        tolerance=1e-5 if "network" in kind else 1e-9,
+        # higher accuracy takes seconds
+        tolerance=1e-5 if "network" in kind else 1e-6 if "rough" in name else 1e-9,
         between="smooth",
     )
     assert isinstance(solution, PlateauSolution)
     assert solution.route == kind
     return solution
+
+
+def moves_of(name: str) -> list[np.ndarray]:
+    """Displacements of the points of a route, within the plane of plane rims."""
+    if name == "plane":
+        return [np.sin(points[:, [1, 0, 2]]) * [1, 1, 0] + points**2 for points in ROUTES[name]]
+    size = 0.3 if name == "flattened" else 1.0  # a large displacement bends this long loop
+    return [size * displaced(points) for points in (ROUTES | LINKED)[name]]
+
+
+def moved(rims: list[np.ndarray], moves: list[np.ndarray], size: float) -> list[np.ndarray]:
+    """The rims after a multiple of displacements."""
+    return [points + size * move for points, move in zip(rims, moves, strict=True)]
+
+
+def difference(function: Callable[[float], float], step: float = 2e-3) -> float:
+    """Derivative of a function at 0 by central differences of order four."""
+    one, two = (function(size) - function(-size) for size in (step, 2 * step))
+    return (8 * one - two) / (12 * step)
+
+
+def order_of(remainder: Callable[[float], float]) -> float:
+    """The power of the step with which a remainder falls."""
+    steps = 0.01 / 2 ** np.arange(3)
+    return float(np.polyfit(np.log(steps), np.log([remainder(step) for step in steps]), 1)[0])

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 import spinor_geom
-from spinor_geom.errors import NotDifferentiableError, OptionError
+from spinor_geom.errors import NotDifferentiableError, OptionError, UncertainGradientWarning
 from spinor_geom.gradients.minimal_surface import nearest, position_gradient, require_isolated
 from spinor_geom.plateau import Laurent, solve_plateau
 from tests.gradients.cases import LIFT, QUADRILATERAL, RING, TURN, wavy
@@ -86,3 +86,22 @@ def test_degenerate_surface_is_refused():
     end = solve_plateau([RING - lift, RING + lift], unstable="keep")
     with pytest.raises(NotDifferentiableError, match="degenerate"):
         position_gradient(end, np.array([0.9 + 0j]), np.ones((1, 3)))
+
+
+def enneper_boundary(radius):
+    z = radius * np.exp(1j * TURN)
+    return np.stack([(z - z**3 / 3).real, (z + z**3 / 3).imag, (z**2).real], axis=1)
+
+
+def test_enneper_surfaces_near_the_degenerate_one():
+    # at R = 1 the Gauss map covers a hemisphere, whose eigenvalue is 1
+    points, weights = np.array([0.3 + 0.1j]), np.ones((1, 3))
+    surfaces = {radius: solve_plateau(enneper_boundary(radius), unstable="keep") for radius in (0.99, 0.999, 1.0, 1.05)}
+    assert {surface.route for surface in surfaces.values()} == {"disk"}
+    position_gradient(surfaces[0.99], points, weights)
+    with pytest.warns(UncertainGradientWarning, match="nearly degenerate"):
+        position_gradient(surfaces[0.999], points, weights)
+    with pytest.raises(NotDifferentiableError, match="degenerate"):
+        position_gradient(surfaces[1.0], points, weights)
+    with pytest.raises(NotDifferentiableError, match="unstable"):
+        position_gradient(surfaces[1.05], points, weights)

@@ -120,3 +120,14 @@ def test_long_series_at_many_points_takes_little_memory():
     # kibibytes; a table of all powers would take 1.5 GiB
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000
     torch.testing.assert_close(value[:, 0], 1 / (1 - 0.99 * z), rtol=1e-12, atol=0)
+
+
+def test_moments_are_the_transpose_of_sums():
+    rng = np.random.default_rng(0)
+    # more points and powers than fit in one block
+    u = rng.uniform(0, 1, 3000) * np.exp(2j * np.pi * rng.uniform(size=3000))
+    weights, coefficients = rng.normal(size=(3000, 3)), rng.normal(size=(75, 2)) + 1j * rng.normal(size=(75, 2))
+    moments = power_moments(u, weights, 75)
+    assert moments.shape == (3, 75)
+    # rounding of sums of 3000 terms
+    assert moments @ coefficients == pytest.approx(weights.T @ power_sums(u, coefficients), abs=1e-10)

@@ -26,11 +26,13 @@ def annulus() -> PlateauSolution:
 
 CASES = {
     "disk": (lambda: solve_plateau(curves.tennis_seam()), 5),
-    "elongated": (lambda: solve_plateau(curves.ellipse(6.0, 0.3)), 20),
+    "elongated": (lambda: solve_plateau(curves.ellipse(6.0, 0.3)), 11),
     "L": (lambda: solve_plateau(curves.l_shape()), 8),
     "annulus": (annulus, 24),
     "ragged": (lambda: solve_plateau("data/demosthenes_low_res.obj"), 101),
-    "random": (lambda: solve_plateau(curves.random_curve(2)), 30),
+    "random": (lambda: solve_plateau(curves.random_curve(2)), 14),
+    "narrow in places": (lambda: solve_plateau(curves.random_curve(0)), 30),
+    "with a neck": (lambda: solve_plateau(curves.random_curve(7)), 30),
 }
 
 
@@ -78,7 +80,7 @@ def test_regions_that_quadrilaterals_do_not_fill_are_triangulated(monkeypatch: p
 
 
 def test_a_domain_that_stays_folded_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_LEAST_SINE", 2.0)
+    monkeypatch.setattr(module, "LEAST_SINE", 2.0)
     solution = solve_plateau(curves.l_shape())
     with pytest.raises(DomainError, match="too narrow"):
         Blocks.of(solution.domain, Rim.all_of(solution))

@@ -102,7 +102,7 @@ def test_gradient_is_the_difference_quotient_of_the_energy(form):
     t = even(512)
     slide, curves = t + 0.02 * np.sin(2 * np.pi * t + 1), CurveTensors.batch([SEAM])
     here = Slides.of(curves, form, slide[None])
-    gradient = (here.normal * here.tangent)[0].sum(-1)
+    gradient = (here.normal * here.tangent)[:, 0].sum(0)
     random = np.random.default_rng(0)
     for _ in range(4):
         # smooth directions: the third derivative of the energy along them is no larger than the first

@@ -81,6 +81,15 @@ def test_corners_are_said_to_limit_a_fit_that_is_worst_there():
     assert "% of the squared distance lies within an edge of the loop's corners" in solution.reason
 
 
+@pytest.mark.slow
+def test_reentrant_corners_meet_small_tolerances():
+    curve = gallery.l_shape(rise=0.5)
+    solution = solve_plateau(curve, tolerance=1e-6)
+    assert solution.converged
+    # 7e-6 without the opening of the corner, at which p and q are singular
+    assert solution.boundary_residual.max < 2e-6 * solution.loop.diagonal
+
+
 @pytest.mark.usefixtures("small_networks")
 def test_moduli_are_said_to_limit_a_fit_whose_domain_would_fold(monkeypatch):
     def folds(*_, **__):

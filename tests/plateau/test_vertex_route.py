@@ -104,6 +104,13 @@ def test_gamma_passes_through_the_points_and_keeps_beside_the_edges() -> None:
     assert away.max() < solution.boundary_residual.max + 2e-3 * loop.mean_edge_length
 
 
+def test_gamma_has_no_gaps_at_the_points() -> None:
+    (loop,) = sg.boundary_loops("data/demosthenes_low_res.obj")
+    curve = sg.solve_plateau(loop).curve
+    before, at = curve.point(curve.breaks[1:] - 1e-14), curve.point(curve.breaks[1:])
+    assert np.abs(before - at).max() < 1e-12 * loop.diagonal
+
+
 def test_rigid_motions_and_scale_move_the_surface_along() -> None:
     loop = rim_of(3, 0.7)
     rotation = trimesh.transformations.random_rotation_matrix(np.array([0.3, 0.6, 0.2]))[:3, :3]

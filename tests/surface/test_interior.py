@@ -33,6 +33,7 @@ def test_positions_are_those_of_the_surface(surface, points):
 
 def test_positions_by_the_fast_sums(surface, points, monkeypatch):
     directly = surface.positions_inside(points)
+    monkeypatch.setattr(cauchy_sums, "_FEW_SOURCES", 0)
     monkeypatch.setattr(cauchy_sums, "_FEW_PAIRS", 0)
     np.testing.assert_allclose(surface.positions_inside(points), directly, rtol=0, atol=1e-11)
 

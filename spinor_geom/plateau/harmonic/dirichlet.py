@@ -76,9 +76,14 @@ class DirichletForm:
 
     def __call__(self, x: Float[Array, "*batch n k"]) -> Float[Array, "*batch n k"]:
         """Λ applied to columns of samples at t = j/n."""
-        n, xp = x.shape[-2], namespace(x)
+        xp = namespace(x)
         # transformed as rows: on some processors the rounding of a column depends on the number of columns
-        spectrum = xp.fft.rfft(contiguous(xp.moveaxis(x, -1, 0)))
+        return xp.moveaxis(self.on_rows(contiguous(xp.moveaxis(x, -1, 0))), 0, -1)
+
+    def on_rows(self, x: Float[Array, "*batch n"]) -> Float[Array, "*batch n"]:
+        """Λ applied to rows of samples at t = j/n."""
+        n, xp = x.shape[-1], namespace(x)
+        spectrum = xp.fft.rfft(x)
         result = spectrum * frequencies(n, place_of(x))
         if self.correction is not None:
             count = len(self.correction)
@@ -86,7 +91,7 @@ class DirichletForm:
             # BLAS is far slower on narrow columns, and the matrix is symmetric
             low = xp.fft.irfft(spectrum[..., :half], n=count) @ self.correction
             result[..., :half] += xp.fft.rfft(low)[..., :half]
-        return xp.moveaxis(xp.fft.irfft(result, n=n), 0, -1)
+        return xp.fft.irfft(result, n=n)
 
 
 @lru_cache(maxsize=64)

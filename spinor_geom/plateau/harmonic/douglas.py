@@ -20,10 +20,10 @@ from spinor_geom.arrays import (
     cis,
     closed_steps,
     namespace,
-    norm,
     padded,
     place_of,
     replaced,
+    shifted,
     square,
     to_numpy,
 )
@@ -88,7 +88,7 @@ def minimise_dirichlet_energies(
     disks: dict[int, HarmonicDisk] = {}
     for numbers, over in found:
         for place, (number, crowded) in enumerate(zip(numbers, over.is_over.tolist(), strict=True)):
-            disks[number] = HarmonicDisk(slide=over.slide[place], points=over.points[place], crowded=crowded)
+            disks[number] = HarmonicDisk(slide=over.slide[place], points=over.points[:, place].mT, crowded=crowded)
     return tuple(map(disks.get, range(len(slides))))
 
 
@@ -111,49 +111,57 @@ def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Array,
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Slides:
-    """Slides of b curves on one Ω, with the energies of their harmonic surfaces; it implements `newton.Energies`."""
+    """Slides of b curves on one Ω, with the energies of their harmonic surfaces; it implements `newton.Energies`.
+
+    Vectors are one array for each coordinate: operations on a last axis of length 3 are several times as slow.
+    """
 
     curves: CurveTensors  # a batch of b
     form: DirichletForm  # Λ
     slide: Float[Array, "b n"]  # curve parameters at t = j/n
-    points: Float[Array, "b n 3"]  # Γ
-    tangent: Float[Array, "b n 3"]  # Γ′
+    points: Float[Array, "3 b n"]  # Γ
+    tangent: Float[Array, "3 b n"]  # Γ′
     bend: Float[Array, "b n"]  # Γ″·ΛX
-    normal: Float[Array, "b n 3"]  # ΛX
+    normal: Float[Array, "3 b n"]  # ΛX
     energy: Float[Array, " b"]  # in units of 2π/n
 
     @classmethod
     def of(cls, curves: CurveTensors, form: DirichletForm, slide: Float[Array, "b n"]) -> Slides:
         """The energies and their derivatives at given slides."""
-        points, tangent, second = curves.point_and_derivatives(slide)
-        normal = form(points)
+        points, tangent, second = curves.coordinates(slide)
+        normal = form.on_rows(points)
         return cls(
             curves=curves,
             form=form,
             slide=slide,
             points=points,
             tangent=tangent,
-            bend=(second * normal).sum(-1),
+            bend=(second * normal).sum(0),
             normal=normal,
-            energy=0.5 * (points * normal).sum((-2, -1)),
+            energy=0.5 * (points * normal).sum(0).sum(-1),
         )
 
     def at(self, which: Int[Array, " k"]) -> Slides:
         """The selected slides."""
-        parts = {name: getattr(self, name)[which] for name in _BY_CURVE}
-        selected = Slides(curves=self.curves.at(which), form=self.form, **parts)
+        parts = {name: getattr(self, name)[which] for name in _SCALARS}
+        # contiguous, unlike an array from an index
+        vectors = {name: namespace(which).take(getattr(self, name), which, axis=1) for name in _VECTORS}
+        selected = Slides(curves=self.curves.at(which), form=self.form, **parts, **vectors)
         selected.__dict__.update({name: self.__dict__[name][which] for name in _CACHED if name in self.__dict__})
         return selected
 
     def replaced(self, which: Int[Array, " k"], other: Slides) -> Slides:
         """The slides with some of them replaced."""
-        parts = {name: replaced(getattr(self, name), which, getattr(other, name)) for name in _BY_CURVE}
-        return Slides(curves=self.curves, form=self.form, **parts)
+        parts = {name: replaced(getattr(self, name), which, getattr(other, name)) for name in _SCALARS}
+        vectors = {name: namespace(which).asarray(getattr(self, name), copy=True) for name in _VECTORS}
+        for name, copy in vectors.items():
+            copy[:, which] = getattr(other, name)
+        return Slides(curves=self.curves, form=self.form, **parts, **vectors)
 
     @cached_property
     def speed(self) -> Float[Array, "b n"]:
         """|Γ′|."""
-        return norm(self.tangent)
+        return namespace(self.slide).sqrt(square(self.tangent).sum(0))
 
     @cached_property
     def _increments(self) -> Float[Array, "b n"]:
@@ -163,13 +171,12 @@ class Slides:
     @cached_property
     def gradient(self) -> Float[Array, "b n"]:
         """Gradient of the energy with respect to arc length along Γ."""
-        return self._without_gauge((self.normal * self.tangent).sum(-1) / self.speed)
+        return self.without_gauge((self.normal * self.tangent).sum(0) / self.speed)
 
     @cached_property
     def size(self) -> Float[Array, " b"]:
         """RMS of the gradient over the RMS of ΛX: 0 where the surface is conformal."""
-        xp, count = namespace(self.slide), self.slide.shape[1]
-        return xp.sqrt(square(self.gradient).sum(-1) / square(self.normal).reshape(-1, 3 * count).sum(-1))
+        return namespace(self.slide).sqrt(square(self.gradient).sum(-1) / square(self.normal).sum(0).sum(-1))
 
     @property
     def is_over(self) -> Bool[Array, " b"]:
@@ -184,7 +191,7 @@ class Slides:
         if not self.form.is_disk:
             fields = xp.broadcast_to(fields, (len(self.slide), *fields.shape))
         else:
-            fields = (self.speed * (self._increments + xp.roll(self._increments, 1, axis=-1)))[:, None] * fields
+            fields = (self.speed * (self._increments + shifted(self._increments, 1)))[:, None] * fields
         return _orthonormal(fields)
 
     def _in_gauge(self, u: Float[Array, "b n"]) -> Float[Array, "b n"]:
@@ -192,17 +199,18 @@ class Slides:
         shares = namespace(u).linalg.vecdot(self.gauge, u[:, None])
         return (shares[:, None] @ self.gauge)[:, 0]
 
-    def _without_gauge(self, u: Float[Array, "b n"]) -> Float[Array, "b n"]:
+    def without_gauge(self, u: Float[Array, "b n"]) -> Float[Array, "b n"]:
+        """Displacements along Γ less those of conformal maps, on the disk."""
         return u - self._in_gauge(u) if self.form.is_disk else u
 
     def hessian(self, damping: Float[Array, " b"] | None) -> Rows:
         """The Hessian of the energy by arc length, as a map of rows; with damping negative `bend`s are reflected."""
-        unit = self.tangent / self.speed[..., None]
+        unit = self.tangent / self.speed
         bend = reflected(self.bend, damping) / square(self.speed)
 
         def applied(u: Float[Array, "b n"]) -> Float[Array, "b n"]:
-            image = (unit * self.form(unit * u[..., None])).sum(-1) + bend * u
-            return self._without_gauge(image) if self.form.is_disk else image + _GAUGE_STIFFNESS * self._in_gauge(u)
+            image = (unit * self.form.on_rows(unit * u)).sum(0) + bend * u
+            return self.without_gauge(image) if self.form.is_disk else image + _GAUGE_STIFFNESS * self._in_gauge(u)
 
         return applied
 
@@ -210,22 +218,23 @@ class Slides:
         self, damping: Float[Array, " b"] | None, forcing: Float[Array, " b"]
     ) -> tuple[Float[Array, "b n"], Bool[Array, " b"]]:
         """Newton's step."""
-        return conjugate_gradients(self.hessian(damping), self.gradient, self._precondition, forcing)
+        return conjugate_gradients(self.hessian(damping), self.gradient, self.precondition, forcing)
 
-    def _precondition(self, u: Float[Array, "b n"]) -> Float[Array, "b n"]:
-        return self._without_gauge(smoothed(u))
+    def precondition(self, u: Float[Array, "b n"]) -> Float[Array, "b n"]:
+        """An approximate solution of Newton's equations, for conjugate gradients."""
+        return self.without_gauge(smoothed(u))
 
     def stepped(self, direction: Float[Array, "b n"], length: float) -> Slides:
         """The slides after a step along a direction in arc length."""
         return Slides.of(self.curves, self.form, slid(self.slide, direction / self.speed, length))
 
 
-_BY_CURVE = ("slide", "points", "tangent", "bend", "normal", "energy")
+_SCALARS, _VECTORS = ("slide", "bend", "energy"), ("points", "tangent", "normal")
 _CACHED = ("speed", "gauge", "gradient", "size")  # what a step needs again after others have finished
 
 
 def reflected(bends: Float[Array, "b n"], damping: Float[Array, " #b"] | None) -> Float[Array, "b n"]:
-    """Γ″·ΛX; with damping 1 its negative values change sign, with damping ½ they become 0."""
+    """Γ″·ΛX; with damping 1, of a row or of all, its negative values change sign, with damping ½ they become 0."""
     return bends if damping is None else bends + 2 * damping[:, None] * namespace(bends).clip(-bends, min=0)
 
 
@@ -262,7 +271,7 @@ def _orthonormal(rows: Float[Array, "b 3 n"]) -> Float[Array, "b 3 n"]:
 def slid(slide: Float[Array, "b n"], direction: Float[Array, "b n"], length: float) -> Float[Array, "b n"]:
     """Slides after a step along a direction; the step scales the increments, which stay positive."""
     xp, increments = namespace(slide), closed_steps(slide)
-    change = length * (xp.roll(direction, -1, axis=-1) - direction) / xp.clip(increments, min=1e-300)
+    change = length * (shifted(direction, -1) - direction) / xp.clip(increments, min=1e-300)
     # positive, and 1 + change up to third order
     factor = xp.where(change < 0, 1 / (1 - change + change**2), 1 + change)
     scaled = increments * factor

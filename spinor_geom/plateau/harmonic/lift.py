@@ -31,6 +31,7 @@ from spinor_geom.arrays import (
     padded,
     place_of,
     replaced,
+    shifted,
     square,
 )
 from spinor_geom.errors import SurfaceError
@@ -236,7 +237,7 @@ class _SampledBoundary:
         slides = resampled(nodes, _EACH * nodes.shape[-1])
         start = _on(curves, slides)
         step, xp = closed_steps(start.slides), namespace(slides)
-        weights = (step + xp.roll(step, 1, axis=-1)) * xp.sqrt(square(start.tangent).sum(1))
+        weights = (step + shifted(step, 1)) * xp.sqrt(square(start.tangent).sum(1))
         weights = weights / weights.sum((1, 2))[:, None, None]
         return cls(
             traces=traces, form=form, curves=curves, dz=traces.weights(slides.shape[-1]), start=start, weights=weights

@@ -20,6 +20,7 @@ from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
 from spinor_geom.discrete.strip import discrete_annulus, runs_back
 from spinor_geom.domain.flattening import flatten
+from spinor_geom.domain.opening import Opening
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks, sampled
 from spinor_geom.domain.quadrature import Panels
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
@@ -49,6 +50,7 @@ _MOST_WORK = 1e8
 # Distance of a first fit from Γ, in edges, from which it is not refined: of 20 random loops the 5 beyond it stay beyond
 # a tenth of an edge; those within come to 0.02 and less.
 _LOST = 0.2
+_ASIDE = 1e-9  # distance of one-sided derivatives from a corner
 _PARTS = 4  # pieces per edge of ∂Ω in the test for self-crossings, and where integration paths leave Ω
 
 
@@ -62,6 +64,14 @@ class _Side:
     curve: BoundaryCurve
     knots: Float[np.ndarray, " k1"]  # parameters of Γ at the boundary vertices of the discrete surface, closed
     corners: Bool[np.ndarray, " k"]  # which of those vertices are corners of Ω
+
+    @property
+    def angles(self) -> Float[np.ndarray, " c"]:
+        """Angles between Γ and its continuation back at the corners, at most π."""
+        at = self.knots[:-1][self.corners]
+        before, after = (self.curve.derivative(at + side) for side in (-_ASIDE, _ASIDE))
+        sine, cosine = np.linalg.norm(np.cross(before, after), axis=1), (before * after).sum(axis=1)
+        return np.asarray(np.pi - np.arctan2(sine, cosine))
 
     @classmethod
     def of(cls, number: int, loop: BoundaryLoop, curve: BoundaryCurve, *, back: bool, parts_of_a_side: int) -> _Side:
@@ -125,6 +135,8 @@ class NetworkSolver:
         may_improve = self.problem.is_disk and self._is_missed(fitted) and not self._is_rough
         if may_improve and (fitted.stage.has_moduli or fitted.work < _MOST_WORK):
             fitted = self._improved(fitted, start)
+        if self.problem.is_disk and self._is_missed(fitted):
+            fitted = self._opened(fitted, start)
         with self.problem.clock.stage("surface"):
             surface, rms_offset = fitted_surface(fitted, allowed=self.problem.allowed)
             area = surface.area()
@@ -157,8 +169,20 @@ class NetworkSolver:
         except (DomainError, SingularMatrixError, OutOfTimeError):
             return fitted
 
-    def _fitted_from(self, start: Disk) -> Fitted:
-        """The fit from a discrete surface: its flattening gives Ω, its frames give p and q."""
+    def _opened(self, fitted: Fitted, disk: Disk) -> Fitted:
+        """The better of a fit and a fit over Ω with opened corners; the first one where the second fails."""
+        try:
+            return min(fitted, self._fitted_from(disk, opened=True), key=lambda one: self.problem.excess(one.misfit))
+        except (DomainError, SingularMatrixError, OutOfTimeError):
+            return fitted
+
+    def _fitted_from(self, start: Disk, *, opened: bool = False) -> Fitted:
+        """The fit from a discrete surface: its flattening gives Ω, its frames give p and q.
+
+        Args:
+            start: the surface.
+            opened: whether reentrant corners of Ω are opened; without any, a DomainError is raised.
+        """
         sides, place = self._sides, self.problem.options.place
 
         def boundaries(rims: tuple[Complex[np.ndarray, "_"], ...]) -> list[SplineBoundary]:
@@ -172,7 +196,11 @@ class NetworkSolver:
                 holes=self._sizes[1:],
                 drawn=lambda rims: tuple(sampled(boundary, each=_PARTS) for boundary in boundaries(rims)),
             )
-            outer, *holes = boundaries(flat.rims)
+            given = boundaries(flat.rims)
+            opening = Opening.of(given[0], sides[0].angles) if opened else None
+            if opened and opening is None:
+                raise DomainError("the plane domain has no reentrant corners that can be opened")
+            outer, *holes = given if opening is None else [opening.boundary]
             domain = PlaneDomain.inside(outer, flat.log_scale, holes=tuple(holes))
         with self.problem.clock.stage("features"):
             lifted = partial(lifted_spinors, start.vertices, start.faces, flat.images, self._sizes, place)
@@ -190,11 +218,14 @@ class NetworkSolver:
                 tolerance=self.problem.options.tolerance,
                 branch=branch,
             )
-            edge = place.put(np.searchsorted(domain.arcs[:, 0], stage.panels.t, side="right") - 1)
-            z = place.put(stage.panels.z)
-            readout = stage.readout_of(spinors[edge] * stage.network.sign_changing(z)[:, None])
-            parts = zip(stage.panels.own_parameters, domain.boundaries, sides, strict=True)
-            slides = [np.interp(t, boundary.parameters, side.knots) for t, boundary, side in parts]
+            factor, own = stage.network.sign_changing(place.put(stage.panels.z)), stage.panels.own_parameters
+            if opening is not None:
+                factor, own = place.put(opening.factor(own[0])), (opening.given_parameters(own[0]),)
+            edges, slides = [], []
+            for first, t, boundary, side in zip(ends, own, given, sides, strict=False):
+                edges.append(first + np.searchsorted(boundary.parameters, t % 1, side="right") - 1)
+                slides.append(np.interp(t % 1, boundary.parameters, side.knots) + np.floor(t))
+            readout = stage.readout_of(spinors[place.put(np.concatenate(edges))] * factor[:, None])
         with self.problem.clock.stage("fit"):
             return self._refined(stage, readout, place.put(np.concatenate(slides)))
 

@@ -169,7 +169,7 @@ class HarmonicSurface:
             step = namespace(self.slides).linalg.solve(self.matrix(), -self.gradient.mT)
             return step.mT, self.energy != self.energy
         if self.count > DENSE:
-            return conjugate_gradients(self._hessian(damping), self.gradient, self._precondition, forcing)
+            return conjugate_gradients(self.hessian(damping), self.gradient, self.precondition, forcing)
         xp = namespace(self.slides)
         metric = xp.concat([2 * xp.clip(-self.bends, min=0).reshape(-1), self._scales])
         return factored(self.matrix(), metric, self.gradient, damping)
@@ -192,11 +192,12 @@ class HarmonicSurface:
         """Number of nodes on all rims."""
         return math.prod(self.slides.shape)
 
-    def _hessian(self, damping: Float[Array, "1"]) -> Rows:
+    def hessian(self, damping: Float[Array, "1"] | None) -> Rows:
         """Products with the damped `matrix`."""
         bends = reflected(self.bends, damping)
         moduli, xp = namespace(self.slides).asarray(self._by_moduli, copy=True), namespace(self.slides)
-        add_to_diagonal(moduli, damping * self._scales)
+        if damping is not None:
+            add_to_diagonal(moduli, damping * self._scales)
 
         def applied(rows: Float[Array, "1 k"]) -> Float[Array, "1 k"]:
             (x,) = rows
@@ -210,7 +211,8 @@ class HarmonicSurface:
 
         return applied
 
-    def _precondition(self, u: Float[Array, "1 k"]) -> Float[Array, "1 k"]:
+    def precondition(self, u: Float[Array, "1 k"]) -> Float[Array, "1 k"]:
+        """An approximate solution of Newton's equations, for conjugate gradients."""
         count, scales = self.count, self._scales
         smooth = smoothed(u[0, :count].reshape(self.slides.shape))
         return namespace(u).concat([smooth.reshape(-1), u[0, count:] / scales])[None]
@@ -296,15 +298,24 @@ class Moduli:
         return _without_first_centre(self._all_slopes.reshape(-1))
 
     @cached_property
+    def displacements(self) -> Float[Array, "p m n c"]:
+        """Re φ·v for each modulus, on all circles: the displacement of the surface along itself by a move of Ω."""
+        return self._on_circles(self._carried.real)
+
+    def _on_circles(self, on_holes: Float[Array, "h 3 n c"]) -> Float[Array, "p m n c"]:
+        """Values for the moduli of each hole on its circle, with 0 on the others."""
+        h, _, n, columns = on_holes.shape
+        values, own = zeros((h, 3, h + 1, n, columns), on_holes), np.arange(h)
+        values[own, :, own + 1] = on_holes
+        return _without_first_centre(values.reshape(3 * h, h + 1, n, columns))
+
+    @cached_property
     def changes(self) -> Float[Array, "p m n c"]:
         """The derivative of ΛX in each modulus."""
-        h, _, n, columns = self._carried.shape
-        values, xp, own = zeros((h, 3, h + 1, n, columns), self.null.real), namespace(self.null), np.arange(h)
-        values[own, :, own + 1] = self._carried.real
-        side_by_side = xp.permute_dims(_without_first_centre(values.reshape(3 * h, h + 1, n, columns)), (1, 2, 0, 3))
-        changed = -self.form(side_by_side.reshape(h + 1, n, -1)).reshape(side_by_side.shape)
-        values[own, :, own + 1] = derivative(self._carried.imag)
-        return xp.permute_dims(changed, (2, 0, 1, 3)) + _without_first_centre(values.reshape(3 * h, h + 1, n, columns))
+        xp, (_, m, n, _) = namespace(self.null), self.displacements.shape
+        side_by_side = xp.permute_dims(self.displacements, (1, 2, 0, 3))
+        changed = -self.form(side_by_side.reshape(m, n, -1)).reshape(side_by_side.shape)
+        return xp.permute_dims(changed, (2, 0, 1, 3)) + self._on_circles(derivative(self._carried.imag))
 
     @cached_property
     def hessian(self) -> Float[Array, "p p"]:

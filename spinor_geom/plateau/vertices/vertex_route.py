@@ -245,7 +245,8 @@ def _curve_through(
 ) -> BoundaryCurve:
     """Γ: a surface's boundary minus its errors at the points, which are interpolated linearly between them.
 
-    `velocity` is the derivative of r by the share of each edge, at Gauss-Legendre nodes.
+    `velocity` is the derivative of r by the share of each edge, at Gauss-Legendre nodes. The errors of the polynomials
+    at the ends of the pieces are removed likewise: curves with gaps have no patches.
     """
     place = piece_places()
     within = np.einsum("hg,ngk->hnk", cumulative_matrix(velocity.shape[1], tuple(place)), velocity)
@@ -254,7 +255,11 @@ def _curve_through(
     breaks = np.append(0.0, np.cumsum(chord) / chord.sum())
     breaks[-1] = 1.0
     values[0] = points
-    coefficients, corners = through(values, np.diff(breaks)), np.ones(len(points), dtype=bool)
+    width, corners = np.diff(breaks)[:, None], np.ones(len(points), dtype=bool)
+    coefficients = through(values, width[:, 0])
+    powers = np.arange(len(coefficients) - 1, -1, -1)[:, None, None]
+    ends = (coefficients * width**powers).sum(axis=0)
+    coefficients[-2] += (np.roll(points, -1, axis=0) - ends) / width
     return BoundaryCurve(kind="analytic", breaks=breaks, coefficients=coefficients, corners=corners)
 
 

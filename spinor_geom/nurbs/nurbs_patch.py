@@ -1,0 +1,124 @@
+"""Rational B-spline curves and surfaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from math import comb
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import BSpline
+
+from spinor_geom.domain.quadrature import rule
+
+_MORE_NODES = 16  # of a quadrature than the degree, for areas of rational patches to rounding
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NurbsCurve:
+    """A rational B-spline curve on [0, 1].
+
+    Attributes:
+        control_points: in mesh units.
+        weights: of the control points; all are 1 on curves without exact formulas.
+        degree: of the polynomials.
+        knots: from 0 to 1, each repeated as often as it counts.
+    """
+
+    control_points: Float[np.ndarray, "n 3"]
+    weights: Float[np.ndarray, " n"]
+    degree: int
+    knots: Float[np.ndarray, " k"]
+
+    def __repr__(self) -> str:
+        return f"NurbsCurve({len(self.control_points)} control points, degree {self.degree})"
+
+    def point(self, u: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m 3"]:
+        """Points of the curve."""
+        values = BSpline(self.knots, homogeneous(self.control_points, self.weights), self.degree)(u)
+        return np.asarray(values[:, :3] / values[:, 3:])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NurbsPatch:
+    """A rational B-spline surface on the unit square.
+
+    The normal of the minimal surface is that of the directions of u and v, in this order. Side 0 lies at v = 0, side 1
+    at u = 1, side 2 at v = 1, side 3 at u = 0; a side is directed as the other parameter.
+
+    Attributes:
+        control_points: in mesh units, in rows of equal u.
+        weights: of the control points; all are 1 unless p and q are polynomials on a disk.
+        degrees: in u and in v.
+        knots: of u and of v, from 0 to 1, each repeated as often as it counts.
+    """
+
+    control_points: Float[np.ndarray, "n m 3"]
+    weights: Float[np.ndarray, "n m"]
+    degrees: tuple[int, int]
+    knots: tuple[Float[np.ndarray, " k"], Float[np.ndarray, " l"]]
+
+    def __repr__(self) -> str:
+        n, m, _ = self.control_points.shape
+        return f"NurbsPatch({n} × {m} control points, degrees {self.degrees})"
+
+    def grid(
+        self, u: Float[np.ndarray, " a"], v: Float[np.ndarray, " b"], *, derivatives: tuple[int, int] = (0, 0)
+    ) -> Float[np.ndarray, "a b 3"]:
+        """Points, or partial derivatives of given orders, at all pairs of parameters."""
+        net = homogeneous(self.control_points, self.weights)
+        bases = [
+            [BSpline(knots, np.eye(len(knots) - degree - 1), degree)(at, nu=order) for order in range(most + 1)]
+            for knots, degree, at, most in zip(self.knots, self.degrees, (u, v), derivatives, strict=True)
+        ]
+        found: dict[tuple[int, int], Float[np.ndarray, "a b 3"]] = {}
+        weights: dict[tuple[int, int], Float[np.ndarray, "a b 1"]] = {}
+        for k, m in product(*map(range, map(len, bases))):
+            values = np.tensordot(bases[0][k], bases[1][m] @ net, axes=1)
+            weights[k, m], total = values[..., 3:], values[..., :3]
+            for i, j in product(range(k + 1), range(m + 1)):  # Leibniz's rule for weight times position
+                if i or j:
+                    total = total - comb(k, i) * comb(m, j) * weights[i, j] * found[k - i, m - j]
+            found[k, m] = total / weights[0, 0]
+        return np.asarray(found[derivatives])
+
+    def side(self, number: int) -> NurbsCurve:
+        """One of the four sides as a curve."""
+        place = ((slice(None), 0), (-1, slice(None)), (slice(None), -1), (0, slice(None)))[number]
+        axis = number % 2
+        return NurbsCurve(
+            control_points=self.control_points[place],
+            weights=self.weights[place],
+            degree=self.degrees[axis],
+            knots=self.knots[axis],
+        )
+
+    def normals_on(self, number: int, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Normals of the patch at points of a side, not of unit length."""
+        end = np.array([0.0 if number in (0, 3) else 1.0])
+        u, v = (at, end) if number % 2 == 0 else (end, at)
+        along, across = (self.grid(u, v, derivatives=orders).reshape(-1, 3) for orders in ((1, 0), (0, 1)))
+        return np.cross(along, across)
+
+    @property
+    def area(self) -> float:
+        """Area by Gauss-Legendre quadrature, in squared mesh units."""
+        more = 3 if (self.weights == 1).all() else _MORE_NODES
+        (u, by_u), (v, by_v) = (_nodes(*each, more) for each in zip(self.knots, self.degrees, strict=True))
+        along, across = (self.grid(u, v, derivatives=orders) for orders in ((1, 0), (0, 1)))
+        return float(by_u @ np.linalg.norm(np.cross(along, across), axis=2) @ by_v)
+
+
+def homogeneous(points: Float[np.ndarray, "*n 3"], weights: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 4"]:
+    """Points times weights, and the weights."""
+    return np.concatenate([points * weights[..., None], weights[..., None]], axis=-1)
+
+
+def _nodes(
+    knots: Float[np.ndarray, " k"], degree: int, more: int
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Nodes and weights of integrals over all pieces, `more` nodes than the degree on each."""
+    gauss, ends = rule("gauss", degree + more), np.unique(knots)
+    width = np.diff(ends)[:, None]
+    return (ends[:-1, None] + width * gauss.nodes).ravel(), (width * gauss.weights).ravel()

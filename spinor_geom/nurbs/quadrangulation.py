@@ -1,0 +1,96 @@
+"""Polygons divided into convex quadrilaterals, with or without corners that may be left out."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from jaxtyping import Complex, Int
+
+from spinor_geom.domain.delaunay import Rims, cross
+
+LEAST_SINE = 0.1  # of the angles of quadrilaterals
+
+
+def cut_open(inner: Complex[np.ndarray, " n"], sizes: Rims) -> Int[np.ndarray, " m"]:
+    """The corners of one closed polygon along all rims, with cuts between nearest corners of different rims.
+
+    It begins at the end of a cut.
+    """
+    outer, *holes = np.split(np.arange(len(inner)), np.cumsum(sizes)[:-1])
+    polygon, rest = outer.tolist(), [hole.tolist() for hole in holes]
+    while rest:
+        distances = [np.abs(np.subtract.outer(inner[polygon], inner[hole])) for hole in rest]
+        number = int(np.argmin([each.min() for each in distances]))
+        i, j = divmod(int(distances[number].argmin()), len(rest[number]))
+        hole = rest.pop(number)
+        polygon = [*polygon[: i + 1], *hole[j:], *hole[: j + 1], *polygon[i:]]
+    ends = np.flatnonzero(np.bincount(polygon)[polygon] > 1)
+    return np.roll(polygon, -ends[-1]) if len(ends) else np.array(polygon)
+
+
+def sides_of(
+    polygon: Int[np.ndarray, " m"], joins: Int[np.ndarray, "j 2"], steps: Int[np.ndarray, " j"]
+) -> Int[np.ndarray, "s 2"]:
+    """Places in a polygon of the ends of its sides, and of joined sides of several steps that pass no end of a cut."""
+    m = len(polygon)
+    places = np.zeros((2, int(polygon.max()) + 1), dtype=np.int64)  # first and last ones: ends of cuts occur twice
+    places[1, polygon] = np.arange(m)
+    places[0, polygon[::-1]] = np.arange(m)[::-1]
+    own = np.stack([np.arange(m), (np.arange(m) + 1) % m], axis=1)
+    found = [own]
+    for start, end in itertools.product(places, places):
+        pairs = np.stack([start[joins[:, 0]], end[joins[:, 1]]], axis=1)
+        found.append(pairs[(pairs[:, 1] - pairs[:, 0]) % m == steps])
+    return np.unique(np.concatenate(found), axis=0)
+
+
+def quadrangulated(z: Complex[np.ndarray, " m"], sides: Int[np.ndarray, "s 2"]) -> Int[np.ndarray, "q 4"] | None:
+    """Convex quadrilaterals that fill a polygon, with the least cost; None if none do.
+
+    The cost of a quadrilateral is 1/sin of its least angle. The division is found by dynamic programming over the
+    chords of the polygon.
+
+    Args:
+        z: the corners, counter-clockwise; equal points may occur twice.
+        sides: pairs of corners that a side may join, with those in between left out.
+    """
+    m = len(z)
+    with np.errstate(invalid="ignore"):
+        step = z - z[:, None]
+        step /= np.abs(step)
+    cost, between = np.full((m, m), np.inf), np.zeros((m, m, 2), dtype=np.int64)
+    start, end = sides[sides[:, 1] > 0].T
+    cost[start, end] = 0.0
+    every = 2 if len(sides) == m else 1  # without joined sides the numbers of corners on both sides of chords are even
+    for width in range(3, m, every):
+        i = np.arange(m - width)[:, None]
+        # third and fourth corners of all quadrilaterals on the chords from i to i + width
+        second, third = np.nonzero(np.triu(np.ones((width // every,) * 2, dtype=bool)))
+        second, third = every * second + 1, every * third + 2
+        second, third = second[third < width], third[third < width]
+        total = cost[i, i + second] + cost[i + second, i + third] + cost[i + third, i + width]
+        chord, choice = np.nonzero(np.isfinite(total))
+        a, b, c, d = chord, chord + second[choice], chord + third[choice], chord + width
+        corners = step[d, a], step[a, b], step[b, c], step[c, d], step[d, a]
+        sine = np.minimum.reduce([cross(one, two) for one, two in itertools.pairwise(corners)])
+        with np.errstate(divide="ignore"):
+            total[chord, choice] += 1 / np.where(sine > LEAST_SINE, sine, 0.0)
+        best, i = total.argmin(axis=1), i[:, 0]
+        least = total[i, best]
+        better = least < cost[i, i + width]
+        i, best = i[better], best[better]
+        cost[i, i + width] = least[better]
+        between[i, i + width] = np.stack([i + second[best], i + third[best]], axis=1)
+    last = sides[sides[:, 1] == 0, 0]  # ends of the sides to the first corner
+    final = int(last[cost[0, last].argmin()])
+    if not np.isfinite(cost[0, final]):
+        return None
+    quads, chords = [], [(0, final)]
+    while chords:
+        i, j = chords.pop()
+        k, h = between[i, j].tolist()
+        if h:
+            quads.append((i, k, h, j))
+            chords += [(i, k), (k, h), (h, j)]
+    return np.array(quads)
