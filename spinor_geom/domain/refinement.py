@@ -10,9 +10,7 @@ from spinor_geom.domain.delaunay import (
     Places,
     circumcircles,
     cross,
-    edge_codes,
     plane_coordinates,
-    unique_edges,
 )
 from spinor_geom.domain.polygons import are_inside
 from spinor_geom.domain.sizes import NearestPoints, RegionSizes
@@ -23,7 +21,7 @@ _LEAST_SINE = np.sin(np.radians(25.0))
 _LARGEST_RADIUS = 0.75
 _DOUBTFUL = 0.8  # share of that radius above which the size at the centroid replaces the mean of the vertices
 _BATCH_SPACING = 0.8  # least distance of new points of one batch, per smaller circumradius
-_BATCHES = 60  # the number of points grows geometrically with the batches
+BATCHES = 60  # the number of points grows geometrically with the batches
 # a boundary edge subtends at most 110° at new points; 90° would leave no room beside short edges next to long ones
 _WIDEST_VIEW = np.cos(np.radians(180 - 110))
 # longest inner edge between two boundary vertices, in wanted edge lengths; shorter where it cuts off one vertex
@@ -43,16 +41,17 @@ class BoundaryEdges:
     ) -> None:
         self.points, self.after, self.region = points, after, region
         self.edge, self.count = points[after] - points, int(region[-1]) + 1
+        self._half = 0.5 * self.edge
+        # an edge subtends a right angle on the circle of which it is a diameter, and larger angles inside
+        self._centres, self._radii = points + self._half, np.abs(self._half)
 
     def too_near(self, z: Places, region: Owners) -> Bool[np.ndarray, " k"]:
         """Whether a boundary edge of its region subtends too large an angle at each point."""
         near_edge = np.zeros(len(z), dtype=bool)
         if len(z):
-            half = 0.5 * self.edge
-            # an edge subtends a right angle on the circle of which it is a diameter, and larger angles inside
-            point, edge = NearestPoints(z, region).within(np.abs(half), of=self.points + half, region=self.region)
-            offset = z[point] - self.points[edge] - half[edge]
-            seen = (offset + half[edge]) * np.conj(offset - half[edge])
+            point, edge = NearestPoints(z, region).within(self._radii, of=self._centres, region=self.region)
+            offset, half = z[point] - self._centres[edge], self._half[edge]
+            seen = (offset + half) * np.conj(offset - half)
             near_edge[point[seen.real < -_WIDEST_VIEW * np.abs(seen)]] = True
         return near_edge
 
@@ -64,29 +63,30 @@ class BoundaryEdges:
 
 def refine(
     mesh: ConstrainedDelaunay,
-    at_points: Lengths,
     boundary: BoundaryEdges,
     size: RegionSizes,
     room: Int[np.ndarray, " r"],
+    *,
+    batches: int = BATCHES,
 ) -> None:
     """Inserts batches of circumcentres until no triangle is poor, except where a circumcentre has no room.
 
-    `at_points` are the sizes wanted at the mesh's points; `room` is the largest number of inner points of each region.
+    `room` is the largest number of inner points of each region.
     """
-    at_centres = np.zeros(boundary.count, dtype=bool)  # regions whose sizes are also computed at centroids
+    at_points = size(mesh.points, mesh.region)
     # triangles with an open vertex are tested: new vertices, and those of triangles whose centre was not inserted
     is_open = np.ones(len(mesh.points), dtype=bool)
-    for _ in range(_BATCHES):
+    for _ in range(batches):
         seen = mesh.inside[is_open[mesh.triangles].any(axis=1)]
         faces = mesh.faces[seen]
         p, owner = mesh.points[faces], mesh.region[faces[:, 0]]
-        # the mean of the sizes at the vertices is enough until the triangles are nearly small enough
-        wanted = at_points[faces].mean(axis=1)
         centre, radius, shortest = circumcircles(p)
-        doubtful = np.flatnonzero(at_centres[owner] & (radius > _DOUBTFUL * _LARGEST_RADIUS * wanted))
-        if len(doubtful):
-            wanted[doubtful] = size(p[doubtful].mean(axis=1), owner[doubtful])
+        # the mean of the sizes at the vertices decides about triangles that are much larger or smaller
+        wanted = at_points[faces].mean(axis=1)
         excess = radius / (_LARGEST_RADIUS * wanted)
+        doubtful = np.flatnonzero((excess > _DOUBTFUL) & (excess < 1 / _DOUBTFUL))
+        if len(doubtful):
+            excess[doubtful] *= wanted[doubtful] / size(p[doubtful].mean(axis=1), owner[doubtful])
         poor = np.flatnonzero((excess > 1) | (shortest < 2 * radius * _LEAST_SINE))
         poor = poor[~boundary.too_near(centre[poor], owner[poor])]
         if len(poor):
@@ -95,15 +95,10 @@ def refine(
         chosen = poor[some]
         there = np.bincount(mesh.region[mesh.boundary_size :], minlength=boundary.count)
         new = chosen[place_in_region(owner[chosen]) < (room - there)[owner[chosen]]]
-        has_new = np.zeros(boundary.count, dtype=bool)
-        has_new[owner[new]] = True
-        switched = ~has_new & ~at_centres
-        if not (has_new | switched).any():
+        if not len(new):
             break
-        at_centres |= switched
-        lost = np.delete(poor, some)
-        is_open = switched[mesh.region]
-        is_open[faces[lost[has_new[owner[lost]]]]] = True
+        is_open = np.zeros(len(mesh.points), dtype=bool)
+        is_open[faces[np.delete(poor, some)]] = True
         is_open = np.concatenate([is_open, np.ones(len(new), dtype=bool)])
         at_points = np.concatenate([at_points, size(centre[new], owner[new])])
         mesh.insert(centre[new], owner[new])
@@ -147,18 +142,29 @@ def independent(z: Places, region: Owners, spacing: Lengths, priority: Lengths) 
     return np.asarray(first[taken])
 
 
-def long_bridges(mesh: ConstrainedDelaunay, boundary: BoundaryEdges, size: RegionSizes) -> tuple[Places, Owners]:
+def split_long_bridges(mesh: ConstrainedDelaunay, boundary: BoundaryEdges, size: RegionSizes) -> None:
+    """Splits long inner edges between boundary vertices where there is room, in up to three rounds."""
+    for _ in range(3):
+        middle, of = _long_bridges(mesh, boundary, size)
+        if len(middle) == 0:
+            break
+        mesh.insert(middle, of)
+
+
+def _long_bridges(mesh: ConstrainedDelaunay, boundary: BoundaryEdges, size: RegionSizes) -> tuple[Places, Owners]:
     """Points that split long inner edges between boundary vertices, where there is room, and their regions."""
     m, points, faces, after = mesh.boundary_size, mesh.points, mesh.triangles, boundary.after
-    edges = unique_edges(faces[(faces < m).sum(axis=1) > 1], len(points))
-    edges = edges[edges[:, 1] < m]
-    edges = edges[(after[edges] != edges[:, ::-1]).all(axis=1)]
-    start, end = edges.T
+    a, b, c = faces.ravel(), faces[:, [1, 2, 0]].ravel(), faces[:, [2, 0, 1]].ravel()
+    sides = np.flatnonzero((a < m) & (b < m))
+    sides = sides[after[a[sides]] != b[sides]]
+    # each edge once from either side
+    low, high = np.minimum(a[sides], b[sides]), np.maximum(a[sides], b[sides])
+    sides = sides[np.lexsort((high, low))].reshape(-1, 2)
+    start, end = np.sort(np.stack([a[sides[:, 0]], b[sides[:, 0]]]), axis=0)
     owner = mesh.region[start]
     place, length = 0.5 * (points[start] + points[end]), np.abs(points[end] - points[start])
     # an ear cuts off a single convex vertex: it is split sooner, and its point lies farther inside
-    code, count = np.unique(edge_codes(faces[(faces < m).all(axis=1)], m), return_counts=True)
-    one_sided = np.isin(start * m + end, code[count == 1])
+    one_sided = (c[sides] < m).sum(axis=1) == 1
     is_next = after[after[start]] == end
     ear = (is_next | (after[after[end]] == start)) & one_sided
     tip = points[after[np.where(is_next, start, end)]]

@@ -15,7 +15,8 @@ SizeFunction = Callable[[Places], Lengths]
 RegionSizes = Callable[[Places, Owners], Lengths]
 Bounded = Callable[[Lengths | float, Places, Regions], Lengths]
 
-GROWTH = 0.35  # largest increase of the edge length per unit of distance from the boundary
+# largest increase and decrease of the edge length per unit of distance from the boundary
+GROWTH, DECAY = 0.35, 0.5
 # Distance between regions in a search tree, and the radius of searches; both exceed any loop.
 _APART, _FARTHEST = 2.0**256, 2.0**255
 
@@ -30,10 +31,11 @@ def graded_size(*polygons: Polygon, growth: float = GROWTH) -> SizeFunction:
     return lambda z: bounded(np.inf, z, 0)
 
 
-def graded_sizes(polygons: Sequence[Polygon]) -> RegionSizes:
-    """`graded_size` in several regions, each bounded by one polygon."""
-    bounded = size_bounds(polygons, range(len(polygons)), growth=GROWTH, decay=0.0)
-    return lambda z, region: bounded(np.inf, z, region)
+def graded_sizes(polygons: Sequence[Polygon], longest: Float[np.ndarray, " r"] | float = np.inf) -> RegionSizes:
+    """`graded_size` in several regions, each bounded by one polygon, and at most about `longest` in each."""
+    bounded = size_bounds(polygons, range(len(polygons)), growth=GROWTH, decay=DECAY)
+    lengths = np.broadcast_to(longest, len(polygons))
+    return lambda z, region: bounded(lengths[region], z, region)
 
 
 def size_bounds(polygons: Sequence[Polygon], regions: Sequence[int] = (), *, growth: float, decay: float) -> Bounded:

@@ -1,9 +1,9 @@
 """Triangulation of simple plane polygons with holes that keeps the boundary vertices and adds none."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -11,13 +11,14 @@ from jaxtyping import Complex, Float, Int
 from spinor_geom.domain.delaunay import ConstrainedDelaunay, Lengths, Owners, Places, Rims, rim_successors, unique_edges
 from spinor_geom.domain.polygons import lattices_inside
 from spinor_geom.domain.refinement import (
+    BATCHES,
     BoundaryEdges,
     independent,
-    long_bridges,
     place_in_region,
     polish,
     refine,
     smooth,
+    split_long_bridges,
 )
 from spinor_geom.domain.sizes import NearestPoints, Polygon, RegionSizes, SizeFunction, graded_size
 from spinor_geom.errors import DomainError, OptionError, SpinorGeomError
@@ -27,13 +28,19 @@ MOST_POINTS = 200_000  # default limit for a triangulation
 _SIZE_SAMPLES = 100  # points at which the largest wanted size is searched
 _ROOM_AT_BOUNDARY = 2.0  # least distance of lattice points from boundary vertices, in lattice spacings
 _MOST_ROWS = 20_000  # of a lattice
-_FROM_TIPS, _FROM_VERTICES = 0.75, 1.2  # least distance of seeds from tips and boundary vertices, in edge lengths
-_LEAST_SPACING = 0.7  # of seeds, in wanted edge lengths
+_FROM_TIPS, _FROM_VERTICES = 0.75, 1.2  # least distance of lattices from tips and boundary vertices, in edge lengths
+_LEAST_SPACING = 0.7  # of lattices, in wanted edge lengths
+_CLOSEST = 0.6  # least distance of other seeds from boundary vertices, in edge lengths
 
-# points inside a region, and the distance of each from its neighbours
-Seeds = tuple[Complex[np.ndarray, "_"], Float[np.ndarray, "_"]]
 T = TypeVar("T")
 R = TypeVar("R")
+
+
+class Seeds(NamedTuple):
+    """Points inside a region from which its triangulation starts."""
+
+    points: Complex[np.ndarray, "_"]
+    spacing: Float[np.ndarray, "_"] | None = None  # distances between neighbours of a lattice; None for other points
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,7 +109,7 @@ def triangulate_polygon(
 
     Source: Ruppert (1995), A Delaunay refinement algorithm for quality 2-dimensional mesh generation, J. Algorithms 18.
     """
-    _require_region((boundary, *holes))
+    _require_polygons((boundary, *holes))
     wanted = size or graded_size(boundary, *holes)
     return triangulate_regions([(boundary, *holes)], lambda z, _: wanted(z))[0]
 
@@ -111,25 +118,32 @@ def triangulate_regions(
     regions: Sequence[Sequence[Polygon]],
     size: RegionSizes,
     *,
-    seeds: Sequence[Seeds] = (),
+    seeds: Sequence[Seeds | None] = (),
     max_points: Sequence[int] | int = MOST_POINTS,
+    draft: bool = False,
 ) -> list[PlaneTriangulation]:
     """`triangulate_polygon` for many regions at once; each triangulation is bit-equal to that of the region alone.
 
     Args:
         regions: the polygon and its holes, per region.
         size: wanted edge length at points, whose regions are the second argument.
-        seeds: inner points to start from, per region; those too near to the boundary are omitted. By default lattices
-            with the largest wanted size as spacing.
+        seeds: points to start from, per region. Those outside or too near to the boundary are omitted; to a lattice,
+            points along the boundary are added. By default a lattice with the largest wanted size as spacing.
         max_points: number of points at which refinement stops.
+        draft: inserts one batch of circumcentres only and does not smooth; for triangulations to start others from.
     """
     parts = [[np.array(polygon, dtype=np.complex128) for polygon in region] for region in regions]
     rims = [tuple(map(len, region)) for region in parts]
     given = [np.concatenate(region) for region in parts]
-    centre, scale = (np.array(one) for one in zip(*map(_require_region, parts), strict=True))
-    owner = np.repeat(np.arange(len(rims)), [len(boundary) for boundary in given])
+    for region in parts:
+        _require_polygons(region)
+    centre = np.array([each.mean() for each in given])
+    scale = np.array([np.abs(each - middle).max() for each, middle in zip(given, centre, strict=True)])
+    owner = np.repeat(np.arange(len(rims)), [len(each) for each in given])
     boundary = np.concatenate(given)
-    edges = BoundaryEdges((boundary - centre[owner]) / scale[owner], rim_successors(sum(rims, ())), owner)
+    mesh = ConstrainedDelaunay((boundary - centre[owner]) / scale[owner], rims, owner)
+    _require_simple(mesh)
+    edges = BoundaryEdges(mesh.points, rim_successors(sum(rims, ())), owner)
 
     def wanted(z: Places, region: Owners) -> Lengths:
         h = size(z * scale[region] + centre[region], region)
@@ -139,26 +153,21 @@ def triangulate_regions(
         return np.asarray(h / scale[region])
 
     # triangles get no inner points
-    m = np.array([len(boundary) for boundary in given])
+    m = np.array([len(each) for each in given])
     room = np.where(m > 3, np.maximum(max_points - m, 0), 0)
-    if not seeds:
-        inner, of = _seeds(edges, wanted, room)
-        lengths = wanted(inner, of)
-    else:
-        of = np.repeat(np.arange(len(seeds)), [len(points) for points, _ in seeds])
-        places, spacing = map(np.concatenate, zip(*seeds, strict=True))
-        inner, of, lengths = _tips_and_seeds(edges, wanted, (places - centre[of]) / scale[of], spacing / scale[of], of)
+    normalised = [
+        one and Seeds((one.points - c) / r, None if one.spacing is None else one.spacing / r)
+        for one, c, r in zip(seeds or [None] * len(rims), centre, scale, strict=True)
+    ]
+    inner, of = _first_points(edges, wanted, room, normalised)
     some = place_in_region(of) < room[of]
-    inner, of, lengths = inner[some], of[some], lengths[some]
-    mesh = ConstrainedDelaunay(np.append(edges.points, inner), rims, np.append(owner, of))
-    refine(mesh, np.append(wanted(edges.points, owner), lengths), edges, wanted, room)
-    for _ in range(3):
-        middle, of = long_bridges(mesh, edges, wanted)
-        if len(middle) == 0:
-            break
-        mesh.insert(middle, of)
-    smooth(mesh, edges)
-    polish(mesh, edges)
+    if some.any():
+        mesh.insert(inner[some], of[some])
+    refine(mesh, edges, wanted, room, batches=1 if draft else BATCHES)
+    if not draft:
+        split_long_bridges(mesh, edges, wanted)
+        smooth(mesh, edges)
+        polish(mesh, edges)
     points = mesh.points * scale[mesh.region] + centre[mesh.region]
     points[: mesh.boundary_size] = boundary
     return [
@@ -167,8 +176,8 @@ def triangulate_regions(
     ]
 
 
-def _require_region(polygons: Sequence[Polygon]) -> tuple[complex, float]:
-    """Checks a polygon and its holes; returns their centre and radius, by which they are normalised."""
+def _require_polygons(polygons: Sequence[Polygon]) -> None:
+    """Checks the number of vertices and the direction of a polygon and its holes."""
     for number, polygon in enumerate(polygons):
         name, sign, directions = "the polygon", 1, ("clockwise", "counter-clockwise")
         if number:
@@ -181,36 +190,68 @@ def _require_region(polygons: Sequence[Polygon]) -> tuple[complex, float]:
             raise DomainError(f"vertex {first} of {name} is NaN or infinite; correct it", vertices=m)
         if sign * _area(polygon) <= 0:
             raise DomainError(f"{name} runs {directions[0]} or has no area; give it {directions[1]}", vertices=m)
-    boundary = np.concatenate(polygons)
     if sum(map(_area, polygons)) <= 0:
-        raise DomainError("a hole is not inside the polygon", vertices=len(boundary))
-    centre = boundary.mean()
-    scale = np.abs(boundary - centre).max()
-    mesh = ConstrainedDelaunay((boundary - centre) / scale, [tuple(map(len, polygons))])
-    m, faces, sides = len(boundary), mesh.triangles, (mesh.neighbours[mesh.inside] < 0).sum()
-    count = m - 2 + 2 * (len(polygons) - 1)
-    if len(faces) != count or len(unique_edges(faces, m)) != (3 * count + m) // 2 or sides != m:
-        problem = "a vertex lies on another edge, or a hole is not inside the polygon"
-        raise DomainError(f"the boundary is not simple: {problem}", vertices=m)
-    return centre, scale
+        raise DomainError("a hole is not inside the polygon", vertices=sum(map(len, polygons)))
+
+
+def _require_simple(mesh: ConstrainedDelaunay) -> None:
+    """Checks by their triangulations without inner points that polygons are simple, with their holes inside."""
+    for one, rims in zip(mesh.parts, mesh.regions, strict=True):
+        m, sides = sum(rims), (one.across[one.inside] < 0).sum()
+        count = m - 2 + 2 * (len(rims) - 1)
+        faces = one.faces[one.inside]
+        if len(faces) != count or len(unique_edges(faces, m)) != (3 * count + m) // 2 or sides != m:
+            problem = "a vertex lies on another edge, or a hole is not inside the polygon"
+            raise DomainError(f"the boundary is not simple: {problem}", vertices=m)
 
 
 def _area(polygon: Complex[np.ndarray, " m"]) -> float:
     return 0.5 * float((np.conj(polygon) * np.roll(polygon, -1)).imag.sum())
 
 
-def _seeds(boundary: BoundaryEdges, size: RegionSizes, room: Int[np.ndarray, " r"]) -> tuple[Places, Owners]:
-    """Points of lattices in each region whose spacing is the largest wanted size there."""
+def _first_points(
+    boundary: BoundaryEdges, size: RegionSizes, room: Int[np.ndarray, " r"], seeds: Sequence[Seeds | None]
+) -> tuple[Places, Owners]:
+    """The inner points from which refinement starts, and their regions, in ascending order."""
+    given = {k: one for k, one in enumerate(seeds) if one is not None}
+    lattices = {k: one.spacing for k, one in given.items() if one.spacing is not None}
+    others = [k for k in given if k not in lattices]
+    is_bare, found = np.array([one is None for one in seeds]), []
+
+    def owned(regions: Iterable[int]) -> tuple[Places, Owners]:
+        points = [given[k].points for k in regions]
+        return np.concatenate(points), np.repeat([*regions], [len(some) for some in points])
+
+    if is_bare.any():
+        found.append(_lattices(boundary, size, np.where(is_bare, room, 0)))
+    if lattices:
+        found.append(
+            _tips_and_seeds(boundary, size, [*lattices], *owned(lattices), np.concatenate([*lattices.values()]))
+        )
+    if others:
+        z, of = owned(others)
+        distance, nearest = NearestPoints(boundary.points, boundary.region).query(z, of)
+        free = distance[:, 0] > _CLOSEST * np.abs(boundary.edge)[nearest[:, 0]]
+        free[free] = boundary.has_room(z[free], of[free])
+        found.append((z[free], of[free]))
+    inner, of = map(np.concatenate, zip(*found, strict=True))
+    order = np.argsort(of, kind="stable")
+    return inner[order], of[order]
+
+
+def _lattices(boundary: BoundaryEdges, size: RegionSizes, room: Int[np.ndarray, " r"]) -> tuple[Places, Owners]:
+    """Points of lattices in each region with room whose spacing is the largest wanted size there."""
     points, after, owner = boundary.points, boundary.after, boundary.region
     area = 0.5 * np.bincount(owner, (np.conj(points) * points[after]).imag)
     # limits the number of rows in very thin polygons
     shortest = np.bincount(owner, np.abs(boundary.edge)) / _MOST_ROWS
     spacing = np.maximum(np.sqrt(area / _SIZE_SAMPLES), shortest)
+    spacing[room == 0] = np.inf
     sample, of = lattices_inside(points, spacing[owner], after, owner)
     largest = np.zeros(boundary.count)
     np.maximum.at(largest, of, size(sample, of))
     spacing = np.maximum(np.maximum(largest, shortest), np.sqrt(area / np.maximum(room, 1)))
-    spacing[(largest == 0) | (room == 0)] = np.inf  # no lattice in regions without room
+    spacing[largest == 0] = np.inf
     lattice, of = lattices_inside(points, spacing[owner], after, owner)
     distance, _ = NearestPoints(points, owner).query(lattice, of)
     free = distance[:, 0] > _ROOM_AT_BOUNDARY * spacing[of]
@@ -220,26 +261,23 @@ def _seeds(boundary: BoundaryEdges, size: RegionSizes, room: Int[np.ndarray, " r
 
 
 def _tips_and_seeds(
-    boundary: BoundaryEdges, size: RegionSizes, z: Places, spacing: Lengths, of: Owners
-) -> tuple[Complex[np.ndarray, " j"], Int[np.ndarray, " j"], Float[np.ndarray, " j"]]:
-    """Tips of equilateral triangles on the boundary edges, and the seeds z far enough from tips and boundary.
+    boundary: BoundaryEdges, size: RegionSizes, regions: Sequence[int], z: Places, of: Owners, spacing: Lengths
+) -> tuple[Places, Owners]:
+    """Tips of equilateral triangles on the boundary edges of regions, and the lattice points z far enough from them.
 
     All of them lie inside their regions and not too near to an edge; a region where tips are too near to each other has
-    none. Returns the points, their regions, in ascending order, and the wanted sizes there.
+    none. Returns the points and their regions.
     """
-    polygon, owner, edge = boundary.points, boundary.region, boundary.edge
-    tips, length = 0.5 * (polygon + polygon[boundary.after]) + 1j * np.sqrt(0.75) * edge, np.abs(edge)
+    own = np.flatnonzero(np.isin(boundary.region, regions))
+    polygon, owner, edge = boundary.points[own], boundary.region[own], boundary.edge[own]
+    tips, length = 0.5 * (polygon + boundary.points[boundary.after[own]]) + 1j * np.sqrt(0.75) * edge, np.abs(edge)
     kept = np.bincount(owner[independent(tips, owner, _FROM_TIPS * length, length)], minlength=boundary.count)
-    free = (kept == np.bincount(owner))[owner] & boundary.has_room(tips, owner)
+    free = (kept == np.bincount(owner, minlength=boundary.count))[owner] & boundary.has_room(tips, owner)
     row = np.concatenate([tips[free], polygon])
     away = np.concatenate([_FROM_TIPS * length[free], _FROM_VERTICES * length])
     tree = NearestPoints(row, np.concatenate([owner[free], owner]))
     distance, nearest = tree.query(z, of, within=away.max())  # (inf, n) beyond
     clear = (distance[:, 0] > np.append(away, 0.0)[nearest[:, 0]]) & boundary.has_room(z, of)
     z, spacing, of = z[clear], spacing[clear], of[clear]
-    wanted = size(z, of)
-    wide = spacing > _LEAST_SPACING * wanted
-    inner, region = np.concatenate([tips[free], z[wide]]), np.concatenate([owner[free], of[wide]])
-    lengths = np.concatenate([size(tips[free], owner[free]), wanted[wide]])
-    order = np.argsort(region, kind="stable")
-    return inner[order], region[order], lengths[order]
+    wide = spacing > _LEAST_SPACING * size(z, of)
+    return np.concatenate([tips[free], z[wide]]), np.concatenate([owner[free], of[wide]])

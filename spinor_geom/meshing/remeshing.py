@@ -19,12 +19,12 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
-from spinor_geom.domain.sizes import GROWTH
+from spinor_geom.domain.sizes import DECAY, GROWTH
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.operators import face_areas, face_normals, internal_angles, vertex_normals
 from spinor_geom.mesh.topology import HalfEdges, referenced_vertices
 from spinor_geom.meshing.embed import Patch
-from spinor_geom.meshing.triangulate import DECAY, require_few_points
+from spinor_geom.meshing.triangulate import require_few_points
 
 _ROUNDS = 2
 # shortest and longest edges, in wanted lengths

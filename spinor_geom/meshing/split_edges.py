@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Complex, Int
 
 from spinor_geom.domain.delaunay import Rims, flat_coordinates, rim_successors, unique_edges
-from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.domain.polygons import crossing_edges
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError
@@ -22,6 +22,7 @@ from spinor_geom.mesh.intersections import crossings_between
 from spinor_geom.plateau.rim_match import RimMatch
 
 _ROUNDS = 6  # of halving edges
+_SAME = 1e-12  # largest distance of equal points, per size of Ω
 _FAR_OUTSIDE = 0.1  # distance from Ω per edge; the nearest poles are about an edge outside
 
 Polygons = Sequence[Complex[np.ndarray, "_"]]
@@ -31,6 +32,8 @@ Triangulate = Callable[[Polygons], PlaneTriangulation]
 def edges_far_from_arcs(domain: PlaneDomain, plane: PlaneTriangulation) -> Int[np.ndarray, " e"]:
     """The boundary edges nearest to inner points far outside Ω."""
     m = plane.boundary_size
+    if _is_polygon(domain, plane.points[:m]):
+        return np.zeros(0, dtype=np.int64)
     outside = domain.distance_outside(plane.points[m:])
     some = outside > 0
     z, boundary = plane.points[m:][some], plane.points[:m]
@@ -39,6 +42,15 @@ def edges_far_from_arcs(domain: PlaneDomain, plane: PlaneTriangulation) -> Int[n
     distance = np.abs(away - np.clip(away.real, 0, 1)) * np.abs(edge)
     nearest = distance.argmin(axis=1)
     return np.unique(nearest[outside[some] > _FAR_OUTSIDE * np.abs(edge)[nearest]])
+
+
+def _is_polygon(domain: PlaneDomain, vertices: Complex[np.ndarray, " m"]) -> bool:
+    """Whether Ω is bounded by straight edges between the given vertices, up to rounding."""
+    for boundary in domain.boundaries:
+        if not isinstance(boundary, SplineBoundary) or len(boundary.coefficients) != 2:
+            return False
+    own = np.concatenate([boundary.vertices for boundary in domain.boundaries])
+    return len(own) == len(vertices) and np.allclose(own, vertices, rtol=0, atol=_SAME * np.abs(own).max())
 
 
 def triangulated_with_split_edges(

@@ -9,13 +9,12 @@ from jaxtyping import Complex, Float, Int
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.polygons import lattice_inside
-from spinor_geom.domain.sizes import GROWTH, NearestPoints, RegionSizes, size_bounds
+from spinor_geom.domain.sizes import DECAY, GROWTH, NearestPoints, RegionSizes, size_bounds
 from spinor_geom.domain.triangulation import PlaneTriangulation, Seeds, triangulate_regions
 from spinor_geom.errors import TooManyPointsError
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 from spinor_geom.surface.array_surface import ArraySurface
 
-DECAY = 0.5  # largest decrease of the edge length per distance from the boundary
 SMALLEST_STRETCH = 1e-3  # lower bound of λ per median, for branch points
 NEIGHBOURS = 4
 TINY = np.finfo(np.float64).tiny
@@ -26,6 +25,8 @@ POINTS_PER_TRIANGLE = 2
 MOST_POINTS = 10**7  # of one patch, which would take gigabytes and minutes
 _WINDING_ERROR = 1e-3  # of winding numbers by quadrature; larger beside the boundary
 _MOST_STRETCHED = 1.2  # ratio of the areas of flattening and surface beyond which seeds are of no use
+_EQUILATERAL = 3**0.5 / 4  # area of the equilateral triangle with sides of length 1
+_ALIKE = 2.0  # ratio of areas of triangles up to which the points of a domain's triangulation are seeds
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,6 +56,10 @@ def piece_of(surface: ArraySurface, rims: Sequence[Complex[np.ndarray, " _"]], t
     on_boundary, seeds = factor[: mesh.boundary_size], None
     if is_unit_disk(surface.domain) and (np.isfinite(on_boundary) & (on_boundary > 0)).all():
         seeds = even_seeds(on_boundary, target, area)
+    elif mesh.boundary_size == sum(map(len, rims)):
+        # a domain with a vertex for each point, triangulated about as finely as the patch
+        size = area / (_EQUILATERAL * target**2 * len(mesh.faces))
+        seeds = Seeds(mesh.points[mesh.boundary_size :]) if 1 / _ALIKE < size < _ALIKE else None
     return Piece(rims=rims, samples=mesh.points, factor=factor, target=target, area=area, seeds=seeds)
 
 
@@ -65,19 +70,13 @@ def triangulate_pieces(pieces: Sequence[Piece]) -> list[PlaneTriangulation]:
         TooManyPointsError: an edge length requires too many vertices.
         DomainError: a boundary is not a simple polygon with holes inside.
     """
-    found: dict[int, PlaneTriangulation] = {}
-    for is_seeded in (True, False):
-        some = {place: piece for place, piece in enumerate(pieces) if (piece.seeds is not None) == is_seeded}
-        if not some:
-            continue
-        own, most = list(some.values()), []
-        for piece in own:
-            require_few_points(piece.area, piece.target)
-            triangles = 4 * piece.area / (np.sqrt(3) * piece.target**2)
-            most.append(int(POINTS_PER_VERTEX * sum(map(len, piece.rims)) + POINTS_PER_TRIANGLE * triangles))
-        rims, seeds = [piece.rims for piece in own], [piece.seeds for piece in own if piece.seeds is not None]
-        found |= zip(some, triangulate_regions(rims, size_field(own), seeds=seeds, max_points=most), strict=True)
-    return [found[place] for place in range(len(pieces))]
+    most = []
+    for piece in pieces:
+        require_few_points(piece.area, piece.target)
+        triangles = 4 * piece.area / (np.sqrt(3) * piece.target**2)
+        most.append(int(POINTS_PER_VERTEX * sum(map(len, piece.rims)) + POINTS_PER_TRIANGLE * triangles))
+    rims, seeds = [piece.rims for piece in pieces], [piece.seeds for piece in pieces]
+    return triangulate_regions(rims, size_field(pieces), seeds=seeds, max_points=most)
 
 
 def size_field(pieces: Sequence[Piece]) -> RegionSizes:
@@ -145,4 +144,4 @@ def even_seeds(stretch: Float[np.ndarray, " n"], target: float, area: float) -> 
     strengths = np.stack([slope * circle, slope * circle**2, circle], axis=1)
     turns, inverse, widening = cauchy_sums(rim, strengths, lattice).T
     once = np.abs(turns / (2 * n) - 1) < _WINDING_ERROR
-    return inverse[once] / turns[once], spacing * np.abs(widening[once] / turns[once])
+    return Seeds(inverse[once] / turns[once], spacing * np.abs(widening[once] / turns[once]))

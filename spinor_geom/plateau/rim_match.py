@@ -60,6 +60,8 @@ class RimMatch:
     def parameters(self, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Parameters on ∂Ω that correspond to Γ(s), −1 < s < 2."""
         t, s = self.matching.T
+        if np.array_equal(at, s[: len(at)]):  # matched places themselves
+            return np.asarray(t[: len(at)])
         # three periods, so that the parameters are not extrapolated; equal s are one knot
         s = np.concatenate([s - 1, s, s + 1])
         t = np.concatenate([t - 1, t, t + 1])

@@ -68,6 +68,22 @@ def test_only_counter_clockwise_polygons_without_crossings_are_simple():
 # --- untangling -------------------------------------------------------------------------------------------------------
 
 
+@settings(max_examples=200)
+@given(st.integers(3, 30), SEEDS, st.floats(0, 1.5))
+def test_a_polygon_is_simple_if_no_edges_cross(n, seed, noise):
+    """Star-shaped polygons are found without looking for crossings."""
+    rng = np.random.default_rng(seed)
+    turn = 2 * np.pi * (np.arange(n) + noise * rng.uniform(-1, 1, n)) / n
+    z = (1 - 0.6 * rng.uniform(0, 1, n) * min(noise, 1)) * np.exp(1j * turn)
+    area = np.imag(np.conj(z) * np.roll(z, -1)).sum()
+    assert is_simple(z) == (area > 0 and not len(crossing_edges(z)))
+
+
+@pytest.mark.parametrize("turns", [2, 3])
+def test_star_polygons_that_wind_more_than_once_are_not_simple(turns):
+    assert not is_simple(np.exp(2j * np.pi * turns * np.arange(7) / 7))
+
+
 def test_small_lobes_are_drawn_in_and_nothing_else_is_moved():
     polygon = circle(60)
     tangled = polygon.copy()

@@ -6,11 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 
+from spinor_geom.domain.plane_domain import PlaneDomain
+from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import self_intersections
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.meshing.split_edges import edges_far_from_arcs
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau
@@ -65,3 +68,24 @@ def test_boundary_is_the_loop_s_where_chords_cross(seed: int) -> None:
     # Γ is the circles, so the triangles beside a long edge cover a part of the circle's disk; poles in the hole would
     # make the patch larger by orders of magnitude
     assert patch.area < solution.area + np.pi * (1 + 0.6**2)
+
+
+def test_no_chord_is_far_from_a_polygon_s_own_edges(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ω of a rough loop is a polygon, whose patch needs no distances from ∂Ω."""
+    t = 2 * np.pi * np.arange(40) / 40
+    rim = np.column_stack([np.cos(t), np.sin(t), 0.2 * np.cos(2 * t)])
+    solution = solve_plateau(rim + 0.05 * np.random.default_rng(0).uniform(-1, 1, rim.shape))
+    assert solution.route == "vertices"
+    plane = PlaneTriangulation(points=mesh_patch(solution).points, faces=mesh_patch(solution).faces, boundary_size=40)
+    # the general test finds none either
+    assert (solution.domain.distance_outside(plane.points[40:]) <= 1e-9).all()
+    monkeypatch.setattr(PlaneDomain, "distance_outside", lambda *_: pytest.fail("distances were computed"))
+    assert len(edges_far_from_arcs(solution.domain, plane)) == 0
+
+
+def test_matched_places_are_interpolated_to_themselves() -> None:
+    (rim, _) = annulus().rims
+    t, s = rim.matching.T
+    assert np.array_equal(rim.parameters(s), t)
+    # as next to them, by interpolation; steps of 1e-9 change parameters by about as much
+    assert rim.parameters(s + 1e-9) == pytest.approx(t, abs=1e-7)
