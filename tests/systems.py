@@ -1,7 +1,9 @@
-"""Marks of tests that not every system can run, each with its reason."""
+"""Marks of tests: those that not every system can run, each with its reason, and those of many of a kind."""
 
 import os
 import sys
+from collections.abc import Iterable
+from typing import Any
 
 import pytest
 
@@ -11,3 +13,8 @@ links = pytest.mark.skipif(os.name == "nt", reason="on Windows not every user ma
 undecodable = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="names of files are text on Windows and macOS"
 )
+
+
+def every_second(values: Iterable[Any]) -> list[Any]:
+    """Parameters of a test of many of a kind; every second one is slow."""
+    return [pytest.param(value, marks=pytest.mark.slow if k % 2 else ()) for k, value in enumerate(values)]

@@ -41,6 +41,7 @@ def test_two_blocks_do_everything() -> None:
     assert [command[0] for command in shell_commands()] == ["python", "spinor-geom", "python", "pytest"]
 
 
+@pytest.mark.slow
 def test_the_first_command_leaves_mesh_report_and_picture(clone: Path) -> None:
     (fill,) = (command for command in shell_commands() if command[0] == "spinor-geom")
     assert main(fill[1:]) == 0
@@ -50,6 +51,7 @@ def test_the_first_command_leaves_mesh_report_and_picture(clone: Path) -> None:
     assert boundary_loops(clone / "out" / "filled.obj") == []
 
 
+@pytest.mark.slow
 def test_the_picture_is_what_the_program_makes(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     import pictures
@@ -59,6 +61,7 @@ def test_the_picture_is_what_the_program_makes(clone: Path, monkeypatch: pytest.
     assert difference(clone / "drawn.png", ROOT / "docs" / "continuation.png") < SAME
 
 
+@pytest.mark.slow
 def test_commands_in_the_text_run(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     inline = re.findall(r"`spinor-geom ([^`]+)`", " ".join(README.read_text(encoding="utf-8").split()))
     (clone / "scans").mkdir()

@@ -75,6 +75,7 @@ def contents(wheel: Path) -> set[str]:
         return {name for name in archive.namelist() if ".dist-info/" not in name}
 
 
+@pytest.mark.slow  # CI builds both as well
 def test_the_wheel_of_the_sdist_is_the_wheel_of_the_source(wheel: Path, source: Path, tmp_path: Path) -> None:
     assert contents(built_wheel(built(source, tmp_path, "sdist"), tmp_path / "wheel")) == contents(wheel)
 
@@ -106,7 +107,7 @@ def test_an_editable_install_finds_the_adapters(source: Path, tmp_path: Path) ->
 
 
 @pytest.mark.skipif(not (ROOT / ".git").exists() or shutil.which("git") is None, reason="not in a clone")
-@pytest.mark.parametrize("way", ["zip", "clone"])
+@pytest.mark.parametrize("way", ["zip", pytest.param("clone", marks=pytest.mark.slow)])
 def test_no_part_of_the_package_is_a_link_that_unzipping_or_windows_loses(way: str, tmp_path: Path) -> None:
     place = tmp_path / "place"
     if way == "zip":

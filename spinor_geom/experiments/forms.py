@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Complex, Inexact
 from numpy.polynomial import polynomial
 
 from spinor_geom import gallery
@@ -195,7 +195,7 @@ def pair_with_zero(order: int) -> tuple[Complex[np.ndarray, " k"], Complex[np.nd
 
 
 def surface_of(
-    form: str, first: Complex[np.ndarray, " n"], second: Complex[np.ndarray, " m"]
+    form: str, first: Inexact[np.ndarray, " n"], second: Inexact[np.ndarray, " m"]
 ) -> SpinorSurface | WeierstrassSurface:
     """The surface over the unit disk with the coefficients of p and q, or of f and g."""
     coefficients = np.zeros((max(len(first), len(second)), 2), dtype=np.complex128)

@@ -48,7 +48,7 @@ def without_thin_triangles(patched: PatchedMesh, new: NewPatch, target: float) -
     return new
 
 
-def _around_thin_triangles(patch: Patch, rings: int) -> list[Int[np.ndarray, " k"]]:
+def _around_thin_triangles(patch: Patch, rings: int) -> list[Int[np.ndarray, " _"]]:
     """Connected regions that consist of the thin triangles and some rings of faces around."""
     faces = np.asarray(patch.faces)
     region: Bool[np.ndarray, " f"] = free_angles(patch) < SMALLEST_ANGLE

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Complex, Float, Inexact, Int
 from scipy.spatial import cKDTree
 from scipy.special import comb
 
@@ -27,11 +27,11 @@ _TINY = np.finfo(np.float64).tiny
 
 
 def cauchy_sums(
-    sources: Complex[np.ndarray, " n"], strengths: Complex[np.ndarray, "n c"], targets: Complex[np.ndarray, " m"]
+    sources: Complex[np.ndarray, " n"], strengths: Inexact[np.ndarray, "n c"], targets: Complex[np.ndarray, " m"]
 ) -> Complex[np.ndarray, "m c"]:
     """Σ_j g_j/(ζ_j − z) at targets z, to 1e-12 of the sum of the absolute values; infinite or NaN at a source.
 
-    The sources ζ_j are in order along a curve; the strengths g_j have one column for each sum.
+    The sources ζ_j are in order along a curve; the strengths g_j, real or complex, have one column for each sum.
     """
     if len(sources) > _FEW_SOURCES and len(sources) * len(targets) > _FEW_PAIRS:
         return fast_sums(sources, strengths, targets)
@@ -54,7 +54,7 @@ def cauchy_sums(
 
 
 def fast_sums(
-    sources: Complex[np.ndarray, " n"], strengths: Complex[np.ndarray, "n c"], targets: Complex[np.ndarray, " m"]
+    sources: Complex[np.ndarray, " n"], strengths: Inexact[np.ndarray, "n c"], targets: Complex[np.ndarray, " m"]
 ) -> Complex[np.ndarray, "m c"]:
     """`cauchy_sums` by a fast multipole method.
 
@@ -99,7 +99,7 @@ class _Level:
     moments: Complex[np.ndarray, "s c k"]
 
     @classmethod
-    def of(cls, z: Complex[np.ndarray, "s i"], g: Complex[np.ndarray, "s i c"]) -> _Level:
+    def of(cls, z: Complex[np.ndarray, "s i"], g: Inexact[np.ndarray, "s i c"]) -> _Level:
         low, high = z.real.min(axis=1) + 1j * z.imag.min(axis=1), z.real.max(axis=1) + 1j * z.imag.max(axis=1)
         centre = 0.5 * (low + high)
         offset = z - centre[:, None]
@@ -122,10 +122,10 @@ class _Sources:
 
     levels: tuple[_Level, ...]
     z: Complex[np.ndarray, "l i"]
-    g: Complex[np.ndarray, "l i c"]
+    g: Inexact[np.ndarray, "l i c"]
 
     @classmethod
-    def of(cls, sources: Complex[np.ndarray, " n"], strengths: Complex[np.ndarray, "n c"]) -> _Sources:
+    def of(cls, sources: Complex[np.ndarray, " n"], strengths: Inexact[np.ndarray, "n c"]) -> _Sources:
         depth = int(np.ceil(np.log2(max(1.0, len(sources) / _SOURCES_PER_LEAF))))
         missing = (_SOURCES_PER_LEAF << depth) - len(sources)
         z = np.append(sources, np.full(missing, sources[-1]))  # sources of strength 0 fill the last leaves

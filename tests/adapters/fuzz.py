@@ -30,7 +30,7 @@ from tests.adapters.malformed import (
 from tests.adapters.malformed import glb as glb_with
 from tests.adapters.shapes import glb_file
 
-EXAMPLES = 120
+EXAMPLES = 60
 
 RICH_OBJ = (
     "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nv 1 1 0 1 1 1\nvt 0 0\nvn 0 0 1\n"

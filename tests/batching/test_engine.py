@@ -240,6 +240,7 @@ def test_a_killed_process_costs_time_only(reference: BatchResult, corpus: Path, 
     assert results(result.output) == results(reference.output)
 
 
+@pytest.mark.slow
 def test_a_cluster_leaves_the_same_bytes(reference: BatchResult, corpus: Path, tmp_path: Path) -> None:
     with local_cluster() as cluster:
         killed = []

@@ -45,7 +45,7 @@ def ring_with_island() -> bytes:
 
 def knotted_walls(shift: float) -> bytes:
     """A wall over a closed figure eight: both of its rims cross or nearly cross themselves."""
-    rim = figure_eight(24, shift)
+    rim = figure_eight(12, shift)
     count = len(rim)
     following = np.roll(np.arange(count), -1)
     lower = np.arange(count)

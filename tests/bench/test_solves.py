@@ -91,6 +91,7 @@ def test_files_of_a_batch_hold_one_loop_each(tmp_path: Path):
         assert len(spinor_geom.boundary_loops(path)) == 1
 
 
+@pytest.mark.slow
 def test_batches_are_measured_and_their_promises_judged():
     shares = {
         "smooth loops, one worker": 4e-3,

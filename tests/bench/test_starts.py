@@ -16,7 +16,7 @@ def test_imports_are_summed_by_package() -> None:
     assert imports_by_package(report) == {"scipy": 1250, "zipimport": 20}
 
 
-@pytest.mark.parametrize("name", ["help", "fill of a small mesh"])
+@pytest.mark.parametrize("name", ["help", pytest.param("fill of a small mesh", marks=pytest.mark.slow)])
 def test_a_start_takes_time_and_memory_and_no_torch(name, tmp_path) -> None:
     figures = start_figures(name, tmp_path, 0)
     assert figures["torch"] is False

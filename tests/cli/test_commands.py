@@ -10,7 +10,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,7 +20,6 @@ import pytest
 from spinor_geom.adapters import read_mesh
 from spinor_geom.cli import console, runs
 from spinor_geom.cli.main import build_parser, main
-from spinor_geom.errors import FirstFillError
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.render.scene import Scene
 from tests.fill.shapes import collar, cylinder, figure_eight, spiked_tetrahedron, tube
@@ -122,17 +121,15 @@ def test_a_missed_tolerance_is_said_and_gives_status_1_if_strict(
 
 
 def test_a_discrete_patch_is_said_and_gives_status_1_if_strict(
-    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fails(loops: Iterable[object], **_: object) -> Iterator[FirstFillError]:
-        return (FirstFillError("no disk over this loop") for _ in loops)
-
-    monkeypatch.setattr("spinor_geom.fill.exact_patches.solve_plateau_batch", fails)
     for strict in (False, True):
         output = tmp_path / "filled.obj"
-        assert main(["fill", str(mesh_path), "-o", str(output), *(["--strict"] * strict)]) == int(strict)
-        said = "loop 0 (16 vertices) is closed by a discrete surface: a discrete minimal surface, because: no disk over"
-        assert said in capsys.readouterr().err
+        command = ["fill", str(mesh_path), "-o", str(output), "--time-limit", "1e-9"]
+        assert main([*command, *(["--strict"] * strict)]) == int(strict)
+        said = capsys.readouterr().err
+        assert "loop 0 (16 vertices) is closed by a discrete surface: a discrete minimal surface" in said
+        assert "because: no surface was found within the time limit" in said
         assert boundary_loops(output) == []
 
 
@@ -540,13 +537,13 @@ def test_too_little_memory_is_one_sentence_and_status_2(
 
 
 def test_a_morph_s_folder_is_made_and_one_that_cannot_be_is_refused_before_anything_is_solved(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["morph", "catenoid", "-o", str(tmp_path / "new" / "turned.html")]) == 0
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["turned.html"]
     (tmp_path / "file").touch()
-    monkeypatch.setattr("spinor_geom.gallery.named_surface", lambda _: pytest.fail("solved"))
-    assert main(["morph", "catenoid", "-o", str(tmp_path / "file" / "turned.html")]) == 2
+    # there is no such surface either, which is not looked for
+    assert main(["morph", "unknown", "-o", str(tmp_path / "file" / "turned.html")]) == 2
     assert f"{tmp_path / 'file'} is not a writable folder" in capsys.readouterr().err
 
 

@@ -30,7 +30,8 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 # its Python blocks are scripts, as their workers import them
 SCRIPTS = "batch.md"
-SLOW = ("batch.md", "gallery.md", "plateau.md")
+# with what other tests run as well: the README, the commands, the benchmark
+SLOW = ("batch.md", "benchmark.md", "cad.md", "fill-a-scan.md", "gallery.md", "index.md", "my-mesher.md", "plateau.md")
 PAGES = [
     pytest.param(page.name, marks=pytest.mark.slow if page.name in SLOW else ()) for page in sorted(DOCS.glob("*.md"))
 ]

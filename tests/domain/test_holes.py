@@ -44,7 +44,7 @@ def test_triangles_tile_what_is_left(holes):
         (hole(1.9, 0.3), "not simple"),
         (hole(4.0, 0.3), "not inside"),
         (hole(0.0, 5.0), "not"),
-        (np.array([0.1, 0.2]), "at least 3"),
+        (np.array([0.1, 0.2 + 0j]), "at least 3"),
     ],
 )
 def test_what_is_no_hole_is_refused(bad, message):

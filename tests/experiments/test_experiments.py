@@ -69,6 +69,7 @@ def test_catenoid_errors_fall_at_the_rules_orders():
     assert first["max error"] < abs(1 + 2j * np.pi) ** 3 * np.sqrt(2) * np.cosh(1) / (12 * 20**2)
 
 
+@pytest.mark.slow
 def test_mean_curvature_falls_at_the_rules_orders_on_all_four_surfaces():
     outcome = integration.mean_curvature(grid=5, steps=(16, 32), network=TINY_NETWORK)
     assert len(outcome.rows) == 8
@@ -119,6 +120,7 @@ def test_both_forms_are_trained_on_the_twisted_circle_and_ours_stand_beside():
     assert rows[forms.SERIES]["branch points"] == "none"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_the_disks_of_a_seam_are_told_apart(tmp_path):
     kept = replace(TINY_RMSPROP, checkpoint=tmp_path)
@@ -149,6 +151,7 @@ def test_areas_name_disks(a, area, disk):
     assert forms.which_disk(area, gallery.tennis_seam(a).disks) == disk
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_both_weights_start_alike_and_epochs_go_on_from_each_other(tmp_path):
     kept = replace(TINY_RMSPROP, checkpoint=tmp_path)
@@ -160,6 +163,7 @@ def test_both_weights_start_alike_and_epochs_go_on_from_each_other(tmp_path):
         assert rows[weight, 3]["distance/diagonal"] == whole.max_per_diagonal
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_tangents_bring_the_boundary_nearer(monkeypatch):
     trained = {
@@ -183,6 +187,7 @@ def test_mean_curvature_is_nearly_zero_where_the_rule_is_fine(monkeypatch, steps
     assert list(outcome.pictures) == ["heat-maps"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_prescribed_surfaces_are_recovered(tmp_path):
     network = LevenbergMarquardt(tolerance=1e-7, nodes=128)

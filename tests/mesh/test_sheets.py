@@ -10,7 +10,7 @@ import pytest
 
 from spinor_geom.errors import NonManifoldEdgeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.find_loops import find_boundary_loops
+from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.fill.shapes import tube
 
@@ -91,6 +91,13 @@ def test_a_loop_along_an_edge_of_three_faces_names_it_as_its_obstacle() -> None:
     assert isinstance(fin.obstacle, NonManifoldEdgeError)
     assert 120 in fin.obstacle.fields["faces"]
     assert set(fin.obstacle.fields["edge"]) < set(fin.vertex_ids.tolist())
+
+
+def test_faces_of_opposite_directions_at_an_edge_are_joined_before_flatter_ones() -> None:
+    # the first and the last face lie in a plane and run along the edge (0, 1) in the same direction
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, -0.5, 0.9], [0.5, -1, 0]])
+    twin = Sheets.of(vertices, np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])).twin
+    np.testing.assert_array_equal(twin, [3, -1, -1, 0, -1, -1, -1, -1, -1])
 
 
 def test_a_loop_follows_most_of_the_faces_beside_it() -> None:

@@ -29,6 +29,12 @@ def test_twins_of_a_tetrahedron_run_the_other_way(tetrahedron: np.ndarray) -> No
     np.testing.assert_array_equal(half_edges.twin[half_edges.twin], np.arange(12))
 
 
+def test_edges_without_exactly_two_faces_have_no_twins() -> None:
+    np.testing.assert_array_equal(HalfEdges.of(np.array([[0, 1, 2], [2, 1, 3]])).twin, [-1, 3, -1, 1, -1, -1])
+    # a third face at the edge (1, 2)
+    np.testing.assert_array_equal(HalfEdges.of(np.array([[0, 1, 2], [2, 1, 3], [1, 2, 4]])).twin, [-1] * 9)
+
+
 def test_opposite_corner_is_the_third_vertex() -> None:
     np.testing.assert_array_equal(HalfEdges.of(np.array([[7, 8, 9]])).opposite, [9, 7, 8])
 

@@ -220,7 +220,8 @@ def test_narrow_fingers_are_reached_not_passed_over():
     assert abs(solution.area_in_domain / solution.area - 1) < 1e-3
 
 
-@pytest.mark.parametrize("seed", [pytest.param(22, marks=pytest.mark.slow), 80])
+@pytest.mark.parametrize("seed", [22, 80])
+@pytest.mark.slow
 def test_vertices_follow_every_bend_of_the_domain(seed):
     """Edges that cut across its notches led integrals out of Ω, to positions far from the surface."""
     # the last step may end anywhere within the tolerance, by rounding: no part of a boundary that meets this one is
@@ -238,6 +239,7 @@ def noisy_random_curve(seed):
     return gallery.noisy_loop(gallery.evenly_sampled(gallery.random_curve(seed), 120), 0.15, seed=seed)
 
 
+@pytest.mark.slow
 def test_noisy_folds_are_met_on_the_flattening_of_a_discrete_disk():
     """Their unfolding is refused; a network came to 8e-4 of an edge."""
     solution = solve_plateau(noisy_random_curve(121), tolerance=2e-3, between="smooth")

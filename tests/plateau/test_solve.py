@@ -110,7 +110,7 @@ def test_recovered_normals_have_the_known_side(name):
     known, solution = SURFACES[name], recovered(name)
     middle = known.surface.domain.triangulation.points[known.surface.domain.root]
     found = solution.domain.triangulation.points
-    near = found[np.linalg.norm(solution.surface.position(found) - known.position(middle), axis=1).argmin()]
+    near = found[np.linalg.norm(solution.surface.position(found) - known.position(np.array(middle)), axis=1).argmin()]
     cosine = solution.surface.normal(near) @ known.surface.normal(np.array(middle))
     assert cosine > 0.9
 

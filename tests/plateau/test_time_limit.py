@@ -73,7 +73,7 @@ SLOW = {
 
 def cuts(looks: int) -> list[int]:
     """All places, or of many some that are spread evenly and the last ones."""
-    return sorted({*np.linspace(1, looks, min(looks, 10)).astype(int).tolist(), *range(max(1, looks - 3), looks + 1)})
+    return sorted({*np.linspace(1, looks, min(looks, 6)).astype(int).tolist(), *range(max(1, looks - 3), looks + 1)})
 
 
 @pytest.mark.parametrize("name", [*CASES, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])

@@ -179,6 +179,7 @@ def test_an_animation_has_its_frames_and_begins_with_the_surface(tmp_path: Path)
     assert ((blue - red) > 40).mean() > 0.02
 
 
+@pytest.mark.slow
 def test_a_film_has_its_frames(tmp_path: Path) -> None:
     import imageio_ffmpeg
 

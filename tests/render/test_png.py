@@ -53,6 +53,7 @@ def test_the_patch_is_orange_and_only_on_the_right(scene: tuple[Scene, ...], tmp
     assert [item.name for item in tmp_path.iterdir()] == ["picture.png"]
 
 
+@pytest.mark.slow
 def test_rims_are_drawn_with_their_numbers_and_without_patches(tmp_path: Path) -> None:
     mesh = TriangleMesh(*tube())
     scene = loops_scene(mesh, boundary_loops(mesh))

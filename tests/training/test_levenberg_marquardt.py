@@ -150,7 +150,7 @@ def test_a_finger_of_the_curve_that_the_boundary_passes_over_counts():
 
 
 def test_networks_that_are_too_small_stop_with_the_reason(solutions):
-    result = trained(solutions["tennis seam"], depth=1, width=1, distillation_steps=5)
+    result = trained(solutions["tennis seam"], depth=1, width=4, distillation_steps=5)
     assert result.status == "stopped"
     assert "wider network" in result.reason
     assert np.isfinite(result.misfit.max)

@@ -233,7 +233,7 @@ _SCALARS, _VECTORS = ("slide", "bend", "energy"), ("points", "tangent", "normal"
 _CACHED = ("speed", "gauge", "gradient", "size")  # what a step needs again after others have finished
 
 
-def reflected(bends: Float[Array, "b n"], damping: Float[Array, " _"] | None) -> Float[Array, "b n"]:
+def reflected(bends: Float[Array, "b n"], damping: Float[Array, " #b"] | None) -> Float[Array, "b n"]:
     """Γ″·ΛX; with damping 1, of a row or of all, its negative values change sign, with damping ½ they become 0."""
     return bends if damping is None else bends + 2 * damping[:, None] * namespace(bends).clip(-bends, min=0)
 
