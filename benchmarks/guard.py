@@ -3,8 +3,6 @@
 `python benchmarks/guard.py BASE [HEAD]` takes the folders of two checkouts; HEAD is this one by default. One process of
 each, and with `--peer` one of MeshLib, fills the same meshes in turn. The figures are CPU seconds of one thread and
 their ratios within each turn, so that other load hardly matters. The exit status is 1 if something became slower.
-
-With `--stages` it prints the CPU time of the stages of a fill in both checkouts instead.
 """
 
 import argparse
@@ -17,23 +15,13 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from fnmatch import fnmatchcase
-from functools import reduce
-from importlib import import_module
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
 
 PEER = "meshlib-nicely"
 TURNS = 7  # if nothing changed, all seven ratios are over 1 in one of 128 cases
-# where the function of each stage is called: module, names of the owner and the function
-STAGES: Mapping[str, tuple[str, ...]] = {
-    "loops, choice of holes": ("fill.fill_hole", "Filling"),
-    "first disks": ("plateau.solve", "first_disks"),
-    "mesh": ("fill.exact_patches", "mesh_patches"),
-    "intersections": ("fill.filling", "fill_loop"),
-    "stitch, report": ("fill.filling", "Filling", "result"),
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -44,11 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--case", default="*", metavar="PATTERN", help="only the cases whose names match")
     parser.add_argument("--turns", type=int, default=TURNS, metavar="N", help="measurements of each case")
     parser.add_argument("--peer", action="store_true", help=f"{PEER} as well")
-    parser.add_argument("--stages", action="store_true", help="the stages of a fill instead")
     options = parser.parse_args(arguments)
     some = {name: make for name, make in CASES.items() if fnmatchcase(name, options.case)}
-    if options.stages:
-        return print_stages(some, options.base, options.head)
     print("| case | base, ms | head, ms | head / base | head / MeshLib |\n| --- | --- | --- | --- | --- |")
     slower = []
     with ExitStack() as stack, tempfile.TemporaryDirectory() as folder:
@@ -60,22 +45,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             slower += [name] if is_slower else []
     print(f"\nslower: {', '.join(slower) or 'nothing'}")
     return int(bool(slower))
-
-
-def print_stages(cases: Mapping[str, "Case"], base: Path, head: Path) -> int:
-    """Prints the milliseconds per mesh of each stage, in base and head; returns 0."""
-    names = ["total", "solve", *STAGES]
-    print(f"| case | {' | '.join(names)} |\n| --- |{' --- |' * len(names)}")
-    with ExitStack() as stack, tempfile.TemporaryDirectory() as folder:
-        workers = [stack.enter_context(Worker(path)) for path in (base, head)]
-        for name, make in cases.items():
-            files = saved(name, make, Path(folder))
-            for worker in workers:  # the first fill imports modules
-                worker.seconds(files[:1])
-            both = [worker.stages(files) for worker in workers]
-            cells = (" → ".join(f"{1e3 * each[stage] / len(files):.1f}" for each in both) for stage in names)
-            print(f"| {name} | {' | '.join(cells)} |", flush=True)
-    return 0
 
 
 def saved(name: str, make: "Case", folder: Path) -> list[Path]:
@@ -125,64 +94,29 @@ class Worker:
 
     def seconds(self, files: Sequence[Path]) -> float:
         """CPU seconds in which the holes of all files were filled."""
-        return float(self._answer(self._filler, files)["total"])
-
-    def stages(self, files: Sequence[Path]) -> dict[str, float]:
-        """CPU seconds of each stage, of the rest, "solve", and in total."""
-        return self._answer("stages", files)
-
-    def _answer(self, request: str, files: Sequence[Path]) -> dict[str, float]:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        print(json.dumps([request, *map(str, files)]), file=self._process.stdin, flush=True)
+        print(json.dumps([self._filler, *map(str, files)]), file=self._process.stdin, flush=True)
         answer = self._process.stdout.readline()
         if not answer:
             raise RuntimeError("a worker stopped; its message is above")
-        return dict(json.loads(answer))
+        return float(json.loads(answer))
 
 
 def serve(requests: IO[str], answers: IO[str]) -> None:
-    """Answers requests, one a line: a filler, or "stages", and files of meshes."""
+    """Answers requests, one a line: a filler and files of meshes; an answer is the CPU seconds of all fills."""
     from spinor_geom.bench.fillers import FILLERS
     from spinor_geom.bench.holes import Hole
 
-    stages: dict[str, float] = {}
     for line in requests:
-        request, *files = json.loads(line)
-        if request == "stages" and not stages:
-            stages = watched_stages()
-        stages.update(dict.fromkeys(stages, 0.0))
+        filler, *files = json.loads(line)
         total = 0.0
         for file in files:
-            filler = FILLERS["spinor-fill" if request == "stages" else request]
-            fill, _ = filler.prepare(Hole(name=file, **np.load(file)))
+            fill, _ = FILLERS[filler].prepare(Hole(name=file, **np.load(file)))
             start = time.process_time()
             fill()
             total += time.process_time() - start
-        rest = total - sum(stages.values())
-        print(json.dumps({"total": total, **stages, "solve": rest}), file=answers, flush=True)
-
-
-def watched_stages() -> dict[str, float]:
-    """CPU seconds of each stage, to which every later call of its function adds."""
-    seconds = dict.fromkeys(STAGES, 0.0)
-
-    def watch(stage: str, owner: Any, name: str) -> None:
-        call = getattr(owner, name)
-
-        def watched(*arguments: Any, **options: Any) -> Any:
-            start = time.process_time()
-            try:
-                return call(*arguments, **options)
-            finally:
-                seconds[stage] += time.process_time() - start
-
-        setattr(owner, name, watched)
-
-    # methods first: in their modules the names of their classes are replaced later
-    for stage, (module, *owners, name) in sorted(STAGES.items(), key=lambda item: -len(item[1])):
-        watch(stage, reduce(getattr, owners, import_module(f"spinor_geom.{module}")), name)
-    return seconds
+        print(json.dumps(total), file=answers, flush=True)
 
 
 # vertices, faces, and the vertices of the rims to fill
