@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinor_geom.arrays import TINY
 from spinor_geom.discrete.first_fill import triangles_of
 
 
@@ -40,7 +41,7 @@ def flattest_triangulation(
         a, b = points[middle] - points[first], points[last] - points[first]
         cross = a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
         twice = np.sqrt(np.einsum("ikd,ikd->ik", cross, cross))
-        normal = cross / np.maximum(twice, np.finfo(np.float64).tiny)[:, :, None]
+        normal = cross / np.maximum(twice, TINY)[:, :, None]
         beside = [normals[first, middle], normals[middle, last]]
         if d == n - 1:
             beside.append(around[None, -1:])

@@ -13,6 +13,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
 
 from spinor_geom.adapters import to_rims
+from spinor_geom.arrays import TINY
 from spinor_geom.deadline import require_time
 from spinor_geom.discrete.area_descent import Disk, descend_area, descend_from_plane, harmonic_extension
 from spinor_geom.discrete.first_fill import disk_without_inner_points, unfolded_loop
@@ -265,11 +266,10 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
     laplacian = mollified_laplacian(first.vertices, first.faces)
     flat = harmonic_extension(laplacian, plane_coordinates(polygon))
     plane_area = np.abs(face_areas(flat, first.faces))
-    tiny = np.finfo(np.float64).tiny
-    area = np.maximum(face_areas(first.vertices, first.faces), tiny)
-    stretch = np.sqrt(area / np.maximum(plane_area, tiny))
+    area = np.maximum(face_areas(first.vertices, first.faces), TINY)
+    stretch = np.sqrt(area / np.maximum(plane_area, TINY))
     # on the round domain of a loop that does not unfold the stretch is unbounded
-    stretch = np.minimum(stretch, _MOST_STRETCHED * np.sqrt(area.sum() / max(plane_area.sum(), tiny)))
+    stretch = np.minimum(stretch, _MOST_STRETCHED * np.sqrt(area.sum() / max(plane_area.sum(), TINY)))
     tree = cKDTree(flat[first.faces].mean(axis=1))
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:

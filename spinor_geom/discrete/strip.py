@@ -63,7 +63,7 @@ def minimum_area_strip(first: Rim, second: OtherRim) -> tuple[Int[np.ndarray, "f
     return np.array(faces[::-1]), float(rows[m, start, n])
 
 
-def runs_back(first: Rim, second: OtherRim) -> bool:
+def runs_backward(first: Rim, second: OtherRim) -> bool:
     """Whether the least-area strip between two closed polygons is smaller with the second one reversed."""
     first, second = (points[_thinned(points)] for points in (first, second))
     return minimum_area_strip(first, second[::-1])[1] < minimum_area_strip(first, second)[1]

@@ -11,6 +11,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
 
+from spinor_geom.arrays import EPS
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.polygons import bound_domain, outer_clearance, untangled
 from spinor_geom.errors import DomainError, SingularMatrixError
@@ -27,7 +28,7 @@ _STRENGTHS = (1e5, 1e4, 3e3, 1e3, 3e2, 1e2, 30.0, 10.0, 3.0, 1.0, 0.1)
 _WIDTHS = (0.06, 0.03, 0.015)  # of the smoothing, per boundary length: wide ones first, against overlaps of far parts
 CLEARANCE = 1.5  # least gap across the outside between far parts of the outer rim, in local edge lengths
 _CLOSING_STEPS = 6  # Newton steps that close the holes
-_LARGEST_SCALE = -float(np.log(np.finfo(np.float64).eps))  # log scale from which on edge lengths are lost in rounding
+_LARGEST_SCALE = -float(np.log(EPS))  # log scale from which on edge lengths are lost in rounding
 _LAST_MODE = 8.6  # exp(-x²/2) is below rounding from here on
 
 # maps polygons to samples of the curves through their vertices

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from scipy.spatial import cKDTree
 
+from spinor_geom.arrays import EPS
 from spinor_geom.domain.delaunay import cross, flat_coordinates, plane_coordinates
 from spinor_geom.mesh.boxes import edges_with_near_boxes
 from spinor_geom.mesh.intersections import crossings_between
@@ -45,7 +46,7 @@ def is_simple(polygon: Complex[np.ndarray, " m"]) -> bool:
     after = np.roll(polygon, -1)
     edges = np.abs(after - polygon)
     # shorter edges are lost in the rounding of the arc length
-    has_length = bool((edges > np.finfo(np.float64).eps * edges.sum()).all())
+    has_length = bool((edges > EPS * edges.sum()).all())
     return has_length and bool(np.imag(np.conj(polygon) * after).sum() > 0) and not len(crossing_edges(polygon))
 
 

@@ -9,6 +9,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
 from scipy.special import comb
 
+from spinor_geom.arrays import TINY
 from spinor_geom.domain.delaunay import plane_coordinates
 
 # Two clusters are far apart if the sum of their radii is at most _APART times their distance; then _TERMS terms
@@ -22,7 +23,6 @@ _MOST_HALVINGS = 40
 _FEW_PAIRS, _AT_ONCE = 1 << 23, 1 << 15
 _PAIRS = 1 << 10  # pairs of clusters, or sources, whose series fit the cache
 _BINOMIALS = comb(np.add.outer(np.arange(_TERMS), np.arange(_TERMS)), np.arange(_TERMS)[:, None])
-_TINY = np.finfo(np.float64).tiny
 
 
 def cauchy_sums(
@@ -104,7 +104,7 @@ class _Level:
         offset = z - centre[:, None]
         radius = np.abs(offset).max(axis=1)
         piece = min(z.shape[1], _PAIRS)  # long segments are divided into pieces, whose powers fit the cache
-        unit = (offset / np.maximum(radius, _TINY)[:, None]).reshape(-1, piece)
+        unit = (offset / np.maximum(radius, TINY)[:, None]).reshape(-1, piece)
         by_column = g.reshape(-1, piece, g.shape[2]).swapaxes(1, 2)
         step = _PAIRS // piece
         parts = [
