@@ -64,7 +64,7 @@ def fast_sums(
     tree = _Sources.of(sources, strengths)
     cell, centre, radius = _cells(sources, targets)
     far, (near, _) = tree.pairs(centre, radius)
-    # sums at targets in cells near a source are evaluated one by one, like those without a cell (numbered −1)
+    # targets in cells near a source, and targets without a cell (−1), are summed directly
     has_series = np.ones(len(centre) + 1, dtype=bool)
     has_series[near] = has_series[-1] = False
     series = np.zeros((len(centre), strengths.shape[1], _TERMS), dtype=np.complex128)
@@ -82,7 +82,7 @@ def fast_sums(
     inside = has_series[cell]
     some = cell[inside]
     result[inside] = _horner(series, some, (targets[inside] - centre[some]) / radius[some])
-    result[~inside] = _one_by_one(tree, targets[~inside])
+    result[~inside] = _direct_sums(tree, targets[~inside])
     return result
 
 
@@ -174,7 +174,7 @@ def _cells(
     return cell, np.concatenate(centres), np.concatenate(radii)
 
 
-def _one_by_one(tree: _Sources, targets: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, "m c"]:
+def _direct_sums(tree: _Sources, targets: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, "m c"]:
     """The sums at targets without a cell, from the segments' multipole series and single sources."""
     total = np.zeros((len(targets), tree.g.shape[2]), dtype=np.complex128)
     far, near = tree.pairs(targets, np.zeros(len(targets)))

@@ -55,14 +55,14 @@ class OrientedSurface:
     """A harmonic surface, with the rim and direction of each circle."""
 
     rims: tuple[Rim, ...]  # of the outer circle, of the hole around 0, and of the other holes
-    backward: tuple[bool, ...]  # whether each is reversed
+    backward: tuple[bool, ...]  # whether the curve of each rim is reversed
     surface: HarmonicSurface
 
     @classmethod
     def of(
         cls, rims: Sequence[Rim], backward: Sequence[bool], slides: Float[Array, "m n"], domain: CircularDomain
     ) -> OrientedSurface:
-        """The surface with given slides over a given domain, which are moved to where the curves are."""
+        """The surface with given slides over a given domain, whose arrays are put in the place of the curves."""
         put = rims[0].place.put
         domain = CircularDomain(centres=put(domain.centres), log_radii=put(domain.log_radii))
         curves = CurveTensors.batch([rim.directions[flip] for rim, flip in zip(rims, backward, strict=True)])
