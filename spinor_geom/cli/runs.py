@@ -86,10 +86,10 @@ def _reproduce(arguments: argparse.Namespace) -> ExitStatus:
         done = reproduce(
             names, arguments.output, quick=arguments.quick, on_done=lambda _: bar(next(finished), len(names))
         )
-    rows = [[one.name, "yes" if one.holds else "no", f"{one.seconds:.1f}"] for one in done]
+    rows = [[one.name, "yes" if one.reproduced else "no", f"{one.seconds:.1f}"] for one in done]
     show_table(("experiment", "agrees", "seconds"), rows, piped=False)
     show_lines(f"report: {arguments.output / PAGE}", piped=False)
     for one in done:
-        if not one.holds:
+        if not one.reproduced:
             complain(f"{one.name}: {one.verdict}")
-    return ExitStatus.DONE if all(one.holds for one in done) else ExitStatus.IMPERFECT
+    return ExitStatus.DONE if all(one.reproduced for one in done) else ExitStatus.IMPERFECT
