@@ -219,10 +219,13 @@ class RimsSolver:
             problem = self._problem(start)
             # half of the nodes: an eighth of the cost
             coarse = problem.resampled(start.surface, max(_FEWEST_NODES, n // 2))
-            held = problem.stationary(replace(coarse, held=is_two), tolerance=SMALL, saddles=not is_two)
+            # of two rims, the slides alone; `all_on_path` then follows the moduli
+            start_of_path = problem.stationary(
+                replace(coarse, fixed_moduli=is_two), tolerance=SMALL, saddles=not is_two
+            )
             return [
                 replace(start, surface=problem.stationary(problem.resampled(surface, n), saddles=True))
-                for surface in all_on_path(problem, held)
+                for surface in all_on_path(problem, start_of_path)
             ]
 
     def _stable(self) -> list[OrientedSurface]:
