@@ -42,7 +42,7 @@ class Flattening:
 
     rims: tuple[Polygon, ...]  # the outer boundary, counter-clockwise, then the holes, clockwise
     log_scale: PerVertex  # u: logarithm of the length in the plane per length in space, mean of two edges
-    clearance: float  # smallest gap across the outside between far parts of the outer rim, in local edges
+    clearance: float  # smallest gap across the outside between far parts of the outer rim, in local edges; inf if wide
     neumann: "DirichletToNeumann"
 
     @property
@@ -203,7 +203,7 @@ def _least_straightened(
         parts = np.split(edge, np.cumsum([len(rim) for rim in rims[:-1]]))
         ratios = [np.log(np.abs(np.roll(rim, -1) - rim) / length) for rim, length in zip(rims, parts, strict=True)]
         scale = np.concatenate([(ratio + np.roll(ratio, 1)) / 2 for ratio in ratios])
-        gap = outer_clearance(rims[0])
+        gap = outer_clearance(rims[0], clearance)
         found.append(Flattening(rims=rims, log_scale=scale, clearance=gap, neumann=neumann))
         if found[-1].clearance >= clearance:
             return found[-1]

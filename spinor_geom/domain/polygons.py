@@ -12,7 +12,6 @@ from spinor_geom.mesh.boxes import edges_with_near_boxes
 from spinor_geom.mesh.intersections import crossings_between
 from spinor_geom.mesh.operators import winding_numbers
 
-_WIDEST_GAP = 8  # in local edge lengths: wider gaps are not searched
 _AT_ONCE = 64  # gaps tested together
 
 
@@ -93,8 +92,8 @@ def untangled(polygon: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"] |
     return None
 
 
-def outer_clearance(polygon: Complex[np.ndarray, " m"]) -> float:
-    """Smallest gap across the outside between far parts of a simple polygon, in local edge lengths; inf if above 8.
+def outer_clearance(polygon: Complex[np.ndarray, " m"], most: float) -> float:
+    """Smallest gap across the outside between far parts of a simple polygon, in local edge lengths; inf above `most`.
 
     Parts are far if their distance along the boundary exceeds four times the gap plus six edges.
     """
@@ -102,11 +101,11 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"]) -> float:
     local = (edge + np.roll(edge, 1)) / 2
     along = np.cumsum(edge) - edge
     coordinates = plane_coordinates(polygon)
-    near = cKDTree(coordinates).query_ball_point(coordinates, _WIDEST_GAP * local)
+    near = cKDTree(coordinates).query_ball_point(coordinates, most * local)
     i, j = np.repeat(np.arange(len(polygon)), [len(some) for some in near]), np.concatenate(near).astype(np.int64)
     gap, longer = np.abs(polygon[i] - polygon[j]), np.maximum(local[i], local[j])
     distance = np.abs(along[i] - along[j])
-    once = (i < j) | (gap > _WIDEST_GAP * local[j])  # most pairs are found from both ends
+    once = (i < j) | (gap > most * local[j])  # most pairs are found from both ends
     far = np.flatnonzero(once & (np.minimum(distance, edge.sum() - distance) > 4 * gap + 6 * longer))
     relative = gap[far] / longer[far]
     order = np.argsort(relative)
