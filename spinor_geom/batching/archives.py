@@ -190,11 +190,9 @@ def _refused(path: Path, what: str, advice: str) -> ArchiveError:
 def list_members(job: dict[str, Any], send: Send) -> None:
     """Writes a line of JSON for each mesh file of an archive: its key and the fields of its `Member`.
 
-    Args:
-        job: "archive", its path; "suffixes" of mesh files; "parts", the first parts of every key; "listing", the
-            file to write.
-        send: called with "listed" after each member, and at the end with "others", the number of other files by
-            suffix, or with the "problem".
+    The job has the path of the "archive", the "suffixes" of mesh files, the first "parts" of every key, and the
+    "listing" to write. Sends "listed" after each member, at the end "others", the number of other files by suffix, or
+    a "problem".
     """
     seen: Counter[str] = Counter()
     others: Counter[str] = Counter()

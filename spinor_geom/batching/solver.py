@@ -27,11 +27,9 @@ WAITING = 4  # files that are written while the next is meshed; writing one wait
 def work(job: dict[str, Any], send: Send, *, archives: ArchiveReader) -> None:
     """Solves the loops of some sources together and writes the results.
 
-    Args:
-        job: "sources", "options" and "store", as `asdict` gives them.
-        send: is called with "reading" before each source is read, with "solving" at each step of solving, with
-            "finished" and a summary after a source's results are written, and with "stop" if the batch cannot continue.
-        archives: keeps the last archive open.
+    The job has "sources", "options" and "store", as `asdict` gives them. Sends "reading" before each source is read,
+    "solving" at each step, "finished" with a summary after a source's results are written, and "stop" if the batch
+    cannot continue.
     """
     options, store = BatchOptions(**job["options"]), Store(**job["store"])
     sources = [Source(**entry) for entry in job["sources"]]

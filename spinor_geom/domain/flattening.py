@@ -112,8 +112,7 @@ class DirichletToNeumann:
 def dirichlet_to_neumann(vertices: Vertices, faces: Faces, boundary_size: int) -> tuple[DirichletToNeumann, PerVertex]:
     """Dirichlet-to-Neumann operator Λ of a discrete surface, and the turning angles k₀ of its boundary at u = 0.
 
-    The flattening with boundary log scale u has the turning angles k₀ + Λu. The boundary vertices come first, rim after
-    rim.
+    The flattening with boundary log scale u has the turning angles k₀ + Λu. Boundary vertices come first, by rims.
 
     Source: Sawhney & Crane, "Boundary First Flattening", ACM TOG 37 (2018), sections 3 and 4.
     """
@@ -138,18 +137,9 @@ def flatten(
     is a Gaussian smoothing along them. This straightens slow windings and keeps corners. α is lowered until the
     boundary is simple with that clearance. If it never is, small lobes are removed by `untangled`.
 
-    The first m vertices are those of the outer rim, then those of the holes, in order with the surface on their left;
-    the faces run counter-clockwise.
-
-    Args:
-        vertices: of the surface.
-        faces: of the surface.
-        boundary_size: m.
-        holes: numbers of vertices of the holes.
-        drawn: maps the rims to samples of the curves through their vertices, which must bound a domain as well.
-
-    Raises:
-        DomainError: no simple domain was found.
+    The first `boundary_size` vertices are those of the outer rim, then those of the holes, in order with the surface on
+    their left; `holes` are their numbers, and faces run counter-clockwise. `drawn` maps the rims to samples of the
+    curves through their vertices, which must bound a domain as well. Raises a DomainError if no simple domain is found.
 
     Source: Sawhney & Crane (2018) for u ↦ k₀ + Λu; Lévy et al., "Least squares conformal maps", ACM TOG 21 (2002), for
     the conformal energy.

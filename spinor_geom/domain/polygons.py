@@ -134,14 +134,9 @@ def lattices_inside(
 ) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """Points of triangular lattices inside regions bounded by polygons, and the points' regions, in ascending order.
 
-    The crossings of a lattice row with the edges alternately enter and leave the region. Time and memory are
-    proportional to the crossings and the points.
-
-    Args:
-        polygons: vertices of the simple polygons of all regions.
-        spacing: distance of neighbouring lattice points, per vertex; one value in each region.
-        after: the next vertex on its polygon, per vertex.
-        region: per vertex.
+    All arguments are per vertex: `spacing` is the distance of neighbouring lattice points, one value in each region;
+    `after` is the next vertex on its polygon. The crossings of a lattice row with the edges alternately enter and leave
+    the region. Time and memory are proportional to the crossings and the points.
     """
     height = np.sqrt(0.75) * spacing
     end = polygons[after]

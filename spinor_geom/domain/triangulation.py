@@ -116,12 +116,9 @@ def triangulate_regions(
 ) -> list[PlaneTriangulation]:
     """`triangulate_polygon` for many regions at once; each triangulation is bit-equal to that of the region alone.
 
-    Args:
-        regions: the polygon and its holes, per region.
-        size: wanted edge length at points, whose regions are the second argument.
-        seeds: inner points to start from, per region; those too near to the boundary are omitted. By default lattices
-            with the largest wanted size as spacing.
-        max_points: number of points at which refinement stops.
+    A region is a polygon and its holes; `size` takes points and their regions. Refinement starts from `seeds` in each
+    region, of which those too near to the boundary are omitted, by default from lattices with the largest wanted size
+    as spacing, and stops at `max_points`.
     """
     parts = [[np.array(polygon, dtype=np.complex128) for polygon in region] for region in regions]
     rims = [tuple(map(len, region)) for region in parts]

@@ -39,13 +39,8 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
     a loop have different orientations, the loop follows the majority. `BoundaryLoop.slit_fraction`,
     `BoundaryLoop.seam_edges` and `BoundaryLoop.junctions` describe coincident edges, up to rounding.
 
-    Args:
-        mesh: the mesh.
-        sheets: the sheets of the mesh, if already computed.
-
-    Raises:
-        DuplicateVertexError: the faces do not share their vertices: more than half of all boundary edges, and some of
-            every loop, coincide with edges of other loops.
+    `sheets` are those of the mesh, if already computed. Raises a DuplicateVertexError if the faces do not share their
+    vertices: more than half of all boundary edges, and some of every loop, coincide with edges of other loops.
     """
     sheets = sheets or Sheets.of(mesh.vertices, mesh.faces)
     if not len(sheets.half_edges.boundary):

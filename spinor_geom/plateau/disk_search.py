@@ -112,10 +112,8 @@ def replace_unstable(
 ) -> PlateauSolution:
     """Replaces an unstable surface by surfaces of less area until one is stable; `reason` reports them.
 
-    Args:
-        solution: a disk or an annulus.
-        lower: returns a surface of less area than an unstable one, or None if it finds none.
-        where: where `lower` searches, as the end of a sentence.
+    `lower` returns a surface of less area than an unstable one, or None; `where` says where it searches, as the end of
+    a sentence.
     """
     replaced: list[float] = []  # areas
     end = ""
@@ -346,7 +344,7 @@ def _is_lower(solution: PlateauSolution, other: PlateauSolution) -> bool:
 def _area_error(a: PlateauSolution, b: PlateauSolution) -> float:
     """Largest difference of the areas of two fits of one disk: the first variation is at most ∮ |δr| ds."""
     residuals = a.boundary_residual.rms + b.boundary_residual.rms
-    return EPS**0.5 * max(a.area, b.area) + residuals * a.loop.perimeter
+    return float(np.sqrt(EPS)) * max(a.area, b.area) + residuals * a.loop.perimeter
 
 
 def _harmonic(mesh: PlaneTriangulation, boundary: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n k"]:

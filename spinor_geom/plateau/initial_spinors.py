@@ -21,16 +21,11 @@ def lifted_spinors(
 ) -> Complex[Array, "m 2"]:
     """Spinors p and q on each boundary edge of a discrete surface, with signs that are continuous on the surface.
 
+    The vertices of the rims come first, in order; `points` are the images of all vertices in Ω. With a point c,
+    `branch`, in a hole around which p and q change sign, p/√(z − c) and q/√(z − c) are returned.
+
     On a ragged boundary neighbouring spinors do not determine the sign. Frames differ less between adjacent faces, so
     signs are propagated along a minimum spanning tree of the faces.
-
-    Args:
-        vertices: positions; the boundary comes first, in order.
-        faces: triangles.
-        points: images of the vertices in Ω.
-        rims: number of vertices of each boundary.
-        place: where the result is.
-        branch: a point c in a hole around which p and q change sign; p/√(z − c) and q/√(z − c) are returned then.
     """
     after = rim_successors(rims)
     boundary = points[: len(after)]
