@@ -5,8 +5,7 @@ each fills the same meshes in turn. The figures are CPU seconds of one thread an
 other load hardly matters. The exit status is 1 if something became slower.
 
 With `--peer` MeshLib fills them too, with its defaults, and again with as many triangles in each hole as HEAD's patch
-has. With `--data FOLDER` the cases are the mesh files of a folder. With `--stages` it prints the CPU time of the stages
-of a fill in both checkouts instead.
+has. With `--data FOLDER` the cases are the mesh files of a folder.
 """
 
 import argparse
@@ -20,8 +19,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from functools import partial, reduce
-from importlib import import_module
+from functools import partial
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -31,14 +29,6 @@ OURS, PEER, EQUAL = "spinor-fill", "meshlib-nicely", "equal"
 COLUMNS = ("case", "base, ms", "head, ms", "head / base")
 PEER_COLUMNS = ("triangles", "MeshLib's", "head / MeshLib", "with equal numbers of triangles")
 TURNS = 7  # if nothing changed, all seven ratios are over 1 in one of 128 cases
-# where the function of each stage is called: module, names of the owner and the function
-STAGES: Mapping[str, tuple[str, ...]] = {
-    "loops, choice of holes": ("fill.fill_hole", "Filling"),
-    "first disks": ("plateau.solve", "first_disks"),
-    "mesh": ("fill.exact_patches", "mesh_patches"),
-    "intersections": ("fill.filling", "fill_loop"),
-    "stitch, report": ("fill.filling", "Filling", "result"),
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -50,12 +40,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--turns", type=int, default=TURNS, metavar="N", help="measurements of each case")
     parser.add_argument("--peer", action="store_true", help=f"{PEER} as well")
     parser.add_argument("--data", type=Path, metavar="FOLDER", help="mesh files to fill, instead of the cases")
-    parser.add_argument("--stages", action="store_true", help="the stages of a fill instead")
     options = parser.parse_args(arguments)
     cases = CASES if options.data is None else whole_meshes(options.data)
     some = {name: make for name, make in cases.items() if fnmatchcase(name, options.case)}
-    if options.stages:
-        return print_stages(some, options.base, options.head)
     columns = [*COLUMNS, *(PEER_COLUMNS if options.peer else ())]
     print(f"| {' | '.join(columns)} |\n|{' --- |' * len(columns)}")
     slower, ratios = [], []
@@ -72,22 +59,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"\nhead / MeshLib: {median:.2f} in the median, {least:.2f} to {most:.2f}")
     print(f"\nslower: {', '.join(slower) or 'nothing'}")
     return int(bool(slower))
-
-
-def print_stages(cases: Mapping[str, "Case"], base: Path, head: Path) -> int:
-    """Prints the milliseconds per mesh of each stage, in base and head; returns 0."""
-    names = ["total", "solve", *STAGES]
-    print(f"| case | {' | '.join(names)} |\n| --- |{' --- |' * len(names)}")
-    with ExitStack() as stack, tempfile.TemporaryDirectory() as folder:
-        workers = [stack.enter_context(Worker(path)) for path in (base, head)]
-        for name, make in cases.items():
-            files = saved(name, make, Path(folder))
-            for worker in workers:  # the first fill imports modules
-                worker.seconds(files[:1])
-            both = [worker.stages(files) for worker in workers]
-            cells = (" → ".join(f"{1e3 * each[stage] / len(files):.1f}" for each in both) for stage in names)
-            print(f"| {name} | {' | '.join(cells)} |", flush=True)
-    return 0
 
 
 def saved(name: str, make: "Case", folder: Path) -> list[Path]:
@@ -156,10 +127,6 @@ class Worker:
         """For each file the number of new triangles in the hole at each vertex of its rims; of our fills."""
         return list(self._answer("triangles", files)["by_hole"])
 
-    def stages(self, files: Sequence[Path]) -> dict[str, float]:
-        """CPU seconds of each stage, of the rest, "solve", and in total."""
-        return self._answer("stages", files)
-
     def _answer(self, request: str, files: Sequence[Path]) -> dict[str, Any]:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -171,13 +138,9 @@ class Worker:
 
 
 def serve(requests: IO[str], answers: IO[str]) -> None:
-    """Answers requests, one a line: a filler, "equal", "triangles" or "stages", and files of meshes."""
-    stages: dict[str, float] = {}
+    """Answers requests, one a line: a filler, "equal" or "triangles", and files of meshes."""
     for line in requests:
         request, *files = json.loads(line)
-        if request == "stages" and not stages:
-            stages = watched_stages()
-        stages.update(dict.fromkeys(stages, 0.0))
         total, triangles, by_hole = 0.0, 0, []
         for file in files:
             fill, faces_of = prepared(request, file)
@@ -187,8 +150,7 @@ def serve(requests: IO[str], answers: IO[str]) -> None:
             triangles += faces_of(result)
             if request == "triangles":
                 by_hole.append(triangles_at(np.load(file)["rim"], result[1]))
-        figures = {"total": total, **stages, "solve": total - sum(stages.values())}
-        print(json.dumps({**figures, "triangles": triangles, "by_hole": by_hole}), file=answers, flush=True)
+        print(json.dumps({"total": total, "triangles": triangles, "by_hole": by_hole}), file=answers, flush=True)
 
 
 def prepared(request: str, file: str) -> tuple[Callable[[], Any], Callable[[Any], int]]:
@@ -217,28 +179,6 @@ def triangles_at(rim: np.ndarray, report: Any) -> list[int]:
     for outcome in report.loops:
         counts.update(dict.fromkeys(outcome.loop.vertex_ids.tolist(), outcome.faces_added if outcome.filled else 0))
     return [counts[vertex] for vertex in rim.tolist()]
-
-
-def watched_stages() -> dict[str, float]:
-    """CPU seconds of each stage, to which every later call of its function adds."""
-    seconds = dict.fromkeys(STAGES, 0.0)
-
-    def watch(stage: str, owner: Any, name: str) -> None:
-        call = getattr(owner, name)
-
-        def watched(*arguments: Any, **options: Any) -> Any:
-            start = time.process_time()
-            try:
-                return call(*arguments, **options)
-            finally:
-                seconds[stage] += time.process_time() - start
-
-        setattr(owner, name, watched)
-
-    # methods first: in their modules the names of their classes are replaced later
-    for stage, (module, *owners, name) in sorted(STAGES.items(), key=lambda item: -len(item[1])):
-        watch(stage, reduce(getattr, owners, import_module(f"spinor_geom.{module}")), name)
-    return seconds
 
 
 class Mesh(NamedTuple):

@@ -16,10 +16,10 @@ import numpy as np
 from PIL import Image
 
 from spinor_geom.bench.cases import known_kind
-from spinor_geom.bench.claims import LEAST_POINTS, Figure, claims
 from spinor_geom.bench.frames import FRAME_METHODS
 from spinor_geom.bench.machine import Record, is_older
 from spinor_geom.bench.measured import DISTANCE
+from spinor_geom.bench.promises import LEAST_POINTS, Promise, promises
 from spinor_geom.bench.run_tables import LOCAL, csv_text, filler_table, method_name, pieces_of, scale_of
 from spinor_geom.bench.runner import PICTURED, SUITES, VIEWS, read_records
 from spinor_geom.files import atomic_path, write_text
@@ -31,7 +31,7 @@ README, PICTURE = HERE / "README.md", HERE.parent / "docs" / "cut-outs.png"
 BEGIN, END = "<!-- tables: begin (written by publish.py) -->", "<!-- tables: end -->"
 POINTS = 64  # of the loops in the table of disks
 ADVISED = ("squiggle", "fin", "facing-triangles")  # odd rims for which docs/choosing.md recommends a filler
-LEFT_OUT = ("told", "expected", *LOCAL)  # fields that are too long for a table, or of this machine
+LEFT_OUT = ("message", "expected", *LOCAL)  # fields that are too long for a table, or of this machine
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -123,8 +123,8 @@ def _value(text: str) -> object:
 
 def page_tables(records: Sequence[Record]) -> list[Table]:
     """The tables in `README.md`."""
-    found = claims(records)
-    missed: dict[tuple[str, str], list[Figure]] = defaultdict(list)
+    found = promises(records)
+    missed: dict[tuple[str, str], list[Promise]] = defaultdict(list)
     for figure in found:
         if not figure.met and figure.kind == "accuracy":
             missed[figure.suite, figure.text].append(figure)
@@ -146,7 +146,7 @@ def page_tables(records: Sequence[Record]) -> list[Table]:
     ]
 
 
-def suite_row(suite: str, records: Sequence[Record], found: Sequence[Figure]) -> tuple[str, ...]:
+def suite_row(suite: str, records: Sequence[Record], found: Sequence[Promise]) -> tuple[str, ...]:
     """The number of records, when and at which loads they were measured, and the promises that are kept."""
     here = [r for r in records if r["suite"] == suite]
     commits = dict.fromkeys(str(r["commit"]).rpartition("+g")[2] for r in here)

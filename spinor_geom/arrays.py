@@ -1,7 +1,7 @@
 """One code for numpy arrays and torch tensors: namespaces, devices, and operations that the array API lacks.
 
-Everything is computed on numpy arrays, unless a torch device or gradients are asked for. torch is imported by those who
-ask, never here. Functions that may be differentiated do not write into arrays.
+Everything is computed with numpy unless the caller asks for a torch device or for gradients. Only then is torch
+imported, so importing this module does not import it. Functions that may be differentiated do not write into arrays.
 
 Source: the Python array API standard, which numpy implements; `array_api_compat` adds it to torch.
 """
@@ -18,19 +18,19 @@ from jaxtyping import Bool, Complex, Float, Inexact, Int, Shaped
 if TYPE_CHECKING:
     import torch
 
-Array: TypeAlias = Any  # an array of numpy or a tensor of torch
+Array: TypeAlias = Any  # a numpy array or a torch tensor
 
 EPS = float(np.finfo(np.float64).eps)
 TINY = float(np.finfo(np.float64).tiny)
 
 
 def is_numpy(x: object) -> bool:
-    """Whether an array is one of numpy."""
+    """Whether an array is a numpy array."""
     return isinstance(x, (np.ndarray, np.generic))
 
 
 def namespace(x: Array) -> Any:
-    """The module with the array API's functions for an array."""
+    """The array API module of an array: numpy, or array_api_compat's wrapper of torch."""
     if is_numpy(x):
         return np
     import array_api_compat
@@ -40,13 +40,13 @@ def namespace(x: Array) -> Any:
 
 @dataclass(frozen=True)
 class Place:
-    """Where arrays are: in numpy's memory, or on a device of torch."""
+    """Where arrays are stored: as numpy arrays, or as tensors on a torch device."""
 
     device: torch.device | None = None  # None for numpy
 
     @property
     def xp(self) -> Any:
-        """The module with the array API's functions."""
+        """The array API module for arrays in this place."""
         if self.device is None:
             return np
         import array_api_compat.torch
@@ -54,7 +54,7 @@ class Place:
         return array_api_compat.torch
 
     def put(self, values: Any) -> Array:
-        """An array or tensor as an array in this place; on devices a copy."""
+        """Converts an array or tensor to this place; a copy on torch devices."""
         if self.device is None:
             return to_numpy(values)
         import torch
@@ -68,12 +68,12 @@ NUMPY = Place()
 
 
 def place_of(x: Array) -> Place:
-    """Where an array is."""
+    """The place of an array."""
     return NUMPY if is_numpy(x) else Place(x.device)
 
 
 def to_numpy(x: Any) -> np.ndarray:
-    """An array, without gradients, as one of numpy; a copy only of tensors on devices."""
+    """Converts to a numpy array without gradients; copies only tensors that are not on the CPU."""
     if is_numpy(x):
         return np.asarray(x)
     if hasattr(x, "detach"):
@@ -99,7 +99,7 @@ def cis(angle: Float[Array, "*any"]) -> Complex[Array, "*any"]:
 
 
 def norm(v: Inexact[Array, "*any k"]) -> Float[Array, "*any"]:
-    """Lengths of vectors, the rows."""
+    """Euclidean lengths of the rows."""
     xp = namespace(v)
     return xp.sqrt(square(v).sum(-1))
 
@@ -115,7 +115,7 @@ def is_real(v: Array) -> bool:
 
 
 def unit(v: Float[Array, "*any k"]) -> Float[Array, "*any k"]:
-    """Vectors, the rows, divided by their lengths; 0 for 0."""
+    """Rows divided by their lengths; a zero row stays 0."""
     return v / namespace(v).clip(norm(v), min=TINY**0.5)[..., None]
 
 
@@ -157,7 +157,7 @@ def add_at(total: Inexact[Array, " n"], index: Int[Array, "*any"], values: Inexa
 
 
 def cholesky(matrix: Inexact[Array, "n n"]) -> Inexact[Array, "n n"] | None:
-    """The lower Cholesky factor of a matrix, of which only the lower triangle is read; None unless it is definite."""
+    """The lower Cholesky factor; reads only the lower triangle. None if the matrix is not positive definite."""
     if is_numpy(matrix):
         from scipy.linalg.lapack import dpotrf, zpotrf
 
@@ -170,7 +170,7 @@ def cholesky(matrix: Inexact[Array, "n n"]) -> Inexact[Array, "n n"] | None:
 
 
 def definite_cholesky(matrix: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]:
-    """`cholesky`; raises LinAlgError if the matrix is not definite."""
+    """`cholesky`; raises LinAlgError if the matrix is not positive definite."""
     factor = cholesky(matrix)
     if factor is None:
         raise np.linalg.LinAlgError("a matrix is not positive definite")
@@ -216,31 +216,31 @@ def gram(rows: Inexact[Array, "m k"]) -> Inexact[Array, "k k"]:
 
 
 def on_device_of(x: Array) -> dict[str, Any]:
-    """The argument for functions that make arrays where another one is."""
+    """The keyword argument `device` that creates arrays in the same place as x; empty for numpy."""
     return {} if is_numpy(x) else {"device": x.device}
 
 
 def padded(x: Shaped[Array, "*any n"], before: int, after: int) -> Shaped[Array, "*any m"]:
-    """Rows with zeros added at both ends."""
+    """Rows with `before` and `after` zeros added at their ends."""
     xp = namespace(x)
     ends = [xp.zeros((*x.shape[:-1], count), dtype=x.dtype, **on_device_of(x)) for count in (before, after)]
     return xp.concat([ends[0], x, ends[1]], axis=-1)
 
 
 def contiguous(x: Array) -> Array:
-    """The array, or a copy whose rows are not strided."""
+    """The array, copied if it is not contiguous."""
     return np.ascontiguousarray(x) if is_numpy(x) else x.contiguous()
 
 
 def zeros(shape: Sequence[int], like: Array) -> Array:
-    """Zeros of the kind of an array."""
+    """Zeros with the dtype and place of an array."""
     if is_numpy(like):
         return np.zeros(tuple(shape), dtype=like.dtype)
     return like.new_zeros(tuple(shape))
 
 
 def arange(stop: int, like: Array, *, start: int = 0) -> Float[Array, " n"]:
-    """Numbers start … stop − 1 in double precision where an array is."""
+    """The numbers start … stop − 1 in double precision, in the place of an array."""
     if is_numpy(like):
         return np.arange(start, stop, dtype=np.float64)
     import torch

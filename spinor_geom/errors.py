@@ -320,13 +320,13 @@ class RenderError(SpinorGeomError, RuntimeError):
 
 
 def require(package: str, *, extra: str) -> None:
-    """Raise a MissingPackageError unless a package is installed; it is not imported."""
+    """Raises a MissingPackageError unless a package is installed; it is not imported."""
     if importlib.util.find_spec(package) is None:
         raise MissingPackageError(package=package, extra=extra)
 
 
 def require_type(value: Any, types: type | tuple[type, ...], *, function: str, takes: str) -> None:
-    """Raise an ArgumentTypeError unless a value has one of some types; `takes` describes them."""
+    """Raises an ArgumentTypeError unless a value has one of some types; `takes` describes them."""
     if not isinstance(value, types):
         raise ArgumentTypeError(function=function, takes=takes, found=type(value).__name__)
 
@@ -339,7 +339,7 @@ def require_count(least: int = 1, **values: Any) -> None:
 
 
 def require_positive(name: str, value: Any, *, finite: bool = True, instead: str = "") -> None:
-    """Raise an OptionError unless a value is a positive number; `instead` names other allowed values."""
+    """Raises an OptionError unless a value is a positive number; `instead` names other allowed values."""
     is_number = isinstance(value, Real) and not isinstance(value, bool)
     if not is_number or not 0 < value <= (sys.float_info.max if finite else math.inf):
         raise OptionError(f"{name} must be {instead}a positive number, not {value!r}")

@@ -20,11 +20,11 @@ from time import monotonic
 from typing import IO, Any, Literal, TypeAlias
 
 Event: TypeAlias = dict[str, Any]
-Tell: TypeAlias = Callable[[Event], None]
+Send: TypeAlias = Callable[[Event], None]
 Kind: TypeAlias = Literal["start", "death", "time", "memory", "closed"]
 
 START_LIMIT = 600.0  # seconds for the imports of a process
-LOOK = 0.05  # seconds between checks of the limits
+CHECK_INTERVAL = 0.05  # seconds between checks of the limits
 KEPT_OUTPUT = 4000  # bytes of the output of a job
 # the exit status of a process on Windows is the code of the exception that ended it
 EXCEPTIONS = {0xC0000005: "an access violation", 0xC00000FD: "a stack overflow", 0xC0000409: "an abort"}
@@ -64,7 +64,7 @@ class Process:
     def run(
         self,
         job: Mapping[str, Any],
-        on_event: Tell,
+        on_event: Send,
         *,
         seconds: float,
         memory: float = math.inf,
@@ -122,7 +122,7 @@ class Process:
         self.end()
         # a file, since a pipe would block the process when it is full
         self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
-        self._begin, self._look = 0, 0.0
+        self._begin, self._next_check = 0, 0.0
         self._process = subprocess.Popen(
             [sys.executable, "-c", START, json.dumps(sys.path), self._module],
             stdin=subprocess.PIPE,
@@ -149,15 +149,15 @@ class Process:
             if self._closed:
                 raise self._fault("was closed", "closed")
             now = monotonic()
-            if now >= self._look:  # not after every event
-                self._look = now + LOOK
+            if now >= self._next_check:  # not after every event
+                self._next_check = now + CHECK_INTERVAL
                 if memory < math.inf and self._memory() > memory:
                     what = f"used more than {memory / 2**20:.0f} MiB of memory; raise the limit, or split the file"
                     raise self._fault(what, "memory")
                 if now > deadline:
                     raise self._fault(f"took longer than {seconds:g} s; raise the limit", "time")
             with contextlib.suppress(queue.Empty):
-                event = self._events.get(timeout=LOOK)
+                event = self._events.get(timeout=CHECK_INTERVAL)
                 if event is None:
                     raise self._death()
                 return event
@@ -209,7 +209,7 @@ def _listen(process: subprocess.Popen[str], events: queue.SimpleQueue[Event | No
     events.put(None)
 
 
-def serve(work: Callable[[Any, Tell], None]) -> None:
+def serve(work: Callable[[Any, Send], None]) -> None:
     """The main loop of a process: calls `work` with each job and a function that sends events to `Process.run`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started it handles interrupts
     channel = os.fdopen(os.dup(1), "w", encoding="ascii")
@@ -221,13 +221,13 @@ def serve(work: Callable[[Any, Tell], None]) -> None:
             jobs.put(line)
         os._exit(0)
 
-    def tell(event: Event) -> None:
+    def send(event: Event) -> None:
         channel.write(json.dumps(event) + "\n")
         channel.flush()
 
     threading.Thread(target=listen, daemon=True).start()
-    tell({"ready": os.getpid()})
+    send({"ready": os.getpid()})
     while True:
-        work(json.loads(jobs.get()), tell)
+        work(json.loads(jobs.get()), send)
         sys.stdout.flush()
-        tell({"idle": True})
+        send({"idle": True})

@@ -53,7 +53,7 @@ def described() -> Mapping[str, tuple[Any, tuple[str, ...]]]:
         (spinor_geom.compare(solution, baseline), ("exact surface",)),
         (report, ("2 of 2 loops filled", "watertight")),
         (report.loops[0], ("loop 0", "smooth", "points")),
-        (report.loops[0].continuation, ("at rest", "bend")),
+        (report.loops[0].continuation, ("converged", "bend")),
         (report.extension, ("faces",)),
         (report.original, ("vertices",)),
         (spinor_geom.read_mesh("data/demosthenes_low_res.obj"), ("demosthenes_low_res.obj",)),

@@ -37,7 +37,7 @@ class GlbContainer:
 
     @classmethod
     def read(cls, data: bytes) -> GlbContainer:
-        """Open a file; a MeshFileError if it is not binary glTF 2, shorter than it declares, or has malformed JSON."""
+        """Opens a file; a MeshFileError if it is not binary glTF 2, shorter than it declares, or has malformed JSON."""
         tree, binary, chunks = _chunks(data)
         container = cls(tree=tree, views=[], chunks=chunks)
         for name in LISTS:
@@ -95,7 +95,7 @@ class GlbContainer:
         return np.asarray(np.ndarray((count, width), dtype, content, offset, (stride, dtype.itemsize)))
 
     def store(self, rows: np.ndarray, *, target: int, like: int | None = None) -> int:
-        """Append rows (n, k) for `ARRAY_BUFFER` or `ELEMENT_ARRAY_BUFFER`, and return the number of their accessor.
+        """Appends rows (n, k) for `ARRAY_BUFFER` or `ELEMENT_ARRAY_BUFFER`, and returns the number of their accessor.
 
         Its other properties are those of accessor `like`.
         """

@@ -130,7 +130,7 @@ def _contents(
 
 
 def _label_patches(mesh: Any, face_loops: np.ndarray) -> None:
-    """Add the cell data "patch": the indices of the loops for the last cells, −1 for those before."""
+    """Adds the cell data "patch": the indices of the loops for the last cells, −1 for those before."""
     mesh.cell_data["patch"] = np.concatenate([np.full(mesh.n_cells - len(face_loops), -1), face_loops])
 
 

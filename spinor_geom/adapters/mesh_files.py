@@ -88,7 +88,7 @@ class MeshFile(Shown):
     def of_contents(
         cls, contents: FileContents, *, path: Path | None, read_sizes: tuple[int, int] | None = None
     ) -> MeshFile:
-        """Split the polygons and close the seams; without `read_sizes` nothing counts as appended."""
+        """Splits the polygons and closes the seams; without `read_sizes` nothing counts as appended."""
         if len(wrong := nonfinite_rows(contents.vertices)):
             raise NonFiniteVertexError(vertex=int(wrong[0]), place=contents.first_nonfinite)
         triangles, polygons = contents.polygons.triangulated(contents.vertices)
@@ -167,7 +167,7 @@ class MeshFile(Shown):
         return MeshFile.of_contents(contents, path=self.path)
 
     def write(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Write the file, in the format that the suffix of `path` names.
+        """Writes the file, in the format that the suffix of `path` names.
 
         After an error an old file of that name is unchanged.
 
@@ -216,7 +216,7 @@ class MeshFile(Shown):
 
 
 def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
-    """Read a mesh file.
+    """Reads a mesh file.
 
     `MeshFile.mesh` is closed along texture and normal seams: OBJ faces are read by position, and in PLY, OFF, GLB and
     VTK's formats vertices of equal position are joined along seams. STL, which cannot share vertices, is read with
@@ -257,20 +257,20 @@ def mesh_of_bytes(data: bytes, suffix: str, *, path: Path | None = None) -> Mesh
 
 
 def require_bytes(data: bytes) -> None:
-    """Raise a MeshFileError for an empty file."""
+    """Raises a MeshFileError for an empty file."""
     if not data:
         raise malformed("", "is empty")
 
 
 def require_elements(contents: FileContents) -> None:
-    """Raise a MeshFileError for a file without faces and curves."""
+    """Raises a MeshFileError for a file without faces and curves."""
     if len(contents.polygons) == 0 and not contents.polylines:
         raise malformed("", "has vertices but no faces and no curves", "give a file with faces")
 
 
 @contextmanager
 def path_in_errors(path: Path) -> Iterator[None]:
-    """Add the path to errors that are raised inside."""
+    """Adds the path to errors that are raised inside."""
     try:
         yield
     except NonFiniteVertexError as error:

@@ -56,7 +56,7 @@ class ObjText:
 
 
 def read_obj_stream(stream: BinaryIO) -> ObjText:
-    """Read the vertices, faces, curves and names of an OBJ file from the current position of a stream.
+    """Reads the vertices, faces, curves and names of an OBJ file from the current position of a stream.
 
     Faces are read by their position indices, so that texture and normal seams are no boundaries. `v` lines may have
     colours (three or four numbers after the coordinates; ignored unless all lines have them) or a weight (ignored).
@@ -239,7 +239,7 @@ class _Block:
         return malformed(f"line {self.line_numbers[line]}", problem, advice)
 
     def require_words(self, key: bytes, least: int, what: str) -> None:
-        """Raise a MeshFileError if fewer than `least` words follow the keyword on a line."""
+        """Raises a MeshFileError if fewer than `least` words follow the keyword on a line."""
         lines = self.lines[key]
         for line in lines[self.sizes[lines] < least][:1].tolist():
             text = b" ".join(self.words(line)).decode("utf-8", "replace")

@@ -55,7 +55,7 @@ class Polygons:
         return Polygons.of_sizes(np.concatenate([self.corners, faces.reshape(-1)]), sizes)
 
     def require_valid(self, vertices: int) -> None:
-        """Raise a PolygonError for a face with fewer than 3 corners, or with an index that is not below `vertices`."""
+        """Raises a PolygonError for a face with fewer than 3 corners, or with an index that is not below `vertices`."""
         for face in np.flatnonzero(self.sizes < 3).tolist():
             raise PolygonError(face=face, problem=f"has {self.sizes[face]} corners, a face needs three")
         for corner in np.flatnonzero((self.corners < 0) | (self.corners >= vertices)):

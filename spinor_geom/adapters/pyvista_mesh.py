@@ -122,7 +122,7 @@ def _arrays(mesh: Any) -> dict[str, Any]:
 
 
 def _activate(old: Any, new: Any) -> None:
-    """Make the same arrays active."""
+    """Makes the same arrays active."""
     new.active_scalars_name = old.active_scalars_name
     new.active_normals_name = old.active_normals_name
     new.active_texture_coordinates_name = old.active_texture_coordinates_name

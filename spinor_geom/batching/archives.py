@@ -21,7 +21,7 @@ from typing import Any, cast
 
 from spinor_geom.errors import ArchiveError
 from spinor_geom.files import MOST_RATIO, NUMBERED, is_bomb, safe_name
-from spinor_geom.isolate import Tell, serve
+from spinor_geom.isolate import Send, serve
 
 SUFFIXES = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
 MOST_ZIP_MEMBERS = 200_000  # zipfile holds the list of members in memory, half a kilobyte each
@@ -187,14 +187,12 @@ def _refused(path: Path, what: str, advice: str) -> ArchiveError:
     return ArchiveError(f"{path}: the archive contains {what}; {advice}")
 
 
-def list_members(job: dict[str, Any], tell: Tell) -> None:
+def list_members(job: dict[str, Any], send: Send) -> None:
     """Writes a line of JSON for each mesh file of an archive: its key and the fields of its `Member`.
 
-    Args:
-        job: "archive", its path; "suffixes" of mesh files; "parts", the first parts of every key; "listing", the
-            file to write.
-        tell: called with "listed" after each member, and at the end with "others", the number of other files by
-            suffix, or with the "problem".
+    The job has the path of the "archive", the "suffixes" of mesh files, the first "parts" of every key, and the
+    "listing" to write. Sends "listed" after each member, at the end "others", the number of other files by suffix, or
+    a "problem".
     """
     seen: Counter[str] = Counter()
     others: Counter[str] = Counter()
@@ -210,12 +208,12 @@ def list_members(job: dict[str, Any], tell: Tell) -> None:
                     file.write(json.dumps(entry) + "\n")
                 else:
                     others[Path(member.name).suffix.lower()] += 1
-                tell({"listed": member.place})
-        tell({"others": others})
+                send({"listed": member.place})
+        send({"others": others})
     except ArchiveError as error:
-        tell({"problem": str(error)})
+        send({"problem": str(error)})
     except OSError as error:
-        tell({"problem": f"{job['archive']}: cannot be read ({error.strerror}); check the access rights"})
+        send({"problem": f"{job['archive']}: cannot be read ({error.strerror}); check the access rights"})
 
 
 if __name__ == "__main__":

@@ -48,15 +48,10 @@ class Inputs:
     def __init__(
         self, inputs: Iterable[str | os.PathLike[str]], *, output: str | os.PathLike[str], limits: Limits
     ) -> None:
-        """Checks the inputs, and gives each a unique label.
+        """Checks the inputs, and gives each a unique label; the output folder is not searched.
 
-        Args:
-            inputs: files, folders, patterns, manifests or archives.
-            output: the folder of the results, which is not searched.
-            limits: for the process that lists archives.
-
-        Raises:
-            BatchError: there are no inputs, one does not exist, or a pattern matches nothing.
+        `limits` are for the process that lists archives. Raises a BatchError if there are no inputs, one does not
+        exist, or a pattern matches nothing.
         """
         self._output, self._limits = os.path.realpath(output), limits
         self._roots: list[tuple[str, str]] = []  # paths and labels

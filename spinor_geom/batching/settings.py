@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 from spinor_geom.errors import OptionError, require_positive
 from spinor_geom.files import MESH_SUFFIXES
-from spinor_geom.fill.fill_options import CONTINUITY, TIME_LIMIT, Choice, Continuity, Islands, require_merge
+from spinor_geom.fill.fill_options import Choice, PatchOptions, require_merge
 
 What: TypeAlias = Literal["fill", "surface", "loops"]
 
@@ -20,49 +20,34 @@ CURVE_FORMATS = ("obj", "npz")
 
 
 @dataclass(frozen=True, kw_only=True)
-class BatchOptions:
+class BatchOptions(Choice, PatchOptions):
     """The options of `batch` that its results depend on; raises OptionError."""
 
     what: What = "fill"
     format: str | None = None
-    loop: Literal["all"] | int | Sequence[int] = "all"
-    bridge: Sequence[int] | None = None
-    islands: Islands = "ignore"
     merge: bool | float = False
-    keep_largest: bool = False
-    max_perimeter: float | None = None
     edge_length: float | Literal["auto"] = "auto"
-    tolerance: float = 1e-3
-    continuity: Continuity = "C0"
-    time_limit: float = TIME_LIMIT
     strict: bool = False
     closing: float = 1e-3
     compare: bool = False
     device: str | None = None
 
     def __post_init__(self) -> None:
-        for name, known in (("what", WHAT), ("format", (*FORMAT, None)), ("continuity", CONTINUITY)):
+        for name, known in (("what", WHAT), ("format", (*FORMAT, None))):
             if getattr(self, name) not in known:
                 choices = ", ".join(map(str, known))
                 raise OptionError(f"{name} must be one of {choices}, not {getattr(self, name)!r}")
         for name in ("loop", "bridge"):
             object.__setattr__(self, name, _as_json(name, getattr(self, name)))
+        Choice.__post_init__(self)
+        PatchOptions.__post_init__(self)
         require_merge(self.merge)
-        _ = self.choice  # checks its options
         if self.what == "loops" and self.format not in (*CURVE_FORMATS, None):
             raise OptionError(f"{self.format} files cannot store curves; use {' or '.join(CURVE_FORMATS)} for loops")
         if self.edge_length != "auto":
             require_positive("edge_length", self.edge_length)
-        require_positive("tolerance", self.tolerance)
-        require_positive("time_limit", self.time_limit, finite=False)
         if not 0 <= self.closing < math.inf:
             raise OptionError(f"closing must be a number of at least 0, not {self.closing!r}")
-
-    @property
-    def choice(self) -> Choice:
-        """Which loops of each mesh are filled."""
-        names = ("loop", "bridge", "islands", "keep_largest", "max_perimeter")
-        return Choice(**{name: getattr(self, name) for name in names})
 
 
 def _as_json(name: str, value: Any) -> Any:

@@ -18,71 +18,68 @@ from spinor_geom.batching.task import FileTask
 from spinor_geom.errors import ArchiveError, BatchError, OptionError, SpinorGeomError
 from spinor_geom.fill.exact_patches import SolvedLoop, minimal_patches
 from spinor_geom.fill.fill_options import FillOptions
-from spinor_geom.isolate import Tell, serve
+from spinor_geom.isolate import Send, serve
 from spinor_geom.plateau.options import usable_place
 
 WAITING = 4  # files that are written while the next is meshed; writing one waits for the disk several times
 
 
-def work(job: dict[str, Any], tell: Tell, *, archives: ArchiveReader) -> None:
+def work(job: dict[str, Any], send: Send, *, archives: ArchiveReader) -> None:
     """Solves the loops of some sources together and writes the results.
 
-    Args:
-        job: "sources", "options" and "store", as `asdict` gives them.
-        tell: is called with "reading" before each source is read, with "solving" at each step of solving, with
-            "finished" and a summary after a source's results are written, and with "stop" if the batch cannot continue.
-        archives: keeps the last archive open.
+    The job has "sources", "options" and "store", as `asdict` gives them. Sends "reading" before each source is read,
+    "solving" at each step, "finished" with a summary after a source's results are written, and "stop" if the batch
+    cannot continue.
     """
     options, store = BatchOptions(**job["options"]), Store(**job["store"])
     sources = [Source(**entry) for entry in job["sources"]]
     try:
-        _work(sources, options, store, archives, tell)
+        _work(sources, options, store, archives, send)
     except BatchError as error:
-        tell({"stop": str(error)})
+        send({"stop": str(error)})
     except Exception as error:  # a bug, which must not affect the other files
         if len(sources) > 1:
             return  # `workers` retries them one by one
         where = traceback.extract_tb(error.__traceback__)[-1]
         reason = f"unexpected {type(error).__name__} in {Path(where.filename).name}, line {where.lineno}: {error}"
-        tell({"finished": store.fail(sources[0], reason)})
+        send({"finished": store.fail(sources[0], reason)})
 
 
-def _work(sources: Sequence[Source], options: BatchOptions, store: Store, archives: ArchiveReader, tell: Tell) -> None:
+def _work(sources: Sequence[Source], options: BatchOptions, store: Store, archives: ArchiveReader, send: Send) -> None:
     try:
         usable_place(options.device)
     except OptionError as error:
         raise BatchError(f"on a worker: {error}") from error
     fill_options = FillOptions(
         target_edge_length=options.edge_length,
-        model="auto",
         tolerance=options.tolerance,
         time_limit=options.time_limit,
         continuity=options.continuity,
-        on_stage=lambda place, stage: tell({"solving": ""}),
+        on_stage=lambda place, stage: send({"solving": ""}),
     )
     tasks: list[FileTask] = []
     for source in sources:
-        tell({"reading": source.key})
+        send({"reading": source.key})
         try:
             if source.problem:
                 raise ArchiveError(source.problem)
             tasks.append(FileTask(_bytes_of(source, archives), source, options, fill_options))
         except SpinorGeomError as error:
-            tell({"finished": store.fail(source, str(error), status="failed")})
+            send({"finished": store.fail(source, str(error), status="failed")})
         except OSError as error:  # of the disk or the access rights: a resumed batch tries the file again
             reason = f"{source.path}: cannot be read ({error.strerror or error}); check the access rights"
-            tell({"finished": store.fail(source, reason)})
-    tell({"solving": ""})  # from here on, a fault cannot be attributed to one file
-    rims = _patches([rim for task in tasks for rim in task.rims], fill_options, options, tell)
-    curves = _patches([loop for task in tasks for loop in task.curve_loops], fill_options, options, tell, is_rim=False)
+            send({"finished": store.fail(source, reason)})
+    send({"solving": ""})  # from here on, a fault cannot be attributed to one file
+    rims = _patches([rim for task in tasks for rim in task.rims], fill_options, options, send)
+    curves = _patches([loop for task in tasks for loop in task.curve_loops], fill_options, options, send, is_rim=False)
     waiting: deque[Future[dict[str, Any]]] = deque()
     with ThreadPoolExecutor(WAITING) as writer:
         for task in tasks:
             waiting.append(writer.submit(store.commit, task.source, *_results(task, rims, curves)))
             while waiting and (waiting[0].done() or len(waiting) > WAITING):
-                tell({"finished": waiting.popleft().result()})
+                send({"finished": waiting.popleft().result()})
         for one in waiting:
-            tell({"finished": one.result()})
+            send({"finished": one.result()})
 
 
 def _bytes_of(source: Source, archives: ArchiveReader) -> bytes:
@@ -92,11 +89,11 @@ def _bytes_of(source: Source, archives: ArchiveReader) -> bytes:
 
 
 def _patches(
-    loops: list[Any], fill_options: FillOptions, options: BatchOptions, tell: Tell, *, is_rim: bool = True
+    loops: list[Any], fill_options: FillOptions, options: BatchOptions, send: Send, *, is_rim: bool = True
 ) -> Iterator[SolvedLoop]:
     """The patch of each loop in order, or the reason that there is none."""
     for solved in minimal_patches(loops, fill_options, is_rim=is_rim, device=options.device):
-        tell({"solving": ""})
+        send({"solving": ""})
         yield solved
 
 

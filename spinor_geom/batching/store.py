@@ -21,7 +21,7 @@ from spinor_geom.errors import BatchError, MeshFileError
 from spinor_geom.files import atomic_folder, atomic_path, json_text, printable, write_json
 from spinor_geom.version import program_version
 
-Writer: TypeAlias = Callable[[Path], object]  # writes a file of results
+Writer: TypeAlias = Callable[[Path], object]  # writes one result file to a path
 
 RUN, RECORD, LOCK, LOG = "run.json", "record.json", ".lock", "failures.log"
 RESULTS, STAGING = "files", ".staging"
@@ -71,7 +71,7 @@ class Store:
     """The output folder of one run."""
 
     output: str  # absolute
-    token: str  # of the run; a run whose token is no longer in the folder must not write to it
+    token: str  # identifies the run; it is in run.json too, and a later run in the folder replaces it there
 
     def folder(self, key: str) -> Path:
         """The folder of a source's results; BatchError if a link leads out of the output folder."""
@@ -114,12 +114,10 @@ class Store:
         If they cannot be written, the record gives the reason. A BatchError is raised if another run has started in the
         folder, a link leads out of it, or the disk is full.
         """
-        held = (self.record(source.key) or {}).get("source", source.key)
-        if held != source.key:
-            reason = (
-                f"{held} has the same results folder, as the disk ignores upper and lower case; rename one of the files"
-            )
-            return summary(failure(source.key, reason))
+        owner = (self.record(source.key) or {}).get("source", source.key)
+        if owner != source.key:
+            why = "as the disk ignores upper and lower case; rename one of the files"
+            return summary(failure(source.key, f"{owner} has the same results folder, {why}"))
         try:
             self._write(source, record, files)
         except (OSError, MeshFileError) as error:
@@ -177,7 +175,7 @@ def log_line(summary: dict[str, Any]) -> str:
 
 @contextmanager
 def opened_store(output: str | os.PathLike[str], options: BatchOptions, *, resume: bool) -> Iterator[Store]:
-    """Locks the output folder, new, empty or of the run to resume; BatchError if it cannot be used."""
+    """Locks the output folder, which is new, empty, or that of the run to resume; BatchError if it cannot be used."""
     import filelock
 
     root = Path(os.path.realpath(output))
@@ -203,11 +201,11 @@ def opened_store(output: str | os.PathLike[str], options: BatchOptions, *, resum
 
 
 def _require_same_run(root: Path, settings: dict[str, Any], *, resume: bool) -> None:
-    held = {entry.name for entry in root.iterdir()} - {LOCK, STAGING}
-    if held <= {RUN, LOG}:  # no results yet
+    names = {entry.name for entry in root.iterdir()} - {LOCK, STAGING}
+    if names <= {RUN, LOG}:  # no results yet
         return
-    if RUN not in held:
-        raise BatchError(f"{root}: contains other files ({min(held)}); choose a new folder")
+    if RUN not in names:
+        raise BatchError(f"{root}: contains other files ({min(names)}); choose a new folder")
     if not resume:
         raise BatchError(f"{root}: already contains a batch; resume it (--resume, resume=True) or choose a new folder")
     try:

@@ -130,28 +130,24 @@ def _page(content: _PageContent, store: Store, settings: dict[str, Any]) -> str:
     body = [
         "<h1>spinor-geom batch</h1>",
         f"<p>All loops: <a href={TABLE}>{TABLE}</a>.</p>",
-        _section("Files", _table(content.files.items(), ("status", "files"))),
-        _section("Loops", _table(content.loops.items(), ("status", "loops"))),
-        _section("Options", _table(settings.items(), ("option", "value"))),
     ]
-    if content.failed:
-        body.append(_section("Failures", _table(content.reasons.most_common(), ("reason", "times"))))
+    for title, columns, rows in (
+        ("Files", ("status", "files"), content.files.items()),
+        ("Loops", ("status", "loops"), content.loops.items()),
+        ("Options", ("option", "value"), settings.items()),
+        ("Failures", ("reason", "times"), content.reasons.most_common()),
+    ):
+        if rows or title != "Failures":
+            body.append(f"<h2>{title}</h2>{table(columns, [(str(key), str(value)) for key, value in rows])}")
     for title, loops in (
         ("First failures", content.failed),
         ("Largest boundary residuals", content.worst),
         ("First loops", content.first),
     ):
         if loops:
-            body.append(_section(title, f"<div class=loops>{''.join(_figure(store, loop) for loop in loops)}</div>"))
+            figures = "".join(_figure(store, loop) for loop in loops)
+            body.append(f"<h2>{title}</h2><div class=loops>{figures}</div>")
     return document("spinor-geom batch", body, style=STYLE)
-
-
-def _section(title: str, content: str) -> str:
-    return f"<h2>{title}</h2>{content}"
-
-
-def _table(rows: Iterable[tuple[Any, Any]], header: tuple[str, str]) -> str:
-    return table(header, [(str(key), str(value)) for key, value in rows])
 
 
 def _figure(store: Store, loop: dict[str, Any]) -> str:

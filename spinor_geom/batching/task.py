@@ -80,7 +80,7 @@ class FileTask:
             self._clock.lap("read")
             if len(mesh.mesh.faces) or not self.curves:
                 require_faces(mesh.mesh)
-                self.filling = Filling(mesh.mesh, options.choice, fill_options)
+                self.filling = Filling(mesh.mesh, options, fill_options)
         except SpinorGeomError as error:
             if text is None or not self.curves:
                 raise

@@ -51,7 +51,7 @@ def disk_figures(surface: Surface, mesh: Mesh, loop: BoundaryLoop, case: Case) -
         "converged": surface.converged,
     }
     if isinstance(surface, PlateauSolution):
-        figures["told"] = f"route {surface.route}; {surface.reason}"
+        figures["message"] = f"route {surface.route}; {surface.reason}"
         figures["residual_per_edge"] = surface.boundary_residual.rms_per_edge
         domain = surface.domain.triangulation
         curvature = exact_curvature(surface, domain.points[domain.boundary_size :], _CURVATURE_POINTS)
@@ -106,7 +106,7 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Record:
         "old_faces_kept": int(old.sum()) == len(hole.faces) and bool(step <= _SAME * diagonal),
         "rim_kept": set(map(bytes, hole.vertices[hole.rim])) <= set(map(bytes, filled.vertices)),  # bit for bit
         "triangles": len(patch),
-        "told": filled.message,
+        "message": filled.message,
         "succeeded": filled.succeeded,
         **filled.figures,
     }
@@ -219,7 +219,7 @@ def solve_figures(case: Solve, solution: PlateauSolution | NoConnectedSurface) -
     figures: dict[str, Any] = {"annulus": isinstance(solution, PlateauSolution), "area": solution.area}
     if case.disks and solution.area is not None:
         figures["area_error"] = min(abs(solution.area / disk.area - 1) for disk in case.disks)
-    figures["told"] = solution.reason
+    figures["message"] = solution.reason
     if isinstance(solution, NoConnectedSurface):
         return figures
     figures["converged"] = solution.converged

@@ -11,11 +11,11 @@ from textwrap import shorten
 
 import numpy as np
 
-from spinor_geom.bench.claims import Figure, claims, is_whole, names
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, SMOOTH
 from spinor_geom.bench.frames import FRAME_METHODS
 from spinor_geom.bench.machine import Record, is_older, machine_text
 from spinor_geom.bench.measured import DISTANCE, REMOVED
+from spinor_geom.bench.promises import Promise, is_whole, names, promises
 from spinor_geom.bench.runner import VIEWS, Run
 from spinor_geom.files import write_text
 from spinor_geom.render.page import Views, cell, document
@@ -23,28 +23,15 @@ from spinor_geom.render.scene import Faces, Scale, Scene
 from spinor_geom.render.tables import Table
 
 PAGE, TABLES, CSV = "report.html", "tables.md", "records.csv"
-LOCAL = ("key", "data", "share", "view", "repeat", "said", "seconds_all")  # fields that the CSV leaves out
+LOCAL = ("key", "data", "share", "view", "repeat", "output", "seconds_all")  # fields that the CSV leaves out
 OLDER = "†"  # marks a row of ours whose code has changed since
 _GAP = 1.15  # distance between the pieces of a view, per width
 _FIELDS = (
-    *(
-        "n",
-        "files",
-        "seconds",
-        "rate",
-        "files_failed",
-        "driver_mib",
-        "worker_mib",
-        "equal",
-        "memory_mib",
-        "torch",
-        "closed",
-    ),
-    *("area_error", "limit_error", "area_excess", "rms_per_edge", "max_per_diagonal", "surface_distance_max"),
-    "residual_per_edge",
-    *("exact_curvature_median", "triangles", "mesh_area_error", "distance_max", "curvature_rms", "min_angle"),
-    *("rim_kept", "open_edges", "old_faces_kept", "crossings", "mesh_crossings", "nonmanifold_edges", "converged"),
-    *("rim_distance", "faces", "file_kib", "valid", "verdict", "untrue", "told"),
+    *("n", "files", "seconds", "rate", "files_failed", "driver_mib", "worker_mib", "equal", "memory_mib", "torch"),
+    *("closed", "area_error", "limit_error", "area_excess", "rms_per_edge", "max_per_diagonal", "surface_distance_max"),
+    *("residual_per_edge", "exact_curvature_median", "triangles", "mesh_area_error", "distance_max", "curvature_rms"),
+    *("min_angle", "rim_kept", "open_edges", "old_faces_kept", "crossings", "mesh_crossings", "nonmanifold_edges"),
+    *("converged", "rim_distance", "faces", "file_kib", "valid", "verdict", "untrue", "message"),
 )
 """The columns of the suites' tables; the CSV has all fields."""
 _short = partial(shorten, width=160, placeholder="…")
@@ -126,7 +113,7 @@ def tables(records: Sequence[Record]) -> list[Table]:
     of = {suite: [r for r in records if r["suite"] == suite] for suite in names(records, "suite")}
     odd, cut_outs = ([r for r in of.pop(suite, []) if r["status"] != "missing"] for suite in ("odd", "cut-outs"))
     suites = (suite_table(suite, here) for suite, here in of.items())
-    every = (claim_table(claims(records)), odd_table(odd), filler_table(cut_outs), *suites, trouble_table(records))
+    every = (promise_table(promises(records)), odd_table(odd), filler_table(cut_outs), *suites, trouble_table(records))
     return [table for table in every if table.rows]
 
 
@@ -134,9 +121,9 @@ def suite_table(suite: str, records: Iterable[Record]) -> Table:
     """One row for each record of status "done"."""
     shown = []
     for record in (r for r in records if r["status"] == "done"):
-        message = _short(record.get("told") or record.get("said") or "")
+        message = _short(record.get("message") or record.get("output") or "")
         closed = (left_open(record) or "yes") if "open_rim_edges" in record else None
-        shown.append({**record, "closed": closed, "told": message})
+        shown.append({**record, "closed": closed, "message": message})
     fields = [name for name in _FIELDS if any(record.get(name) not in (None, "") for record in shown)]
     rows = [(Path(r["case"]).name, method_name(r), *(cell(r.get(name)) for name in fields)) for r in shown]
     return Table(title=f"Suite {suite}", columns=("case", "method", *(n.replace("_", " ") for n in fields)), rows=rows)
@@ -153,7 +140,7 @@ def left_open(record: Record) -> str:
     return f"{left} open{'' if record['succeeded'] is False else ' !'}" if left else ""
 
 
-def claim_table(found: Sequence[Figure]) -> Table:
+def promise_table(found: Sequence[Promise]) -> Table:
     """The promises, missed ones marked."""
     rows = [(c.suite, c.case, c.text, c.measured, c.kind, "met" if c.met else "**missed**") for c in found]
     missed = frozenset(k for k, c in enumerate(found) if not c.met)

@@ -15,13 +15,13 @@ from typing import Any
 
 from spinor_geom.bench.batches import BATCHES
 from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind
-from spinor_geom.bench.claims import REFERENCE, REFERENCE_CASE
 from spinor_geom.bench.cut_outs import CAPS, WINDOWS, scan_names
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, OURS, REPORTED, SMOOTHEST
 from spinor_geom.bench.frames import FRAME_METHODS, FRAMES
 from spinor_geom.bench.holes import mesh_files
 from spinor_geom.bench.machine import Record, Task, machine, stamp
 from spinor_geom.bench.odd_holes import odd_holes
+from spinor_geom.bench.promises import REFERENCE, REFERENCE_CASE
 from spinor_geom.bench.ragged import CUT, NOISY, reported_holes
 from spinor_geom.bench.solves import QUICK as QUICK_SOLVES
 from spinor_geom.bench.solves import solves
@@ -245,7 +245,7 @@ def key(task: Task) -> str:
 def run_isolated(
     tasks: Iterable[Task], *, module: str, time_limit: float, on_record: Callable[[Task, Record], None]
 ) -> None:
-    """Runs tasks in a process that is replaced after a crash or a time-out; the field "said" is its printed output."""
+    """Runs tasks in a process that is replaced after a crash or a time-out; "output" is what it printed."""
     process = Process(module)
     try:
         for task in tasks:
@@ -255,7 +255,7 @@ def run_isolated(
             except FaultError as fault:
                 record = {"status": "timed out" if fault.kind == "time" else "crashed", "reason": str(fault)}
                 output = fault.output
-            on_record(task, {**record, "said": output} if output else record)
+            on_record(task, {**record, "output": output} if output else record)
     finally:
         process.end()
 

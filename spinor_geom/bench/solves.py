@@ -97,7 +97,7 @@ def _curves() -> Iterator[Solve]:
         curve = ellipse(ratio)
         name = f"{curve.name} at {n} points, 20% noise"
         yield Solve("curves", name, partial(_noisy, curve, n, 0.2, 0), _near(1e-3))
-    # every second random curve has noise; `claims` has limits for all of them together
+    # every second random curve has noise; `promises` has limits for all of them together
     for seed in range(100):
         noise = 0.15 if seed % 2 else 0.0
         subject = partial(_noisy, gallery.random_curve(seed), 120, noise, seed)

@@ -51,7 +51,7 @@ def start_figures(name: str, folder: Path, repeat: int) -> dict[str, Any]:
         "seconds": min(float(seconds) for seconds, *_ in figures),
         "memory_mib": min(float(memory) for _, memory, _ in figures),
         "torch": figures[0][2] == "True",
-        "told": ", ".join(f"{package} {cost / 1000:.0f} ms" for package, cost in imports.most_common(_PACKAGES)),
+        "message": ", ".join(f"{package} {cost / 1000:.0f} ms" for package, cost in imports.most_common(_PACKAGES)),
     }
 
 

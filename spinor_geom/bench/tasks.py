@@ -14,7 +14,6 @@ import numpy as np
 
 from spinor_geom.adapters import read_mesh
 from spinor_geom.bench.cases import known_case, points_limit
-from spinor_geom.bench.claims import LEAST_POINTS
 from spinor_geom.bench.cut_outs import CutOut, named_cut_out
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
 from spinor_geom.bench.frames import FRAME_METHODS, frame_edges, frame_figures
@@ -22,6 +21,7 @@ from spinor_geom.bench.holes import Hole, all_rims, hole_over
 from spinor_geom.bench.machine import Record, Task
 from spinor_geom.bench.measured import cut_out_figures, disk_figures, hole_figures, save_views, solve_figures
 from spinor_geom.bench.odd_holes import odd_holes
+from spinor_geom.bench.promises import LEAST_POINTS
 from spinor_geom.bench.ragged import ragged_hole, reported_holes
 from spinor_geom.bench.solves import solves
 from spinor_geom.bench.starts import start_figures
@@ -187,4 +187,4 @@ def _sentence(error: BaseException) -> str:
 
 
 if __name__ == "__main__":
-    serve(lambda task, tell: tell(run(task)))
+    serve(lambda task, send: send(run(task)))

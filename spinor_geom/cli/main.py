@@ -300,8 +300,8 @@ def _add_bench(commands: _Commands) -> None:
     add = commands.add_parser(
         "bench",
         help="compare exact minimal surfaces with discrete ones and with other hole fillers",
-        epilog="exit status: 0: every claim about accuracy holds; 1: some do not, see standard error, which also "
-        f"lists claims about times that do not hold; {_UNUSABLE}. Repeat the command to continue an interrupted run.",
+        epilog="exit status: 0: every promise of accuracy is met; 1: some are missed, see standard error, which also "
+        f"lists missed promises of time; {_UNUSABLE}. Repeat the command to continue an interrupted run.",
     ).add_argument
     add("-o", "--output", **_path("DIR"), required=True, help="folder of the run")
     add("--quick", **_FLAG, help="a few cases of each suite, each tool once: less than three minutes")

@@ -50,8 +50,8 @@ def _counts(now: BatchProgress) -> str:
 
 
 def _bench(arguments: argparse.Namespace) -> ExitStatus:
-    from spinor_geom.bench.claims import claims
-    from spinor_geom.bench.run_tables import PAGE, claim_table, trouble_table, write
+    from spinor_geom.bench.promises import promises
+    from spinor_geom.bench.run_tables import PAGE, promise_table, trouble_table, write
     from spinor_geom.bench.runner import Settings, measure
 
     own = ("suites", "cases", "methods", "repeat", "time_limit", "data")
@@ -62,16 +62,16 @@ def _bench(arguments: argparse.Namespace) -> ExitStatus:
     with progress("measuring") as bar:
         result = measure(settings, arguments.output, on_record=lambda _, done, total: bar(done, total))
     write(result)
-    found = claims(result.records)
-    for table in (claim_table(found), trouble_table(result.records)):
+    found = promises(result.records)
+    for table in (promise_table(found), trouble_table(result.records)):
         if table.rows:
             show_lines(table.title, piped=False)
             show_table(table.columns, table.plain_rows, piped=False)
     show_lines(f"report: {arguments.output / PAGE}", piped=False)
-    missed = [claim for claim in found if not claim.met]
-    for claim in missed:
-        complain(f"{claim.case}: {claim.kind} claim not met: {claim.text}: {claim.measured}")
-    return ExitStatus.IMPERFECT if any(claim.kind == "accuracy" for claim in missed) else ExitStatus.DONE
+    missed = [promise for promise in found if not promise.met]
+    for promise in missed:
+        complain(f"{promise.case}: {promise.kind} promise missed: {promise.text}: {promise.measured}")
+    return ExitStatus.IMPERFECT if any(promise.kind == "accuracy" for promise in missed) else ExitStatus.DONE
 
 
 def _reproduce(arguments: argparse.Namespace) -> ExitStatus:
@@ -86,10 +86,10 @@ def _reproduce(arguments: argparse.Namespace) -> ExitStatus:
         done = reproduce(
             names, arguments.output, quick=arguments.quick, on_done=lambda _: bar(next(finished), len(names))
         )
-    rows = [[one.name, "yes" if one.holds else "no", f"{one.seconds:.1f}"] for one in done]
+    rows = [[one.name, "yes" if one.reproduced else "no", f"{one.seconds:.1f}"] for one in done]
     show_table(("experiment", "agrees", "seconds"), rows, piped=False)
     show_lines(f"report: {arguments.output / PAGE}", piped=False)
     for one in done:
-        if not one.holds:
+        if not one.reproduced:
             complain(f"{one.name}: {one.verdict}")
-    return ExitStatus.DONE if all(one.holds for one in done) else ExitStatus.IMPERFECT
+    return ExitStatus.DONE if all(one.reproduced for one in done) else ExitStatus.IMPERFECT

@@ -15,7 +15,9 @@ from spinor_geom.mesh.operators import face_areas, factor_symmetric, mollified_l
 Vertices = Float[np.ndarray, "n 3"]
 Faces = Int[np.ndarray, "f 3"]
 
-_NEWTON_FROM = 1e-3  # relative change at which Newton steps replace harmonic ones: they need a good start
+# Relative change of the area at which Newton steps, which need a good start, replace harmonic ones. A disk that has
+# reached it is accurate enough to be flattened, an annulus for its conformal structure.
+FIRST_CHANGE = 1e-3
 _SHORTEST_STEP = 1e-3  # smallest share of a step that is tried
 _NO_AREA = 1e-300  # faces below this have no normal
 
@@ -71,7 +73,7 @@ def descend_area(
         if is_out_of_time():
             break
         step, slope = (_newton_step if newton else _harmonic_step)(x, faces, m)
-        allowed = (relative_change if newton else max(_NEWTON_FROM, relative_change)) * areas[-1]
+        allowed = (relative_change if newton else max(FIRST_CHANGE, relative_change)) * areas[-1]
         length = 1.0
         while length > _SHORTEST_STEP:
             moved = x.copy()
@@ -87,7 +89,7 @@ def descend_area(
         # the stage ends after a small decrease by a full step, or if no step along the direction decreases the area
         small = length == 1.0 and 0 < change <= allowed
         if small or change <= 0:
-            if newton or (small and relative_change >= _NEWTON_FROM):
+            if newton or (small and relative_change >= FIRST_CHANGE):
                 # a large slope without a decrease: a face is about to flip
                 converged = small or slope <= allowed
                 break

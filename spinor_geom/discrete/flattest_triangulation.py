@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinor_geom.arrays import TINY
 from spinor_geom.discrete.first_fill import triangles_of
 
 
@@ -17,14 +18,8 @@ def flattest_triangulation(
     Ties are broken by area. Dynamic programming over the splits of every chord, O(n³) time; as it keeps only the best
     triangles beyond each chord, the largest angle is close to the minimum, but not always equal.
 
-    Args:
-        points: The curve's points, in mesh units.
-        around: Unit normals of the mesh's faces beside the edges from each point to the next; NaN for none.
-        forbidden_chords: Whether points i < j must not be joined by an edge.
-        forbidden_triangles: Whether i < j < k must not be a triangle.
-
-    Returns:
-        The triangles, or None if every triangulation contains a forbidden chord or triangle.
+    `around` are unit normals of the mesh's faces beside the edges from each point to the next, NaN for none. Edges i, j
+    and triangles i, j, k may be forbidden. None if every triangulation contains a forbidden one.
 
     Source: Liepa, "Filling holes in meshes", Symposium on Geometry Processing (2003).
     """
@@ -48,7 +43,7 @@ def flattest_triangulation(
         normal = a[[1, 2, 0]] * b[[2, 0, 1]]
         normal -= a[[2, 0, 1]] * b[[1, 2, 0]]
         twice = np.sqrt(np.einsum("dik,dik->ik", normal, normal))
-        normal /= np.maximum(twice, np.finfo(np.float64).tiny)
+        normal /= np.maximum(twice, TINY)
         beside = [normals[ahead], normals_behind[back]]
         if d == n - 1:
             beside.append(around[-1][:, None, None])

@@ -13,8 +13,9 @@ from jaxtyping import Complex, Float, Int
 from scipy.spatial import cKDTree
 
 from spinor_geom.adapters import to_rims
+from spinor_geom.arrays import TINY
 from spinor_geom.deadline import require_time
-from spinor_geom.discrete.area_descent import Disk, descend_area, descend_from_plane, harmonic_extension
+from spinor_geom.discrete.area_descent import FIRST_CHANGE, Disk, descend_area, descend_from_plane, harmonic_extension
 from spinor_geom.discrete.first_fill import disk_without_inner_points, unfolded_loop
 from spinor_geom.discrete.strip import discrete_annulus
 from spinor_geom.domain.delaunay import plane_coordinates
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
     import pymeshlab
 
 DiscreteMethod = Literal["libigl", "pymeshlab"]
-_FIRST_CHANGE = 1e-3  # relative change at which the flattening of the first mesh is accurate enough
 FINE_CHANGE = 1e-8
 _FINE_GROWTH = 0.15
 _SMALL = 100  # points of a curve up to which drafts save time; the number of vertices grows as its square
@@ -198,13 +198,13 @@ def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, t
     domain, failure = np.empty(0), ""
     try:
         domain = unfolded_loop(points)
-        first = descend_from_plane(triangulate_polygon(domain), points, relative_change=_FIRST_CHANGE)
+        first = descend_from_plane(triangulate_polygon(domain), points, relative_change=FIRST_CHANGE)
     except (DomainError, FirstFillError) as error:
         # on the unit circle, by the mean of index and arc length
         length = edge_lengths(points)
         domain = np.exp(1j * np.cumsum(np.pi * (length / length.sum() + 1 / len(points))))
         failure = f"it started from a round domain: {error}"
-        first = descend_from_plane(triangulate_polygon(domain), points, relative_change=_FIRST_CHANGE)
+        first = descend_from_plane(triangulate_polygon(domain), points, relative_change=FIRST_CHANGE)
     try:
         flat = flatten(first.vertices, first.faces, len(points)).boundary
         plane = triangulate_polygon(flat, _capped(flat, first, target))
@@ -247,7 +247,7 @@ def first_disks(loops: Sequence[Float[np.ndarray, "_ 3"]], *, draft: bool = Fals
         polygons = [unfolded_loop(points) for points in some]
         planes = _triangulated(polygons, [draft and len(polygon) <= _SMALL for polygon in polygons])
         pairs = zip(planes, some, strict=True)
-        return [descend_from_plane(plane, points, relative_change=_FIRST_CHANGE) for plane, points in pairs]
+        return [descend_from_plane(plane, points, relative_change=FIRST_CHANGE) for plane, points in pairs]
 
     return one_by_one_on_error(made, loops)
 
@@ -296,11 +296,10 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
     laplacian = mollified_laplacian(first.vertices, first.faces)
     flat = harmonic_extension(laplacian, plane_coordinates(polygon))
     plane_area = np.abs(face_areas(flat, first.faces))
-    tiny = np.finfo(np.float64).tiny
-    area = np.maximum(face_areas(first.vertices, first.faces), tiny)
-    stretch = np.sqrt(area / np.maximum(plane_area, tiny))
+    area = np.maximum(face_areas(first.vertices, first.faces), TINY)
+    stretch = np.sqrt(area / np.maximum(plane_area, TINY))
     # on the round domain of a loop that does not unfold the stretch is unbounded
-    stretch = np.minimum(stretch, _MOST_STRETCHED * np.sqrt(area.sum() / max(plane_area.sum(), tiny)))
+    stretch = np.minimum(stretch, _MOST_STRETCHED * np.sqrt(area.sum() / max(plane_area.sum(), TINY)))
     tree = cKDTree(flat[first.faces].mean(axis=1))
 
     def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:

@@ -5,7 +5,14 @@ import math
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.discrete.area_descent import Disk, Faces, Vertices, descend_from_plane, harmonic_extension
+from spinor_geom.discrete.area_descent import (
+    FIRST_CHANGE,
+    Disk,
+    Faces,
+    Vertices,
+    descend_from_plane,
+    harmonic_extension,
+)
 from spinor_geom.domain.sizes import GROWTH, size_bounds
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.mesh.operators import mollified_laplacian
@@ -16,7 +23,6 @@ OtherRim = Float[np.ndarray, "n 3"]
 Places = tuple[Complex[np.ndarray, " _"], Complex[np.ndarray, " _"]]  # of both rims
 
 _MOST_POINTS = 128  # of a loop in the search for the strip; longer ones are thinned
-_FIRST_CHANGE = 1e-3  # relative change at which the conformal structure of the first annulus is accurate enough
 _ROUNDS = 2  # of remeshing
 
 
@@ -63,7 +69,7 @@ def minimum_area_strip(first: Rim, second: OtherRim) -> tuple[Int[np.ndarray, "f
     return np.array(faces[::-1]), float(rows[m, start, n])
 
 
-def runs_back(first: Rim, second: OtherRim) -> bool:
+def runs_backward(first: Rim, second: OtherRim) -> bool:
     """Whether the least-area strip between two closed polygons is smaller with the second one reversed."""
     first, second = (points[_thinned(points)] for points in (first, second))
     return minimum_area_strip(first, second[::-1])[1] < minimum_area_strip(first, second)[1]
@@ -74,7 +80,7 @@ def _thinned(points: OtherRim) -> Int[np.ndarray, " k"]:
 
 
 def discrete_annulus(
-    first: Rim, second: OtherRim, *, relative_change: float = _FIRST_CHANGE
+    first: Rim, second: OtherRim, *, relative_change: float = FIRST_CHANGE
 ) -> tuple[PlaneTriangulation, Disk]:
     """A triangulated annulus of stationary area between two polygons, both with it on their left.
 
@@ -90,7 +96,7 @@ def discrete_annulus(
     points = np.concatenate([first, second])
     outer, inner = _strip_places(first, second)
     plane = triangulate_polygon(outer, holes=[inner])
-    descent = descend_from_plane(plane, points, relative_change=_FIRST_CHANGE)
+    descent = descend_from_plane(plane, points, relative_change=FIRST_CHANGE)
     for _ in range(_ROUNDS):
         outer, inner = _conformal_places(descent.vertices, plane.faces, len(first), len(points))
         plane = triangulate_polygon(outer, holes=[inner])

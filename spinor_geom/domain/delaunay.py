@@ -8,6 +8,7 @@ import numpy as np
 import pythoncdt
 from jaxtyping import Bool, Complex, Float, Int
 
+from spinor_geom.arrays import TINY
 from spinor_geom.errors import DomainError
 
 # numbers of vertices of the polygons that bound a plane region, the outer one first; the region is on their left
@@ -181,7 +182,7 @@ def circumcircles(p: Complex[np.ndarray, "t 3"]) -> tuple[Places, Lengths, Lengt
     b, c = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
     bb, cc = b.real**2 + b.imag**2, c.real**2 + c.imag**2
     # a flat triangle gets a huge circle instead of a division by zero
-    twice = np.maximum(2 * cross(b, c), np.finfo(np.float64).tiny ** 0.5)
+    twice = np.maximum(2 * cross(b, c), TINY**0.5)
     offset = 1j * (b * cc - c * bb) / twice
     shortest = np.sqrt(np.minimum(np.abs(c - b) ** 2, np.minimum(bb, cc)))
     return p[:, 0] + offset, np.abs(offset), shortest

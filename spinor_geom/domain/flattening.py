@@ -11,6 +11,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
 
+from spinor_geom.arrays import EPS
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.polygons import bound_domain, outer_clearance, untangled
 from spinor_geom.errors import DomainError, SingularMatrixError
@@ -27,7 +28,7 @@ _STRENGTHS = (1e5, 1e4, 3e3, 1e3, 3e2, 1e2, 30.0, 10.0, 3.0, 1.0, 0.1)
 _WIDTHS = (0.06, 0.03, 0.015)  # of the smoothing, per boundary length: wide ones first, against overlaps of far parts
 CLEARANCE = 1.5  # least gap across the outside between far parts of the outer rim, in local edge lengths
 _CLOSING_STEPS = 6  # Newton steps that close the holes
-_LARGEST_SCALE = -float(np.log(np.finfo(np.float64).eps))  # log scale from which on edge lengths are lost in rounding
+_LARGEST_SCALE = -float(np.log(EPS))  # log scale from which on edge lengths are lost in rounding
 _LAST_MODE = 8.6  # exp(-x²/2) is below rounding from here on
 
 # maps polygons to samples of the curves through their vertices
@@ -41,7 +42,7 @@ class Flattening:
 
     rims: tuple[Polygon, ...]  # the outer boundary, counter-clockwise, then the holes, clockwise
     log_scale: PerVertex  # u: logarithm of the length in the plane per length in space, mean of two edges
-    clearance: float  # smallest gap across the outside between far parts of the outer rim, in local edges
+    clearance: float  # smallest gap across the outside between far parts of the outer rim, in local edges; inf if wide
     neumann: "DirichletToNeumann"
 
     @property
@@ -111,8 +112,7 @@ class DirichletToNeumann:
 def dirichlet_to_neumann(vertices: Vertices, faces: Faces, boundary_size: int) -> tuple[DirichletToNeumann, PerVertex]:
     """Dirichlet-to-Neumann operator Λ of a discrete surface, and the turning angles k₀ of its boundary at u = 0.
 
-    The flattening with boundary log scale u has the turning angles k₀ + Λu. The boundary vertices come first, rim after
-    rim.
+    The flattening with boundary log scale u has the turning angles k₀ + Λu. Boundary vertices come first, by rims.
 
     Source: Sawhney & Crane, "Boundary First Flattening", ACM TOG 37 (2018), sections 3 and 4.
     """
@@ -137,18 +137,9 @@ def flatten(
     is a Gaussian smoothing along them. This straightens slow windings and keeps corners. α is lowered until the
     boundary is simple with that clearance. If it never is, small lobes are removed by `untangled`.
 
-    The first m vertices are those of the outer rim, then those of the holes, in order with the surface on their left;
-    the faces run counter-clockwise.
-
-    Args:
-        vertices: of the surface.
-        faces: of the surface.
-        boundary_size: m.
-        holes: numbers of vertices of the holes.
-        drawn: maps the rims to samples of the curves through their vertices, which must bound a domain as well.
-
-    Raises:
-        DomainError: no simple domain was found.
+    The first `boundary_size` vertices are those of the outer rim, then those of the holes, in order with the surface on
+    their left; `holes` are their numbers, and faces run counter-clockwise. `drawn` maps the rims to samples of the
+    curves through their vertices, which must bound a domain as well. Raises a DomainError if no simple domain is found.
 
     Source: Sawhney & Crane (2018) for u ↦ k₀ + Λu; Lévy et al., "Least squares conformal maps", ACM TOG 21 (2002), for
     the conformal energy.
@@ -202,7 +193,7 @@ def _least_straightened(
         parts = np.split(edge, np.cumsum([len(rim) for rim in rims[:-1]]))
         ratios = [np.log(np.abs(np.roll(rim, -1) - rim) / length) for rim, length in zip(rims, parts, strict=True)]
         scale = np.concatenate([(ratio + np.roll(ratio, 1)) / 2 for ratio in ratios])
-        gap = outer_clearance(rims[0])
+        gap = outer_clearance(rims[0], clearance)
         found.append(Flattening(rims=rims, log_scale=scale, clearance=gap, neumann=neumann))
         if found[-1].clearance >= clearance:
             return found[-1]

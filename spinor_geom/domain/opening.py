@@ -99,7 +99,7 @@ class Opening:
 
     def given_parameters(self, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Parameters on the given boundary that correspond to those on the image, linear between vertices."""
-        return np.interp(t, self.boundary.parameters, self.before)
+        return np.asarray(np.interp(t, self.boundary.parameters, self.before))
 
     def factor(self, t: Float[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
         """The factor of p and q at parameters on the image, up to a constant: φ dz stays the same."""

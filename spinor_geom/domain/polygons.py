@@ -6,12 +6,11 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from scipy.spatial import cKDTree
 
+from spinor_geom.arrays import EPS
 from spinor_geom.domain.delaunay import cross, flat_coordinates, plane_coordinates
 from spinor_geom.mesh.boxes import edges_with_near_boxes
 from spinor_geom.mesh.intersections import LEAST_ANGLE, LEAST_DISTANCE, crossings_between
 from spinor_geom.mesh.operators import winding_numbers
-
-_WIDEST_GAP = 8  # in local edge lengths: wider gaps are not searched
 
 
 def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
@@ -44,7 +43,7 @@ def is_simple(polygon: Complex[np.ndarray, " m"]) -> bool:
     after = np.roll(polygon, -1)
     edges = np.abs(after - polygon)
     # shorter edges are lost in the rounding of the arc length
-    has_length = bool((edges > np.finfo(np.float64).eps * edges.sum()).all())
+    has_length = bool((edges > EPS * edges.sum()).all())
     if not has_length or not np.imag(np.conj(polygon) * after).sum() > 0:
         return False
     return _is_star(polygon) or not len(crossing_edges(polygon))
@@ -104,8 +103,8 @@ def untangled(polygon: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"] |
     return None
 
 
-def outer_clearance(polygon: Complex[np.ndarray, " m"]) -> float:
-    """Smallest gap across the outside between far parts of a simple polygon, in local edge lengths; inf if above 8.
+def outer_clearance(polygon: Complex[np.ndarray, " m"], most: float) -> float:
+    """Smallest gap across the outside between far parts of a simple polygon, in local edge lengths; inf above `most`.
 
     Parts are far if their distance along the boundary exceeds four times the gap plus six edges.
     """
@@ -113,11 +112,11 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"]) -> float:
     local = (edge + np.roll(edge, 1)) / 2
     along = np.cumsum(edge) - edge
     coordinates = plane_coordinates(polygon)
-    near = cKDTree(coordinates).query_ball_point(coordinates, _WIDEST_GAP * local)
+    near = cKDTree(coordinates).query_ball_point(coordinates, most * local)
     i, j = np.repeat(np.arange(len(polygon)), [len(some) for some in near]), np.concatenate(near).astype(np.int64)
     gap, longer = np.abs(polygon[i] - polygon[j]), np.maximum(local[i], local[j])
     distance = np.abs(along[i] - along[j])
-    once = (i < j) | (gap > _WIDEST_GAP * local[j])  # most pairs are found from both ends
+    once = (i < j) | (gap > most * local[j])  # most pairs are found from both ends
     far = np.flatnonzero(once & (np.minimum(distance, edge.sum() - distance) > 4 * gap + 6 * longer))
     a, b = polygon[i[far]], polygon[j[far]]
     across = (a[:, None] + np.array([0.2, 0.5, 0.8]) * (b - a)[:, None]).ravel()
@@ -140,14 +139,9 @@ def lattices_inside(
 ) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """Points of triangular lattices inside regions bounded by polygons, and the points' regions, in ascending order.
 
-    The crossings of a lattice row with the edges alternately enter and leave the region. Time and memory are
-    proportional to the crossings and the points.
-
-    Args:
-        polygons: vertices of the simple polygons of all regions.
-        spacing: distance of neighbouring lattice points, per vertex; one value in each region.
-        after: the next vertex on its polygon, per vertex.
-        region: per vertex.
+    All arguments are per vertex: `spacing` is the distance of neighbouring lattice points, one value in each region;
+    `after` is the next vertex on its polygon. The crossings of a lattice row with the edges alternately enter and leave
+    the region. Time and memory are proportional to the crossings and the points.
     """
     height = np.sqrt(0.75) * spacing
     end = polygons[after]

@@ -15,8 +15,8 @@ from spinor_geom.domain.delaunay import (
 from spinor_geom.domain.polygons import are_inside
 from spinor_geom.domain.sizes import NearestPoints, RegionSizes
 
-# of the least angle of a triangle that is not refined; above 30° the number of points grows quickly
-_LEAST_SINE = np.sin(np.radians(25.0))
+GOOD_ANGLE = np.radians(25.0)  # triangles without smaller angles are kept; above 30° the number of points grows quickly
+_LEAST_SINE = np.sin(GOOD_ANGLE)
 # a triangle is too large when its circumradius exceeds this times the wanted edge length (equilateral: 1.3 edges)
 _LARGEST_RADIUS = 0.75
 _DOUBTFUL = 0.8  # share of that radius above which the size at the centroid replaces the mean of the vertices
@@ -28,9 +28,8 @@ _WIDEST_VIEW = np.cos(np.radians(180 - 110))
 _LONGEST_BRIDGE, _LONGEST_EAR = 1.45, 1.05
 _ROUND_ENOUGH = 0.4  # smoothing must not reduce the roundness (1: equilateral) of triangles below this
 _MOVES = 2  # more do not improve the angles
-# a point of a poor triangle is tried at eight places around it, at these multiples of the mean length of its edges
-_POLISHING_STEPS = (0.3, 0.3, 0.15, 0.15, 0.08, 0.08)
-_AROUND = np.append(0, np.exp(2j * np.pi * np.arange(8) / 8))
+# a point of a poor triangle is tried at eight places around it, at these multiples of the length of its edges
+POLISHING_STEPS, AROUND = (0.3, 0.3, 0.15, 0.15, 0.08, 0.08), np.exp(2j * np.pi * np.arange(8) / 8)
 
 
 class BoundaryEdges:
@@ -210,7 +209,7 @@ def polish(mesh: ConstrainedDelaunay, boundary: BoundaryEdges) -> None:
 
     Places too near to the boundary are excluded.
     """
-    for step in _POLISHING_STEPS:
+    for step in POLISHING_STEPS:
         points, faces = mesh.points, mesh.triangles
         chosen = _worst_points(mesh, faces)
         if not chosen.any():
@@ -224,7 +223,7 @@ def polish(mesh: ConstrainedDelaunay, boundary: BoundaryEdges) -> None:
         vertex, count = own[start], np.diff(np.append(start, len(own)))
         reach = np.add.reduceat(np.abs(p - points[own]), start) / count
         mean = np.add.reduceat(p, start) / count
-        places = points[vertex][:, None] + step * reach[:, None] * _AROUND
+        places = points[vertex][:, None] + step * reach[:, None] * np.append(0, AROUND)
         places = np.append(places, mean[:, None], axis=1)
         sines = smallest_sine(np.repeat(places, count, axis=0), p[:, None], q[:, None])
         quality = np.minimum.reduceat(sines, start, axis=0)

@@ -124,13 +124,10 @@ def triangulate_regions(
 ) -> list[PlaneTriangulation]:
     """`triangulate_polygon` for many regions at once; each triangulation is bit-equal to that of the region alone.
 
-    Args:
-        regions: the polygon and its holes, per region.
-        size: wanted edge length at points, whose regions are the second argument.
-        seeds: points to start from, per region. Those outside or too near to the boundary are omitted; to a lattice,
-            points along the boundary are added. By default a lattice with the largest wanted size as spacing.
-        max_points: number of points at which refinement stops.
-        draft: inserts one batch of circumcentres only and does not smooth; for triangulations to start others from.
+    A region is a polygon and its holes; `size` takes points and their regions. Refinement starts from `seeds` in each
+    region, of which those outside or too near to the boundary are omitted, and stops at `max_points`; to seeds that are
+    a lattice, points along the boundary are added. By default they are lattices with the largest wanted size as
+    spacing. A `draft` has one batch of circumcentres only and is not smoothed; other triangulations start from it.
     """
     parts = [[np.array(polygon, dtype=np.complex128) for polygon in region] for region in regions]
     rims = [tuple(map(len, region)) for region in parts]

@@ -32,10 +32,10 @@ _STYLE = "h2 { border-top: 1px solid var(--faint); padding-top: 1.5rem } img { d
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
-    """JSON-ready rows of a table, whether the paper's statement holds and why, and pictures by file name."""
+    """JSON-ready rows of a table, whether the paper's statement is reproduced and why, and pictures by file name."""
 
     rows: Sequence[Mapping[str, Any]]
-    holds: bool
+    reproduced: bool
     verdict: str
     pictures: Mapping[str, Figure] = field(default_factory=dict)
 
@@ -81,13 +81,13 @@ def experiment(name: str) -> Experiment:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Done:
+class Results:
     """The results of an experiment that are in its folder."""
 
     name: str
     experiment: Experiment
     rows: Sequence[Mapping[str, Any]]
-    holds: bool
+    reproduced: bool
     verdict: str
     pictures: Sequence[str]
     seconds: float
@@ -98,14 +98,14 @@ def reproduce(
     folder: str | os.PathLike[str],
     *,
     quick: bool = False,
-    on_done: Callable[[Done], None] | None = None,
-) -> tuple[Done, ...]:
+    on_done: Callable[[Results], None] | None = None,
+) -> tuple[Results, ...]:
     """Runs experiments one after the other and updates the report after each.
 
     Complete results of the same version and settings in the folder are reused, and trainings resume from their
     checkpoints there. `on_done` is called with the results of each experiment, resumed or not.
     """
-    chosen, done = {name: experiment(name) for name in names}, list[Done]()
+    chosen, done = {name: experiment(name) for name in names}, list[Results]()
     for name, one in chosen.items():
         done.append(_run(name, one, Path(folder) / name, quick))
         write_text(Path(folder) / REPORT, report(done, quick=quick))
@@ -115,7 +115,7 @@ def reproduce(
     return tuple(done)
 
 
-def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Done:
+def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Results:
     identity = {"name": name, "quick": quick, "settings": one.description(quick=quick), "version": program_version()}
     path, states = folder / DESCRIPTION, folder / "states"
     found = _finished(path)
@@ -130,7 +130,7 @@ def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Done:
         found = {
             **identity,
             "rows": finite(list(outcome.rows)),
-            "holds": outcome.holds,
+            "reproduced": outcome.reproduced,
             "verdict": outcome.verdict,
             "pictures": list(outcome.pictures),
             "seconds": time.perf_counter() - begin,
@@ -142,7 +142,7 @@ def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Done:
         write_json(path, found)  # last, because it marks the results as complete
     shutil.rmtree(states, ignore_errors=True)
     measured = {key: value for key, value in found.items() if key not in identity}
-    return Done(name=name, experiment=one, **measured)
+    return Results(name=name, experiment=one, **measured)
 
 
 def _finished(path: Path) -> dict[str, Any]:
@@ -155,18 +155,18 @@ def _finished(path: Path) -> dict[str, Any]:
         return {}
 
 
-def report(done: Sequence[Done], *, quick: bool, shown: Callable[[str], str] | None = None) -> str:
+def report(done: Sequence[Results], *, quick: bool, shown: Callable[[str], str] | None = None) -> str:
     """The report in Markdown; `shown` converts a picture's path to Markdown, by default to a link."""
     start = [
         f"# {TITLE}",
         f"{'Quick' if quick else 'Full'} run: {len(done)} {'experiment' if len(done) == 1 else 'experiments'} in "
-        f"{sum(one.seconds for one in done):.0f} s; {sum(one.holds for one in done)} agree with the paper.",
+        f"{sum(one.seconds for one in done):.0f} s; {sum(one.reproduced for one in done)} agree with the paper.",
     ]
     link = shown or (lambda path: f"![{Path(path).stem}]({path})")
     return "\n\n".join([*start, *(_section(one, quick, link) for one in done)]) + "\n"
 
 
-def page(done: Sequence[Done], folder: Path, *, quick: bool) -> str:
+def page(done: Sequence[Results], folder: Path, *, quick: bool) -> str:
     """The report as an HTML page that contains its pictures."""
 
     def embedded(path: str) -> str:
@@ -176,7 +176,7 @@ def page(done: Sequence[Done], folder: Path, *, quick: bool) -> str:
     return document(TITLE, [converter.render(report(done, quick=quick, shown=embedded))], style=_STYLE)
 
 
-def _section(done: Done, quick: bool, shown: Callable[[str], str]) -> str:
+def _section(done: Results, quick: bool, shown: Callable[[str], str]) -> str:
     one = done.experiment
     full = SimpleNamespace(**one.full)
     shortened = [f"{name} {short} instead of {attrgetter(name)(full)}" for name, short in one.quick.items()]
@@ -187,6 +187,6 @@ def _section(done: Done, quick: bool, shown: Callable[[str], str]) -> str:
         *([f"**Shortened.** {'; '.join(shortened)}."] if quick and shortened else []),
         Table.of_records(done.rows).markdown(),
         *(shown(f"{done.name}/{name}.png") for name in done.pictures),
-        f"**{'Reproduced' if done.holds else 'Not reproduced'}.** {done.verdict}",
+        f"**{'Reproduced' if done.reproduced else 'Not reproduced'}.** {done.verdict}",
     ]
     return "\n\n".join(parts)

@@ -63,14 +63,14 @@ def tennis_seam(*, parameters: Sequence[float], rmsprop: RMSprop, network: Leven
         rows += [{**row, "disk": row["area"] and which_disk(row["area"], curve.disks)} for row in here]
     return Outcome(
         rows=rows,
-        holds=all(one.holds for one in outcomes),
+        reproduced=all(one.reproduced for one in outcomes),
         verdict=" ".join(one.verdict for one in outcomes),
         pictures={name: figure for one in outcomes for name, figure in one.pictures.items()},
     )
 
 
 def _compare(curve: KnownCurve, rmsprop: RMSprop, options: LevenbergMarquardt, *, name: str) -> Outcome:
-    """Trains both forms and solves; holds if the Weierstrass-Enneper form stays much farther from the curve."""
+    """Trains both forms and solves; reproduced if the Weierstrass-Enneper form stays much farther from the curve."""
     gamma = BoundaryCurve.from_formula(curve)
     forms = {SPINOR: rmsprop, ENNEPER: replace(rmsprop, representation="weierstrass-enneper")}
     paper = {
@@ -111,7 +111,7 @@ def _compare(curve: KnownCurve, rmsprop: RMSprop, options: LevenbergMarquardt, *
     }
     return Outcome(
         rows=rows,
-        holds=ratio >= _FAILED,
+        reproduced=ratio >= _FAILED,
         verdict=f"{curve.name}: after {len(paper[SPINOR].history)} epochs the Weierstrass-Enneper form is {ratio:.2g} "
         "times as far from the curve as the spinors.",
         pictures={
@@ -154,7 +154,7 @@ def which_disk(area: float, disks: Sequence[KnownDisk]) -> str:
     return "none"
 
 
-def lasting(*, orders: Sequence[int], random: int) -> Outcome:
+def lasting_branch_points(*, orders: Sequence[int], random: int) -> Outcome:
     """Finds the branch points of pairs with zeros of given orders, and of random pairs, in both forms."""
     rows = [_prescribed_row(form, order) for form in FORMS for order in orders]
     as_stated = all(row["removable"] == (row["order of φ"] % 2 == 0) for row in rows)
@@ -179,7 +179,7 @@ def lasting(*, orders: Sequence[int], random: int) -> Outcome:
     drawn = {title: marked(surface, surface.branch_points()) for title, surface in shown.items()}
     return Outcome(
         rows=rows,
-        holds=as_stated and lasting_pairs[FORMS[0]] == 0 and lasting_pairs[FORMS[1]] > 0,
+        reproduced=as_stated and lasting_pairs[FORMS[0]] == 0 and lasting_pairs[FORMS[1]] > 0,
         verdict=f"Branch points are removable {'exactly' if as_stated else 'not'} where the order of φ is even. Of "
         f"{random} random pairs {lasting_pairs[FORMS[1]]} have others in the Weierstrass-Enneper form, "
         f"{lasting_pairs[FORMS[0]]} as spinors.",
@@ -254,7 +254,7 @@ EXPERIMENTS = {
         here="Zeros by the argument principle, and the lift to SU(2) of the surface's frame along a circle around "
         "each, for polynomials with a zero of known order and with random coefficients. Reproduced if the lift "
         "agrees with the order everywhere, and only random f and g have branch points that are not removable.",
-        measure=lasting,
+        measure=lasting_branch_points,
         full={"orders": (1, 2, 3, 4, 5), "random": 500},
         quick={"orders": (1, 2, 3, 4), "random": 50},
     ),

@@ -50,7 +50,7 @@ def catenoid_error(*, grid: tuple[int, int], steps: Sequence[int]) -> Outcome:
     fitted = " and ".join(f"{slope:.2f} for {name}" for name, slope in slopes.items())
     return Outcome(
         rows=rows,
-        holds=all(row.get("within", True) for row in rows),
+        reproduced=all(row.get("within", True) for row in rows),
         verdict=f"The fitted slopes of the largest error are {fitted}; the rules' orders are -2 and -4.",
         pictures={"catenoid": log_log(lines, x="steps N", y="largest distance", slopes=_SLOPES)},
     )
@@ -77,7 +77,7 @@ def mean_curvature(*, grid: int, steps: Sequence[int], network: LevenbergMarquar
     slopes = {f"{rows[0]['surface']}, {name}": slope for name, slope in _SLOPES.items()}
     return Outcome(
         rows=rows,
-        holds=all(row["within"] for row in rows),
+        reproduced=all(row["within"] for row in rows),
         verdict=f"The fitted slopes are {fitted}; the rules' orders are -2 and -4.",
         pictures={"mean-curvature": log_log(lines, x="steps N", y="max |H|", slopes=slopes)},
     )
@@ -97,7 +97,7 @@ def heat_maps(*, grid: tuple[int, int], steps: int, network: LevenbergMarquardt)
     worst = max(row["max |H|·diagonal"] for row in rows)
     return Outcome(
         rows=rows,
-        holds=worst < _NEARLY_ZERO,
+        reproduced=worst < _NEARLY_ZERO,
         verdict=f"With {steps} steps |H| times the diagonal is at most {worst:.1e}.",
         pictures={"heat-maps": surfaces(drawn)},
     )

@@ -53,7 +53,7 @@ def tangents(*, weights: Sequence[float], epochs: Sequence[int], rmsprop: RMSpro
     found = ", ".join(f"{distance:.3g} for λ = {weight:g}" for weight, distance in last.items())
     return Outcome(
         rows=rows,
-        holds=last[weights[-1]] < last[weights[0]],
+        reproduced=last[weights[-1]] < last[weights[0]],
         verdict=f"The largest distance from the curve after {epochs[-1]} epochs, in diagonals, is {found}.",
         pictures={
             "tangents-surfaces": surfaces(drawn, curves=dict.fromkeys(drawn, curve.point), across=len(epochs)),
@@ -72,7 +72,7 @@ def _at_epochs(curve: KnownCurve, options: RMSprop, epochs: Sequence[int]) -> li
 def timing(*, curves: Sequence[str], rmsprop: RMSprop, tolerances: Sequence[float], depth: int) -> Outcome:
     """Measures the distance from Γ, in diagonals, against wall-clock time for every method and curve."""
     rows: list[dict[str, Any]] = []
-    pictures, verdicts, holds = {}, [], True
+    pictures, verdicts, reproduced = {}, [], True
     solve_plateau(twisted_circle(), model="series")  # warm-up: imports and compilation
     for name in curves:
         points = _time_and_distance(CURVES[name](), rmsprop, tolerances, depth)
@@ -82,14 +82,14 @@ def timing(*, curves: Sequence[str], rmsprop: RMSprop, tolerances: Sequence[floa
             rows += [{"curve": name, "method": method, "seconds": s, "distance/diagonal": e} for s, e in shown]
         best = {method: min(points[method], key=lambda point: point[1]) for method in (OURS, CAUCHY, DOUGLAS)}
         behind = [method for method, (s, e) in best.items() if s >= seconds or e >= error]
-        holds &= not behind
+        reproduced &= not behind
         verdicts.append(
             f"{name}: after {len(points[PAPER])} epochs and {seconds:.1f} s RMSprop is {error:.1e} of the diagonal "
             f"from the curve; nearer in less time are {'all of ours' if not behind else 'not ' + ' and '.join(behind)}."
         )
         lines = {method: ([s for s, _ in measured], [e for _, e in measured]) for method, measured in points.items()}
         pictures[f"timing-{name.replace(' ', '-')}"] = log_log(lines, x="seconds", y=_DISTANCE)
-    return Outcome(rows=rows, holds=holds, verdict=" ".join(verdicts), pictures=pictures)
+    return Outcome(rows=rows, reproduced=reproduced, verdict=" ".join(verdicts), pictures=pictures)
 
 
 def _time_and_distance(
@@ -152,7 +152,7 @@ def prescribed(*, depth: int, network: LevenbergMarquardt, random: RMSprop, pert
     position, spinors = (max(row[name] for row in ours) for name in ("position/diagonal", "p, q"))
     return Outcome(
         rows=rows,
-        holds=position <= _NEAR and spinors <= _ALIKE,
+        reproduced=position <= _NEAR and spinors <= _ALIKE,
         verdict=f"Both of ours recover positions to {position:.1e} of the diagonal, and p and q to {spinors:.1e}.",
         pictures=pictures,
     )

@@ -11,7 +11,7 @@ import numpy as np
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError, TooManyPointsError
 from spinor_geom.fill.collar import Bend, Collar, bend_inside
-from spinor_geom.fill.fairing import SMALLEST_ANGLE, Faired, Order, brought_to_rest, smallest_angles, thin_plate
+from spinor_geom.fill.fairing import SMALLEST_ANGLE, Faired, Order, minimised_curvature, smallest_angles, thin_plate
 from spinor_geom.mesh.operators import vertex_angles
 from spinor_geom.meshing.embed import Patch, over_domain_of_angles
 from spinor_geom.meshing.remeshing import remesh
@@ -105,7 +105,7 @@ class Continuation:
 
     def __repr__(self) -> str:
         bend = f"bend {self.before.rms:.3g}° to {self.after.rms:.3g}°"
-        return f"Continuation({self.order}, {bend}, {self.area_ratio:.3g} times the area, {self.reason or 'at rest'})"
+        return f"Continuation({self.order}, {bend}, {self.area_ratio:.3g} times the area, {self.reason or 'converged'})"
 
     @property
     def reason(self) -> str:
@@ -148,7 +148,7 @@ def _angles_of(patch: Patch) -> dict[str, Any]:
 def continue_patch(patch: Patch, collar: Collar, target: float) -> Faired:
     """Moves a patch's inner vertices to the smooth continuation of the mesh around it.
 
-    1. The curvature functional is minimised by Newton's method (`brought_to_rest`).
+    1. The curvature functional is minimised by Newton's method (`minimised_curvature`).
     2. If the result is folded or has not converged, a patch over one loop is started again, over a domain whose angles
        at the loop complete those of the mesh to 2π. Those of a minimal surface that turns back over the mesh are wrong.
     3. A patch that has not converged, has angles below 10°, or edges more than twice as long as before is remeshed with
@@ -159,7 +159,7 @@ def continue_patch(patch: Patch, collar: Collar, target: float) -> Faired:
         SingularMatrixError: triangles of the patch are degenerate.
         TooManyPointsError: the target length needs too many vertices.
     """
-    faired = brought_to_rest(patch, collar)
+    faired = minimised_curvature(patch, collar)
     if faired.defect and not patch.hole_sizes and not is_out_of_time():
         again = _from_domain_of_angles(patch, collar, target)
         if again is not None and _rank(again)[:2] <= _rank(faired)[:2]:
@@ -180,7 +180,7 @@ def _from_domain_of_angles(patch: Patch, collar: Collar, target: float) -> Faire
     with suppress(*_NO_NEW_MESH, OutOfTimeError):
         start = over_domain_of_angles(patch, 2 * np.pi - beside, target)
         if len(start.vertices) > start.boundary_size:
-            return brought_to_rest(start, collar)
+            return minimised_curvature(start, collar)
     return None
 
 
@@ -194,7 +194,7 @@ def _remeshed(faired: Faired, collar: Collar, target: float) -> Faired:
             finer = remesh(faired.patch, target, collar.rim_edges)
             if len(finer.vertices) == finer.boundary_size:
                 break
-            again = thin_plate(finer, collar) if faired.order == "thin plate" else brought_to_rest(finer, collar)
+            again = thin_plate(finer, collar) if faired.order == "thin plate" else minimised_curvature(finer, collar)
         except (*_NO_NEW_MESH, OutOfTimeError):
             break
         again = replace(again, steps=faired.steps + again.steps, remeshed=True, lowered=faired.lowered)

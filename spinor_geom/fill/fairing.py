@@ -1,6 +1,6 @@
 """Moves the inner vertices of a patch so that it continues the mean curvature of the mesh around it.
 
-A patch at rest is stationary for ∫H² + ℓ²|∇H|², with the metric held fixed, among the surfaces through the rim that
+The patch is stationary for ∫H² + ℓ²|∇H|², with the metric held fixed, among the surfaces through the rim that
 have the mesh's tangents there: Δ(H − ℓ²ΔH) = 0. Spheres, cylinders and planes are continued exactly. It is the most
 likely surface if H is a random field with correlation length ℓ, which is measured around the hole: the curvature of a
 smooth mesh continues far into the patch, that of a rough one does not.
@@ -30,7 +30,7 @@ from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 
 # Measured, here and in `continuation`, on 111 holes: 70 generated ones, and rims of scans and of defective meshes.
-AT_REST = 0.01  # convergence: largest displacement in the next step, in mean edges; 0.005 takes 12 % more steps
+STEP_TOLERANCE = 0.01  # convergence: largest displacement in the next step, in mean edges; 0.005 takes 12 % more steps
 SMALLEST_ANGLE = 10.0  # degrees; 20 takes 1.5 times as long, and as many patches keep angles below 10
 # Number of linear solves, each of which gives a start for Newton's method. With one, a scan keeps a triangle of 4.9°
 # and one more rim does not converge; with six, one more ragged rim converges, for 13 % more steps.
@@ -60,7 +60,7 @@ class Faired:
     @property
     def converged(self) -> bool:
         """Whether the next step is within the tolerance."""
-        return self.next_step <= AT_REST
+        return self.next_step <= STEP_TOLERANCE
 
     @cached_property
     def folds(self) -> int:
@@ -120,7 +120,7 @@ def thin_plate(patch: Patch, collar: Collar) -> Faired:
     return replace(_faired(patch, x[: equations.free], 0, 0.0), order="thin plate")
 
 
-def brought_to_rest(patch: Patch, collar: Collar) -> Faired:
+def minimised_curvature(patch: Patch, collar: Collar) -> Faired:
     """Minimises ∫H² + ℓ²|∇H|² by Newton's method from several starts; the result with the smallest next step."""
     equations, steps = _Equations(patch, collar), 0
     start = near = np.concatenate([patch.vertices[patch.boundary_size :], collar.vertices])
@@ -132,7 +132,7 @@ def brought_to_rest(patch: Patch, collar: Collar) -> Faired:
         steps += more
         if left < least:
             best, least = x, left
-        if least <= AT_REST or is_out_of_time():
+        if least <= STEP_TOLERANCE or is_out_of_time():
             break
     return _faired(patch, best[: equations.free], steps, least)
 
@@ -182,7 +182,7 @@ class _Equations:
         factor = factor_symmetric(self._stiffness(x, bending))
         step = -factor.solve(self._residual(x, bending))
         length = float(np.sqrt(np.mean(step**2)))
-        while np.abs(step).max() > AT_REST * edge:
+        while np.abs(step).max() > STEP_TOLERANCE * edge:
             if steps == _MOST_STEPS or damping < _LEAST_DAMPING or is_out_of_time():
                 break
             moved = x.copy()
@@ -201,7 +201,7 @@ class _Equations:
                 following_length = float(np.sqrt(np.mean(following**2)))
             x, bending, step, length, damping = moved, there, following, following_length, 1.0
         left = float(np.abs(step).max() / edge)
-        if left <= AT_REST:
+        if left <= STEP_TOLERANCE:
             x = x.copy()
             x[:n] += step[:, None] * bending.normals[:n]
         return x, steps, left

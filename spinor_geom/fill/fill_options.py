@@ -24,7 +24,7 @@ TIME_LIMIT = 20.0  # seconds for each stage of a loop, see `fill_hole`
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """Options of `fill_hole` that choose loops; raises OptionError."""
+    """The options of `fill_hole` and `batch` that choose loops; raises OptionError."""
 
     loop: LoopChoice = "all"
     bridge: Sequence[int] | None = None
@@ -54,25 +54,34 @@ class Choice:
         return not self._is_all or self.bridge is not None
 
 
+@dataclass(frozen=True, kw_only=True)
+class PatchOptions:
+    """The options of each patch that `fill_hole` and `batch` share; raises OptionError."""
+
+    tolerance: float = 1e-3
+    time_limit: float = TIME_LIMIT
+    continuity: Continuity = "C0"
+
+    def __post_init__(self) -> None:
+        require_positive("tolerance", self.tolerance)
+        require_positive("time_limit", self.time_limit, finite=False)
+        if self.continuity not in CONTINUITY:
+            raise OptionError(f"continuity must be 'C0' or 'C1', not {self.continuity!r}")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FillOptions:
+class FillOptions(PatchOptions):
     """Options of `fill_hole` for every loop of one call; raises OptionError."""
 
-    target_edge_length: float | Literal["auto"]
-    model: Model
-    tolerance: float
-    time_limit: float = math.inf
-    continuity: Continuity = "C0"
+    target_edge_length: float | Literal["auto"] = "auto"
+    model: Model = "auto"
     on_stage: Callable[[int, str], None] = lambda place, stage: None
 
     def __post_init__(self) -> None:
         from spinor_geom.plateau.options import require_model  # imports numpy
 
+        super().__post_init__()
         require_model(self.model)
-        require_positive("tolerance", self.tolerance)
-        require_positive("time_limit", self.time_limit, finite=False)
-        if self.continuity not in CONTINUITY:
-            raise OptionError(f"continuity must be 'C0' or 'C1', not {self.continuity!r}")
         if not (isinstance(self.target_edge_length, str) and self.target_edge_length == "auto"):
             require_positive("target_edge_length", self.target_edge_length, instead="'auto' or ")
 

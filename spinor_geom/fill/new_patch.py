@@ -52,14 +52,14 @@ class NewPatch:
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences on the continuation, replaced faces and intersections."""
-        told = () if self.continuation is None else self.continuation.remarks
+        remarks = () if self.continuation is None else self.continuation.remarks
         if not self.faces_replaced:
-            return (*told, *self.crossings.notes)
+            return (*remarks, *self.crossings.notes)
         note = (
             f"{self.faces_replaced} faces of the patch are a triangulation of their outline without inner vertices, "
             "because the faces of the surface intersected something there"
         )
-        return (*told, note, *self.crossings.notes)
+        return (*remarks, note, *self.crossings.notes)
 
     def fitted(self, patched: PatchedMesh) -> NewPatch:
         """Splits inner edges that are edges of the mesh or of another patch, then finds intersections."""

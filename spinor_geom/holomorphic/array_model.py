@@ -15,15 +15,15 @@ M = TypeVar("M", bound="ArrayModel")
 
 
 class ArrayModel(ABC):
-    """p and q as functions of arrays: numpy's, or tensors on one device, by which they can be differentiated.
+    """p and q as functions of z and of arrays: numpy arrays, or tensors on one device.
 
-    Methods take points of the same kind as the arrays.
+    Methods take points of the same kind as the arrays. p and q can be differentiated by tensors.
     """
 
-    kind: ClassVar[str]
-    trained: ClassVar[tuple[str, ...]]  # names of the arrays that training changes
-    fixed: ClassVar[tuple[str, ...]] = ()  # names of others that files contain
-    described: ClassVar[tuple[str, ...]] = ()  # names of others that `config` contains
+    kind: ClassVar[str]  # name of the model in files
+    trained: ClassVar[tuple[str, ...]]  # names of the arrays that training changes; saved in files
+    fixed: ClassVar[tuple[str, ...]] = ()  # names of arrays that training does not change; saved in files
+    described: ClassVar[tuple[str, ...]] = ()  # names of arrays that `config` determines; not saved
 
     def __repr__(self) -> str:
         shapes = ", ".join(f"{name} {tuple(array.shape)}" for name, array in self.arrays.items())
@@ -42,7 +42,7 @@ class ArrayModel(ABC):
         return other
 
     def at(self: M, place: Place) -> M:
-        """The model in another place."""
+        """The model with its arrays in another place."""
         return self.with_arrays({name: place.put(array) for name, array in self.arrays.items()})
 
     @abstractmethod

@@ -9,6 +9,7 @@ from jaxtyping import Complex, Float, Inexact, Int
 from scipy.spatial import cKDTree
 from scipy.special import comb
 
+from spinor_geom.arrays import TINY
 from spinor_geom.domain.delaunay import plane_coordinates
 
 # Two clusters are far apart if the sum of their radii is at most _APART times their distance; then _TERMS terms
@@ -23,7 +24,6 @@ _MOST_HALVINGS = 40
 _FEW_SOURCES, _FEW_PAIRS, _AT_ONCE = 1 << 10, 1 << 23, 1 << 15
 _PAIRS = 1 << 10  # pairs of clusters, or sources, whose series fit the cache
 _BINOMIALS = comb(np.add.outer(np.arange(_TERMS), np.arange(_TERMS)), np.arange(_TERMS)[:, None])
-_TINY = np.finfo(np.float64).tiny
 
 
 def cauchy_sums(
@@ -65,7 +65,7 @@ def fast_sums(
     tree = _Sources.of(sources, strengths)
     cell, centre, radius = _cells(sources, targets)
     far, (near, _) = tree.pairs(centre, radius)
-    # sums at targets in cells near a source are evaluated one by one, like those without a cell (numbered −1)
+    # targets in cells near a source, and targets without a cell (−1), are summed directly
     has_series = np.ones(len(centre) + 1, dtype=bool)
     has_series[near] = has_series[-1] = False
     series = np.zeros((len(centre), strengths.shape[1], _TERMS), dtype=np.complex128)
@@ -83,7 +83,7 @@ def fast_sums(
     inside = has_series[cell]
     some = cell[inside]
     result[inside] = _horner(series, some, (targets[inside] - centre[some]) / radius[some])
-    result[~inside] = _one_by_one(tree, targets[~inside])
+    result[~inside] = _direct_sums(tree, targets[~inside])
     return result
 
 
@@ -105,7 +105,7 @@ class _Level:
         offset = z - centre[:, None]
         radius = np.abs(offset).max(axis=1)
         piece = min(z.shape[1], _PAIRS)  # long segments are divided into pieces, whose powers fit the cache
-        unit = (offset / np.maximum(radius, _TINY)[:, None]).reshape(-1, piece)
+        unit = (offset / np.maximum(radius, TINY)[:, None]).reshape(-1, piece)
         by_column = g.reshape(-1, piece, g.shape[2]).swapaxes(1, 2)
         step = _PAIRS // piece
         parts = [
@@ -175,7 +175,7 @@ def _cells(
     return cell, np.concatenate(centres), np.concatenate(radii)
 
 
-def _one_by_one(tree: _Sources, targets: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, "m c"]:
+def _direct_sums(tree: _Sources, targets: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, "m c"]:
     """The sums at targets without a cell, from the segments' multipole series and single sources."""
     total = np.zeros((len(targets), tree.g.shape[2]), dtype=np.complex128)
     far, near = tree.pairs(targets, np.zeros(len(targets)))

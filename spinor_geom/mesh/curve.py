@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.spatial import cKDTree
 
+from spinor_geom.arrays import TINY
 from spinor_geom.errors import CurveError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
 from spinor_geom.mesh.interpolation import (
@@ -372,7 +373,7 @@ def _require_speed(curve: BoundaryCurve, s: Float[np.ndarray, "m k"]) -> None:
     # minimise |Γ′|² by Gauss-Newton steps
     for _ in range(MAX_NEWTON_STEPS if len(s) else 0):
         slope, bend = curve.derivative(s), curve.second_derivative(s)
-        size = np.maximum((bend * bend).sum(axis=1), np.finfo(np.float64).tiny)
+        size = np.maximum((bend * bend).sum(axis=1), TINY)
         s = np.clip(s - (slope * bend).sum(axis=1) / size, start - reach, start + reach)
     speed = np.linalg.norm(curve.derivative(s), axis=1)
     if (speed < STANDSTILL * largest).any():

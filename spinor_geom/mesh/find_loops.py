@@ -39,30 +39,25 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
     a loop have different orientations, the loop follows the majority. `BoundaryLoop.slit_fraction`,
     `BoundaryLoop.seam_edges` and `BoundaryLoop.junctions` describe coincident edges, up to rounding.
 
-    Args:
-        mesh: the mesh.
-        sheets: the sheets of the mesh, if already computed.
-
-    Raises:
-        DuplicateVertexError: the faces do not share their vertices: more than half of all boundary edges, and some of
-            every loop, coincide with edges of other loops.
+    `sheets` are those of the mesh, if already computed. Raises a DuplicateVertexError if the faces do not share their
+    vertices: more than half of all boundary edges, and some of every loop, coincide with edges of other loops.
     """
     sheets = sheets or Sheets.of(mesh.vertices, mesh.faces)
     if not len(sheets.half_edges.boundary):
         return []
-    rings = _boundary_rings(sheets)
-    points = mesh.vertices[rings.vertices]
-    overlaps = find_overlaps(points, rings.successor, rings.numbers, math.hypot(*mesh.extents))
+    traced = _traced_loops(sheets)
+    points = mesh.vertices[traced.vertices]
+    overlaps = find_overlaps(points, traced.successor, traced.numbers, math.hypot(*mesh.extents))
     on_other = (overlaps.other > 0) & overlaps.is_matched
     is_equal = on_other & (overlaps.distance == 0)
-    if is_equal.mean() > SOUP_FRACTION and np.logical_or.reduceat(is_equal, rings.starts[:-1]).all():
+    if is_equal.mean() > SOUP_FRACTION and np.logical_or.reduceat(is_equal, traced.starts[:-1]).all():
         first = np.argmax(is_equal)
-        edge = rings.vertices[[first, rings.successor[first]]]
+        edge = traced.vertices[[first, traced.successor[first]]]
         raise DuplicateVertexError(vertices=tuple(edge.tolist()), count=int(is_equal.sum()))
     defects = _FaceDefects(mesh.faces, sheets)
     loops = []
-    for part in (slice(*ends) for ends in pairwise(rings.starts)):
-        vertices, own = rings.vertices[part], points[part]
+    for part in (slice(*ends) for ends in pairwise(traced.starts)):
+        vertices, own = traced.vertices[part], points[part]
         lengths = edge_lengths(own)
         perimeter = float(lengths.sum())
         of_loop = ((overlaps.junctions >= part.start) & (overlaps.junctions < part.stop)).any(axis=1)
@@ -74,17 +69,17 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
             slit_fraction=float(lengths @ overlaps.own[part]) / perimeter if perimeter else 0.0,
             seam_edges=np.stack([vertices, np.roll(vertices, -1)], axis=1)[on_other[part]],
             seam_distance=float(overlaps.distance[part].max()),
-            junctions=rings.vertices[np.stack([entry, edge, rings.successor[edge]], axis=1)],
-            obstacle=defects.obstacle(rings.half_edges[part]),
-            remarks=tuple(defects.remarks(vertices, rings.half_edges[part])),
+            junctions=traced.vertices[np.stack([entry, edge, traced.successor[edge]], axis=1)],
+            obstacle=defects.obstacle(traced.half_edges[part]),
+            remarks=tuple(defects.remarks(vertices, traced.half_edges[part])),
         )
         loops.append(loop)
     return sorted(loops, key=lambda loop: (-loop.perimeter, int(loop.vertex_ids[0])))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Rings:
-    """Closed rings of boundary vertices, and the half-edge from each to the next; ring k is starts[k]:starts[k + 1]."""
+class _TracedLoops:
+    """Vertices of all boundary loops, and the half-edge from each to the next; loop k is starts[k]:starts[k + 1]."""
 
     vertices: Int[np.ndarray, " n"]
     half_edges: Int[np.ndarray, " n"]
@@ -92,21 +87,21 @@ class _Rings:
 
     @property
     def numbers(self) -> Int[np.ndarray, " n"]:
-        """The ring of each entry."""
+        """The loop of each entry."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
     @property
     def successor(self) -> Int[np.ndarray, " n"]:
-        """The next entry of the same ring."""
+        """The next entry of the same loop."""
         successor = np.arange(1, len(self.vertices) + 1)
         successor[self.starts[1:] - 1] = self.starts[:-1]
         return successor
 
 
-def _boundary_rings(sheets: Sheets) -> _Rings:
-    """Boundary rings without repeated vertices, directed against most of their half-edges, from their lowest vertex.
+def _traced_loops(sheets: Sheets) -> _TracedLoops:
+    """Boundary loops without repeated vertices, directed against most of their half-edges, from their lowest vertex.
 
-    A ring counts as boundary if at least one of its edges has a single face.
+    A closed chain of edges counts as a loop if at least one of its edges has a single face.
     """
     boundary = np.flatnonzero(sheets.twin < 0)
     position = np.empty(len(sheets.twin), dtype=np.int64)
@@ -119,31 +114,31 @@ def _boundary_rings(sheets: Sheets) -> _Rings:
     has_one_face = np.isin(boundary, sheets.half_edges.boundary).tolist()
     starts, vertices = np.argsort(vertex, kind="stable").tolist(), vertex.tolist()
     seen = bytearray(len(vertices))
-    rings: list[list[int]] = []
+    loops: list[list[int]] = []
     for start in starts:
-        ring, at = [], start
+        loop, at = [], start
         while not seen[at]:
             seen[at] = seen[at ^ 1] = True
-            ring.append(at)
+            loop.append(at)
             at = following[at]
-        if any(has_one_face[entry // 2] for entry in ring):
-            if 2 * sum(entry % 2 for entry in ring) < len(ring):
-                ring = [entry ^ 1 for entry in reversed(ring)]
-            rings += _simple_rings(vertices, ring)
-    entries, ends = np.array(list(chain.from_iterable(rings)), dtype=np.int64), np.cumsum([0, *map(len, rings)])
-    return _Rings(vertices=vertex[entries], half_edges=half_edge[entries], starts=ends)
+        if any(has_one_face[entry // 2] for entry in loop):
+            if 2 * sum(entry % 2 for entry in loop) < len(loop):
+                loop = [entry ^ 1 for entry in reversed(loop)]
+            loops += _simple_loops(vertices, loop)
+    entries, ends = np.array(list(chain.from_iterable(loops)), dtype=np.int64), np.cumsum([0, *map(len, loops)])
+    return _TracedLoops(vertices=vertex[entries], half_edges=half_edge[entries], starts=ends)
 
 
-def _simple_rings(vertices: list[int], ring: list[int]) -> list[list[int]]:
-    """A ring split at its repeated vertices, each part from its lowest vertex.
+def _simple_loops(vertices: list[int], loop: list[int]) -> list[list[int]]:
+    """A loop split at its repeated vertices, each part from its lowest vertex.
 
-    When the walk returns to a vertex, the ring since its first visit is split off. On a mesh of genus 0 the repeats are
+    When the walk returns to a vertex, the loop since its first visit is split off. On a mesh of genus 0 the repeats are
     nested, so the split is unique.
     """
     walk: list[int] = []
     place: dict[int, int] = {}
     parts = []
-    for entry in _from_lowest(vertices, ring):
+    for entry in _from_lowest(vertices, loop):
         if vertices[entry] in place:
             start = place[vertices[entry]]
             parts.append(walk[start:])
@@ -155,9 +150,9 @@ def _simple_rings(vertices: list[int], ring: list[int]) -> list[list[int]]:
     return [_from_lowest(vertices, part) for part in (*parts, walk)]
 
 
-def _from_lowest(vertices: list[int], ring: list[int]) -> list[int]:
-    start = min(range(len(ring)), key=lambda place: (vertices[ring[place]], ring[place]))
-    return ring[start:] + ring[:start]
+def _from_lowest(vertices: list[int], loop: list[int]) -> list[int]:
+    start = min(range(len(loop)), key=lambda place: (vertices[loop[place]], loop[place]))
+    return loop[start:] + loop[:start]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 
+from spinor_geom.arrays import EPS
 from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -111,7 +112,7 @@ def crossings_between(points: Chain, others: Float[np.ndarray, "n 3"]) -> Pairs:
 def _meeting_edges(starts: Chain, ends: Chain, wanted: Callable[..., Bool[np.ndarray, " k"]]) -> tuple[Pairs, float]:
     """The wanted pairs i < j of edges that meet, and the tolerance in mesh units."""
     tolerance = MEETING_PER_DIAGONAL * float(np.linalg.norm(np.ptp(starts, axis=0)))
-    tolerance += 4 * float(np.finfo(np.float64).eps * np.abs(starts).max())
+    tolerance += 4 * EPS * float(np.abs(starts).max())
     i, j = edges_with_near_boxes(starts, ends, tolerance)
     pairs = np.stack([i, j], axis=1)[wanted(i, j)]
     i, j = pairs.T

@@ -12,14 +12,13 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import BSpline, PPoly
 
 from spinor_geom.errors import CurveError
-from spinor_geom.mesh.curve import SMOOTH_TURN, ClosedCurve
+from spinor_geom.mesh.curve import MAX_NEWTON_STEPS, NEWTON_STEP_TOLERANCE, SMOOTH_TURN, ClosedCurve
 from spinor_geom.mesh.interpolation import piece_places, through
 
 # Relative error of the polynomials that interpolate the speed; it makes s uneven, points stay on the splines.
 SPEED_ERROR = 1e-12
 MOST_PARTS = 256  # of a span between two knots, for that error
 CHECKS = np.array([0.13, 0.47, 0.81])  # where on each part the error is measured
-MAX_NEWTON_STEPS, ROUNDING = 30, 1e-15
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -184,7 +183,7 @@ class JoinedSplines:
         t = low + (high - low) * (s - starts[part]) / (ends[part] - starts[part])
         for _ in range(MAX_NEWTON_STEPS):
             before, t = t, np.clip(t - (self._share(t) - s) / self._share(t, 1), low, high)
-            if np.abs(t - before).max(initial=0.0) <= ROUNDING * self._end:
+            if np.abs(t - before).max(initial=0.0) <= NEWTON_STEP_TOLERANCE * self._end:
                 break
         return np.where(s == starts[part], low, t)
 

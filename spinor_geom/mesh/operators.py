@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
+from spinor_geom.arrays import TINY
 from spinor_geom.errors import SingularMatrixError
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.topology import HalfEdges
@@ -20,7 +21,6 @@ Faces = Int[np.ndarray, "f 3"]
 
 # Least circumcentric area, which may be negative at obtuse corners, per barycentric area.
 _LEAST_SHARE = 0.3
-_TINY = np.finfo(np.float64).tiny ** 0.5
 # Least excess of two sides of a mollified triangle over the third, per longest side: it bounds the cotangents.
 _SLACK = 1e-6
 
@@ -46,7 +46,7 @@ def mollified_edge_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray
     """
     length = igl.edge_lengths(*igl_arrays(vertices, faces))
     # fourth powers of lengths in the areas must not underflow
-    longest = np.maximum(length.max(axis=1), np.finfo(np.float64).tiny ** 0.2)
+    longest = np.maximum(length.max(axis=1), TINY**0.2)
     slack = length.sum(axis=1) - 2 * length.max(axis=1)
     return np.asarray(length + np.maximum(_SLACK * longest - slack, 0.0)[:, None])
 
@@ -148,7 +148,7 @@ class Bending:
         along = np.einsum("ik,ik->i", x, gradient)
         circumcentric = (2 * along - laplacian @ np.einsum("ik,ik->i", x, x)) / 4
         third = np.bincount(flat, np.repeat(face_areas(vertices, faces) / 3, 3), minlength=n)
-        areas = np.maximum(circumcentric, np.maximum(_LEAST_SHARE * third, _TINY))
+        areas = np.maximum(circumcentric, np.maximum(_LEAST_SHARE * third, TINY**0.5))
         normals = vertex_normals(vertices, faces)
         curvature = np.einsum("ik,ik->i", gradient, normals) / (2 * areas)
         return cls(laplacian=laplacian, areas=areas, normals=normals, curvature=curvature)

@@ -20,17 +20,17 @@ SAME_PLACE = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Overlaps:
-    """Which part of each edge of some rings coincides with other edges; edge i runs from entry i to the next one."""
+    """Which part of each edge of some loops coincides with other edges; edge i runs from entry i to the next one."""
 
-    own: Float[np.ndarray, " n"]  # share of its length on oppositely directed edges of its own ring
-    other: Float[np.ndarray, " n"]  # share of its length on edges of other rings
+    own: Float[np.ndarray, " n"]  # share of its length on oppositely directed edges of its own loop
+    other: Float[np.ndarray, " n"]  # share of its length on edges of other loops
     is_matched: Bool[np.ndarray, " n"]  # whether these edges have the same two ends
     distance: Float[np.ndarray, " n"]  # largest distance of its ends from those edges, in mesh units
     junctions: Int[np.ndarray, "k 2"]  # T-junctions: an entry, and the edge on which it and one of its own edges lie
 
 
-def find_overlaps(points: Points, successor: Numbers, ring: Numbers, size: float) -> Overlaps:
-    """The overlaps of rings of points, given the successor and the ring of each, on a mesh of a given diagonal."""
+def find_overlaps(points: Points, successor: Numbers, loop: Numbers, size: float) -> Overlaps:
+    """The overlaps of loops of points, given the successor and the loop of each, on a mesh of a given diagonal."""
     lengths = np.linalg.norm(points[successor] - points, axis=1)
     local = lengths.copy()
     np.maximum.at(local, successor, lengths)
@@ -40,7 +40,7 @@ def find_overlaps(points: Points, successor: Numbers, ring: Numbers, size: float
     np.maximum.at(of_group, place, np.linalg.norm(points - points[place], axis=1))
     off = of_group[place]
     start, end = place, place[successor]
-    own, other = _shared(start, end, ring)
+    own, other = _shared(start, end, loop)
     is_matched = own | other
     left = np.flatnonzero(~is_matched & (start != end))
     edge, entry, along, height = _points_on_edges(points, successor, left, place, reach)
@@ -53,7 +53,7 @@ def find_overlaps(points: Points, successor: Numbers, ring: Numbers, size: float
     is_last = np.append(parent[1:] != parent[:-1], True)[: len(parent)]
     following = np.where(is_last, end[parent], np.roll(piece, -1))
     width = np.where(is_last, 1.0, np.roll(share, -1)) - share
-    own_piece, other_piece = _shared(piece, following, ring[parent])
+    own_piece, other_piece = _shared(piece, following, loop[parent])
     own_share, other_share = own.astype(float), other.astype(float)
     np.add.at(own_share, parent, np.where(own_piece, width, 0.0))
     np.add.at(other_share, parent, np.where(other_piece, width, 0.0))
@@ -73,8 +73,8 @@ def find_overlaps(points: Points, successor: Numbers, ring: Numbers, size: float
     )
 
 
-def _shared(start: Numbers, end: Numbers, ring: Numbers) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Whether each edge has the ends of an oppositely directed edge of its ring, and of any edge of another ring."""
+def _shared(start: Numbers, end: Numbers, loop: Numbers) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Whether each edge has the ends of an oppositely directed edge of its loop, and of any edge of another loop."""
     forward = start < end
     count = int(max(start.max(initial=0), end.max(initial=0))) + 1
     pair = np.minimum(start, end) * count + np.maximum(start, end)
@@ -85,10 +85,10 @@ def _shared(start: Numbers, end: Numbers, ring: Numbers) -> tuple[Bool[np.ndarra
     if not len(shared):
         return reversed_, other
     _, edge = np.unique(pair[shared], return_inverse=True)
-    edge_of_ring = edge * (int(ring.max(initial=0)) + 1) + ring[shared]
-    on_ring = _group_sizes(edge_of_ring)
-    reversed_[shared] = on_ring > _group_sizes(edge_of_ring * 2 + forward[shared])
-    other[shared] = on_edge[shared] > on_ring
+    edge_of_loop = edge * (int(loop.max(initial=0)) + 1) + loop[shared]
+    on_loop = _group_sizes(edge_of_loop)
+    reversed_[shared] = on_loop > _group_sizes(edge_of_loop * 2 + forward[shared])
+    other[shared] = on_edge[shared] > on_loop
     return reversed_, other
 
 

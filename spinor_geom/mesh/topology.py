@@ -107,12 +107,9 @@ def is_watertight(faces: Int[np.ndarray, "f 3"]) -> bool:
 def is_watertight_with(
     faces: Int[np.ndarray, "f 3"], unclosed: Bool[np.ndarray, " v"], added: Int[np.ndarray, "g 3"]
 ) -> bool:
-    """`is_watertight` of the faces of a mesh and more of them, by the edges that the latter can touch.
+    """`is_watertight` of the faces of a mesh and added ones, whose vertices may be new.
 
-    Args:
-        faces: of the mesh.
-        unclosed: the vertices of all edges without exactly two faces of opposite directions, and maybe others.
-        added: more faces, whose vertices may be new.
+    `unclosed` has the vertices of all edges without exactly two faces of opposite directions, and maybe others.
     """
     counts = np.zeros(max(len(unclosed), int(added.max(initial=-1)) + 1), dtype=bool)
     counts[: len(unclosed)] = unclosed

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
+from spinor_geom.arrays import TINY
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.polygons import lattice_inside
@@ -17,7 +18,6 @@ from spinor_geom.surface.array_surface import ArraySurface
 
 SMALLEST_STRETCH = 1e-3  # lower bound of λ per median, for branch points
 NEIGHBOURS = 4
-TINY = np.finfo(np.float64).tiny
 # Most points per boundary vertex, and per equilateral triangle of the target size on the patch's area: several times
 # the usual numbers.
 POINTS_PER_VERTEX = 12

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.interpolate import LinearNDInterpolator
 
+from spinor_geom.arrays import EPS
 from spinor_geom.deadline import is_out_of_time, require_time
 from spinor_geom.discrete.area_descent import Disk, descend_area, harmonic_extension
 from spinor_geom.discrete.minimal_surface import FINE_CHANGE, first_disk
@@ -106,23 +107,21 @@ class ThinnedLoop:
         return np.concatenate([self.points, moved])
 
 
-def leave_unstable(
+def replace_unstable(
     solution: PlateauSolution, lower: Callable[[PlateauSolution], PlateauSolution | None], where: str
 ) -> PlateauSolution:
     """Replaces an unstable surface by surfaces of less area until one is stable; `reason` reports them.
 
-    Args:
-        solution: a disk or an annulus.
-        lower: returns a surface of less area than an unstable one, or None if it finds none.
-        where: where `lower` searches, as the end of a sentence.
+    `lower` returns a surface of less area than an unstable one, or None; `where` says where it searches, as the end of
+    a sentence.
     """
-    left: list[float] = []
+    replaced: list[float] = []  # areas
     end = ""
     try:
         require_time()
         while solution.stability.verdict == "unstable":
             better = None
-            if len(left) < _MOST_STARTS:
+            if len(replaced) < _MOST_STARTS:
                 try:
                     better = lower(solution)
                 except OutOfTimeError:
@@ -130,14 +129,14 @@ def leave_unstable(
             if better is None:
                 end = f"; the surface is unstable, and no better one was found {where}"
                 break
-            left.append(solution.area)
+            replaced.append(solution.area)
             solution = better
     except OutOfTimeError:
         end = "; the time limit was reached before its stability was computed"
     reason = solution.reason
-    if left:
-        reason += "; replaces an unstable surface of area " + ", then one of ".join(f"{area:.6g}" for area in left)
-    return replace(solution, reason=reason + end) if left or end else solution
+    if replaced:
+        reason += "; replaces an unstable surface of area " + ", then one of ".join(f"{area:.6g}" for area in replaced)
+    return replace(solution, reason=reason + end) if replaced or end else solution
 
 
 def lower_beside(solution: PlateauSolution, rim: ThinnedLoop, solve: Solve, steps: Steps) -> PlateauSolution | None:
@@ -146,7 +145,7 @@ def lower_beside(solution: PlateauSolution, rim: ThinnedLoop, solve: Solve, step
     The unstable disk is displaced along an eigenvector of its second variation to the least area; area descent from
     there gives the discrete disk from which the solver starts.
     """
-    for direction in _departures(solution, rim):
+    for direction in _displaced(solution, rim):
         for disk in direction:
             if steps.are_spent:
                 return None
@@ -180,10 +179,10 @@ def find_disks(rim: ThinnedLoop, solve: Solve) -> tuple[PlateauSolution, ...]:
     with suppress(OutOfTimeError):  # the stability of a disk was not computed in time
         search.start(lambda: first_disk(rim.points))
         search.start(rim.round_disk)
-        search.leave_all()
+        search.start_from_unstable()
         for pair in search.open_pairs():
             search.start(partial(search.ridge, *pair))
-            search.leave_all()
+            search.start_from_unstable()
     found = search.result()
     if not is_out_of_time():
         return found
@@ -249,12 +248,12 @@ class _Search:
         turned = self.rim.mean(((a.normals - b.normals) ** 2).sum(axis=1)) ** 0.5
         return apart <= _area_error(a.solution, b.solution) and turned <= _SAME_NORMAL
 
-    def leave_all(self) -> None:
+    def start_from_unstable(self) -> None:
         """Starts from displacements of every unstable disk, including those that this search finds."""
         while waiting := [e for e in self.entries if not e.searched and e.solution.stability.verdict == "unstable"]:
             waiting[0].searched = True
             unstable = waiting[0].solution
-            for direction in _departures(unstable, self.rim):
+            for direction in _displaced(unstable, self.rim):
                 for disk in direction:
                     found = self.start(partial(replace, disk))
                     if found is not None and _is_lower(found, unstable):
@@ -295,8 +294,8 @@ class _Search:
         raise self.errors[0]
 
 
-def _departures(solution: PlateauSolution, rim: ThinnedLoop) -> Iterator[Iterator[Disk]]:
-    """Discrete disks near an unstable disk, for each unstable eigenvector and direction, the best ones first."""
+def _displaced(solution: PlateauSolution, rim: ThinnedLoop) -> Iterator[Iterator[Disk]]:
+    """Disks displaced from an unstable one, for each unstable eigenvector and direction, the best ones first."""
     try:
         mesh = rim.domain_mesh(solution)
     except DomainError:  # points of the boundary coincide
@@ -345,7 +344,7 @@ def _is_lower(solution: PlateauSolution, other: PlateauSolution) -> bool:
 def _area_error(a: PlateauSolution, b: PlateauSolution) -> float:
     """Largest difference of the areas of two fits of one disk: the first variation is at most ∮ |δr| ds."""
     residuals = a.boundary_residual.rms + b.boundary_residual.rms
-    return float(np.sqrt(np.finfo(np.float64).eps)) * max(a.area, b.area) + residuals * a.loop.perimeter
+    return float(np.sqrt(EPS)) * max(a.area, b.area) + residuals * a.loop.perimeter
 
 
 def _harmonic(mesh: PlaneTriangulation, boundary: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n k"]:

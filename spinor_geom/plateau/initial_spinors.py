@@ -5,7 +5,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
-from spinor_geom.arrays import Array, Place
+from spinor_geom.arrays import EPS, Array, Place
 from spinor_geom.domain.delaunay import Rims, edge_codes, rim_successors
 from spinor_geom.surface.frames import phi_from_frames, spinors_from_phi
 
@@ -21,16 +21,11 @@ def lifted_spinors(
 ) -> Complex[Array, "m 2"]:
     """Spinors p and q on each boundary edge of a discrete surface, with signs that are continuous on the surface.
 
+    The vertices of the rims come first, in order; `points` are the images of all vertices in Ω. With a point c,
+    `branch`, in a hole around which p and q change sign, p/√(z − c) and q/√(z − c) are returned.
+
     On a ragged boundary neighbouring spinors do not determine the sign. Frames differ less between adjacent faces, so
     signs are propagated along a minimum spanning tree of the faces.
-
-    Args:
-        vertices: positions; the boundary comes first, in order.
-        faces: triangles.
-        points: images of the vertices in Ω.
-        rims: number of vertices of each boundary.
-        place: where the result is.
-        branch: a point c in a hole around which p and q change sign; p/√(z − c) and q/√(z − c) are returned then.
     """
     after = rim_successors(rims)
     boundary = points[: len(after)]
@@ -77,7 +72,7 @@ def lifted_frames(
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     tangent = vertices[after] - vertices[:m]
     # a degenerate face has no normal: use any direction perpendicular to the edge
-    flat = np.linalg.norm(normal, axis=1) <= np.finfo(np.float64).eps * np.sum(tangent**2, axis=1)
+    flat = np.linalg.norm(normal, axis=1) <= EPS * np.sum(tangent**2, axis=1)
     normal[flat] = np.cross(tangent[flat], np.eye(3)[np.abs(tangent[flat]).argmin(axis=1)])
     edge = boundary[after] - boundary
     scale = np.linalg.norm(tangent, axis=1) / np.abs(edge)

@@ -176,6 +176,6 @@ class Options:
         return self.model == "series"
 
     @property
-    def leaves_unstable(self) -> bool:
+    def replaces_unstable(self) -> bool:
         """Whether unstable surfaces are replaced by ones of less area."""
         return self.unstable == "leave"

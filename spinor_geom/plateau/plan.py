@@ -15,7 +15,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import MIN_POINTS_FOR_HIGH_DEGREE
 from spinor_geom.plateau.annulus import RimDisks
-from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, leave_unstable, lower_beside
+from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, lower_beside, replace_unstable
 from spinor_geom.plateau.harmonic.harmonic_route import (
     FLATTENING,
     MOST_FREE_POINTS,
@@ -163,11 +163,11 @@ def minimal_disk(problem: PlateauProblem, routes: tuple[Route, ...]) -> PlateauS
     if routes == (NETWORK,) and problem.loop.corners.all():
         return _on_divided_sides(problem)
     solution = _solution(routes, problem)
-    if not problem.options.leaves_unstable:
+    if not problem.options.replaces_unstable:
         return solution
     if problem.options.is_series:
         where = "among power series; model='auto' searches further"
-        solution = leave_unstable(solution, partial(_lower_on_disk, problem), where)
+        solution = replace_unstable(solution, partial(_lower_on_disk, problem), where)
     # plane disks are stable; disks through points lie next to a discrete minimum; trained ones are kept as they are.
     # The stability of a disk far from Γ does not determine that of disks over Γ.
     elif solution.route in ("disk", "flattened", "unfolded", "network") and solution.converged:
@@ -178,10 +178,10 @@ def minimal_disk(problem: PlateauProblem, routes: tuple[Route, ...]) -> PlateauS
             return _solution(downhill, problem.starting_from(disk))
 
         def lower(unstable: PlateauSolution) -> PlateauSolution | None:
-            with problem.clock.stage("leaving"):
+            with problem.clock.stage("unstable"):
                 return lower_beside(unstable, ThinnedLoop.of(problem), solve, problem.steps)
 
-        solution = leave_unstable(solution, lower, "along its eigenvectors")
+        solution = replace_unstable(solution, lower, "along its eigenvectors")
     return replace(solution, history=tuple(problem.steps.history), solve_timings=dict(problem.clock.seconds))
 
 
@@ -190,8 +190,8 @@ def surface_between(problem: PlateauProblem) -> PlateauSolution | NoConnectedSur
     try:
         routes = plan(problem)
         solution = _solution(routes, problem)
-        if problem.options.leaves_unstable and solution.route == "annular network":
-            solution = leave_unstable(solution, partial(_lower_on_circles, problem), "over a round annulus")
+        if problem.options.replaces_unstable and solution.route == "annular network":
+            solution = replace_unstable(solution, partial(_lower_on_circles, problem), "over a round annulus")
     except NoConnectedSurfaceError as verdict:
         are_two = len(problem.loops) == 2
         kind = "annulus" if are_two else "surface of one piece"

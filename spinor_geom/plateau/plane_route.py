@@ -70,8 +70,8 @@ def _region(problem: PlateauProblem, curves: Sequence[BoundaryCurve]) -> RouteRe
         normal = -plane.normal if outer else plane.normal
         axis = _axis(normal)
         order = (outer, *(number for number in range(len(curves)) if number != outer))
-        back = tuple(bool(loops[k].area_vector @ normal > 0) != (k == outer) for k in order)
-        rims = tuple(curves[k].reversed() if is_back else curves[k] for k, is_back in zip(order, back, strict=True))
+        backward = tuple(bool(loops[k].area_vector @ normal > 0) != (k == outer) for k in order)
+        rims = tuple(curves[k].reversed() if flip else curves[k] for k, flip in zip(order, backward, strict=True))
         boundaries = []
         for curve in rims:
             coefficients = curve.coefficients.copy()
@@ -92,7 +92,7 @@ def _region(problem: PlateauProblem, curves: Sequence[BoundaryCurve]) -> RouteRe
         if len(curves) > 1:
             between = RimsResult(
                 order=order,
-                back=back,
+                backward=backward,
                 antiperiodic=(False,) * (len(rims) - 1),
                 period=surface.largest_period(),
             )

@@ -198,8 +198,8 @@ class PlateauProblem:
             diagonal=scale,
         )
         converged, reason = residual.verdict(self.options.tolerance, steps=len(history), limit=found.limit)
-        order, back = ((0,), (False,)) if between is None else (between.order, between.back)
-        loops = [self.loops[k].reversed() if is_back else self.loops[k] for k, is_back in zip(order, back, strict=True)]
+        order, backward = ((0,), (False,)) if between is None else (between.order, between.backward)
+        loops = [self.loops[k].reversed() if flip else self.loops[k] for k, flip in zip(order, backward, strict=True)]
         parts = zip(loops, found.curves, found.domain.boundaries, found.matchings, strict=True)
         annulus = None
         if between is not None and rim_disks is not None:
@@ -207,7 +207,7 @@ class PlateauProblem:
                 modulus=between.modulus,
                 antiperiodic=between.antiperiodic,
                 period=between.period * scale,
-                backward=tuple(is_back for _, is_back in sorted(zip(order, back, strict=True))),
+                backward=tuple(flip for _, flip in sorted(zip(order, backward, strict=True))),
                 order=order,
                 rim_disks=rim_disks,
             )

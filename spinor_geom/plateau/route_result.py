@@ -26,7 +26,7 @@ class RimsResult:
     """Properties of a surface between several loops."""
 
     order: tuple[int, ...]  # numbers of the loops in the order of the boundaries of Ω, the outer boundary first
-    back: tuple[bool, ...]  # in that order: whether the loop runs against the boundary of the surface
+    backward: tuple[bool, ...]  # in that order: whether the loop runs against the boundary of the surface
     antiperiodic: tuple[bool, ...]  # for each hole: whether p and q change sign around it
     period: float  # the largest |Re ∮ φ dz| around a hole
     modulus: float | None = None  # see `capacity_path.mean_modulus`; None where Ω is no circular domain

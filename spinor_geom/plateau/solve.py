@@ -119,13 +119,15 @@ def solve_plateau(
             largest distance, in mean lengths of the three nearest edges, must be within a hundred times this value.
         max_iterations: largest number of steps in all; with `all_solutions` from each start; between two curves after
             the first annulus is found. Training is limited by the optimizer's options instead.
-        unstable: "leave" replaces an unstable surface by one of less area. "keep" returns it, a critical point of the
-            area; between several curves `Laurent(modulus=...)` selects it.
-        between: Γ between the points of a loop. "smooth": the curve of `BoundaryCurve`. "free": if the points show no
-            smooth curve, as in most mesh holes, Γ is the boundary of a minimal surface through the points, the one
-            nearest to a discrete minimal disk, or for several loops nearest to the surface between averages of them.
-            That takes hundredths of a second for tens of points and seconds for several loops. It has no effect with a
-            model other than "auto", and on curves given by formulas or edges.
+        unstable: what is returned where the surface found is unstable, a critical point of the area but no local
+            minimum. "leave": a surface of less area near it, stable if one is found; `reason` says so. "keep": the
+            unstable surface itself; between several curves `Laurent(modulus=...)` selects it.
+        between: how the boundary runs from one point of a loop to the next. "smooth": along `BoundaryCurve`. "free":
+            the same if the points lie on a smooth curve; if not, as around most holes of scans, only the points are
+            prescribed. The surface is then the minimal surface through the points nearest to a discrete minimal disk,
+            or for several loops nearest to the surface between averages of them, and Γ is its boundary. That takes
+            hundredths of a second for tens of points and seconds for several loops. With a model other than "auto",
+            and for curves given by formulas or edges, "free" is "smooth".
         all_solutions: search for several disks over the loop, as Cauchy networks, or for annuli, as Laurent series,
             unstable ones too; see `find_disks`. It takes several times as long, and may miss some.
         time_limit: seconds after which the best surface so far is returned; `converged` and `reason` report what it

@@ -13,7 +13,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.linalg import eigh
 from scipy.sparse import coo_array, csc_array
 
-from spinor_geom.arrays import Array, namespace
+from spinor_geom.arrays import TINY, Array, namespace
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.delaunay import edge_codes, plane_coordinates
 from spinor_geom.domain.plane_domain import panel_breaks
@@ -29,7 +29,6 @@ _MOST_VERTICES = 5000  # larger meshes are not refined; that would take seconds
 # faces: fits have tiny wrinkles in corners. With twice the angle z¹⁶ counts as stable.
 _LARGEST_TURN, _UNRESOLVED = np.radians(60.0), 0.05
 _NO_CURVATURE = -1e-9  # ∫|K| dA of planes with rounding errors
-TINY = np.finfo(np.float64).tiny
 _MOST_DENSE, _EIGENVALUE_ERROR = 200, 1e-8  # inner vertices up to which eigenvalues are dense; error of sparse ones
 
 

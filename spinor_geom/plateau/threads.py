@@ -18,9 +18,9 @@ def _blas() -> ThreadpoolController:
 
 
 def _torch() -> Any:
-    """Torch if it has been imported, by whom it is asked for; else None."""
+    """The module torch if it is imported already, else None; it is not imported here."""
     torch = sys.modules.get("torch")
-    return torch if hasattr(torch, "set_num_threads") else None  # it may be half imported, in another thread
+    return torch if hasattr(torch, "set_num_threads") else None  # another thread may still be importing it
 
 
 class _Limits:

@@ -21,15 +21,9 @@ _GAP = 1.15  # from one mesh to the next, in widths
 def comparison_page(
     comparisons: Mapping[str, Comparison], path: str | os.PathLike[str] | None = None, *, title: str
 ) -> str:
-    """A page in one file with a table and a view of both meshes for each comparison.
+    """A page in one file with a table and a view of both meshes for each comparison, by name, such as "loop 0".
 
-    Args:
-        comparisons: by name, such as "loop 0".
-        path: file to write, besides returning the page.
-        title: title of the page.
-
-    Raises:
-        OSError: the file cannot be written.
+    The page is returned, and written to `path`; raises an OSError if that fails.
     """
     views, body = Views(), [f"<h1>{html.escape(title)}</h1>"]
     for name, comparison in comparisons.items():

@@ -57,12 +57,6 @@ def cell(value: Any, digits: int = 4) -> str:
     return str(value)
 
 
-def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table of plain text."""
-    lines = [[text.replace("|", "\\|") for text in line] for line in (columns, ["---"] * len(columns), *rows)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
 def picture(data: bytes, alt: str) -> str:
     """A PNG as an `img` element that contains the data."""
     return f'<img alt="{html.escape(alt)}" src="data:image/png;base64,{base64.b64encode(data).decode()}">'

@@ -120,12 +120,9 @@ class Scene:
 
 
 def overview(layers: Sequence[Layer], *, eye: Sequence[float] = EYE, aspect: float = 1.0) -> Camera:
-    """A camera that shows all layers and members of their families.
+    """A camera that shows all layers and members of their families; `aspect` is the picture's width per height.
 
-    Args:
-        layers: of a scene.
-        eye: direction to the eye; the third axis is upwards, or the second one if the view is along the third.
-        aspect: width of the picture per height.
+    The third axis is upwards, or the second one if the direction to the eye is along the third.
     """
     direction = np.asarray(eye, dtype=np.float64) / np.linalg.norm(eye)
     axis = np.eye(3)[2 if abs(direction[2]) < _ALONG else 1]

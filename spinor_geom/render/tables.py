@@ -41,8 +41,12 @@ class Table:
 
     def markdown(self) -> str:
         """The table in Markdown."""
-        heading = [f"### {self.title}"] if self.title else []
-        return "\n\n".join([*heading, *([self.note] if self.note else []), page.markdown(self.columns, self.rows)])
+        lines = [
+            [text.replace("|", "\\|") for text in line]
+            for line in (self.columns, ["---"] * len(self.columns), *self.rows)
+        ]
+        table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        return "\n\n".join(filter(None, [self.title and f"### {self.title}", self.note, table]))
 
     def html(self) -> str:
         """The table as a part of a page."""

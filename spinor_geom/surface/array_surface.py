@@ -37,8 +37,8 @@ class ArraySurface(Shown):
     """The minimal surface r(z) = c + Re ∫ φ dz, φ = (p² − q², −i(p² + q²), 2pq), of two holomorphic functions p, q.
 
     The integral starts at `root`, where r = c. (p, q) is the output of a model times a constant matrix for rotation,
-    scaling and associates. It does not use torch, unless the model and c are tensors; `SpinorSurface` is the same
-    surface as a module of torch.
+    scaling and associates. Arrays are numpy's, or tensors if the model and c are; `SpinorSurface` is the same surface
+    as a torch module.
 
     Methods take complex points of any shape (*pts) inside Ω, as an array or as a tensor, and return the same kind.
     x and y are the coordinates of Ω, z = x + iy.
@@ -78,9 +78,9 @@ class ArraySurface(Shown):
         if position.shape != (3,):
             raise OptionError(f"constant must be one point, shape (3,), got shape {tuple(position.shape)}")
         place = _place_of_model(model)
-        self._hold(model, place.put(position), place.put(matrix if spinor_map is None else spinor_map))
+        self._set(model, place.put(position), place.put(matrix if spinor_map is None else spinor_map))
 
-    def _hold(self, model: Any, constant: Float[Array, "3"], spinor_map: Complex[Array, "2 2"]) -> None:
+    def _set(self, model: Any, constant: Float[Array, "3"], spinor_map: Complex[Array, "2 2"]) -> None:
         self.model, self.constant, self.spinor_map = model, constant, spinor_map
 
     @property
@@ -192,8 +192,8 @@ class ArraySurface(Shown):
     def periods(self) -> Complex[np.ndarray, "holes 3"]:
         """Periods ∮ φ dz along the boundary of each hole of Ω, clockwise.
 
-        The real part is the gap of the surface around the hole, 0 to rounding for a surface that closes. The imaginary
-        part is the flux, up to its sign the force of surface tension across a curve around the hole.
+        The real part is by how much r changes along a curve around the hole: 0 up to rounding if the surface closes.
+        The imaginary part is the flux, up to its sign the force of surface tension across a curve around the hole.
         """
         rims = [RimPrimitive.along(boundary, self.null_curve, self.order) for boundary in self.domain.holes]
         return np.array([rim.at_breaks[-1] for rim in rims], dtype=np.complex128).reshape(-1, 3)
@@ -288,7 +288,7 @@ class ArraySurface(Shown):
         return cls(**storage.read(path))
 
     def _evaluate(self, function: Callable[..., Array], *points: Points) -> Points:
-        """A function of a surface and points, here."""
+        """Evaluates a function of this surface and points; arrays give an array, tensors a tensor."""
         with np.errstate(all="ignore"):  # quotients are NaN or infinite at branch points and poles
             if _is_tensor(points[0]):
                 require_complex_points(points)
@@ -301,20 +301,15 @@ class ArraySurface(Shown):
             return cast(Points, found)
 
     def at(self, place: Place) -> ArraySurface:
-        """The surface in another place."""
-        return ArraySurface(
-            self.model.at(place),
-            self.domain,
-            self.constant,
-            spinor_map=self.spinor_map,
-            quadrature=self.quadrature,
-            order=self.order,
-        )
+        """The surface with its arrays in another place."""
+        return ArraySurface(self.model.at(place), self.domain, self.constant, spinor_map=self.spinor_map, **self._rule)
+
+    @property
+    def _rule(self) -> dict[str, Any]:
+        return {"quadrature": self.quadrature, "order": self.order}
 
     def _over(self: S, model: Any, spinor_map: Complex[Array, "2 2"], constant: Float[Array, "3"]) -> S:
-        return type(self)(
-            model, self.domain, constant, spinor_map=spinor_map, quadrature=self.quadrature, order=self.order
-        )
+        return type(self)(model, self.domain, constant, spinor_map=spinor_map, **self._rule)
 
 
 def _spinors(on: ArraySurface, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:

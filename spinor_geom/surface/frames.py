@@ -74,8 +74,8 @@ def loop_invariant(phi: Complex[Array, "n 3"], direction_in_omega: Complex[Array
     """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
 
     The frame is the curve's unit tangent, the surface's normal, and their cross product. Around a circle in an immersed
-    disk it turns once, and does not lift; around a zero of φ of order m it turns m + 1 times. It raises an OptionError
-    if the frames of neighbours differ by 90° or more.
+    disk it turns once, and does not lift; around a zero of φ of order m it turns m + 1 times. Raises an OptionError if
+    the frames of neighbours differ by 90° or more.
 
     Source: Sun & Chern (2026), on branch points; Pinkall, "Regular homotopy classes of immersed surfaces" (1985).
     """

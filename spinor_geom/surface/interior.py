@@ -32,9 +32,9 @@ class RimPrimitive:
     """∫ φ dz along one boundary of Ω."""
 
     panels: Panels  # on the boundary
-    velocity: Complex[np.ndarray, "n 3"]  # φ dz/dt at their nodes
-    primitive: Complex[np.ndarray, "n 3"]  # ∫ φ dz from the boundary's start to the nodes
-    at_breaks: Complex[np.ndarray, "b 3"]  # to the panels' ends; the last is ∮ φ dz
+    velocity: Complex[np.ndarray, "n 3"]  # φ dz/dt at the nodes of the panels
+    primitive: Complex[np.ndarray, "n 3"]  # ∫ φ dz from the start of the boundary to the nodes
+    at_breaks: Complex[np.ndarray, "b 3"]  # the same to the ends of the panels; the last is ∮ φ dz
 
     @classmethod
     def along(cls, boundary: Boundary, phi: NullCurve, order: int, breaks: Breaks | None = None) -> RimPrimitive:
@@ -66,7 +66,7 @@ class RimPrimitive:
 
     def inside(self, z: Places) -> Complex[np.ndarray, "k 3"]:
         """∫ φ dz from the start to points inside a boundary without holes."""
-        # normalised by Cauchy's formula for 1, which has nearly the same relative error near ∂Ω
+        # divided by Cauchy's integral of 1, which has nearly the same relative error near ∂Ω
         strengths = np.column_stack([self.primitive, np.ones(len(self.primitive))])
         strengths *= (self.panels.weights * self.panels.dz)[:, None]
         sums = cauchy_sums(self.panels.z, strengths, z)

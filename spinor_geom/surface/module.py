@@ -1,4 +1,4 @@
-"""Models of arrays as modules of torch, for training."""
+"""Models of arrays as torch modules, for training."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class ModelModule(torch.nn.Module):
 
     @property
     def tracked(self) -> ArrayModel:
-        """The model of the parameters and buffers, by which it can be differentiated."""
+        """The model with the parameters and buffers as its arrays; results can be differentiated by them."""
         return self._untracked.with_arrays({**self._parameters, **self._buffers})
 
     @property
     def untracked(self) -> ArrayModel:
-        """The model in numpy's arrays, which share the memory of the parameters on a CPU."""
+        """The model with numpy arrays, which on the CPU share the memory of the parameters."""
         return self._untracked.with_arrays({n: to_numpy(t) for n, t in {**self._parameters, **self._buffers}.items()})
 
     def __getattr__(self, name: str) -> Any:

@@ -1,4 +1,4 @@
-"""The surface of two holomorphic functions as a module of torch, with gradients."""
+"""The surface of two holomorphic functions as a torch module, with gradients."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from spinor_geom.surface.module import ModelModule, as_module
 class SpinorSurface(ArraySurface, torch.nn.Module):
     """An `ArraySurface` whose model and constant can be trained by any torch optimiser.
 
-    The model is copied into a module, unless it is one. Tensors are differentiable by the parameters and by z. Arrays
-    are evaluated without torch where the parameters are in the memory of the CPU.
+    The model is copied into a module, unless it is one. Results for tensors can be differentiated by the parameters and
+    by z. Arrays of points are evaluated without torch if the parameters are on the CPU.
     """
 
-    def _hold(self, model: Any, constant: Float[Array, "3"], spinor_map: Complex[Array, "2 2"]) -> None:
+    def _set(self, model: Any, constant: Float[Array, "3"], spinor_map: Complex[Array, "2 2"]) -> None:
         torch.nn.Module.__init__(self)
         self.model = as_module(model)
         self.constant = torch.nn.Parameter(torch.as_tensor(constant).detach().clone())
@@ -32,14 +32,7 @@ class SpinorSurface(ArraySurface, torch.nn.Module):
         """A surface as a module, with a copy of its arrays; a module is returned as it is."""
         if isinstance(surface, cls):
             return surface
-        return cls(
-            surface.model,
-            surface.domain,
-            surface.constant,
-            spinor_map=surface.spinor_map,
-            quadrature=surface.quadrature,
-            order=surface.order,
-        )
+        return cls(surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, **surface._rule)
 
     def mean_curvature(self, z: Points) -> Points:
         """See `ArraySurface.mean_curvature`."""
@@ -57,14 +50,8 @@ class SpinorSurface(ArraySurface, torch.nn.Module):
         if function is _mean_curvature or self.constant.device.type != "cpu" or not isinstance(self.model, ModelModule):
             with torch.no_grad():
                 return super()._evaluate(function, *points)
-        untracked = ArraySurface(
-            self.model.untracked,
-            self.domain,
-            to_numpy(self.constant),
-            spinor_map=to_numpy(self.spinor_map),
-            quadrature=self.quadrature,
-            order=self.order,
-        )
+        constant, spinor_map = to_numpy(self.constant), to_numpy(self.spinor_map)
+        untracked = ArraySurface(self.model.untracked, self.domain, constant, spinor_map=spinor_map, **self._rule)
         return untracked._evaluate(function, *points)
 
 

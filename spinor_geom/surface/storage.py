@@ -60,11 +60,8 @@ def write(surface: ArraySurface, path: str | os.PathLike[str]) -> None:
         "order": surface.order,
         "complex": sorted(name for name, array in arrays.items() if np.iscomplexobj(array)),
     }
-    # 0-dimensional arrays would become vectors
-    held = {name: np.asarray(array, order="C") for name, array in arrays.items()}
-    plain = {
-        name: one.view(np.float64).reshape(*one.shape, 2) if np.iscomplexobj(one) else one for name, one in held.items()
-    }
+    # np.ascontiguousarray would turn 0-dimensional arrays into vectors
+    plain = {name: _as_real(np.asarray(array, order="C")) for name, array in arrays.items()}
     try:
         with atomic_path(Path(path)) as temporary:
             # one entry of metadata: several are in random order, and equal surfaces should make equal files

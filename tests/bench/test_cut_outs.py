@@ -7,11 +7,11 @@ import pytest
 
 from spinor_geom.adapters import read_mesh
 from spinor_geom.bench import run_tables, runner
-from spinor_geom.bench.claims import CAP_DISTANCES, claims
 from spinor_geom.bench.cut_outs import CAPS, PER_SCAN, WINDOWS, named_cut_out, scan_names
 from spinor_geom.bench.fillers import Filled
 from spinor_geom.bench.measured import DISTANCE, cut_out_figures, hole_figures, rim_bend
 from spinor_geom.bench.odd_holes import odd_holes
+from spinor_geom.bench.promises import CAP_DISTANCES, promises
 from spinor_geom.bench.run_tables import pieces_of, scale_of
 from spinor_geom.bench.runner import Settings, chosen_tasks, measure
 from spinor_geom.errors import OptionError
@@ -231,7 +231,7 @@ def test_promises_of_the_continuation_are_kept_or_missed():
         assert kept(share, ours, other, cut_out_record(**{"method": "", "distance": 1e-9, **spared}))
     assert kept(bend, ours)
     assert not kept(bend, cut_out_record("spinor-fill-c1", bend=0.14))
-    assert claims([other]) == []
+    assert promises([other]) == []
 
 
 def test_the_continuation_is_nearest_on_most_scans_or_not():

@@ -7,8 +7,8 @@ import pytest
 
 from spinor_geom import gallery
 from spinor_geom.bench.cases import known_case
-from spinor_geom.bench.claims import claims
 from spinor_geom.bench.frames import FRAME_METHODS, FRAMES, frame_edges, trigonometric_arcs
+from spinor_geom.bench.promises import promises
 from spinor_geom.bench.tasks import run
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.joined_splines import JoinedSplines
@@ -54,7 +54,7 @@ def test_promises_are_about_ours_alone() -> None:
     good = {"suite": "cad", "status": "done", "case": "tennis-seam", "method": "spinor-cad", "n": None}
     good |= {"area_error": 1e-9, "rim_distance": 1e-9, "faces": 5, "valid": True}
     filled = {**good, "method": "occ-filling", "area_error": 1e-2, "rim_distance": 1e-4}
-    assert all(claim.met for claim in claims([good, filled]))
+    assert all(promise.met for promise in promises([good, filled]))
     for name, value in (("area_error", 1e-6), ("rim_distance", 1e-6), ("faces", 31), ("valid", False)):
-        assert [claim.met for claim in claims([{**good, name: value}])].count(False) == 1
+        assert [promise.met for promise in promises([{**good, name: value}])].count(False) == 1
     assert set(FRAME_METHODS) == {"spinor-cad", "occ-filling", "occ-filling-fine"}

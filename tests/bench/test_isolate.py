@@ -38,11 +38,11 @@ def test_a_hang_ends_at_the_time_limit():
 
 
 def test_what_is_written_is_kept_and_spoils_no_answer():
-    said, silent = answers({"say": "to the descriptor"}, {})
-    assert said["status"] == "done"
-    assert "to the descriptor" in said["said"]
-    assert "and printed" in said["said"]
-    assert "said" not in silent
+    spoken, silent = answers({"say": "to the descriptor"}, {})
+    assert spoken["status"] == "done"
+    assert "to the descriptor" in spoken["output"]
+    assert "and printed" in spoken["output"]
+    assert "output" not in silent
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/clear_refs"), reason="only Linux forgets a peak")

@@ -1,4 +1,4 @@
-"""A run: resumed where it was killed, its claims, its files."""
+"""A run: resumed where it was killed, its promises, its files."""
 
 import csv
 import json
@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from spinor_geom.bench import run_tables, runner
-from spinor_geom.bench.claims import REFERENCE, REFERENCE_SHARE, claims, judged
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
 from spinor_geom.bench.frames import FRAME_METHODS
 from spinor_geom.bench.machine import machine
 from spinor_geom.bench.odd_holes import odd_holes
+from spinor_geom.bench.promises import REFERENCE, REFERENCE_SHARE, judged, promises
 from spinor_geom.bench.runner import DESCRIPTION, RECORDS, SUITES, Run, Settings, case_name, chosen_tasks, key, measure
 from spinor_geom.bench.solves import QUICK, Limit
 from spinor_geom.bench.tasks import run as run_task
@@ -39,7 +39,7 @@ def loop_record(**changed):
         **{"suite": "disks", "status": "done", "case": "enneper-0.8", "method": "spinor", "n": 64, "edge": 0.1},
         **{"seconds": 0.1, "cold_seconds": None, "memory_mib": 300.0, "triangles": 500, "vertices": 300, "area": 3.5},
         **{"area_error": 1e-8, "mesh_area_error": 2e-3, "rim_kept": True, "open_edges": 0, "nonmanifold_edges": 0},
-        **{"crossings": 0, "min_angle": 30.0, "converged": True, "told": "", "exact_curvature_median": 1e-15},
+        **{"crossings": 0, "min_angle": 30.0, "converged": True, "message": "", "exact_curvature_median": 1e-15},
         **{"curvature_max": 1.0, "curvature_rms": 0.1, "commit": program_version(), "load": 0.5},
     }
     return {**record, **changed}
@@ -57,11 +57,11 @@ def in_this_process(tasks, *, module, time_limit, on_record):
 
 def kept(part, *records):
     """Whether the promises whose text has this part are kept; None if there are none."""
-    found = [claim.met for claim in claims(records) if part in claim.text]
+    found = [promise.met for promise in promises(records) if part in promise.text]
     return all(found) if found else None
 
 
-def test_claims_are_kept_or_missed():
+def test_promises_are_kept_or_missed():
     closer, slower = "closer than libigl", "seconds of libigl"
     assert kept(closer, loop_record(), libigl_record())
     assert not kept(closer, loop_record(area_error=1e-5), libigl_record())
@@ -108,7 +108,7 @@ def test_our_fill_closes_the_rim_and_keeps_the_mesh(broken):
     wrong = {"rim_kept": False, "old_faces_kept": False}.get(broken, 1)
     assert not kept("closes the rim", hole_record("spinor-fill", **{broken: wrong}))
     # other tools promise nothing
-    assert claims([hole_record("cgal", **{broken: wrong})]) == []
+    assert promises([hole_record("cgal", **{broken: wrong})]) == []
 
 
 @pytest.mark.parametrize(("n", "share"), REFERENCE_SHARE.items())
@@ -237,8 +237,8 @@ def test_a_tool_that_is_broken_here_is_missing_and_has_not_failed(tmp_path, monk
 
 def test_rows_that_leave_edges_open_without_a_word_are_marked():
     odd = {"suite": "odd", "status": "done", "case": "slit", "method": "m", "expected": "", "new_open_edges": 0}
-    odd |= {"nonmanifold_edges": 0, "told": "", "open_rim_edges": 12, "succeeded": None, "patches": 0}
-    honest = {**odd, "method": "h", "succeeded": False, "told": "refused"}
+    odd |= {"nonmanifold_edges": 0, "message": "", "open_rim_edges": 12, "succeeded": None, "patches": 0}
+    honest = {**odd, "method": "h", "succeeded": False, "message": "refused"}
     crashed = {"suite": "odd", "status": "crashed", "case": "slit", "method": "c", "reason": "signal 11"}
     table = run_tables.odd_table([odd, honest, crashed])
     assert table.marked == {0}

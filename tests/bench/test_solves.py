@@ -9,8 +9,8 @@ import pytest
 import spinor_geom
 from spinor_geom import gallery, read_mesh, solve_plateau
 from spinor_geom.bench import batches
-from spinor_geom.bench.claims import WORKER_MIB, claims
 from spinor_geom.bench.measured import null_error, solve_figures, untrue
+from spinor_geom.bench.promises import WORKER_MIB, promises
 from spinor_geom.bench.solves import QUICK, solves
 from spinor_geom.bench.tasks import run as run_task
 from spinor_geom.plateau.evidence import Evidence
@@ -30,7 +30,7 @@ def measured(name):
 @pytest.mark.parametrize("name", [name for name in QUICK if "formulas" not in name])
 def test_promises_of_accuracy_are_kept(name):
     record = measured(name)
-    figures = [figure for figure in claims([record]) if figure.kind == "accuracy"]
+    figures = [figure for figure in promises([record]) if figure.kind == "accuracy"]
     assert figures
     assert [figure.text for figure in figures if not figure.met] == []
 
@@ -54,7 +54,7 @@ def test_random_curves_are_counted_and_wrong_ones_named():
     refused = record(4, status="refused", rms_per_edge=None)
     wrong = record(6, untrue="its area and its mesh's are 10% apart")
     records = [record(2), record(3, rms_per_edge=5e-3), refused, wrong]
-    (near,) = (f for f in claims(records) if "of an edge" in f.text)
+    (near,) = (f for f in promises(records) if "of an edge" in f.text)
     assert (near.measured, near.met) == ("3 of 4", False)
     assert not kept("reports of itself", *records)
     assert kept("without noise", *records)
@@ -106,7 +106,7 @@ def test_batches_are_measured_and_their_promises_judged():
     assert 50 < done[0]["worker_mib"] < WORKER_MIB
     assert done[1]["driver_mib"] > 50
     assert all(record["rate"] == pytest.approx(3 / record["seconds"]) for record in done[2:])
-    told = {f.case for f in claims(done)}
+    told = {f.case for f in promises(done)}
     assert told == {"smooth loops, one worker", "solved only, 64 at once"}
     whole = {**task("batch", "smooth loops"), "status": "done", "rate": 70.0}
     alone = {**whole, "case": "smooth loops, one worker", "rate": 40.0}

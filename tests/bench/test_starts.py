@@ -22,6 +22,6 @@ def test_a_start_takes_time_and_memory_and_no_torch(name, tmp_path) -> None:
     assert figures["torch"] is False
     assert 0 < figures["seconds"] < 60
     assert 5 < figures["memory_mib"] < 1000
-    assert "spinor_geom" in figures["told"]
+    assert "spinor_geom" in figures["message"]
     assert (tmp_path / "filled.obj").exists() is (name != "help")
     assert name in STARTS

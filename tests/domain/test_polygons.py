@@ -117,14 +117,16 @@ def test_clearance_of_a_horseshoe_is_its_gap_in_edges(gap):
     polygon = np.concatenate([3 * np.exp(-1j * angle), 2 * np.exp(-1j * back)])
     assert is_simple(polygon)
     edge = np.abs(np.roll(polygon, -1) - polygon)
-    clearance = outer_clearance(polygon)
+    clearance = outer_clearance(polygon, 8.0)
     assert gap / edge.max() * 0.9 < clearance < gap / np.median(edge) * 1.2
+    assert outer_clearance(polygon, 1.01 * clearance) == clearance
+    assert outer_clearance(polygon, 0.99 * clearance) == np.inf
 
 
 def test_narrow_inside_is_no_lack_of_clearance():
     strip = planar([(0, 0), (20, 0), (20, 0.3), (0, 0.3)], 160).points @ FLAT
-    assert outer_clearance(strip) == np.inf
-    assert outer_clearance(circle(50)) == np.inf
+    assert outer_clearance(strip, 8.0) == np.inf
+    assert outer_clearance(circle(50), 8.0) == np.inf
 
 
 # --- several ----------------------------------------------------------------------------------------------------------
@@ -172,7 +174,7 @@ def test_clearance_of_a_long_boundary_takes_less_than_a_table_of_all_distances(s
     t = np.linspace(0.02, 2 * np.pi - 0.02, 2000)
     horseshoe = np.roll(np.concatenate([1.2 * np.exp(1j * t), np.exp(1j * t)[::-1]]), start)
     tracemalloc.start()
-    clearance = outer_clearance(horseshoe)
+    clearance = outer_clearance(horseshoe, 8.0)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     # the ends are 0.2 thick, and face each other 2 sin 0.02 apart at radius 1; local edges there are half of 0.2

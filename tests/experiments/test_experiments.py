@@ -21,7 +21,7 @@ from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import NAMES, figures, forms, integration, paper_surfaces, trainings
 from spinor_geom.experiments import experiment as experiments_run
-from spinor_geom.experiments.experiment import Done, Outcome, experiment, report, reproduce
+from spinor_geom.experiments.experiment import Outcome, Results, experiment, report, reproduce
 from spinor_geom.experiments.trainings import DOUGLAS, OURS, PAPER
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.render.portrait import Portrait
@@ -62,7 +62,7 @@ def test_slopes_are_fitted_above_the_floor_only():
 
 def test_catenoid_errors_fall_at_the_rules_orders():
     outcome = integration.catenoid_error(grid=(12, 5), steps=(20, 40, 80))
-    assert outcome.holds
+    assert outcome.reproduced
     assert [round(row["max error"]) for row in outcome.rows if row["N"] == "slope"] == [-2, -4]
     # second order: |Δz|³ max|φ″|/(12 N²) bounds the trapezoid's error
     first = outcome.rows[0]
@@ -73,7 +73,7 @@ def test_catenoid_errors_fall_at_the_rules_orders():
 def test_mean_curvature_falls_at_the_rules_orders_on_all_four_surfaces():
     outcome = integration.mean_curvature(grid=5, steps=(16, 32), network=TINY_NETWORK)
     assert len(outcome.rows) == 8
-    assert outcome.holds
+    assert outcome.reproduced
     assert all(abs(row["slope"] + 2) < 0.1 for row in outcome.rows if row["rule"] == "trapezoid")
 
 
@@ -110,7 +110,7 @@ def test_both_forms_are_trained_on_the_twisted_circle_and_ours_stand_beside():
     # what the paper says: the spinors come near, the Weierstrass-Enneper form does not
     assert rows[forms.SPINOR]["distance/diagonal"] < 0.06
     assert rows[forms.ENNEPER]["distance/diagonal"] > 0.2
-    assert outcome.holds
+    assert outcome.reproduced
     assert rows[forms.NETWORK]["distance/diagonal"] < 1e-3
     assert rows[forms.SERIES]["distance/diagonal"] < 1e-13
     assert abs(rows[forms.SERIES]["area"] / 3.32087142904707 - 1) < 1e-12
@@ -126,7 +126,7 @@ def test_the_disks_of_a_seam_are_told_apart(tmp_path):
     kept = replace(TINY_RMSPROP, checkpoint=tmp_path)
     outcome = forms.tennis_seam(parameters=(0.75,), rmsprop=kept, network=TINY_NETWORK)
     # neither form was trained enough to tell them apart
-    assert not outcome.holds
+    assert not outcome.reproduced
     disks = {row["method"]: row["disk"] for row in outcome.rows}
     assert disks[forms.SERIES] == "unstable"
     assert disks[forms.LEFT] == "stable"
@@ -171,19 +171,19 @@ def test_tangents_bring_the_boundary_nearer(monkeypatch):
         for w in (0.0, 0.5)
     }
     monkeypatch.setattr(trainings, "_at_epochs", lambda _, options, epochs: [trained[options.tangent_weight]])
-    for weights, holds in (((0.0, 0.5), True), ((0.5, 0.0), False)):
+    for weights, reproduced in (((0.0, 0.5), True), ((0.5, 0.0), False)):
         outcome = trainings.tangents(weights=weights, epochs=(12,), rmsprop=TRAINED_RMSPROP)
-        assert outcome.holds == holds
+        assert outcome.reproduced == reproduced
         assert all(row["distance/diagonal"] < 0.06 for row in outcome.rows)
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize(("steps", "holds"), [(100, True), (2, False)])
-def test_mean_curvature_is_nearly_zero_where_the_rule_is_fine(monkeypatch, steps, holds):
+@pytest.mark.parametrize(("steps", "reproduced"), [(100, True), (2, False)])
+def test_mean_curvature_is_nearly_zero_where_the_rule_is_fine(monkeypatch, steps, reproduced):
     surface = paper_surfaces.random_networks(2)
     monkeypatch.setattr(integration, "reconstructed", lambda _: {"random networks": surface})
     outcome = integration.heat_maps(grid=(3, 8), steps=steps, network=TINY_NETWORK)
-    assert outcome.holds == holds
+    assert outcome.reproduced == reproduced
     assert list(outcome.pictures) == ["heat-maps"]
 
 
@@ -195,7 +195,7 @@ def test_prescribed_surfaces_are_recovered(tmp_path):
     outcome = trainings.prescribed(depth=2, network=network, random=kept, perturbed=kept)
     # one state for each training
     assert len(list(tmp_path.iterdir())) == 2
-    assert outcome.holds
+    assert outcome.reproduced
     assert [row["method"] for row in outcome.rows] == [trainings.PAPER, trainings.OURS, trainings.DOUGLAS] * 2
     assert all(row["p, q"] > 0.01 for row in outcome.rows if row["method"] == trainings.PAPER)
     assert len(outcome.pictures) == 4
@@ -234,8 +234,8 @@ def test_a_fitted_moebius_map_moves_the_functions():
 
 @pytest.mark.usefixtures("undrawn")
 def test_branch_points_last_where_the_order_is_odd_and_spinors_have_none():
-    outcome = forms.lasting(orders=(1, 2, 3), random=4)
-    assert outcome.holds
+    outcome = forms.lasting_branch_points(orders=(1, 2, 3), random=4)
+    assert outcome.reproduced
     known = [row for row in outcome.rows if "removable" in row]
     assert [row["order of φ"] for row in known] == [2, 4, 6, 1, 2, 3]
     assert [row["removable"] for row in known] == [True] * 3 + [False, True, False]
@@ -296,7 +296,7 @@ def test_a_run_leaves_report_data_and_pictures(tmp_path):
     ]
     folder = tmp_path / "new" / "catenoid"
     data = json.loads((folder / "data.json").read_text())
-    assert (data["quick"], data["holds"], data["settings"]["grid"]) == (True, True, [120, 30])
+    assert (data["quick"], data["reproduced"], data["settings"]["grid"]) == (True, True, [120, 30])
     with Image.open(folder / "catenoid.png") as picture:
         assert picture.size[0] > 500
     assert (folder / "catenoid.pdf").read_bytes().startswith(b"%PDF")
@@ -343,7 +343,7 @@ def test_experiments_that_a_stopped_run_finished_are_not_measured_again(tmp_path
     def measured(*, grid, steps):
         figure = Figure()
         return Outcome(
-            rows=[{"grid": grid[0], "slope": math.nan}], holds=True, verdict="So.", pictures={"catenoid": figure}
+            rows=[{"grid": grid[0], "slope": math.nan}], reproduced=True, verdict="So.", pictures={"catenoid": figure}
         )
 
     def stopped(**_):
@@ -356,7 +356,7 @@ def test_experiments_that_a_stopped_run_finished_are_not_measured_again(tmp_path
         reproduce(names, tmp_path, quick=True)
     report_so_far = (tmp_path / "report.md").read_bytes()
     monkeypatch.setitem(integration.EXPERIMENTS, "catenoid", replace(experiment("catenoid"), measure=stopped))
-    seen = Outcome(rows=[], holds=True, verdict="Seen.")
+    seen = Outcome(rows=[], reproduced=True, verdict="Seen.")
     monkeypatch.setitem(trainings.EXPERIMENTS, "tangents", replace(experiment("tangents"), measure=lambda **_: seen))
     heard = []
     first, _ = reproduce(names, tmp_path, quick=True, on_done=heard.append)
@@ -371,11 +371,11 @@ def test_experiments_that_a_stopped_run_finished_are_not_measured_again(tmp_path
 
 def test_what_is_not_seen_is_said_and_gaps_in_the_table_stay_empty():
     rows = [{"a": 1.23456, "b": "|x|"}, {"a": None, "c": True}]
-    one = Done(
+    one = Results(
         name="catenoid",
         experiment=experiment("catenoid"),
         rows=rows,
-        holds=False,
+        reproduced=False,
         verdict="Slope 0.",
         pictures=(),
         seconds=2.0,
@@ -405,7 +405,7 @@ def test_without_the_package_that_draws_nothing_runs(tmp_path, capsys, monkeypat
 
 def test_what_the_paper_says_and_was_not_seen_is_an_exit_status(tmp_path, capsys, monkeypatch):
     not_seen = replace(
-        experiment("catenoid"), measure=lambda **_: Outcome(rows=[{"a": 1}], holds=False, verdict="Slope 0.")
+        experiment("catenoid"), measure=lambda **_: Outcome(rows=[{"a": 1}], reproduced=False, verdict="Slope 0.")
     )
     monkeypatch.setitem(integration.EXPERIMENTS, "catenoid", not_seen)
     assert main(["reproduce", "catenoid", "-o", str(tmp_path)]) == 1
@@ -433,7 +433,7 @@ def test_incomplete_results_and_those_of_other_versions_are_measured_anew(tmp_pa
 
     def measured(**_):
         counted.append(1)
-        return Outcome(rows=[{"a": 1.5}], holds=False, verdict="No.", pictures={"p": Figure()})
+        return Outcome(rows=[{"a": 1.5}], reproduced=False, verdict="No.", pictures={"p": Figure()})
 
     monkeypatch.setitem(integration.EXPERIMENTS, "catenoid", replace(experiment("catenoid"), measure=measured))
 

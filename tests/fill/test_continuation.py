@@ -16,7 +16,7 @@ from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, SingularMatrixError, SpinorGeomError, TooManyPointsError
 from spinor_geom.fill.collar import bend_across, collar_of
 from spinor_geom.fill.continuation import continue_patch
-from spinor_geom.fill.fairing import Faired, brought_to_rest
+from spinor_geom.fill.fairing import Faired, minimised_curvature
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.loop_choice import boundary_loops
@@ -334,7 +334,7 @@ def test_a_finer_mesh_without_inner_vertices_has_nothing_to_move(monkeypatch: py
 
 
 @pytest.mark.parametrize("error", [SingularMatrixError(size=5), TooManyPointsError("too many points")])
-@pytest.mark.parametrize("failing", ["remesh", "brought_to_rest"])
+@pytest.mark.parametrize("failing", ["remesh", "minimised_curvature"])
 def test_a_continuation_that_cannot_be_remeshed_is_kept(
     monkeypatch: pytest.MonkeyPatch, failing: str, error: SpinorGeomError
 ) -> None:
@@ -342,18 +342,18 @@ def test_a_continuation_that_cannot_be_remeshed_is_kept(
     loop = boundary_loops(mesh)[0]
     film = fill_hole(mesh, return_report=True)[1].loops[0].patch
     collar = collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, film)
-    first, calls = brought_to_rest(film, collar), []
+    first, calls = minimised_curvature(film, collar), []
 
     def fails(*arguments: object) -> Faired:
         calls.append(arguments)
-        if failing == "brought_to_rest" and len(calls) == 1:
+        if failing == "minimised_curvature" and len(calls) == 1:
             return first
         raise error
 
     monkeypatch.setattr(f"spinor_geom.fill.continuation.{failing}", fails)
     # the triangles are stretched by more than 2, so that they are meshed again
     moved = continue_patch(film, collar, loop.mean_edge_length)
-    assert len(calls) > (failing == "brought_to_rest")
+    assert len(calls) > (failing == "minimised_curvature")
     np.testing.assert_array_equal(moved.patch.vertices, first.patch.vertices)
 
 
@@ -373,7 +373,7 @@ def test_a_patch_whose_domain_of_angles_cannot_be_meshed_is_continued(
 
     monkeypatch.setattr("spinor_geom.fill.continuation.over_domain_of_angles", fails)
     # the film turns back over the mesh, so that it does not come to rest
-    assert brought_to_rest(film, collar).defect
+    assert minimised_curvature(film, collar).defect
     moved = continue_patch(film, collar, loop.mean_edge_length)
     assert len(calls) == 1
     assert not np.array_equal(moved.patch.vertices, film.vertices)

@@ -13,7 +13,7 @@ from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.errors import DomainError, FirstFillError, OptionError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import Cauchy, PlateauSolution, Stability, disk_search, plan, solve_plateau
-from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, leave_unstable, lower_beside
+from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, lower_beside, replace_unstable
 from spinor_geom.plateau.network import network_route
 from spinor_geom.plateau.steps import Steps
 from tests.exact_solutions import ENNEPER, exact_solution, with_stability
@@ -169,7 +169,7 @@ def test_a_model_that_the_search_does_not_know_is_refused(rims, model):
         solve_plateau(loops[0] if rims == 1 else loops, model=model, all_solutions=True)
 
 
-# --- leaving ----------------------------------------------------------------------------------------------------------
+# --- unstable ---------------------------------------------------------------------------------------------------------
 
 
 def test_unstable_disk_is_kept_on_request_and_left_otherwise(monkeypatch):
@@ -188,11 +188,11 @@ def test_unstable_disk_is_kept_on_request_and_left_otherwise(monkeypatch):
     assert tuple(heard) == left.history
     assert left.history[: len(kept.history)] == kept.history
     assert [step.index for step in left.history] == list(range(1, len(left.history) + 1))
-    assert left.timings["leaving"] > 0
+    assert left.timings["unstable"] > 0
     assert f"replaces an unstable surface of area {kept.area:.6g}" in left.reason
 
 
-def test_limit_on_steps_holds_for_leaving(monkeypatch):
+def test_limit_on_steps_holds_for_replacements(monkeypatch):
     start_round(monkeypatch)
     loop = seam(0.75, 64)
     kept = solve_plateau(loop, model="cauchy", unstable="keep")
@@ -218,7 +218,7 @@ def unstable_ennepers_disk() -> tuple[PlateauSolution, ThinnedLoop]:
 
 def left(solution: PlateauSolution, rim: ThinnedLoop, solve_from) -> PlateauSolution:
     lower = partial(lower_beside, rim=rim, solve=solve_from, steps=Steps(limit=9))
-    return leave_unstable(solution, lower, "along its eigenvectors")
+    return replace_unstable(solution, lower, "along its eigenvectors")
 
 
 def test_stable_disk_comes_back_as_it_is():
@@ -249,7 +249,7 @@ def test_lower_disk_far_from_the_loop_is_no_better_one():
 
 def test_disks_beside_an_unstable_one_lie_on_its_two_sides():
     unstable, rim = unstable_ennepers_disk()
-    up, down = (next(direction) for direction in disk_search._departures(unstable, rim))
+    up, down = (next(direction) for direction in disk_search._displaced(unstable, rim))
     for disk in (up, down):
         assert np.array_equal(disk.vertices[:64], rim.points)
         assert disk.areas[-1] < 0.9999 * unstable.area

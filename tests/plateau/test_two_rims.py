@@ -180,10 +180,10 @@ def test_inertia_of_the_energy_is_the_index_of_the_area(h):
         curve = BoundaryCurve.from_formula(formula)
         ways = tuple(CurveTensors.of(way, NUMPY) for way in (curve, curve.reversed()))
         rims.append(Rim(number=number, directions=ways))
-    start = start_between(*rims, 48, back=True)
+    start = start_between(*rims, 48, backward=True)
     problem = RimsProblem(curves=start.surface.curves)
-    held = problem.stationary(replace(start.surface, held=True), tolerance=1e-6)
-    assert [surface.index for surface in all_on_path(problem, held)] == [0, 1]
+    surface = problem.stationary(replace(start.surface, fixed_moduli=True), tolerance=1e-6)
+    assert [critical.index for critical in all_on_path(problem, surface)] == [0, 1]
 
 
 @pytest.mark.parametrize("distance", [2.1, 3.0])

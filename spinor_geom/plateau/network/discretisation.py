@@ -17,7 +17,7 @@ from jaxtyping import Complex, Float
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
-from spinor_geom.arrays import EPS, Array, namespace, norm, place_of, square, to_numpy
+from spinor_geom.arrays import EPS, TINY, Array, namespace, norm, place_of, square, to_numpy
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks
 from spinor_geom.domain.quadrature import Panels
@@ -311,7 +311,7 @@ class ModulusFields:
         gap, _ = cKDTree(plane_coordinates(outer)).query(plane_coordinates(w))
         radius = np.abs(w - w.mean()).mean()
         tangent = ahead / np.abs(ahead) + back / np.abs(back)
-        tangent /= np.maximum(np.abs(tangent), np.finfo(np.float64).tiny)
+        tangent /= np.maximum(np.abs(tangent), TINY)
         field = 1j * tangent / (1 / gap + 1 / radius)
         spline = CubicSpline(hole.parameters, np.append(field, field[0]), bc_type="periodic")
         split = panels.order * panels.rims[0]

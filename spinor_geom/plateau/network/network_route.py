@@ -18,7 +18,7 @@ from spinor_geom.arrays import Array, namespace, place_of, square
 from spinor_geom.deadline import require_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
-from spinor_geom.discrete.strip import discrete_annulus, runs_back
+from spinor_geom.discrete.strip import discrete_annulus, runs_backward
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.opening import Opening
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks, sampled
@@ -59,7 +59,7 @@ class _Side:
     """A loop with the surface on its left."""
 
     number: int  # index of the given loop
-    back: bool  # whether the given loop is reversed
+    backward: bool  # whether the given loop is reversed
     loop: BoundaryLoop
     curve: BoundaryCurve
     knots: Float[np.ndarray, " k1"]  # parameters of Γ at the boundary vertices of the discrete surface, closed
@@ -74,9 +74,11 @@ class _Side:
         return np.asarray(np.pi - np.arctan2(sine, cosine))
 
     @classmethod
-    def of(cls, number: int, loop: BoundaryLoop, curve: BoundaryCurve, *, back: bool, parts_of_a_side: int) -> _Side:
+    def of(
+        cls, number: int, loop: BoundaryLoop, curve: BoundaryCurve, *, backward: bool, parts_of_a_side: int
+    ) -> _Side:
         """The loop with its `start_indices`, and at least `parts_of_a_side` points between corners."""
-        if back:
+        if backward:
             loop, curve = loop.reversed(), curve.reversed()
         indices = start_indices(loop)
         parts = max(1, math.ceil(parts_of_a_side * np.count_nonzero(loop.corners) / len(indices)))
@@ -84,7 +86,7 @@ class _Side:
         knots = np.interp(np.arange(len(indices) * parts + 1) / parts, np.arange(len(ends)), ends)
         corners = np.zeros(len(knots) - 1, dtype=bool)
         corners[::parts] = loop.corners[indices]
-        return cls(number=number, back=back, loop=loop, curve=curve, knots=knots, corners=corners)
+        return cls(number=number, backward=backward, loop=loop, curve=curve, knots=knots, corners=corners)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,11 +99,11 @@ class NetworkSolver:
     def _sides(self) -> tuple[_Side, ...]:
         """The loops in the order of Ω's boundaries: the longest one is outside."""
         with self.problem.clock.stage("first fill"):
-            reverse = len(self.problem.units) > 1 and runs_back(*(loop.points for loop in self.problem.units))
+            reverse = len(self.problem.units) > 1 and runs_backward(*(loop.points for loop in self.problem.units))
         # a given start of a disk has the loop's own points as boundary
         parts = 0 if self.problem.is_disk else PARTS_OF_A_SIDE
         sides = [
-            _Side.of(number, loop, curve, back=reverse and number > 0, parts_of_a_side=parts)
+            _Side.of(number, loop, curve, backward=reverse and number > 0, parts_of_a_side=parts)
             for number, (loop, curve) in enumerate(zip(self.problem.units, self.problem.curves, strict=True))
         ]
         return tuple(sorted(sides, key=lambda side: -side.loop.perimeter))
@@ -144,7 +146,7 @@ class NetworkSolver:
         if surface.domain.holes:
             between = RimsResult(
                 order=tuple(side.number for side in self._sides),
-                back=tuple(side.back for side in self._sides),
+                backward=tuple(side.backward for side in self._sides),
                 antiperiodic=(fitted.stage.branch is not None,),
                 period=surface.largest_period(),
             )

@@ -24,7 +24,7 @@ from spinor_geom.plateau.harmonic.dirichlet import CirclesForm
 from spinor_geom.plateau.newton import MOST_STEPS, SMALL
 from spinor_geom.plateau.rims.energy import HarmonicSurface, Moduli, RimsProblem
 
-_STEP, _LEAST_STEP = 0.5, 0.002  # largest and smallest step of log M
+_STEP = 0.5  # largest step of log M
 
 
 def mean_modulus(domain: CircularDomain, n: int = 64) -> float:
@@ -47,7 +47,7 @@ def all_on_path(problem: RimsProblem, surface: HarmonicSurface | None) -> list[H
         SurfaceError: the nodes crowd; or the energy of two rims increases at the least resolved modulus, so that there
             may be critical points below it.
     """
-    near = None if surface is None else _OnPath.near(replace(surface, held=False))
+    near = None if surface is None else _OnPath.near(replace(surface, fixed_moduli=False))
     here = None if near is None else near.at(near.log_modulus)
     if here is None or here.here.crowded:
         raise SurfaceError(
@@ -149,7 +149,7 @@ class _OnPath:
 def _followed(start: _OnPath, sign: int) -> list[_OnPath]:
     """The points on one side, until the surface degenerates or the nodes do not resolve the gaps between circles."""
     found, here, step = [], start, _STEP
-    while step >= _LEAST_STEP:
+    while step >= SMALL:
         require_time()
         there = here.at(here.log_modulus + sign * step)
         if there is None:
@@ -167,7 +167,7 @@ def _followed(start: _OnPath, sign: int) -> list[_OnPath]:
 def _least(low: _OnPath, high: _OnPath) -> _OnPath:
     """The point of least |λ| between two points."""
     ends = low, high
-    log = brentq(lambda log: _from_nearer(ends, log).rise, low.log_modulus, high.log_modulus, xtol=_LEAST_STEP)
+    log = brentq(lambda log: _from_nearer(ends, log).rise, low.log_modulus, high.log_modulus, xtol=SMALL)
     return _from_nearer(ends, log)
 
 
@@ -179,7 +179,7 @@ def _zero(problem: RimsProblem, low: _OnPath, high: _OnPath) -> HarmonicSurface:
         middle = _from_nearer((low, high), low.log_modulus + min(max(share, 0.1), 0.9) * width)
         found = problem.stationary(middle.here, saddles=True)
         is_between = low.log_modulus <= _OnPath.near(found).log_modulus <= high.log_modulus
-        if middle in (low, high) or width < _LEAST_STEP or (is_between and float(found.size[0]) < SMALL):
+        if middle in (low, high) or width < SMALL or (is_between and float(found.size[0]) < SMALL):
             return found
         low, high = (middle, high) if middle.multiplier * low.multiplier > 0 else (low, middle)
 

@@ -36,7 +36,6 @@ from spinor_geom.plateau.harmonic.douglas import CROWDED, reflected, resampled, 
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, Rows, conjugate_gradients, factored, stationary
 
 MOST_MODULUS = 20.0  # beyond it rims influence each other by less than 1e-9: there is no connected surface
-_HELD = 1e26  # second derivative in moduli that are held fixed, over the energy
 DENSE = 512  # number of nodes on all rims up to which matrices are factored
 
 _LARGEST_STEP = 0.5  # largest step of a log modulus, or of a centre in widths of the gap
@@ -61,7 +60,7 @@ class HarmonicSurface:
     energy: Float[Array, "1"]  # E
     by_slides: Float[Array, " mn"]  # derivative of E with respect to arc length along Γ
     normal: Float[Array, "m n 3"]  # ΛX
-    held: bool = False  # whether the moduli are held fixed
+    fixed_moduli: bool = False  # whether the moduli are fixed: steps change the slides only
 
     @classmethod
     def of(
@@ -135,7 +134,7 @@ class HarmonicSurface:
 
     @property
     def _slopes(self) -> Float[Array, " p"]:
-        return 0 * self.moduli.slopes if self.held else self.moduli.slopes
+        return 0 * self.moduli.slopes if self.fixed_moduli else self.moduli.slopes
 
     @property
     def stiffness(self) -> float:
@@ -177,10 +176,12 @@ class HarmonicSurface:
     @cached_property
     def _by_moduli(self) -> Float[Array, "p p"]:
         """The Hessian in the moduli."""
-        hessian = namespace(self.slides).asarray(self.moduli.hessian, copy=True)
-        if self.held:
-            add_to_diagonal(hessian, _HELD * float(self.energy[0]))
-        return hessian
+        if not self.fixed_moduli:
+            return self.moduli.hessian
+        # any definite matrix, as slopes and mixed derivatives are 0
+        definite = zeros(self.moduli.hessian.shape, self.slides)
+        add_to_diagonal(definite, self.energy)
+        return definite
 
     @property
     def _scales(self) -> Float[Array, " p"]:
@@ -238,8 +239,9 @@ class HarmonicSurface:
 
     @cached_property
     def mixed(self) -> Float[Array, "p mn"]:
-        """Second derivatives in a modulus and arc length."""
-        return (self.moduli.changes * self.unit).sum(-1).reshape(-1, self.count)
+        """Second derivatives in a modulus and arc length; 0 for fixed moduli."""
+        mixed = (self.moduli.changes * self.unit).sum(-1).reshape(-1, self.count)
+        return 0 * mixed if self.fixed_moduli else mixed
 
     @cached_property
     def rotation(self) -> Float[Array, " k"]:
@@ -261,7 +263,8 @@ class HarmonicSurface:
         if not float(domain.room[1].min()) > 0:
             return replace(self, energy=namespace(self.slides).full_like(self.energy, math.inf))
         moved = slid(self.slides, slides, length)
-        return replace(HarmonicSurface.of(self.curves, moved, domain, self.negligible), held=self.held)
+        there = HarmonicSurface.of(self.curves, moved, domain, self.negligible)
+        return replace(there, fixed_moduli=self.fixed_moduli)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from scipy.interpolate import BPoly, PPoly
 from scipy.optimize import brentq
 
-from spinor_geom.arrays import Array, to_numpy
+from spinor_geom.arrays import TINY, Array, to_numpy
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import OutOfTimeError, SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
@@ -90,7 +90,7 @@ class RimsSolver:
         laurent = self.problem.options.laurent
         if laurent is not None and laurent.modulus is not None:
             log = math.log(laurent.modulus)
-            found = self._stable() if self.problem.options.leaves_unstable else self.all_critical()
+            found = self._stable() if self.problem.options.replaces_unstable else self.all_critical()
             best = min(found, key=lambda one: abs(math.log(mean_modulus(one.surface.domain)) - log), default=None)
         else:
             best = self._descended
@@ -113,7 +113,7 @@ class RimsSolver:
             smooth = _lifted(placed.surface, problem.curves, allowed=self.problem.allowed)
             circles = self._circles(placed, placed.surface.domain)
         points, starts = [], []
-        loops, averages = placed.as_run(self.problem.units), placed.as_run(self._continuation[0])
+        loops, averages = placed.as_directed(self.problem.units), placed.as_directed(self._continuation[0])
         for loop, average, slide, circle in zip(loops, averages, smooth.slides, circles, strict=True):
             match = RimMatch(loop=loop, curve=average, boundary=circle, matching=_matching(slide))
             points.append(loop.points)
@@ -161,7 +161,7 @@ class RimsSolver:
         """The starts; two for two rims, with the second one as given and reversed."""
         rims = self._rims[0]
         if len(rims) == 2:
-            return tuple(start_between(*rims, _FEWEST_NODES, back=back) for back in (False, True))
+            return tuple(start_between(*rims, _FEWEST_NODES, backward=backward) for backward in (False, True))
         return tuple(projected_starts(rims, _FEWEST_NODES))
 
     @cached_property
@@ -196,7 +196,7 @@ class RimsSolver:
 
     def _problem(self, placed: OrientedSurface, step: int = 0) -> RimsProblem:
         rims = self._rims[step]
-        curves = [rims[rim.number].directions[back] for rim, back in zip(placed.rims, placed.back, strict=True)]
+        curves = [rims[rim.number].directions[flip] for rim, flip in zip(placed.rims, placed.backward, strict=True)]
         negligible = _NEGLIGIBLE_POWER if self._is_noisy else ROUND_OFF
         return RimsProblem(
             curves=CurveTensors.batch(curves),
@@ -219,10 +219,13 @@ class RimsSolver:
             problem = self._problem(start)
             # half of the nodes: an eighth of the cost
             coarse = problem.resampled(start.surface, max(_FEWEST_NODES, n // 2))
-            held = problem.stationary(replace(coarse, held=is_two), tolerance=SMALL, saddles=not is_two)
+            # of two rims, the slides alone; `all_on_path` then follows the moduli
+            start_of_path = problem.stationary(
+                replace(coarse, fixed_moduli=is_two), tolerance=SMALL, saddles=not is_two
+            )
             return [
                 replace(start, surface=problem.stationary(problem.resampled(surface, n), saddles=True))
-                for surface in all_on_path(problem, held)
+                for surface in all_on_path(problem, start_of_path)
             ]
 
     def _stable(self) -> list[OrientedSurface]:
@@ -236,7 +239,7 @@ class RimsSolver:
         for finer in self._finer(placed, saddles=saddles):
             goal = self.problem.allowed * (_WELL_BELOW if finer.count <= DENSE else 1.0)
             if self.problem.options.is_series:
-                goal = float(np.finfo(np.float64).tiny)
+                goal = TINY
             with self.problem.clock.stage("lift"):
                 tried.append((_lifted(finer, problem.curves, allowed=goal), finer))
             lift, harmonic = min(tried, key=lambda pair: pair[0].misfit.rms)
@@ -256,7 +259,7 @@ class RimsSolver:
         return RouteResult(
             domain=domain,
             surface_at=surface_of(lift, domain),
-            curves=tuple(placed.as_run(self.problem.curves)),
+            curves=tuple(placed.as_directed(self.problem.curves)),
             matchings=tuple(_matching(slide) for slide in lift.slides),
             misfit=lift.misfit,
             area=lift.area,
@@ -302,7 +305,7 @@ class RimsSolver:
 def _between(placed: OrientedSurface, antiperiodic: tuple[bool, ...], period: float) -> RimsResult:
     return RimsResult(
         order=tuple(rim.number for rim in placed.rims),
-        back=placed.back,
+        backward=placed.backward,
         modulus=mean_modulus(placed.surface.domain),
         antiperiodic=antiperiodic,
         period=period,

@@ -45,9 +45,9 @@ class Rim:
         """Where the curve is."""
         return place_of(self.directions[0].breaks)
 
-    def samples(self, n: int, *, back: bool = False) -> Float[np.ndarray, "n 3"]:
+    def samples(self, n: int, *, backward: bool = False) -> Float[np.ndarray, "n 3"]:
         """Points at equal steps of the parameter."""
-        return to_numpy(self.directions[back].point_and_derivative(self.place.put(np.arange(n) / n))[0])
+        return to_numpy(self.directions[backward].point_and_derivative(self.place.put(np.arange(n) / n))[0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,43 +55,43 @@ class OrientedSurface:
     """A harmonic surface, with the rim and direction of each circle."""
 
     rims: tuple[Rim, ...]  # of the outer circle, of the hole around 0, and of the other holes
-    back: tuple[bool, ...]  # whether each is reversed
+    backward: tuple[bool, ...]  # whether the curve of each rim is reversed
     surface: HarmonicSurface
 
     @classmethod
     def of(
-        cls, rims: Sequence[Rim], back: Sequence[bool], slides: Float[Array, "m n"], domain: CircularDomain
+        cls, rims: Sequence[Rim], backward: Sequence[bool], slides: Float[Array, "m n"], domain: CircularDomain
     ) -> OrientedSurface:
-        """The surface with given slides over a given domain, which are moved to where the curves are."""
+        """The surface with given slides over a given domain, whose arrays are put in the place of the curves."""
         put = rims[0].place.put
         domain = CircularDomain(centres=put(domain.centres), log_radii=put(domain.log_radii))
-        curves = CurveTensors.batch([rim.directions[is_back] for rim, is_back in zip(rims, back, strict=True)])
+        curves = CurveTensors.batch([rim.directions[flip] for rim, flip in zip(rims, backward, strict=True)])
         surface = HarmonicSurface.of(curves, put(slides), domain, ROUND_OFF)
-        return cls(rims=tuple(rims), back=tuple(back), surface=surface)
+        return cls(rims=tuple(rims), backward=tuple(backward), surface=surface)
 
-    def as_run(self, given: Sequence[_LoopOrCurve]) -> list[_LoopOrCurve]:
+    def as_directed(self, given: Sequence[_LoopOrCurve]) -> list[_LoopOrCurve]:
         """The given loops or curves, in the order and direction of the boundaries of Ω."""
-        rims = zip(self.rims, self.back, strict=True)
-        return [given[rim.number].reversed() if back else given[rim.number] for rim, back in rims]
+        rims = zip(self.rims, self.backward, strict=True)
+        return [given[rim.number].reversed() if backward else given[rim.number] for rim, backward in rims]
 
     def with_first_as_given(self) -> OrientedSurface:
         """This surface, or the same over the mirror image of Ω, so that the first given rim is not reversed."""
-        if not any(back for rim, back in zip(self.rims, self.back, strict=True) if rim.number == 0):
+        if not any(backward for rim, backward in zip(self.rims, self.backward, strict=True) if rim.number == 0):
             return self
         slides, domain = self.surface.slides, self.surface.domain
         mirrored = CircularDomain(centres=domain.centres.conj(), log_radii=domain.log_radii)
         xp = namespace(slides)
         ahead = xp.concat([1 - slides[:, :1], 2 - xp.flip(slides[:, 1:], axis=1)], axis=1)
-        return OrientedSurface.of(self.rims, [not back for back in self.back], ahead, mirrored)
+        return OrientedSurface.of(self.rims, [not backward for backward in self.backward], ahead, mirrored)
 
 
-def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> OrientedSurface:
+def start_between(first: Rim, second: Rim, n: int, *, backward: bool) -> OrientedSurface:
     """The start of two rims: equal steps of both parameters with the shift of least energy.
 
     The modulus is that of the first minimum of the energy, else of the first maximum of its slope, else 1 more than
     that between concentric circles of the curves' lengths.
     """
-    points = np.stack([first.samples(n), second.samples(n, back=back)])
+    points = np.stack([first.samples(n), second.samples(n, backward=backward)])
     spectrum = np.fft.rfft(points, axis=1)
     weight = np.full(n // 2 + 1, 2.0)
     weight[0] = weight[-1] = 1.0
@@ -106,7 +106,7 @@ def start_between(first: Rim, second: Rim, n: int, *, back: bool) -> OrientedSur
     row = _first_valley(energies.min(axis=1), usual)
     even, domain = np.arange(n) / n, CircularDomain.annulus(float(moduli[row]))
     slides = np.stack([even, even + int(energies[row].argmin()) / n])
-    return OrientedSurface.of((first, second), (False, back), slides, domain)
+    return OrientedSurface.of((first, second), (False, backward), slides, domain)
 
 
 def projected_starts(rims: Sequence[Rim], n: int) -> list[OrientedSurface]:
@@ -148,13 +148,13 @@ def _projected(
         return None
     domain, points = projected
     even, coordinates = np.arange(n) / n, domain.coordinates(points)
-    slides, back = [], []
+    slides, backward = [], []
     for k in range(m):
         turn = np.unwrap(np.angle(coordinates[k, k])) / (2 * np.pi)
-        back.append(bool(turn[-1] < turn[0]))
-        own = -even if back[-1] else even
+        backward.append(bool(turn[-1] < turn[0]))
+        own = -even if backward[-1] else even
         slides.append(even + np.interp(even, turn, own - turn, period=1))
-    return OrientedSurface.of([rims[k] for k in order.tolist()], back, np.stack(slides), domain)
+    return OrientedSurface.of([rims[k] for k in order.tolist()], backward, np.stack(slides), domain)
 
 
 def _circles_on_sphere(

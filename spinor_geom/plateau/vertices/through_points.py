@@ -147,7 +147,7 @@ class Basis:
     scales: Float[Array, " m"]
     branches: Complex[Array, " b"]
     rims: tuple[OnRim, ...]
-    ways: tuple[tuple[Complex[Array, "_ k"], Complex[Array, "_"]], ...]  # features on a path to each rim, and dz
+    paths: tuple[tuple[Complex[Array, "_ k"], Complex[Array, "_"]], ...]  # features on a path to each rim, and dz
 
     @classmethod
     def on(
@@ -156,7 +156,7 @@ class Basis:
         poles: Sequence[Poles],
         *,
         nodes: int,
-        ways: Sequence[tuple[Complex[np.ndarray, "_"], Complex[np.ndarray, "_"]]] = (),
+        paths: Sequence[tuple[Complex[np.ndarray, "_"], Complex[np.ndarray, "_"]]] = (),
         branches: Complex[Array, " b"] | None = None,
     ) -> Basis:
         """The features on the rims of Ω.
@@ -196,9 +196,9 @@ class Basis:
                     norm=definite_cholesky(matrix),
                 )
             )
-        on_ways = [
+        on_paths = [
             (raw_features(z, hessenberg, positions, scales) * sign_changing(z, branches)[..., None], dz)
-            for z, dz in ([place.put(part) for part in way] for way in ways)
+            for z, dz in ([place.put(part) for part in path] for path in paths)
         ]
         return cls(
             hessenberg=hessenberg,
@@ -206,7 +206,7 @@ class Basis:
             scales=scales,
             branches=branches,
             rims=tuple(rims),
-            ways=tuple(on_ways),
+            paths=tuple(on_paths),
         )
 
     def raw(self, readout: Complex[Array, "k 2"]) -> Complex[Array, "k 2"]:
@@ -256,14 +256,14 @@ class Passing:
         return [rim.changes(spinors) for rim, spinors in zip(self.basis.rims, self._spinors, strict=True)]
 
     @cached_property
-    def _on_ways(self) -> tuple[Complex[Array, "_ 2"], ...]:
-        return tuple(way @ self.raw for way, _ in self.basis.ways)
+    def _on_paths(self) -> tuple[Complex[Array, "_ 2"], ...]:
+        return tuple(path @ self.raw for path, _ in self.basis.paths)
 
     @cached_property
     def error(self) -> Float[Array, "n 3"]:
         """Differences from the points, with mean 0, followed by the periods of r around each hole."""
         rows = [step.cumsum(0) - step - points for step, points in zip(self._steps, self.points, strict=True)]
-        for row, values, (_, steps) in zip(rows, self._on_ways, self.basis.ways, strict=False):
+        for row, values, (_, steps) in zip(rows, self._on_paths, self.basis.paths, strict=False):
             row += (phi(*values.mT) * steps[:, None]).sum(0).real
         xp = namespace(self.raw)
         error = xp.concat(rows)
@@ -284,8 +284,8 @@ class Passing:
         for over_edge in self._changes:
             by_points.append(over_edge.cumsum(1) - over_edge)
             by_gaps.append(over_edge.sum(1)[:, None])
-        for changes, values, (way, steps) in zip(by_points, self._on_ways, self.basis.ways, strict=False):
-            changes += (2 * (values * steps[:, None]).mT @ way)[:, None]
+        for changes, values, (path, steps) in zip(by_points, self._on_paths, self.basis.paths, strict=False):
+            changes += (2 * (values * steps[:, None]).mT @ path)[:, None]
         rows = namespace(self.raw).concat([*by_points, *by_gaps[1:]], axis=1)
         points = rows[:, : sum(map(len, self.points))]
         points -= points.mean(1)[:, None]

@@ -200,7 +200,7 @@ def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Co
         [place.put(boundary.vertices) for boundary in domain.boundaries],
         poles,
         nodes=NODES,
-        ways=[path_to(domain, first, NODES) for first in firsts],
+        paths=[path_to(domain, first, NODES) for first in firsts],
         branches=circles.centres[np.flatnonzero(smooth.antiperiodic)],
     )
     parts = [_part(smooth, nodes_on_edges(rim.polygon, NODES), number) for number, rim in enumerate(basis.rims)]

@@ -45,7 +45,7 @@ _SHARP = 130.0  # degrees; at sharper rims more than one vertex in ten turns by 
 
 
 @dataclass(frozen=True)
-class Figure:
+class Promise:
     """A promise and what was measured; those of kind "time" do not change the exit status."""
 
     suite: str
@@ -56,11 +56,11 @@ class Figure:
     kind: Kind = "accuracy"
 
 
-def claims(records: Sequence[Record]) -> list[Figure]:
+def promises(records: Sequence[Record]) -> list[Promise]:
     """All promises about the records."""
     suites = {suite: [r for r in records if r["suite"] == suite] for suite in names(records, "suite")}
     done = {suite: [r for r in here if r["status"] == "done"] for suite, here in suites.items()}
-    found: list[Figure] = []
+    found: list[Promise] = []
     for case, here in _by_case(done.get("disks", [])).items():
         found += _disks(case, [r for r in here if r["area_error"] is not None])
     for case, here in _by_case(done.get("fills", [])).items():
@@ -97,7 +97,7 @@ def _comparable(one: Record, other: Record) -> bool:
     return len(loads) < 2 or abs(loads[0] - loads[1]) <= SAME_LOAD
 
 
-def _disks(case: str, here: list[Record]) -> Iterator[Figure]:
+def _disks(case: str, here: list[Record]) -> Iterator[Promise]:
     ours = [r for r in here if r["method"] == "spinor"]
     if not ours:
         return
@@ -107,7 +107,7 @@ def _disks(case: str, here: list[Record]) -> Iterator[Figure]:
             yield from _beside(case, baseline, ours, {r["n"]: r for r in here if r["method"] == baseline})
         digits = 1e-5 if case.endswith("@uneven") else 1e-6  # uneven points determine their curve less well
         text = f"area right to {digits:g} at some number of points"
-        yield Figure("disks", case, text, f"{min(errors):.1e}", min(errors) <= digits)
+        yield Promise("disks", case, text, f"{min(errors):.1e}", min(errors) <= digits)
     if kind == "plane":
         yield from at_most("disks", case, "error of the area", errors, 1e-10)
     values = [r["exact_curvature_median"] for r in ours if r.get("exact_curvature_median") is not None]
@@ -116,7 +116,7 @@ def _disks(case: str, here: list[Record]) -> Iterator[Figure]:
     yield from share("disks", case, "every disk keeps the rim bit-equal and leaves no edge open", closed)
 
 
-def _beside(case: str, name: str, ours: list[Record], baseline: dict[int, Record]) -> Iterator[Figure]:
+def _beside(case: str, name: str, ours: list[Record], baseline: dict[int, Record]) -> Iterator[Promise]:
     """Compares our area error and seconds at each number of points with those of a discrete surface."""
     pairs = [(r, baseline[r["n"]]) for r in ours if r["n"] >= LEAST_POINTS and r["n"] in baseline]
     if pairs:
@@ -126,12 +126,12 @@ def _beside(case: str, name: str, ours: list[Record], baseline: dict[int, Record
             m["area_error"] <= max(_ROUNDING, o["area_error"] / _CLOSER, _OF_LIMIT * (m.get("limit_error") or 0))
             for m, o in pairs
         )
-        yield Figure("disks", case, text, f"{closer:.1e} times at {n} points", met)
+        yield Promise("disks", case, text, f"{closer:.1e} times at {n} points", met)
     ratios = [(m["seconds"] / o["seconds"], m["n"]) for m, o in pairs if _comparable(m, o)]
     if ratios:
         slower, n = max(ratios)
         text, measured = f"at most {_SLOWER:g} times the seconds of {name}", f"{slower:.2f} times at {n} points"
-        yield Figure("disks", case, text, measured, slower <= _SLOWER, "time")
+        yield Promise("disks", case, text, measured, slower <= _SLOWER, "time")
 
 
 def _closed(record: Record) -> bool:
@@ -140,7 +140,7 @@ def _closed(record: Record) -> bool:
     return bool(kept and not any(record.get(f"{kind}_edges") for kind in ("open_rim", "new_open", "nonmanifold")))
 
 
-def _fills(case: str, here: list[Record]) -> Iterator[Figure]:
+def _fills(case: str, here: list[Record]) -> Iterator[Promise]:
     ours = [r for r in here if r["method"] == OURS]
     text = "every fill closes the rim and keeps the mesh bit-equal"
     yield from share("fills", case, text, [_closed(r) for r in ours])
@@ -150,12 +150,12 @@ def _fills(case: str, here: list[Record]) -> Iterator[Figure]:
         if other is not None and n in REFERENCE_SHARE and _comparable(mine, other):
             ratio, most = mine["seconds"] / other["seconds"], REFERENCE_SHARE[n]
             text = f"whole fill of {n} points in at most {most:g} times the seconds of {REFERENCE}"
-            yield Figure("fills", case, text, f"{ratio:.2f} times", ratio <= most, "time")
+            yield Promise("fills", case, text, f"{ratio:.2f} times", ratio <= most, "time")
     if known_kind(case) != "plane":
         yield from _nearer("fills", case, here)
 
 
-def _nearer(suite: str, case: str, here: Sequence[Record]) -> Iterator[Figure]:
+def _nearer(suite: str, case: str, here: Sequence[Record]) -> Iterator[Promise]:
     """Compares our area error with those of the other fillers that close the hole."""
     known = [r for r in here if r.get("area_error") is not None and r["open_rim_edges"] == 0]
     ratios = [
@@ -167,7 +167,7 @@ def _nearer(suite: str, case: str, here: Sequence[Record]) -> Iterator[Figure]:
     if ratios:
         least, method = min(ratios)
         text = f"filled area at least {_NEARER:g} times closer than every other filler's"
-        yield Figure(suite, case, text, f"{least:.1e} times {method}'s, the least", least >= _NEARER)
+        yield Promise(suite, case, text, f"{least:.1e} times {method}'s, the least", least >= _NEARER)
 
 
 def is_whole(record: Record) -> bool:
@@ -176,7 +176,7 @@ def is_whole(record: Record) -> bool:
     return done and record["open_rim_edges"] == record["new_open_edges"] == 0
 
 
-def _frame(case: str, ours: list[Record]) -> Iterator[Figure]:
+def _frame(case: str, ours: list[Record]) -> Iterator[Promise]:
     """The promises of shells over CAD edges, after a round trip through STEP."""
     area = 1e-6 if known_kind(case) == "corners" else 1e-7
     yield from at_most("cad", case, "error of the area", [r["area_error"] for r in ours], area)
@@ -186,7 +186,7 @@ def _frame(case: str, ours: list[Record]) -> Iterator[Figure]:
     yield from share("cad", case, "valid for Open CASCADE", [r["valid"] for r in ours])
 
 
-def _cut_outs(done: list[Record]) -> Iterator[Figure]:
+def _cut_outs(done: list[Record]) -> Iterator[Promise]:
     """The promises of the smooth continuation."""
     suite = "cut-outs"
     closed = [_closed(r) for r in done if r["method"] == SMOOTH]
@@ -215,7 +215,7 @@ def _cut_outs(done: list[Record]) -> Iterator[Figure]:
         yield from at_most(suite, "scans", "median distance by the best other filler's", [ratio], 0.6)
 
 
-def _ragged(ours: list[Record]) -> Iterator[Figure]:
+def _ragged(ours: list[Record]) -> Iterator[Promise]:
     rims = [r for r in ours if r["case"] in CUT]
     yield from share("ragged", "cut", "no patch crosses anything", [not _crossings(r) for r in rims])
     for name, sharp, least in (("milder rims", False, 0.95), ("sharper rims", True, 0.6)):
@@ -232,7 +232,7 @@ def _ragged(ours: list[Record]) -> Iterator[Figure]:
         yield judged(Limit("seconds", "seconds", _NOISY_SECONDS[points], "time"), record)
 
 
-def _reports(done: list[Record]) -> Iterator[Figure]:
+def _reports(done: list[Record]) -> Iterator[Promise]:
     for method in OUR_FILLERS:
         here = [r for r in done if r["method"] == method]
         clear = {r["case"] for r in done if r["method"] in CLEAREST and _closed(r) and not _crossings(r)}
@@ -248,16 +248,16 @@ def _crossings(record: Record) -> int:
     return (record.get("crossings") or 0) + (record.get("mesh_crossings") or 0)
 
 
-def _meshes(ours: list[Record]) -> Iterator[Figure]:
+def _meshes(ours: list[Record]) -> Iterator[Promise]:
     if ours:
         loops, near = (sum(r[name] for r in ours) for name in ("requested", "within_1e-2"))
         text = "at least 90% of the loops within 1e-2 of an edge"
-        yield Figure("meshes", "all meshes", text, f"{near} of {loops}", near >= 0.9 * loops)
+        yield Promise("meshes", "all meshes", text, f"{near} of {loops}", near >= 0.9 * loops)
     explained = [not r.get("unexplained") for r in ours]
     yield from share("meshes", "all meshes", "every loop that is left open has a reason", explained)
 
 
-def _random(curves: list[Record]) -> Iterator[Figure]:
+def _random(curves: list[Record]) -> Iterator[Promise]:
     """The promises of all random curves together; the distance of a refused one counts as infinite."""
     rms = {r["case"]: math.inf if r.get("rms_per_edge") is None else r["rms_per_edge"] for r in curves}
     near, true = [value <= 1e-2 for value in rms.values()], [not r.get("untrue") for r in curves]
@@ -269,16 +269,16 @@ def _random(curves: list[Record]) -> Iterator[Figure]:
             yield from at_most("curves", "random curves", text, [median(chosen)], limit)
 
 
-def _batch(done: list[Record]) -> Iterator[Figure]:
+def _batch(done: list[Record]) -> Iterator[Promise]:
     here = {r["case"]: r for r in done}
     for case in (name for name in _RATES if name in here):
         rate, least = here[case]["rate"], _RATES[case]
-        yield Figure("batch", case, f"loops a second at least {least:g}", f"{rate:.3g}", rate >= least, "time")
+        yield Promise("batch", case, f"loops a second at least {least:g}", f"{rate:.3g}", rate >= least, "time")
     for case, name, of, least in _FASTER:
         whole, alone = here.get(case), here.get(of)
         if whole and alone and _comparable(whole, alone):
             ratio, text = whole["rate"] / alone["rate"], f"times the rate of {name} at least {least:g}"
-            yield Figure("batch", case, text, f"{ratio:.3g}", ratio >= least, "time")
+            yield Promise("batch", case, text, f"{ratio:.3g}", ratio >= least, "time")
     for case, record in here.items():
         if record.get("worker_mib"):
             yield from at_most("batch", case, "MiB of the largest process", [record["worker_mib"]], WORKER_MIB)
@@ -290,7 +290,7 @@ def _batch(done: list[Record]) -> Iterator[Figure]:
         yield judged(Limit("equal", "equal to the last bit", True), record)
 
 
-def _start(done: list[Record]) -> Iterator[Figure]:
+def _start(done: list[Record]) -> Iterator[Promise]:
     for record in (r for r in done if r["case"] in _STARTS):
         yield from at_most("start", record["case"], "CPU seconds", [record["seconds"]], _STARTS[record["case"]], "time")
     for record in done:
@@ -298,7 +298,7 @@ def _start(done: list[Record]) -> Iterator[Figure]:
         yield judged(Limit("torch", "torch is imported", False), record)
 
 
-def judged(limit: Limit, record: Record) -> Figure:
+def judged(limit: Limit, record: Record) -> Promise:
     """Compares a record with a limit; a missing value or NaN misses it."""
     exact = isinstance(limit.value, str | bool)
     found = record.get(limit.field) if record["status"] == "done" else record["status"]
@@ -308,20 +308,20 @@ def judged(limit: Limit, record: Record) -> Figure:
         met, measured = bool(found <= limit.value), f"{found:.3g}"
     text = limit.name if limit.value is True else f"{limit.name}: {limit.value}"
     text = text if exact else f"{limit.name} at most {limit.value:g}"
-    return Figure(record["suite"], record["case"], text, measured, met, limit.kind)
+    return Promise(record["suite"], record["case"], text, measured, met, limit.kind)
 
 
 def at_most(
     suite: str, case: str, text: str, values: Sequence[float], limit: float, kind: Kind = "accuracy"
-) -> Iterator[Figure]:
+) -> Iterator[Promise]:
     """The promise that no value exceeds a limit; nothing without values."""
     if values:
         measured = f"{max(values):.3g}" + (f" at most, {median(values):.3g} in the median" if len(values) > 1 else "")
-        yield Figure(suite, case, f"{text} at most {limit:.3g}", measured, max(values) <= limit, kind)
+        yield Promise(suite, case, f"{text} at most {limit:.3g}", measured, max(values) <= limit, kind)
 
 
-def share(suite: str, case: str, text: str, met: Sequence[bool], least: float = 1.0) -> Iterator[Figure]:
+def share(suite: str, case: str, text: str, met: Sequence[bool], least: float = 1.0) -> Iterator[Promise]:
     """The promise that at least a share of the records meets a condition; nothing without records."""
     if met:
         text += "" if least == 1 else f", at least {least:.0%}"
-        yield Figure(suite, case, text, f"{sum(met)} of {len(met)}", sum(met) >= least * len(met))
+        yield Promise(suite, case, text, f"{sum(met)} of {len(met)}", sum(met) >= least * len(met))
