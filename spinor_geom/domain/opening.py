@@ -99,14 +99,14 @@ class Opening:
 
     def given_parameters(self, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Parameters on the given boundary that correspond to those on the image, linear between vertices."""
-        return np.interp(t, self.boundary.parameters, self.before)
+        return np.asarray(np.interp(t, self.boundary.parameters, self.before))
 
     def factor(self, t: Float[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
         """The factor of p and q at parameters on the image, up to a constant: φ dz stays the same."""
         z, root = self.given.point(self.given_parameters(t)), np.ones(len(t), dtype=np.complex128)
         for power in self.powers:
             root, z = root * power.root_of_slope(z), power(z)
-        return 1 / root
+        return np.asarray(1 / root)
 
 
 def _even(
