@@ -197,7 +197,7 @@ class _Ring:
         first, last = first[free], last[free]
         marks, inner = np.append(self.marks, self.marks + 1), np.append(self.inner, self.inner)
         folded = _folded(self.rim, marks[first], marks[last], inner[first], inner[last], most_turn=_TURN)
-        return np.stack([first, last % k, last - first], axis=1)[~folded]
+        return np.asarray(np.stack([first, last % k, last - first], axis=1)[~folded])
 
     def folded(self) -> Bool[np.ndarray, " k"]:
         """Which quadrilaterals are folded, or nearly so."""

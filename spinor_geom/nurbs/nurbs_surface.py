@@ -25,6 +25,7 @@ from spinor_geom.plateau.threads import one_thread
 from spinor_geom.shown import shortened
 from spinor_geom.surface.array_surface import ArraySurface
 
+_OF_TOLERANCE = 0.01  # accuracy of positions
 _AROUND, _ROUNDING = 256, 1e-12  # points of a rim for its diagonal; tolerance of exact patches
 
 
@@ -168,7 +169,7 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
             return _exact(disk, diagonal, missed, tolerance)
         rims = Rim.all_of(solution)
         blocks = Blocks.of(solution.domain, rims)
-        samples = Samples(surface=solution.array_surface, rims=rims, blocks=blocks)
+        samples = Samples(surface=solution.array_surface, rims=rims, blocks=blocks, accuracy=_OF_TOLERANCE * tolerance)
         mesh = QuadMesh(quads=blocks.quads, ring=len(blocks.parts))
         fit = fitted(mesh, samples.on, tolerance * diagonal)
         patches = tuple(

@@ -129,7 +129,7 @@ def _times(a: Inexact[np.ndarray, "i j"], b: Inexact[np.ndarray, "k l"]) -> Inex
     product = np.zeros(np.add(a.shape, b.shape) - 1, dtype=np.result_type(a, b))
     for (i, j), factor in np.ndenumerate(b):  # of at most 3 × 3
         product[i : i + a.shape[0], j : j + a.shape[1]] += factor * a
-    return product / _binomials(product.shape)
+    return np.asarray(product / _binomials(product.shape))
 
 
 def _binomials(shape: tuple[int, ...]) -> Float[np.ndarray, "i j"]:

@@ -71,9 +71,9 @@ def quadrangulated(z: Complex[np.ndarray, " m"], sides: Int[np.ndarray, "s 2"]) 
         second, third = second[third < width], third[third < width]
         total = cost[i, i + second] + cost[i + second, i + third] + cost[i + third, i + width]
         chord, choice = np.nonzero(np.isfinite(total))
-        a, b, c, d = chord, chord + second[choice], chord + third[choice], chord + width
-        corners = step[d, a], step[a, b], step[b, c], step[c, d], step[d, a]
-        sine = np.minimum.reduce([cross(one, two) for one, two in itertools.pairwise(corners)])
+        corners = [chord, chord + second[choice], chord + third[choice], chord + width]
+        along = [step[one, two] for one, two in itertools.pairwise([corners[-1], *corners, corners[0]])]
+        sine = np.minimum.reduce([cross(one, two) for one, two in itertools.pairwise(along)])
         with np.errstate(divide="ignore"):
             total[chord, choice] += 1 / np.where(sine > LEAST_SINE, sine, 0.0)
         best, i = total.argmin(axis=1), i[:, 0]
@@ -88,9 +88,9 @@ def quadrangulated(z: Complex[np.ndarray, " m"], sides: Int[np.ndarray, "s 2"]) 
         return None
     quads, chords = [], [(0, final)]
     while chords:
-        i, j = chords.pop()
-        k, h = between[i, j].tolist()
-        if h:
-            quads.append((i, k, h, j))
-            chords += [(i, k), (k, h), (h, j)]
+        a, d = chords.pop()
+        b, c = between[a, d].tolist()
+        if c:
+            quads.append((a, b, c, d))
+            chords += [(a, b), (b, c), (c, d)]
     return np.array(quads)

@@ -26,7 +26,7 @@ _PRECISE, _REACH = 1e-8, 0.02  # the last step, after which the error is about i
 # relative accuracy of ∫ φ dz: a share of the boundary residual, within limits that the tolerance 1e-6 needs
 _OF_RESIDUAL, _ACCURACY = 1e-3, (1e-10, 1e-8)
 _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
-_SLOPE_STEP = 1e-6  # difference for derivatives by the parameter on Γ
+_SLOPE_STEP = 1e-6  # difference for ds/dx
 # Shares of s and t on a side that differ by more are approximated by a polynomial: 0.44 beside the opened corner of an
 # L, at most 0.04 elsewhere. Its degree, and the number of steps between the nodes where it is fitted.
 _UNEVEN, _DEGREE, _NODES = 0.2, 9, 64
@@ -89,9 +89,14 @@ class Rim:
         return self.boundary.point(self.on_boundary(x))
 
     def derivative(self, x: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """dz/dx, to a few digits, not at corners."""
-        before, after = self.on_boundary(x - _SLOPE_STEP), self.on_boundary(x + _SLOPE_STEP)
-        return np.asarray((self.boundary.point(after) - self.boundary.point(before)) / (2 * _SLOPE_STEP))
+        """dz/dx, up to the boundary residual, not at corners; infinite where the surface stands still along Γ."""
+        t, s = self.on_boundary(x), self.on_curve(x)
+        _, velocity = self.primitive.at(t.ravel() % 1.0)
+        tangent = self.curve.derivative(s.ravel())
+        slope = (self.on_curve(x + _SLOPE_STEP) - self.on_curve(x - _SLOPE_STEP)) / (2 * _SLOPE_STEP)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            speed = (tangent * tangent).sum(axis=1) / (velocity * tangent).sum(axis=1)
+            return np.asarray(self.boundary.derivative(t) * slope * speed.reshape(t.shape))
 
     def tangents(self, x: Float[np.ndarray, " n"]) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
         """Unit tangents of ∂Ω before and after points."""

@@ -45,11 +45,15 @@ class Samples:
     Without a closed form, ∫ φ dz of a smooth disk is a polynomial on each quadrilateral, by Cauchy's formula at the
     nodes of interpolation. Where ∂Ω is not smooth, and between several rims, positions in a ring are integrals of φ
     along straight lines from ∂Ω; those inside a disk are by Cauchy's formula, with the same nodes on ∂Ω for all points.
+
+    Attributes:
+        accuracy: of the polynomials, as a share of the size of the surface.
     """
 
     surface: ArraySurface
     rims: tuple[Rim, ...]
     blocks: Blocks
+    accuracy: float
 
     def on(self, grids: Sequence[Grid]) -> list[tuple[Values, Values]]:
         """For each grid the positions of the minimal surface, and those moved to fit the rims."""
@@ -141,10 +145,10 @@ class Samples:
         primitive = self.rims[0].primitive
         if len(self.rims) > 1 or not isinstance(primitive, SmoothPrimitive):
             return None
-        outlines = [
+        candidates, checks = (
             np.concatenate([self._outlines(u, side) for side in range(4)], axis=1) for u in (CANDIDATES, CHECKS)
-        ]
-        return QuadPolynomials.through(primitive.inside, *outlines, 10 * primitive.accuracy)
+        )
+        return QuadPolynomials.through(primitive.inside, candidates, checks, self.accuracy)
 
     def _outlines(self, u: Float[np.ndarray, " n"], side: int) -> Complex[np.ndarray, "q n"]:
         """Points of one side of all quadrilaterals."""

@@ -26,7 +26,7 @@ def test_positions_are_those_of_the_surface(name: str) -> None:
     solution = solutions()[name]
     rims = Rim.all_of(solution)
     blocks = Blocks.of(solution.domain, rims)
-    samples = Samples(surface=solution.array_surface, rims=rims, blocks=blocks)
+    samples = Samples(surface=solution.array_surface, rims=rims, blocks=blocks, accuracy=1e-9)
     space = SplineSpace.on(9, (0.0, 0.125, 0.25, 0.5, 1.0))
     u, v = np.array([0.2, 0.5]), np.array([0.3, 0.8])
     grids = [(quad, u, v, space.breaks) for quad in range(len(blocks.quads))]
@@ -43,7 +43,7 @@ def test_rims_are_moved_to_the_given_curve() -> None:
     solution = solutions()["interpolant"]
     rims = Rim.all_of(solution)
     blocks = Blocks.of(solution.domain, rims)
-    samples = Samples(surface=solution.array_surface, rims=rims, blocks=blocks)
+    samples = Samples(surface=solution.array_surface, rims=rims, blocks=blocks, accuracy=1e-9)
     u = np.linspace(0, 1, 5)
     ((exact, moved),) = samples.on([(0, u, np.array([0.0, 0.5, 1.0]), (0.0, 1.0))])
     start, end = blocks.parts[0]
