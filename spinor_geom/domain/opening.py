@@ -106,7 +106,7 @@ class Opening:
         z, root = self.given.point(self.given_parameters(t)), np.ones(len(t), dtype=np.complex128)
         for power in self.powers:
             root, z = root * power.root_of_slope(z), power(z)
-        return 1 / root
+        return np.asarray(1 / root)
 
 
 def _even(

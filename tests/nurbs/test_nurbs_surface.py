@@ -268,6 +268,15 @@ def test_a_ragged_rim_is_followed() -> None:
     assert surface.deviations.normals < 1  # 72 where Γ has gaps at its points, or t jumps there
 
 
+@pytest.mark.slow
+def test_a_ragged_rim_with_a_small_tolerance_gives_patches_near_the_surface() -> None:
+    solution = spinor_geom.solve_plateau("data/demosthenes_low_res.obj", tolerance=1e-4)
+    surface = solution.to_nurbs()
+    assert surface.converged
+    assert surface.deviations.surface < 1e-4 * solution.loop.mean_edge_length
+    assert surface.deviations.normals < 0.1
+
+
 def test_a_patch_is_evaluated_as_its_sides() -> None:
     rng = np.random.default_rng(1)
     knots = np.array([0.0, 0, 0, 0.5, 1, 1, 1])
