@@ -205,6 +205,17 @@ def caps() -> list[Mesh]:
     return [mesh for mesh in ragged(CUT) if 24 <= len(mesh[2]) <= 80][::4]
 
 
+def caps_together(count: int = 20) -> list[Mesh]:
+    """Rims of 24 to 76 points cut along triangles, side by side in one mesh."""
+    from spinor_geom.bench.ragged import CUT
+
+    meshes = [mesh for mesh in ragged(CUT) if 24 <= len(mesh[2]) <= 76][:count]
+    starts = np.cumsum([0, *(len(mesh[0]) for mesh in meshes)])
+    apart = [mesh[0] + [10.0 * k, 0.0, 0.0] for k, mesh in enumerate(meshes)]
+    faces, rims = (np.concatenate([mesh[k] + n for mesh, n in zip(meshes, starts, strict=False)]) for k in (1, 2))
+    return [(np.concatenate(apart), faces, rims)]
+
+
 def smooth(points: int) -> list[Mesh]:
     """A strip down from a wavy ellipse."""
     from spinor_geom.bench.holes import collar
@@ -237,6 +248,7 @@ def sphere(subdivisions: int, holes: int) -> list[Mesh]:
 
 CASES: Mapping[str, Case] = {
     "caps of 24 to 80 points": caps,
+    "20 caps in one mesh": caps_together,
     **{f"smooth rim of {n:,} points": (lambda n=n: smooth(n)) for n in (64, 256, 1000)},
     **{f"noisy rim of {n:,} points": (lambda n=n: ragged([f"noise-15%-{n}"])) for n in (250, 600, 1200)},
     "60 holes in 80,000 faces": lambda: sphere(6, 60),
