@@ -261,7 +261,7 @@ def _lattices(boundary: BoundaryEdges, size: RegionSizes, room: Int[np.ndarray, 
 
 def _tips_and_seeds(
     boundary: BoundaryEdges, size: RegionSizes, regions: Sequence[int], z: Places, of: Owners, spacing: Lengths
-) -> tuple[Places, Owners]:
+) -> tuple[Complex[np.ndarray, " j"], Int[np.ndarray, " j"]]:
     """Tips of equilateral triangles on the boundary edges of regions, and the lattice points z far enough from them.
 
     All of them lie inside their regions and not too near to an edge; a region where tips are too near to each other has
