@@ -208,6 +208,17 @@ def caps() -> list[Mesh]:
     return [mesh for mesh in ragged(CUT) if 24 <= len(mesh.rim) <= 80][::4]
 
 
+def caps_together(count: int = 20) -> list[Mesh]:
+    """Rims of 24 to 76 points cut along triangles, side by side in one mesh."""
+    from spinor_geom.bench.ragged import CUT
+
+    meshes = [mesh for mesh in ragged(CUT) if 24 <= len(mesh.rim) <= 76][:count]
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    vertices = np.concatenate([mesh.vertices + [10.0 * k, 0.0, 0.0] for k, mesh in enumerate(meshes)])
+    faces, rims = (np.concatenate([mesh[k] + n for mesh, n in zip(meshes, starts, strict=False)]) for k in (1, 2))
+    return [Mesh(vertices, faces, rims)]
+
+
 def smooth(points: int, edges: float | None = None) -> list[Mesh]:
     """A strip down from a wavy ellipse; the patch has edges of that many mean edges of the rim."""
     from spinor_geom.bench.holes import collar
@@ -256,6 +267,7 @@ def whole_mesh(file: Path) -> list[Mesh]:
 
 CASES: Mapping[str, Case] = {
     "caps of 24 to 80 points": caps,
+    "20 caps in one mesh": caps_together,
     **{f"smooth rim of {n:,} points": partial(smooth, n) for n in (64, 256, 1000)},
     # with about as many triangles as MeshLib's defaults; beside 1,000 points short edges need more
     **{f"smooth rim of {n:,} points, edges × {x}": partial(smooth, n, x) for n, x in ((64, 0.5), (256, 3), (1000, 8))},

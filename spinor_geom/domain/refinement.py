@@ -73,19 +73,20 @@ def refine(
     `room` is the largest number of inner points of each region.
     """
     at_points = size(mesh.points, mesh.region)
+    at_centres = np.zeros(boundary.count, dtype=bool)  # regions whose sizes are also computed at centroids
     # triangles with an open vertex are tested: new vertices, and those of triangles whose centre was not inserted
     is_open = np.ones(len(mesh.points), dtype=bool)
     for _ in range(batches):
         seen = mesh.inside[is_open[mesh.triangles].any(axis=1)]
         faces = mesh.faces[seen]
         p, owner = mesh.points[faces], mesh.region[faces[:, 0]]
-        centre, radius, shortest = circumcircles(p)
-        # the mean of the sizes at the vertices decides about triangles that are much larger or smaller
+        # the mean of the sizes at the vertices is enough until the triangles are nearly small enough
         wanted = at_points[faces].mean(axis=1)
-        excess = radius / (_LARGEST_RADIUS * wanted)
-        doubtful = np.flatnonzero((excess > _DOUBTFUL) & (excess < 1 / _DOUBTFUL))
+        centre, radius, shortest = circumcircles(p)
+        doubtful = np.flatnonzero(at_centres[owner] & (radius > _DOUBTFUL * _LARGEST_RADIUS * wanted))
         if len(doubtful):
-            excess[doubtful] *= wanted[doubtful] / size(p[doubtful].mean(axis=1), owner[doubtful])
+            wanted[doubtful] = size(p[doubtful].mean(axis=1), owner[doubtful])
+        excess = radius / (_LARGEST_RADIUS * wanted)
         poor = np.flatnonzero((excess > 1) | (shortest < 2 * radius * _LEAST_SINE))
         poor = poor[~boundary.too_near(centre[poor], owner[poor])]
         if len(poor):
@@ -94,10 +95,15 @@ def refine(
         chosen = poor[some]
         there = np.bincount(mesh.region[mesh.boundary_size :], minlength=boundary.count)
         new = chosen[place_in_region(owner[chosen]) < (room - there)[owner[chosen]]]
-        if not len(new):
+        has_new = np.zeros(boundary.count, dtype=bool)
+        has_new[owner[new]] = True
+        switched = ~has_new & ~at_centres
+        if not (has_new | switched).any():
             break
-        is_open = np.zeros(len(mesh.points), dtype=bool)
-        is_open[faces[np.delete(poor, some)]] = True
+        at_centres |= switched
+        lost = np.delete(poor, some)
+        is_open = switched[mesh.region]
+        is_open[faces[lost[has_new[owner[lost]]]]] = True
         is_open = np.concatenate([is_open, np.ones(len(new), dtype=bool)])
         at_points = np.concatenate([at_points, size(centre[new], owner[new])])
         mesh.insert(centre[new], owner[new])
