@@ -32,7 +32,7 @@ class EdgeFeatures:
     few: Complex[Array, "n c m"]  # the units at few nodes
     near: Complex[Array, "n g q"]  # values of the units with near poles minus their interpolants through few nodes
     index: Int[Array, "n q"]  # which units these are
-    between: Float[Array, "g c"]  # interpolation from the few nodes
+    between: Complex[Array, "g c"]  # interpolation from the few nodes
 
     @classmethod
     def on(
@@ -45,14 +45,12 @@ class EdgeFeatures:
     ) -> EdgeFeatures:
         """The features at `nodes` Gauss-Legendre nodes on the edges of a polygon."""
         place, xp = place_of(polygon), namespace(polygon)
-        between, z = _interpolation(_FEW, nodes, place), nodes_on_edges(polygon, nodes)
+        between, z = _interpolation(_FEW, nodes, place) + 0j, nodes_on_edges(polygon, nodes)
         few = cauchy_units(nodes_on_edges(polygon, _FEW), poles, scales)
         index = place.put(_near(to_numpy(polygon), to_numpy(poles)))
         units = scales[index][:, None] / (z[..., None] - poles[index][:, None])
-        near = units - (between + 0j) @ xp.take_along_axis(few, index[:, None], axis=2)
-        return cls(
-            polynomials=arnoldi_polynomials(z, hessenberg), few=few, near=near, index=index, between=between + 0j
-        )
+        near = units - between @ xp.take_along_axis(few, index[:, None], axis=2)
+        return cls(polynomials=arnoldi_polynomials(z, hessenberg), few=few, near=near, index=index, between=between)
 
     @property
     def count(self) -> int:
