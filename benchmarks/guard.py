@@ -214,7 +214,7 @@ def caps_together(count: int = 20) -> list[Mesh]:
 
     meshes = [mesh for mesh in ragged(CUT) if 24 <= len(mesh.rim) <= 76][:count]
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    vertices = np.concatenate([mesh.vertices + [10.0 * k, 0.0, 0.0] for k, mesh in enumerate(meshes)])
+    vertices = np.concatenate([mesh.vertices + np.array([10.0 * k, 0.0, 0.0]) for k, mesh in enumerate(meshes)])
     faces, rims = (np.concatenate([mesh[k] + n for mesh, n in zip(meshes, starts, strict=False)]) for k in (1, 2))
     return [Mesh(vertices, faces, rims)]
 
