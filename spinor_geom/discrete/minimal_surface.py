@@ -20,12 +20,9 @@ from spinor_geom.discrete.first_fill import disk_without_inner_points, unfolded_
 from spinor_geom.discrete.strip import discrete_annulus
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.domain.polygons import lattice_inside
 from spinor_geom.domain.sizes import SizeFunction, graded_size, graded_sizes
 from spinor_geom.domain.triangulation import (
     MOST_POINTS,
-    PlaneTriangulation,
-    Seeds,
     one_by_one_on_error,
     triangulate_polygon,
     triangulate_regions,
@@ -50,7 +47,6 @@ if TYPE_CHECKING:
 DiscreteMethod = Literal["libigl", "pymeshlab"]
 FINE_CHANGE = 1e-8
 _FINE_GROWTH = 0.15
-_SMALL = 100  # points of a curve up to which drafts save time; the number of vertices grows as its square
 _MOST_STRETCHED = 4.0  # times the mean stretch from the plane; a larger one does not refine the mesh further
 _REMESHING_STEPS = 5
 
@@ -223,52 +219,30 @@ def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, t
     return replace(disk, reason=disk.reason or failure)
 
 
-def first_disk(points: Float[np.ndarray, "m 3"], *, draft: bool = False) -> Disk:
+def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:
     """The first fill of a closed curve: a disk of minimal area to about three digits, accurate enough to flatten it.
-
-    Its edges grow inwards from the curve's. A draft over a small curve has edges of the mean length, so that a patch's
-    mesh can start from its vertices, and less regular triangles.
 
     Raises:
         FirstFillError: the curve's least-area triangulation does not unfold.
         OutOfTimeError: the time limit was reached.
     """
-    (disk,) = first_disks([points], draft=draft)
+    (disk,) = first_disks([points])
     if isinstance(disk, SpinorGeomError):
         raise disk
     require_time()
     return disk
 
 
-def first_disks(loops: Sequence[Float[np.ndarray, "_ 3"]], *, draft: bool = False) -> list[Disk | SpinorGeomError]:
+def first_disks(loops: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk | SpinorGeomError]:
     """`first_disk` or its error for several curves, computed together with bit-equal results."""
 
     def made(some: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk]:
         polygons = [unfolded_loop(points) for points in some]
-        planes = _triangulated(polygons, [draft and len(polygon) <= _SMALL for polygon in polygons])
+        planes = triangulate_regions([[polygon] for polygon in polygons], graded_sizes(polygons))
         pairs = zip(planes, some, strict=True)
         return [descend_from_plane(plane, points, relative_change=FIRST_CHANGE) for plane, points in pairs]
 
     return one_by_one_on_error(made, loops)
-
-
-def _triangulated(
-    polygons: Sequence[Complex[np.ndarray, " _"]], are_drafts: Sequence[bool]
-) -> list[PlaneTriangulation]:
-    """Graded triangulations of polygons, and drafts with edges of the polygons' mean lengths."""
-    found: dict[int, PlaneTriangulation] = {}
-    for draft in (True, False):
-        some = {k: polygon for k, polygon in enumerate(polygons) if are_drafts[k] == draft}
-        if not some:
-            continue
-        own = list(some.values())
-        mean = np.array([np.abs(np.roll(polygon, -1) - polygon).mean() for polygon in own])
-        seeds = [Seeds(lattice_inside(*each)) for each in zip(own, mean.tolist(), strict=True)] if draft else []
-        sizes = graded_sizes(own, mean if draft else np.inf)
-        found |= zip(
-            some, triangulate_regions([[polygon] for polygon in own], sizes, seeds=seeds, draft=draft), strict=True
-        )
-    return [found[k] for k in range(len(polygons))]
 
 
 def finer_disk(disk: Disk, boundary_size: int) -> Disk:

@@ -21,7 +21,7 @@ _LEAST_SINE = np.sin(GOOD_ANGLE)
 _LARGEST_RADIUS = 0.75
 _DOUBTFUL = 0.8  # share of that radius above which the size at the centroid replaces the mean of the vertices
 _BATCH_SPACING = 0.8  # least distance of new points of one batch, per smaller circumradius
-BATCHES = 60  # the number of points grows geometrically with the batches
+_BATCHES = 60  # the number of points grows geometrically with the batches
 # a boundary edge subtends at most 110° at new points; 90° would leave no room beside short edges next to long ones
 _WIDEST_VIEW = np.cos(np.radians(180 - 110))
 # longest inner edge between two boundary vertices, in wanted edge lengths; shorter where it cuts off one vertex
@@ -65,8 +65,6 @@ def refine(
     boundary: BoundaryEdges,
     size: RegionSizes,
     room: Int[np.ndarray, " r"],
-    *,
-    batches: int = BATCHES,
 ) -> None:
     """Inserts batches of circumcentres until no triangle is poor, except where a circumcentre has no room.
 
@@ -76,7 +74,7 @@ def refine(
     at_centres = np.zeros(boundary.count, dtype=bool)  # regions whose sizes are also computed at centroids
     # triangles with an open vertex are tested: new vertices, and those of triangles whose centre was not inserted
     is_open = np.ones(len(mesh.points), dtype=bool)
-    for _ in range(batches):
+    for _ in range(_BATCHES):
         seen = mesh.inside[is_open[mesh.triangles].any(axis=1)]
         faces = mesh.faces[seen]
         p, owner = mesh.points[faces], mesh.region[faces[:, 0]]

@@ -1,6 +1,6 @@
 """Triangulation of simple plane polygons with holes that keeps the boundary vertices and adds none."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, TypeVar
@@ -11,7 +11,6 @@ from jaxtyping import Complex, Float, Int
 from spinor_geom.domain.delaunay import ConstrainedDelaunay, Lengths, Owners, Places, Rims, rim_successors, unique_edges
 from spinor_geom.domain.polygons import lattices_inside
 from spinor_geom.domain.refinement import (
-    BATCHES,
     BoundaryEdges,
     independent,
     place_in_region,
@@ -30,7 +29,6 @@ _ROOM_AT_BOUNDARY = 2.0  # least distance of lattice points from boundary vertic
 _MOST_ROWS = 20_000  # of a lattice
 _FROM_TIPS, _FROM_VERTICES = 0.75, 1.2  # least distance of lattices from tips and boundary vertices, in edge lengths
 _LEAST_SPACING = 0.7  # of lattices, in wanted edge lengths
-_CLOSEST = 0.6  # least distance of other seeds from boundary vertices, in edge lengths
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -40,7 +38,7 @@ class Seeds(NamedTuple):
     """Points inside a region from which its triangulation starts."""
 
     points: Complex[np.ndarray, "_"]
-    spacing: Float[np.ndarray, "_"] | None = None  # distances between neighbours of a lattice; None for other points
+    spacing: Float[np.ndarray, "_"]  # distance of each from its neighbours
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,14 +118,12 @@ def triangulate_regions(
     *,
     seeds: Sequence[Seeds | None] = (),
     max_points: Sequence[int] | int = MOST_POINTS,
-    draft: bool = False,
 ) -> list[PlaneTriangulation]:
     """`triangulate_polygon` for many regions at once; each triangulation is bit-equal to that of the region alone.
 
     A region is a polygon and its holes; `size` takes points and their regions. Refinement starts from `seeds` in each
-    region, of which those outside or too near to the boundary are omitted, and stops at `max_points`; to seeds that are
-    a lattice, points along the boundary are added. By default they are lattices with the largest wanted size as
-    spacing. A `draft` has one batch of circumcentres only and is not smoothed; other triangulations start from it.
+    region, of which those outside or too near to the boundary are omitted and to which points along the boundary are
+    added, and stops at `max_points`. By default they are lattices with the largest wanted size as spacing.
     """
     parts = [[np.array(polygon, dtype=np.complex128) for polygon in region] for region in regions]
     rims = [tuple(map(len, region)) for region in parts]
@@ -152,18 +148,17 @@ def triangulate_regions(
     m = np.array([len(each) for each in given])
     room = np.where(m > 3, np.maximum(max_points - m, 0), 0)
     normalised = [
-        one and Seeds((one.points - c) / r, None if one.spacing is None else one.spacing / r)
+        one and Seeds((one.points - c) / r, one.spacing / r)
         for one, c, r in zip(seeds or [None] * len(rims), centre, scale, strict=True)
     ]
     inner, of = _first_points(edges, wanted, room, normalised)
     some = place_in_region(of) < room[of]
     # all points at once, which takes less time than inserting many later
     mesh = ConstrainedDelaunay(np.append(edges.points, inner[some]), rims, np.append(owner, of[some]))
-    refine(mesh, edges, wanted, room, batches=1 if draft else BATCHES)
-    if not draft:
-        split_long_bridges(mesh, edges, wanted)
-        smooth(mesh, edges)
-        polish(mesh, edges)
+    refine(mesh, edges, wanted, room)
+    split_long_bridges(mesh, edges, wanted)
+    smooth(mesh, edges)
+    polish(mesh, edges)
     points = mesh.points * scale[mesh.region] + centre[mesh.region]
     points[: mesh.boundary_size] = boundary
     return [
@@ -210,26 +205,13 @@ def _first_points(
 ) -> tuple[Places, Owners]:
     """The inner points from which refinement starts, and their regions, in ascending order."""
     given = {k: one for k, one in enumerate(seeds) if one is not None}
-    lattices = {k: one.spacing for k, one in given.items() if one.spacing is not None}
-    others = [k for k in given if k not in lattices]
     is_bare, found = np.array([one is None for one in seeds]), []
-
-    def owned(regions: Iterable[int]) -> tuple[Places, Owners]:
-        points = [given[k].points for k in regions]
-        return np.concatenate(points), np.repeat([*regions], [len(some) for some in points])
-
     if is_bare.any():
         found.append(_lattices(boundary, size, np.where(is_bare, room, 0)))
-    if lattices:
-        found.append(
-            _tips_and_seeds(boundary, size, [*lattices], *owned(lattices), np.concatenate([*lattices.values()]))
-        )
-    if others:
-        z, of = owned(others)
-        distance, nearest = NearestPoints(boundary.points, boundary.region).query(z, of)
-        free = distance[:, 0] > _CLOSEST * np.abs(boundary.edge)[nearest[:, 0]]
-        free[free] = boundary.has_room(z[free], of[free])
-        found.append((z[free], of[free]))
+    if given:
+        points, spacing = map(np.concatenate, zip(*given.values(), strict=True))
+        of = np.repeat([*given], [len(one.points) for one in given.values()])
+        found.append(_tips_and_seeds(boundary, size, [*given], points, of, spacing))
     inner, of = map(np.concatenate, zip(*found, strict=True))
     order = np.argsort(of, kind="stable")
     return inner[order], of[order]

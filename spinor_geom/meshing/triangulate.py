@@ -25,8 +25,6 @@ POINTS_PER_TRIANGLE = 2
 MOST_POINTS = 10**7  # of one patch, which would take gigabytes and minutes
 _WINDING_ERROR = 1e-3  # of winding numbers by quadrature; larger beside the boundary
 _MOST_STRETCHED = 1.2  # ratio of the areas of flattening and surface beyond which seeds are of no use
-_EQUILATERAL = 3**0.5 / 4  # area of the equilateral triangle with sides of length 1
-_ALIKE = 2.0  # ratio of areas of triangles up to which the points of a domain's triangulation are seeds
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,10 +54,6 @@ def piece_of(surface: ArraySurface, rims: Sequence[Complex[np.ndarray, " _"]], t
     on_boundary, seeds = factor[: mesh.boundary_size], None
     if is_unit_disk(surface.domain) and (np.isfinite(on_boundary) & (on_boundary > 0)).all():
         seeds = even_seeds(on_boundary, target, area)
-    elif mesh.boundary_size == sum(map(len, rims)):
-        # a domain with a vertex for each point, triangulated about as finely as the patch
-        size = area / (_EQUILATERAL * target**2 * len(mesh.faces))
-        seeds = Seeds(mesh.points[mesh.boundary_size :]) if 1 / _ALIKE < size < _ALIKE else None
     return Piece(rims=rims, samples=mesh.points, factor=factor, target=target, area=area, seeds=seeds)
 
 

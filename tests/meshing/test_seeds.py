@@ -4,7 +4,7 @@ import pytest
 from spinor_geom import BoundaryLoop
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.meshing.embed import mesh_patch
-from spinor_geom.meshing.triangulate import even_seeds, is_unit_disk, piece_of
+from spinor_geom.meshing.triangulate import even_seeds, is_unit_disk
 from spinor_geom.plateau import solve_plateau
 
 
@@ -71,34 +71,3 @@ def test_patches_over_the_disk_have_round_triangles_of_even_size(loop, factor):
         inner = length[(patch.faces >= patch.boundary_size).all(axis=1)]
         assert 0.9 < inner.mean() / target < 1.1
         assert inner.std() / target < 0.12
-
-
-def ragged(m):
-    t = 2 * np.pi * np.arange(m) / m
-    rng = np.random.default_rng(m)
-    rim = np.column_stack([np.cos(t), np.sin(t), 0.2 * np.cos(2 * t)])
-    return rim + 0.3 * 2 * np.pi / m * rng.uniform(-1, 1, rim.shape)
-
-
-@pytest.mark.parametrize("m", [30, 60])
-def test_a_patch_over_a_rough_loop_starts_from_the_vertices_of_its_domain(m):
-    solution = solve_plateau(ragged(m))
-    assert solution.route == "vertices"
-    mesh = solution.domain.triangulation
-    rims = [rim.points_in_domain() for rim in solution.rims]
-    target = solution.rims[0].loop.mean_edge_length
-    piece = piece_of(solution.array_surface, rims, target, solution.area)
-    assert piece.seeds.spacing is None
-    assert np.array_equal(piece.seeds.points, mesh.points[m:])
-    # most of them remain: smoothing moves them by less than half an edge
-    patch = mesh_patch(solution)
-    distance = np.abs(patch.points[m:, None] - mesh.points[m:]).min(axis=0)
-    assert np.median(distance) < 0.5 * np.abs(np.diff(rims[0])).mean()
-
-
-@pytest.mark.parametrize("factor", [0.4, 2.5])
-def test_a_patch_of_other_edge_length_does_not(factor):
-    solution = solve_plateau(ragged(40))
-    rims = [rim.points_in_domain() for rim in solution.rims]
-    target = factor * solution.rims[0].loop.mean_edge_length
-    assert piece_of(solution.array_surface, rims, target, solution.area).seeds is None

@@ -60,7 +60,7 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
     loop, place, allowed = problem.unit, problem.options.place, problem.allowed
     (points, are_own), clock = problem.divided_points, problem.clock
     with clock.stage("first fill"):
-        disk = problem.start or first_disk(points, draft=True)
+        disk = problem.start or first_disk(points)
     with clock.stage("flattening"):
         flat = flatten(disk.vertices, disk.faces, len(points))
         images = flat.images
