@@ -3,7 +3,7 @@
 A change of p and q by holomorphic functions displaces the surface by δr = Re ∫ δφ dz, δφ = (2pδp − 2qδq,
 −2i(pδp + qδq), 2(qδp + pδq)). Its normal part u = n·δr solves Δu + |dn|²u = 0, the linearised equation of minimal
 surfaces, and does not depend on the parametrisation. The combination of such u that is nearest to n·δΓ on ∂Ω, by least
-squares, gives u inside. The adjoint takes weights of u at points of Ω to weights of n·δΓ, by one solve with the same
+squares, gives u inside. The adjoint maps weights of u at points of Ω to weights of n·δΓ, by one solve with the same
 matrix. Integrals inside Ω are evaluated by Cauchy's formula.
 """
 

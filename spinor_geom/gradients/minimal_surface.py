@@ -180,7 +180,7 @@ class _Positions(torch.autograd.Function):
 
 
 def normal_fields(solution: PlateauSolution, z: Complex[np.ndarray, " v"]) -> SlideAdjoint | JacobiFields:
-    """Normal displacements at points inside Ω: by Newton's equations or, if Ω is no disk with round holes, least squares."""
+    """Normal displacements at points inside Ω: by `SlideAdjoint` if ∂Ω consists of circles, else by least squares."""
     on_circles = solution.route in ("disk", "annulus", "circles")
     return SlideAdjoint(solution=solution, z=z) if on_circles else JacobiFields(solution=solution, z=z)
 

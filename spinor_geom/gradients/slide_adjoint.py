@@ -1,7 +1,7 @@
 """Derivatives of surfaces over disks with round holes: the adjoint of Newton's equations for Douglas's energy E.
 
 When Γ moves by δΓ, slides and moduli change by δy = −E″⁻¹ (∂E′/∂Γ) δΓ, and the surface by the harmonic function δr with
-boundary values δΓ + Γ′δs. The adjoint takes weights of its normal part u = n·δr at points of Ω to weights of δΓ, by one
+boundary values δΓ + Γ′δs. The adjoint maps weights of its normal part u = n·δr at points of Ω to weights of δΓ, by one
 solve with the Hessian E″ of the last Newton step. Without errors of discretisation these weights are normal to Γ.
 """
 

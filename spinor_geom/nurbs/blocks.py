@@ -15,7 +15,7 @@ from spinor_geom.errors import DomainError
 from spinor_geom.nurbs.quadrangulation import LEAST_SINE, cut_open, quadrangulated, sides_of
 from spinor_geom.nurbs.rims import Rim
 
-_FEWEST, _FINE = 4, 64  # quadrilaterals along a boundary: the fewest; the first number on smooth ones
+_FEWEST, _FINE = 4, 64  # fewest quadrilaterals along a boundary; first number along smooth ones
 _DEPTHS = 0.5 ** (np.arange(60) / 3)  # possible depths of rings, in diameters of Ω
 _DEEPEST = 0.35  # largest depth of a ring with corners, relative to the shorter of two neighbouring sides
 _SHALLOWER = 0.7  # factor that reduces the depth of folded quadrilaterals
@@ -30,9 +30,9 @@ _ASIDE = 0.005  # one-sided derivatives are taken this share of the side inside 
 _TURN = 1.65
 _EVEN = 0.1  # least ratio of smallest to largest thickness of a quadrilateral
 _LONGEST = 8.0  # largest ratio of length to depth before neighbours are joined
-_MOST_CORNERS = 100  # of a region that is divided into quadrilaterals: the time grows with the fourth power
+_MOST_CORNERS = 100  # of a polygon that is divided into quadrilaterals: the time grows with the fourth power
 _TRIES = 12  # attempts to fill the inside with quadrilaterals, each with two more sides
-_ROUNDS = 10  # of halving sides on ∂Ω
+_ROUNDS = 10  # largest number of rounds that halve sides on ∂Ω
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

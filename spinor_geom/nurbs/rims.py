@@ -27,8 +27,8 @@ _PRECISE, _REACH = 1e-8, 0.02  # largest last Newton step (the error is about it
 _OF_RESIDUAL, _ACCURACY = 1e-3, (1e-10, 1e-8)
 _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
 # Where s and t, as shares of a side, differ by more than this, s is a polynomial of x. They differ by 0.44 next to the
-# opened corner of an L, by at most 0.04 elsewhere. Then the degree of the polynomial and the number of steps between
-# the nodes of its fit.
+# opened corner of an L, by at most 0.04 elsewhere. `_DEGREE` is that of the polynomial, `_NODES` the number of steps
+# between the nodes of its fit.
 _UNEVEN, _DEGREE, _NODES = 0.2, 9, 64
 _EXACT, _LEAST = 1e3, 1e-5  # weight of the end of a side in the fit; least coefficient of the derivative
 
