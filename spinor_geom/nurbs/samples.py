@@ -39,8 +39,8 @@ class _Side:
 class Samples:
     """A surface whose rims are moved to the given curves.
 
-    The surface misses Γ by the boundary residual. So that the rim is Γ, points of a ring are moved: by the difference on
-    ∂Ω, by 0 at the inner side, and smoothly between (`_extended`).
+    The surface misses Γ by the boundary residual. So that the rim is Γ, points of a ring are moved: by the difference
+    on ∂Ω, by 0 at the inner side, and smoothly between (`_extended`).
 
     Where positions have no closed form, ∫ φ dz over a disk with a smooth boundary is a polynomial on each quadrilateral
     through values by Cauchy's formula. Where ∂Ω is not smooth or Ω has holes, positions in a ring are integrals of φ
