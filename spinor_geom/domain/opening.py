@@ -1,8 +1,9 @@
-"""Reentrant corners of a plane domain turned into convex ones by powers of z.
+"""Powers of z that map reentrant corners of a plane domain to convex ones.
 
-A minimal surface fills the smaller angle θ < π between two straight edges: where it seems to pass around the corner on
-the far side, its normal turns over in a small region about the corner. On a domain with the angle 2π − θ there, p and q
-have a singularity that many poles do not resolve. On its image by a power, with the angle θ, they are nearly smooth.
+At a corner between two straight edges a minimal surface fills the angle θ < π, even if away from the corner it lies on
+the side of the angle 2π − θ. Its normal is then reversed in a small region near the corner. On a domain with the angle
+2π − θ there, p and q have a singularity that even many poles do not resolve. A power of z maps this angle to θ; on the
+image p and q are nearly smooth.
 
 Source: Gray, "Linear Differential Equations and Group Theory from Riemann to Poincaré" (2000), chapter VI, for the
 exponents of a minimal surface at a corner, due to Riemann and Weierstrass.
@@ -20,7 +21,7 @@ from spinor_geom.domain.plane_domain import SplineBoundary, sampled
 from spinor_geom.domain.polygons import bound_domain
 
 _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
-_SHARE = np.linspace(0, 1, 129) ** 4  # points per side, denser at its ends, for even steps along its image
+_SHARE = np.linspace(0, 1, 129) ** 4  # points per side, denser at its ends, so that steps along its image are even
 _DENSE = _SHARE / (_SHARE + _SHARE[::-1])
 _EACH = 4  # samples per piece in the test for crossings
 
@@ -37,7 +38,7 @@ class _Power:
         return np.asarray(((z - self.corner) / self.middle) ** self.exponent)
 
     def root_of_slope(self, z: Complex[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """A square root of the derivative without a jump in Ω."""
+        """A square root of the derivative that is continuous in Ω."""
         unit = (z - self.corner) / self.middle
         return np.asarray(np.sqrt(self.exponent / self.middle) * unit ** ((self.exponent - 1) / 2))
 
@@ -48,8 +49,8 @@ class Opening:
 
     Attributes:
         boundary: of the image, with as many vertices.
-        before: parameters on the given boundary that correspond to its vertices, increasing by 1.
-        powers: the maps, in order.
+        before: parameters of its vertices on the given boundary, increasing; the last is the first one plus 1.
+        powers: the maps, in the order in which they are applied.
         given: the given boundary.
     """
 
@@ -60,13 +61,13 @@ class Opening:
 
     @classmethod
     def of(cls, given: SplineBoundary, angles: Float[np.ndarray, " c"]) -> Opening | None:
-        """The opening of reentrant corners to given angles; None without such corners, or if the image crosses itself.
+        """Maps reentrant corners to given angles; None without such corners, or if the boundary would cross itself.
 
-        Vertices on sides that end in opened corners have even distances in the image.
+        On sides that end in opened corners, vertices are evenly spaced in the image.
 
         Args:
             given: boundary of a domain without holes, counter-clockwise.
-            angles: wanted at each corner, in order.
+            angles: of the image at each corner, in order; a reentrant corner is opened if its angle here is below π.
         """
         corners = np.flatnonzero(given.corners)
         ends = given.parameters[corners]
@@ -102,7 +103,7 @@ class Opening:
         return np.asarray(np.interp(t, self.boundary.parameters, self.before))
 
     def factor(self, t: Float[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
-        """The factor of p and q at parameters on the image, up to a constant: φ dz stays the same."""
+        """The factor that p and q take at parameters on the image, up to a constant, so that φ dz stays the same."""
         z, root = self.given.point(self.given_parameters(t)), np.ones(len(t), dtype=np.complex128)
         for power in self.powers:
             root, z = root * power.root_of_slope(z), power(z)
@@ -116,7 +117,7 @@ def _even(
     corners: Int[np.ndarray, " c"],
     chosen: Bool[np.ndarray, " c"],
 ) -> Float[np.ndarray, " m1"]:
-    """Parameters of vertices with even distances in the image on chosen sides, and the given ones on others."""
+    """Parameters of the vertices: evenly spaced in the image on chosen sides, the given ones on others."""
     m, parts = len(parameters) - 1, []
     numbers = np.append(corners, corners[0] + m)
     for side, (first, last) in enumerate(itertools.pairwise(numbers.tolist())):

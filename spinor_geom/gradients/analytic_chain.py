@@ -15,9 +15,9 @@ from spinor_geom.mesh.interpolation import ARC_NODES, RIDGE, gauss_nodes, poisso
 def by_trigonometric_points(
     m: int, s: Float[np.ndarray, " k"], by_values: Float[np.ndarray, "k 3"]
 ) -> Float[np.ndarray, "m 3"]:
-    """Derivatives by the points of a trigonometric polynomial, from those by its values; it is linear in the points."""
+    """Derivatives by the points of a trigonometric polynomial, from those by its values."""
     turn = np.exp(-2j * np.pi * s)
-    # k = 8a + b: a third of the time of cumulative products
+    # with k = 8a + b, in a third of the time of cumulative products
     low, high = turn ** np.arange(8)[:, None], turn ** (8 * np.arange(m // 16 + 1))[:, None]
     powers = (high[:, None] * low).reshape(-1, len(s))[: m // 2 + 1]
     return np.asarray(np.fft.irfft(powers @ by_values, n=m, axis=0))
@@ -90,6 +90,6 @@ class PoissonCurve:
 
 
 def by_steps(by_breaks: Float[np.ndarray, " m"], breaks: Float[np.ndarray, " m_plus_1"]) -> Float[np.ndarray, " m"]:
-    """Derivatives by the logarithms of lengths, from those by their normalised sums; the first sum is 0."""
+    """Derivatives by the logarithms of lengths, from derivatives by their cumulative sums, normalised to end at 1."""
     after = np.append(np.cumsum(by_breaks[:0:-1])[::-1], 0.0)
     return np.asarray(np.diff(breaks) * (after - by_breaks @ breaks[:-1]))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def area_gradient(solution: PlateauSolution) -> tuple[Float[np.ndarray, "_ 3"], ...]:
-    """`PlateauSolution.area_gradient`."""
+    """See `PlateauSolution.area_gradient`."""
     with one_thread(), typed_failures():
         along = [RimNodes.along(rim, solution.array_surface) for rim in solution.rims]
         gradients = [
@@ -27,7 +27,7 @@ def area_gradient(solution: PlateauSolution) -> tuple[Float[np.ndarray, "_ 3"], 
 
 
 def as_given(solution: PlateauSolution, by_rim: list[Float[np.ndarray, "_ 3"]]) -> tuple[Float[np.ndarray, "_ 3"], ...]:
-    """Rows for the points of each rim, in the order and the directions of the given loops."""
+    """Rows for the points of each rim, reordered to the order and the directions of the given loops."""
     if solution.annulus is None:
         return tuple(by_rim)
     given = sorted(zip(solution.annulus.order, by_rim, strict=True), key=lambda pair: pair[0])

@@ -1,8 +1,8 @@
-"""The chain rule from the values of a curve to the points of the loop that define it.
+"""The chain rule from values of a curve to the points of the loop that define it.
 
-A displacement of Γ along itself does not change the area. So a place on Γ keeps its piece and its share u of the piece,
-or its parameter, and only the shape of Γ is differentiated: by the points, and by the parameters of the points, which
-are chords between the points, or arcs of the cubic spline with these chords.
+A displacement of Γ along itself does not change the surface. So a point on an analytic Γ keeps its parameter, a point
+on a spline its piece and share u of the piece. Γ is differentiated by the points of the loop, directly and through
+their parameters: chord lengths, or arc lengths of the cubic spline over these chords.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class _Cubic:
 
     @cached_property
     def _at_nodes(self) -> tuple[Float[np.ndarray, "m g 3"], Float[np.ndarray, "3 g"]]:
-        """Derivatives by u at Gauss-Legendre nodes on the pieces; those of the powers of u, times the weights."""
+        """dΓ/du at Gauss-Legendre nodes on the pieces; derivatives of u, u² and u³ there, times the weights."""
         nodes, weights = gauss_nodes(ARC_NODES)
         powers = np.arange(1, 4)[:, None] * ((nodes + 1) / 2) ** np.arange(3)[:, None]
         return np.einsum("rg,rmk->mgk", powers, self.system.powers), powers * weights / 2
@@ -100,7 +100,10 @@ class _Cubic:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Spline:
-    """A spline of `BoundaryCurve` with chord-length parameters where it is cubic, and arcs of that cubic elsewhere."""
+    """A spline of `BoundaryCurve`.
+
+    Its parameters are chord lengths on cubic sides, arc lengths of the cubic spline over these on others.
+    """
 
     curve: BoundaryCurve
 
@@ -120,7 +123,7 @@ class _Spline:
         return np.asarray(of_side[side])
 
     def by_points(self, s: Float[np.ndarray, " k"], by_values: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "m 3"]:
-        """Derivatives by the points, from those by Γ at fixed shares of the pieces."""
+        """Derivatives by the points, from those by Γ(s) at fixed shares u of the pieces."""
         curve, m = self.curve, len(self.curve.corners)
         s = np.mod(s, 1.0)
         piece = np.searchsorted(curve.breaks, s, side="right") - 1

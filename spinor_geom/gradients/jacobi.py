@@ -3,7 +3,7 @@
 A change of p and q by holomorphic functions displaces the surface by δr = Re ∫ δφ dz, δφ = (2pδp − 2qδq,
 −2i(pδp + qδq), 2(qδp + pδq)). Its normal part u = n·δr solves Δu + |dn|²u = 0, the linearised equation of minimal
 surfaces, and does not depend on the parametrisation. The combination of such u that is nearest to n·δΓ on ∂Ω, by least
-squares, gives u inside. The adjoint takes weights of u at points of Ω to weights of n·δΓ, by one solve with the same
+squares, gives u inside. The adjoint maps weights of u at points of Ω to weights of n·δΓ, by one solve with the same
 matrix. Integrals inside Ω are evaluated by Cauchy's formula.
 """
 
@@ -29,8 +29,8 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.surface.array_surface import PATH_ORDER
 
 _DEGREE = 40  # of the polynomials beside poles
-_AT_ONCE = 1 << 22  # pairs of points for which direct sums take less time
-_DAMPING = 1e-12  # added to the diagonal of the normal equations, per mean entry: tangential displacements are free
+_AT_ONCE = 1 << 22  # pairs of points: with fewer, sums are direct
+_DAMPING = 1e-12  # relative to the mean diagonal entry, as tangential displacements are undetermined
 
 Values = Complex[np.ndarray, "k f"]
 
@@ -73,7 +73,7 @@ class JacobiFields:
 
     @cached_property
     def _lengths(self) -> Float[np.ndarray, " k"]:
-        """Lengths of Γ around the nodes, of sum 1."""
+        """Lengths of Γ that belong to the nodes, with the sum 1."""
         length = np.linalg.norm(np.concatenate([rim.conormal for rim in self.rims]), axis=1)
         return np.asarray(length / length.sum())
 
@@ -82,7 +82,7 @@ class JacobiFields:
         domain, points = self.solution.domain, sum(len(rim.loop) for rim in self.solution.rims)
         if domain.corners.any():
             return place_poles(domain)
-        # the vertices of a smooth ∂Ω may be many more than the points, whose displacements are resolved
+        # a smooth ∂Ω may have many more vertices than the displacements of the points need
         step = max(1, len(domain.vertices) // (2 * points))
         poles = edge_poles(domain, offset=step)
         return Poles(positions=poles.positions[::step], scales=poles.scales[::step])
@@ -93,7 +93,7 @@ class JacobiFields:
         return np.asarray(arnoldi_hessenberg(self._nodes, weight / weight.sum(), _DEGREE))
 
     def _features(self, z: Complex[np.ndarray, " k"]) -> Values:
-        """Functions for δp and δq; they change sign where p and q do."""
+        """Basis functions of δp and δq; they change sign where p and q do."""
         raw = np.asarray(raw_features(z, self._hessenberg, self._poles.positions, self._poles.scales))
         surface = self.solution.array_surface
         sign_changing = getattr(surface.model, "sign_changing", None)
@@ -114,7 +114,7 @@ class JacobiFields:
         for number, (rim, boundary) in enumerate(zip(self.rims, domain.boundaries, strict=True)):
             changes = self._changes(rim.z)
             along, total = rim.integral(np.moveaxis(changes, 0, 1).reshape(len(rim.z), -1))
-            start = self._way(first) if len(self.rims) > 1 else 0.0
+            start = self._path(first) if len(self.rims) > 1 else 0.0
             parts.append(np.moveaxis(along.reshape(len(rim.z), 2, -1), 1, 0) + start)
             if number:
                 periods.append(total.reshape(2, -1))
@@ -134,12 +134,12 @@ class JacobiFields:
         for centre in self._centres:
             parts = []
             for rim, first in zip(self.rims, starts, strict=False):
-                way = path_to(domain, int(first), PATH_ORDER)[0]
-                angle = np.unwrap(np.angle(np.concatenate([way, rim.z]) - centre))[len(way) :]
+                path = path_to(domain, int(first), PATH_ORDER)[0]
+                angle = np.unwrap(np.angle(np.concatenate([path, rim.z]) - centre))[len(path) :]
                 parts.append(np.log(np.abs(rim.z - centre)) + 1j * angle)
             yield np.concatenate(parts)
 
-    def _way(self, vertex: int) -> Complex[np.ndarray, "2 1 f"]:
+    def _path(self, vertex: int) -> Complex[np.ndarray, "2 1 f"]:
         """∫ 2pf dz and ∫ 2qf dz from the root of Ω to a vertex."""
         z, dz = path_to(self.solution.domain, vertex, PATH_ORDER)
         return np.asarray(np.einsum("k,ckf->cf", dz, self._changes(z))[:, None])
@@ -150,7 +150,7 @@ class JacobiFields:
 
     @cached_property
     def _rows(self) -> Float[np.ndarray, "equations unknowns"]:
-        """√ds n·δr at the nodes, then Re ∮ δφ dz around the holes, by the unknowns."""
+        """Derivatives by the unknowns of √ds n·δr at the nodes, then of Re ∮ δφ dz around the holes."""
         (by_p, by_q), periods = self._primitives
         e = np.sqrt(self._lengths)[:, None] * self._normal
         rows = [_by_unknowns(e, by_p, by_q)]
@@ -170,10 +170,10 @@ class JacobiFields:
         """Weights of the unknowns, from weights of u at the points inside."""
         e = by_u[:, None] * np.asarray(self.solution.array_surface.normal(self.z))
         strengths = np.stack([e[:, 0] - 1j * e[:, 1], e[:, 0] + 1j * e[:, 1], e[:, 2]], axis=1)
-        # Cauchy's formula, divided by that for 1
+        # Cauchy's formula, divided by the same sum for 1
         total = cauchy_sums(self._nodes, self._steps[:, None], self.z)
         strength = strengths / total
-        # in parts with few pairs: fast sums need sources in order along a curve
+        # in blocks small enough for direct sums; the fast method needs ordered sources
         parts = np.array_split(np.arange(len(self.z)), 1 + len(self.z) * len(self._nodes) // _AT_ONCE)
         sums = sum(cauchy_sums(self.z[part], strength[part], self._nodes) for part in parts)
         spread = -sums * self._steps[:, None]
@@ -181,7 +181,8 @@ class JacobiFields:
         along, back, upright = spread.T
         both = np.stack([along @ by_p + upright @ by_q, upright @ by_p - back @ by_q])
         for (by_p, by_q), at_nodes, centre in zip(periods, self._logarithms, self._centres, strict=True):
-            # ∫ f dz and log(z − c) times ∮ f dz/2πi are continuous together; the real part of the sum has no angle
+            # the multivalued parts of ∫ f dz and of log(z − c) ∮ f dz/2πi cancel; inside, arg(z − c) is left out, as
+            # Re ∮ δφ dz = 0
             inside = np.log(np.abs(self.z - centre))
             along, back, upright = (spread.T @ at_nodes - strengths.T @ inside) / (2j * np.pi)
             both += np.stack([along * by_p + upright * by_q, upright * by_p - back * by_q])
@@ -190,7 +191,7 @@ class JacobiFields:
 
 
 def _by_unknowns(e: Float[np.ndarray, "k 3"], by_p: Values, by_q: Values) -> Float[np.ndarray, "k unknowns"]:
-    """e·δr by the unknowns, from ∫ 2pf dz and ∫ 2qf dz."""
+    """Derivatives of e·δr by the unknowns, from ∫ 2pf dz and ∫ 2qf dz."""
     along, upright = (e[:, 0] - 1j * e[:, 1])[:, None], e[:, 2:]
     both = np.concatenate([along * by_p + upright * by_q, upright * by_p - along.conj() * by_q], axis=1)
     return np.concatenate([both.real, -both.imag, e], axis=1)

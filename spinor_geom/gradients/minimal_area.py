@@ -27,18 +27,18 @@ def minimal_area(
     model: Model = "auto",
     tolerance: float = 1e-3,
 ) -> Float[Tensor, ""]:
-    """Area of the minimal surface over points in order, or between several rims, differentiable by the points.
+    """Area of the minimal surface over ordered points, or between several rims, with derivatives by the points.
 
     The curve through the points is that of `BoundaryCurve`, as with `solve_plateau(..., between="smooth")`. The
-    gradient is ∮ ν·δΓ ds, see `PlateauSolution.area_gradient`; it costs a small part of the solve. Second derivatives
-    are not available, nor `torch.func.vmap`.
+    gradient is ∮ ν·δΓ ds, see `PlateauSolution.area_gradient`; it takes a small part of the time of the solve. Second
+    derivatives and `torch.func.vmap` are not available.
 
     Args:
         points: (m, 3) real positions in mesh units, on any device; or one such tensor for each rim.
         corners: as for `BoundaryLoop.from_points`; for several rims one entry for each.
         model: as for `solve_plateau`.
-        tolerance: as for `solve_plateau`; the relative error of the gradient is about that of the boundary, and smooth
-            curves are met to 1e-8 of an edge anyway.
+        tolerance: as for `solve_plateau`; the relative error of the gradient is about that of the boundary. Smooth
+            curves are met to 1e-8 of an edge with any tolerance.
 
     Returns:
         The area, a float64 scalar on the device of the points.
@@ -90,7 +90,7 @@ def solved(rims: Sequence[Tensor], *, corners: Corners, model: Model, tolerance:
 
 
 def require_first_order() -> None:
-    """Raises a NotDifferentiableError in a backward pass with create_graph=True, which would ignore the derivatives."""
+    """Raises a NotDifferentiableError in a backward pass with create_graph=True, which needs second derivatives."""
     if torch.is_grad_enabled():
         raise NotDifferentiableError("second derivatives of minimal surfaces are not available; leave out create_graph")
 

@@ -38,12 +38,11 @@ def minimal_surface(
     tolerance: float = 1e-3,
     target_edge_length: float | Literal["auto"] = "auto",
 ) -> tuple[Float[Tensor, "n 3"], Int[Tensor, "f 3"]]:
-    """A mesh (vertices, faces) of the minimal surface over points, whose vertices are differentiable by the points.
+    """A mesh (vertices, faces) of the minimal surface over points; its vertices have derivatives by the points.
 
-    It is that of `mesh_patch`: the rims' points come first. When the points move, an inner vertex moves along the
-    normal, and stays on the minimal surface to first order. The displacement solves Jacobi's equation. `backward` is
-    one solve with the adjoint of that equation; no solver is unrolled. Second derivatives are not available, nor
-    `torch.func.vmap`.
+    The mesh is that of `mesh_patch`, with the points of the rims first. When the points move, an inner vertex moves
+    along the normal, and stays on the minimal surface to first order. The displacement solves Jacobi's equation, and
+    `backward` solves its adjoint once. Second derivatives and `torch.func.vmap` are not available.
 
     Args:
         points: as for `minimal_area`.
@@ -81,9 +80,9 @@ def nearest_on_surface(
     model: Model = "auto",
     tolerance: float = 1e-3,
 ) -> Float[Tensor, "k 3"]:
-    """The points of the minimal surface over points that are nearest to given places, differentiable by the points.
+    """Positions on the minimal surface over points, nearest to given places, with derivatives by the points.
 
-    When the points move, each moves along the normal; see `minimal_surface`. `places` are constants.
+    When the points move, a position moves along the normal; see `minimal_surface`. `places` are constants.
 
     Args:
         points: as for `minimal_area`.
@@ -131,7 +130,7 @@ def require_isolated(solution: PlateauSolution) -> None:
         NotDifferentiableError: the surface is unstable, or nearly so.
 
     Warns:
-        UncertainGradientWarning: the stability is undecided, or known from a total curvature just below 2π only.
+        UncertainGradientWarning: the stability is undecided, or follows only from a total curvature just below 2π.
     """
     stability = solution.stability
     if stability.verdict == "unstable":
@@ -144,7 +143,7 @@ def require_isolated(solution: PlateauSolution) -> None:
             f"the surface is degenerate (the eigenvalue {stability.eigenvalue:.6g} of its second variation is nearly "
             "1), so that it may jump when points move; move the rims towards each other, or points away from this place"
         )
-    # the eigenvalue of a cap of the sphere with area 2π(1 − ε), a lower bound, is above 1 + ε
+    # a lower bound is the eigenvalue of a spherical cap of area 2π(1 − ε), which is above 1 + ε
     by_curvature = stability.eigenvalue is None and (stability.total_curvature or 0.0) > 2 * np.pi * (1 - _DEGENERATE)
     if stability.verdict == "undecided" or by_curvature:
         known = (
@@ -157,7 +156,7 @@ def require_isolated(solution: PlateauSolution) -> None:
 
 
 class _Positions(torch.autograd.Function):
-    """The points of the rims in the order of ∂Ω if `positions` has them, and positions inside Ω."""
+    """Positions inside Ω at z, after the points of the rims in the order of ∂Ω if `positions` begins with them."""
 
     @staticmethod
     def forward(
@@ -181,7 +180,7 @@ class _Positions(torch.autograd.Function):
 
 
 def normal_fields(solution: PlateauSolution, z: Complex[np.ndarray, " v"]) -> SlideAdjoint | JacobiFields:
-    """Normal displacements at points inside Ω: by Newton's equations on circles, by least squares on other Ω."""
+    """Normal displacements at points inside Ω: by `SlideAdjoint` if ∂Ω consists of circles, else by least squares."""
     on_circles = solution.route in ("disk", "annulus", "circles")
     return SlideAdjoint(solution=solution, z=z) if on_circles else JacobiFields(solution=solution, z=z)
 

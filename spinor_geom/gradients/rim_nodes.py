@@ -23,7 +23,8 @@ _ORDER = 12
 # for Γ of degree d, and geometrically if Γ is analytic: half as many steps give gradients that are off by 6e-4 for
 # splines of degree 7, and by 3e-5 for cubic ones.
 _STEPS = {"analytic": 1, "spline": 4, "cubic": 16}
-_PLACINGS = 2  # steps of the constant and the nearest points of Γ; more change gradients by 1e-8
+# Alternating updates of c in r = c + Re ∫ φ dz and of the nearest points of Γ; more change gradients by 1e-8.
+_PLACINGS = 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,7 +37,7 @@ class RimNodes:
         z: the nodes.
         steps: weights of ∮ f dz.
         panels: None at equal steps.
-        velocity: φ dz, with weights.
+        velocity: φ dz, with the weights.
         places: parameters of the nearest points of Γ.
     """
 
@@ -77,7 +78,7 @@ class RimNodes:
 
         ν is the unit vector tangent to the surface and normal to its rim that points away from the surface.
         """
-        # with Ω on the left
+        # since Ω is to the left of dz
         return self.velocity.imag
 
     def integral(self, f: Complex[np.ndarray, "k c"]) -> tuple[Complex[np.ndarray, "k c"], Complex[np.ndarray, " c"]]:
@@ -88,7 +89,7 @@ class RimNodes:
 def _integral(
     df: Complex[np.ndarray, "k c"], panels: Panels | None
 ) -> tuple[Complex[np.ndarray, "k c"], Complex[np.ndarray, " c"]]:
-    """`RimNodes.integral` of f dz with weights."""
+    """`RimNodes.integral`, from f dz with the weights."""
     if panels is not None:
         by_panel = df.reshape(-1, _ORDER, df.shape[1])
         total = by_panel.sum(axis=1)
@@ -104,7 +105,7 @@ def _integral(
 
 
 def _even_places(rim: RimMatch, boundary: FourierBoundary) -> Float[np.ndarray, " k"]:
-    """Parameters of Γ that are matched to equal steps of ∂Ω, enough of them to resolve ∂Ω and Γ."""
+    """Parameters of Γ that are matched to equal steps of ∂Ω, small enough to resolve ∂Ω and Γ."""
     t, s = rim.matching.T
     n = max(len(t), len(boundary.coefficients) + 1)
     if n > len(t) or np.abs(len(t) * t - np.arange(len(t))).max() > EQUAL:
@@ -126,7 +127,7 @@ def _breaks(rim: RimMatch) -> Float[np.ndarray, " b"]:
 def _ends_of_sides(
     rim: RimMatch, t: Float[np.ndarray, " k"]
 ) -> tuple[Float[np.ndarray, " k"] | float, Float[np.ndarray, " k"] | float]:
-    """Lowest and highest parameter of Γ on the side between corners of Ω that each parameter of ∂Ω belongs to."""
+    """For each parameter of ∂Ω, the range of Γ's parameters on its side."""
     if not rim.boundary.corners.any():
         return -np.inf, np.inf
     at = rim.curve.breaks[:-1][rim.curve.corners]

@@ -1,7 +1,7 @@
 """Derivatives of surfaces over disks with round holes: the adjoint of Newton's equations for Douglas's energy E.
 
 When Γ moves by δΓ, slides and moduli change by δy = −E″⁻¹ (∂E′/∂Γ) δΓ, and the surface by the harmonic function δr with
-boundary values δΓ + Γ′δs. The adjoint takes weights of its normal part u = n·δr at points of Ω to weights of δΓ, by one
+boundary values δΓ + Γ′δs. The adjoint maps weights of its normal part u = n·δr at points of Ω to weights of δΓ, by one
 solve with the Hessian E″ of the last Newton step. Without errors of discretisation these weights are normal to Γ.
 """
 
@@ -27,7 +27,8 @@ from spinor_geom.plateau.newton import Rows
 from spinor_geom.plateau.rims.energy import HarmonicSurface
 from spinor_geom.plateau.solution import PlateauSolution
 
-_RESIDUAL = 1e-10  # of the adjoint equations, and powers that they neglect on other circles, relative
+# relative residual of the adjoint equations, and size below which powers on other circles are dropped
+_RESIDUAL = 1e-10
 
 OnCircles = Float[np.ndarray, "m n 3"]  # vectors at equal steps of every circle
 
@@ -54,9 +55,9 @@ class SlideAdjoint:
         by_values = self._by_values(by_u[:, None] * np.asarray(surface.normal(self.z)))
         along, by_moduli = newton.solved(by_values)
         change = newton.form(newton.unit * along[..., None]) + np.tensordot(by_moduli, newton.changes, axes=1)
-        # E′ changes with δΓ′, too: integrated by parts
+        # E′ depends on Γ′ too; its term in δΓ′ is integrated by parts
         turned = newton.by_normal * (along / norm(derivative(newton.points)))[..., None]
-        # band-limited functions at equal steps
+        # band-limited, so resampled at the nodes by Fourier series
         spectra = np.fft.rfft(by_values - change + derivative(turned), axis=1)
         return [np.fft.irfft(own, n=len(nodes.z), axis=0) for own, nodes in zip(spectra, self.rims, strict=True)]
 
@@ -91,7 +92,7 @@ class SlideAdjoint:
             changes=between.moduli.changes,
             hessian=between.hessian(None),
             precondition=between.precondition,
-            without_gauge=lambda rows: rows,  # their stiffness is part of the Hessian
+            without_gauge=lambda rows: rows,  # the Hessian has a stiffness for conformal maps
         )
 
     @property
@@ -131,14 +132,14 @@ class _Newton:
     unit: OnCircles  # unit tangents of Γ
     by_normal: OnCircles  # ΛX
     form: DirichletForm | CirclesForm  # Λ
-    displacements: Float[np.ndarray, "p m n 3"]  # of the surface along itself at the circles, by each modulus
+    displacements: Float[np.ndarray, "p m n 3"]  # of the surface along itself on ∂Ω, by each modulus
     changes: Float[np.ndarray, "p m n 3"]  # derivative of ΛX by each modulus
     hessian: Rows
     precondition: Rows
-    without_gauge: Rows  # without the displacements of conformal maps of Ω, for which the equations are singular
+    without_gauge: Rows  # removes displacements by conformal maps of Ω, for which E″ is singular
 
     def solved(self, by_values: OnCircles) -> tuple[Float[np.ndarray, "m n"], Float[np.ndarray, " p"]]:
-        """Multipliers of the equations, in arc length and the moduli, from weights of the boundary values."""
+        """Multipliers of the equations for slides, in arc length, and moduli, from weights of the boundary values."""
         along = (by_values * self.unit).sum(axis=-1)
         by_moduli = -(self.displacements * by_values).sum(axis=(1, 2, 3))
         (right,) = self.without_gauge(np.append(along, by_moduli)[None])

@@ -3,7 +3,7 @@
 On piece i, of width h_i, a spline of degree d is Γ = P_i + Σ_r a_ir u^r, r = 1 … d, with u in [0, 1]. The a_ir solve a
 linear system K(h) a = b: each piece ends at the next point; derivatives agree where two pieces meet without a corner;
 the ends of a side are not-a-knot or natural. K depends on ratios of neighbouring widths only. The derivatives by P and
-h follow from one solve with the transpose of K, a band matrix if the pieces are numbered from both ends of the curve.
+h follow from one solve with the transpose of K. It is a band matrix with pieces ordered from both ends of the curve.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _BINOMIALS = comb(np.arange(max(DEGREES) + 1), np.arange(max(DEGREES) + 1)[:, No
 
 
 class _Jumps(NamedTuple):
-    """Places where derivatives agree: of order r at the end of piece i; `row` is the number of the equation."""
+    """Equations: the derivatives of order r agree at the end of piece i; `row` is the number of the equation."""
 
     piece: Int[np.ndarray, " k"]
     order: Int[np.ndarray, " k"]
@@ -56,7 +56,7 @@ class SplineSystem:
         powers: a_ir, lowest power first.
         corners: at the start of which pieces the spline may have a kink.
         degrees: degrees of the pieces; odd, at least 3, and equal on a side.
-        natural: which pieces have no second derivative at an end of their side.
+        natural: which pieces have the second derivative 0 where they end a side.
     """
 
     widths: Float[np.ndarray, " m"]
@@ -70,7 +70,7 @@ class SplineSystem:
     ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
         """Derivatives by the points and by the logarithms of the widths, from those by the a_ir.
 
-        The first term P_i of a piece does not count.
+        Derivatives through the first terms P_i are not included.
         """
         d, m, _ = by_powers.shape
         multipliers = self._adjoint(by_powers)
@@ -111,7 +111,7 @@ class SplineSystem:
 
     @cached_property
     def _equations(self) -> _Equations:
-        """The equations, numbered piece by piece: first that for the end of a piece, then derivatives there."""
+        """The equations, piece by piece: first that for the position at its end, then those for derivatives there."""
         d, m, _ = self.powers.shape
         piece, order = np.arange(m)[:, None], np.arange(1, d + 1)
         unknown = piece * d + order - 1
@@ -127,7 +127,7 @@ class SplineSystem:
         if self.corners.any():
             first, odd = np.flatnonzero(self.corners)[:, None], np.arange(1, d, 2)
             last = np.roll(first, -1, axis=0) - 1
-            # of the conditions at the ends of a side, those at its start
+            # these rows have the conditions at the start of a side
             near[last, odd] = np.where(odd < self.degrees[last], first, last % m)
             for k in range((d - 1) // 2):
                 for some, fixed in self._ends_of_sides(k):
@@ -140,7 +140,7 @@ class SplineSystem:
         return _Equations(jump, _Entries(*map(np.concatenate, zip(*entries, strict=True))), near.ravel())
 
     def _ends_of_sides(self, k: int) -> Iterator[tuple[_Jumps, list[_Entries]]]:
-        """Condition number k at both ends of the sides whose degree has so many: not-a-knot or natural.
+        """The k-th condition at both ends of sides whose degree needs it: not-a-knot or natural.
 
         A side of one piece is straight, one of two pieces without natural ends is a parabola.
         """
@@ -153,7 +153,7 @@ class SplineSystem:
         is_line = count == 1
         is_parabola = (count == 2) & ~self.natural[first] & ~self.natural[last % m]
         for is_end, piece, inner in ((False, first, first + k), (True, last % m, last - 1 - k)):
-            # kept behind the equation of the last piece for its end
+            # after the equation for the position at the end of the last piece
             row = last % m * d + 1 + 2 * k + is_end
             natural = self.natural[piece] & ~is_line
             knots = ~(is_line | is_parabola | natural)

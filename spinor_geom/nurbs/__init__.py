@@ -1,7 +1,8 @@
 """Minimal surfaces as B-spline patches, the surfaces of CAD.
 
-`polynomial_disk` has exact patches of polynomials; other surfaces are interpolated. `blocks` divides Ω into
-quadrilaterals, inside the rings by `quadrangulation`; `samples` has positions on them, for smooth disks by
-`smooth_primitive` and `quad_polynomials`; `spline_space` has the splines of one side; `strips` refines their knots
-until the patches are within the tolerance; `nurbs_surface` is the result with its measured deviations.
+Where p and q are polynomials on a disk, `polynomial_disk` makes exact patches. Other surfaces are interpolated:
+`blocks` divides Ω into quadrilaterals, in rings along ∂Ω and by `quadrangulation` inside them. `samples` evaluates
+positions on them, on smooth disks by `smooth_primitive` and `quad_polynomials`. `spline_space` has splines of one
+variable. `strips` refines their knots until the patches are within the tolerance. `nurbs_surface` has the result with
+its measured deviations.
 """

@@ -1,4 +1,4 @@
-"""Ω divided into quadrilaterals: a ring along each boundary, and pairs of triangles inside the rings."""
+"""Ω divided into quadrilaterals: a ring of them along each boundary, and others inside the rings."""
 
 from __future__ import annotations
 
@@ -15,20 +15,24 @@ from spinor_geom.errors import DomainError
 from spinor_geom.nurbs.quadrangulation import LEAST_SINE, cut_open, quadrangulated, sides_of
 from spinor_geom.nurbs.rims import Rim
 
-_FEWEST, _FINE = 4, 64  # quadrilaterals along a boundary: fewest, and about the number to begin with
-_DEPTHS = 0.5 ** (np.arange(60) / 3)  # of rings, in diameters of Ω, to choose from
-_DEEPEST = 0.35  # depth of a ring with corners, in lengths of the shorter of two neighbouring sides
-_SHALLOWER = 0.7  # factor of the depth of folded quadrilaterals
-_SLOPE = 0.15  # largest change of depth per distance of two marks
-_CLEAR = 0.9  # a depth is possible if the nearest point of ∂Ω is at least at this share of the distance to be expected
-_GRID = np.linspace(0, 1, 9)  # where quadrilaterals of the ring must not be folded
-_ASIDE = 0.005  # where derivatives at the ends of a side are taken, as a share of it
-_TURN = 1.65  # of ∂Ω along joined quadrilaterals, in radians: less than 90° takes more of them, more takes more knots
-_EVEN = 0.1  # least thickness of a quadrilateral of the ring, as a share of its largest
-_LONGEST = 8.0  # of a quadrilateral of a ring along ∂Ω before some are joined, relative to its depth
-_MOST_CORNERS = 100  # of a region that is divided into quadrilaterals: the time grows with the fourth power
-_TRIES = 12  # numbers of sides that are tried for quadrilaterals inside
-_ROUNDS = 10  # of halving sides on ∂Ω
+_FEWEST, _FINE = 4, 64  # fewest quadrilaterals along a boundary; first number along smooth ones
+_DEPTHS = 0.5 ** (np.arange(60) / 3)  # possible depths of rings, in diameters of Ω
+_DEEPEST = 0.35  # largest depth of a ring with corners, relative to the shorter of two neighbouring sides
+_SHALLOWER = 0.7  # factor that reduces the depth of folded quadrilaterals
+_SLOPE = 0.15  # largest change of depth between two marks, relative to their distance
+# A depth is allowed where no other part of ∂Ω is nearer to the inner corner than this share of the distance from its
+# own part.
+_CLEAR = 0.9
+_GRID = np.linspace(0, 1, 9)  # parameters along a side where quadrilaterals are tested for folds
+_ASIDE = 0.005  # one-sided derivatives are taken this share of the side inside its ends
+# Largest turn of ∂Ω along a quadrilateral that replaces several, in radians: smaller gives more quadrilaterals, larger
+# more knots.
+_TURN = 1.65
+_EVEN = 0.1  # least ratio of smallest to largest thickness of a quadrilateral
+_LONGEST = 8.0  # largest ratio of length to depth before neighbours are joined
+_MOST_CORNERS = 100  # of a polygon that is divided into quadrilaterals: the time grows with the fourth power
+_TRIES = 12  # attempts to fill the inside with quadrilaterals, each with two more sides
+_ROUNDS = 10  # largest number of rounds that halve sides on ∂Ω
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,9 +43,9 @@ class Blocks:
     quadrilateral is a part of ∂Ω. All other sides are straight.
 
     Attributes:
-        points: the corners of all.
+        points: the corners of all quadrilaterals.
         quads: indices of the corners of each.
-        parts: parameters of both ends of the sides on ∂Ω, as in `Rim`, increasing; the last may exceed 1.
+        parts: parameters, as in `Rim`, of both ends of each side on ∂Ω, increasing; the last may exceed 1.
         sizes: numbers of quadrilaterals along each boundary.
     """
 
@@ -55,13 +59,13 @@ class Blocks:
         """Quadrilaterals with corners at all corners of ∂Ω, whose sides on ∂Ω are halved until none is folded.
 
         Raises:
-            DomainError: Ω is too narrow somewhere, or the surface runs back and forth along Γ.
+            DomainError: Ω is too narrow somewhere, or the boundary of the surface runs back and forth along Γ.
         """
         rings = [_Ring.along(domain, rim) for rim in rims]
         for _ in range(_ROUNDS):
             folded = [ring.folded() for ring in rings]
             if not any(some.any() for some in folded):
-                if _bound(rings):
+                if _bounds_region(rings):
                     break
                 folded = [~some for some in folded]
             rings = [ring.improved(domain, some) for ring, some in zip(rings, folded, strict=True)]
@@ -72,7 +76,7 @@ class Blocks:
             )
         rings = _shortened(domain, rings)
         fewer = [ring.coarser() for ring in rings]
-        while sum(map(len, fewer)) < sum(map(len, rings)) and _bound(fewer):
+        while sum(map(len, fewer)) < sum(map(len, rings)) and _bounds_region(fewer):
             joined = _joined(rings) if sum(map(len, rings)) <= _MOST_CORNERS else None
             if joined is not None:
                 return _assembled(*joined)
@@ -112,8 +116,10 @@ class _Ring:
     rim: Rim
     marks: Float[np.ndarray, " k"]  # parameters of their corners, increasing
     outer: Complex[np.ndarray, " k"]  # the corners on ∂Ω
-    depth: Float[np.ndarray, " k"]  # distances of the inner corners from these
-    inwards: Complex[np.ndarray, " k"]  # unit vectors to them, along the bisectors of the angles of ∂Ω
+    depth: Float[np.ndarray, " k"]  # distances of the inner corners from the outer ones
+    inwards: Complex[
+        np.ndarray, " k"
+    ]  # unit vectors from outer to inner corners, along the bisectors of the angles of ∂Ω
     fixed: Bool[np.ndarray, " k"]  # which marks are corners of ∂Ω
 
     def __len__(self) -> int:
@@ -121,7 +127,7 @@ class _Ring:
 
     @classmethod
     def along(cls, domain: PlaneDomain, rim: Rim) -> _Ring:
-        """Many short quadrilaterals along a smooth boundary, or those between corners."""
+        """Many short quadrilaterals along a smooth boundary, or one between each two neighbouring corners."""
         marks = rim.corners if len(rim.corners) else np.arange(_FINE) / _FINE
         while len(marks) < _FEWEST:
             lengths = _lengths(rim, marks)
@@ -130,7 +136,10 @@ class _Ring:
 
     @classmethod
     def at(cls, domain: PlaneDomain, rim: Rim, marks: Float[np.ndarray, " k"]) -> _Ring:
-        """Quadrilaterals between marks, half as deep as possible without being nearer to other parts of ∂Ω."""
+        """Quadrilaterals between marks.
+
+        Depths are half of the largest at which inner corners are nearest to their own part of ∂Ω.
+        """
         before, after = rim.tangents(marks)
         half = (np.pi - np.angle(after / before)) / 2
         inwards, outer, fixed = after * np.exp(1j * half), rim.point(marks), np.isin(marks, rim.corners)
@@ -156,7 +165,7 @@ class _Ring:
         return _lengths(self.rim, self.marks)
 
     def improved(self, domain: PlaneDomain, folded: Bool[np.ndarray, " k"]) -> _Ring:
-        """The ring with folded quadrilaterals halved, or shallower if they are longer across than along ∂Ω."""
+        """The ring with folded quadrilaterals halved, or made shallower if they are deeper than long."""
         deep = folded & (np.maximum(self.depth, np.roll(self.depth, -1)) > self.lengths)
         depth = np.where(deep | np.roll(deep, 1), _SHALLOWER * self.depth, self.depth)
         finer = self.halved(domain, folded & ~deep)
@@ -169,7 +178,7 @@ class _Ring:
         return _Ring.at(domain, self.rim, np.sort(np.append(self.marks, middle))) if len(middle) else self
 
     def coarser(self) -> _Ring:
-        """The ring with pairs of quadrilaterals joined, the shortest first, where the result is not folded."""
+        """The ring with pairs of neighbours joined, the shortest first, where the result is not folded."""
         k = len(self)
         end, after = np.append(self.marks[2:], self.marks[:2] + 1), np.roll(np.arange(k), -2)
         folded = _folded(self.rim, self.marks, end, self.inner, self.inner[after])
@@ -188,7 +197,7 @@ class _Ring:
         return replace(self, **left)
 
     def joins(self) -> Int[np.ndarray, "j 3"]:
-        """Pairs of marks between which quadrilaterals can be joined to one that is not folded, and their numbers."""
+        """First mark, last mark and number of the quadrilaterals that one unfolded one can replace, for all choices."""
         k = len(self)
         first, more = np.nonzero(np.ones((k, max(1, k // _FEWEST)), dtype=bool))
         last = first + more + 1
@@ -228,7 +237,7 @@ def _folded(
 ) -> Bool[np.ndarray, " k"]:
     """Which quadrilaterals between boundary points and inner corners are folded, or nearly so.
 
-    So are those along parts of ∂Ω that turn more.
+    Those along parts of ∂Ω that turn by more than `most_turn` count as folded.
     """
     width = (end - start)[:, None]
     t, step = start[:, None] + width * _GRID, (after - before)[:, None]
@@ -243,13 +252,13 @@ def _folded(
     return np.asarray(~(even & is_open & (turn <= most_turn)))
 
 
-def _bound(rings: Sequence[_Ring]) -> bool:
+def _bounds_region(rings: Sequence[_Ring]) -> bool:
     """Whether the inner corners bound a region."""
     return bound_domain(tuple(ring.inner for ring in rings))
 
 
 def _longest_halved(domain: PlaneDomain, rings: Sequence[_Ring]) -> list[_Ring]:
-    """The rings with the quadrilateral halved that has the longest side on ∂Ω."""
+    """The rings after halving the quadrilateral with the longest side on ∂Ω."""
     lengths = [ring.lengths for ring in rings]
     number = int(np.argmax([own.max() for own in lengths]))
     longest = np.arange(len(rings[number])) == lengths[number].argmax()
@@ -269,7 +278,7 @@ def _shortened(domain: PlaneDomain, rings: Sequence[_Ring]) -> list[_Ring]:
 
 
 def _inside(rings: Sequence[_Ring]) -> Int[np.ndarray, "q 4"] | None:
-    """Quadrilaterals that fill the region inside the rings, by numbers of inner corners; None if none were found."""
+    """Quadrilaterals that fill the region inside the rings, as indices of inner corners; None if none are found."""
     inner = np.concatenate([ring.inner for ring in rings])
     polygon = cut_open(inner, tuple(map(len, rings)))
     if len(polygon) > _MOST_CORNERS:
@@ -280,7 +289,7 @@ def _inside(rings: Sequence[_Ring]) -> Int[np.ndarray, "q 4"] | None:
 
 
 def _joined(rings: Sequence[_Ring]) -> tuple[list[_Ring], Int[np.ndarray, "q 4"]] | None:
-    """The rings with neighbours joined, and the quadrilaterals inside, for the least cost; None if none were found."""
+    """The rings with some neighbours joined, and the quadrilaterals inside, of least cost; None if none are found."""
     sizes = tuple(map(len, rings))
     inner = np.concatenate([ring.inner for ring in rings])
     polygon = cut_open(inner, sizes)
@@ -297,7 +306,7 @@ def _joined(rings: Sequence[_Ring]) -> tuple[list[_Ring], Int[np.ndarray, "q 4"]
 
 
 def _assembled(rings: Sequence[_Ring], inside: Int[np.ndarray, "q 4"]) -> Blocks:
-    """The quadrilaterals of rings, and those inside."""
+    """All quadrilaterals, those of the rings first."""
     sizes = tuple(map(len, rings))
     n, after = sum(sizes), rim_successors(sizes)
     own = np.arange(n)
@@ -310,7 +319,7 @@ def _assembled(rings: Sequence[_Ring], inside: Int[np.ndarray, "q 4"]) -> Blocks
 
 
 def _with_triangles(rings: Sequence[_Ring]) -> Blocks:
-    """The halves of the quadrilaterals of rings, and the thirds of triangles inside."""
+    """Quadrilaterals of the rings, each halved, and triangles inside, each divided into three quadrilaterals."""
     blocks = _assembled(rings, np.zeros((0, 4), dtype=np.int64))
     inner = np.concatenate([ring.inner for ring in rings])
     triangles = len(inner) + ConstrainedDelaunay(inner, [blocks.sizes]).triangles

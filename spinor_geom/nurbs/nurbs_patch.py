@@ -12,7 +12,7 @@ from scipy.interpolate import BSpline
 
 from spinor_geom.domain.quadrature import rule
 
-_MORE_NODES = 16  # of a quadrature than the degree, for areas of rational patches to rounding
+_MORE_NODES = 16  # Gauss nodes above the degree: areas of rational patches are then exact to rounding
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,9 +21,9 @@ class NurbsCurve:
 
     Attributes:
         control_points: in mesh units.
-        weights: of the control points; all are 1 on curves without exact formulas.
+        weights: of the control points; all are 1 unless p and q are polynomials on a disk.
         degree: of the polynomials.
-        knots: from 0 to 1, each repeated as often as it counts.
+        knots: the knot vector, with repetitions, from 0 to 1.
     """
 
     control_points: Float[np.ndarray, "n 3"]
@@ -44,14 +44,14 @@ class NurbsCurve:
 class NurbsPatch:
     """A rational B-spline surface on the unit square.
 
-    The normal of the minimal surface is that of the directions of u and v, in this order. Side 0 lies at v = 0, side 1
-    at u = 1, side 2 at v = 1, side 3 at u = 0; a side is directed as the other parameter.
+    The normal of the surface has the direction of ∂r/∂u × ∂r/∂v. Sides 0 to 3 lie at v = 0, u = 1, v = 1 and u = 0:
+    sides 0 and 2 run with u, sides 1 and 3 with v.
 
     Attributes:
         control_points: in mesh units, in rows of equal u.
         weights: of the control points; all are 1 unless p and q are polynomials on a disk.
         degrees: in u and in v.
-        knots: of u and of v, from 0 to 1, each repeated as often as it counts.
+        knots: the knot vectors of u and v, with repetitions, from 0 to 1.
     """
 
     control_points: Float[np.ndarray, "n m 3"]
@@ -118,7 +118,7 @@ def homogeneous(points: Float[np.ndarray, "*n 3"], weights: Float[np.ndarray, "*
 def _nodes(
     knots: Float[np.ndarray, " k"], degree: int, more: int
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Nodes and weights of integrals over all pieces, `more` nodes than the degree on each."""
+    """Gauss-Legendre nodes and weights on all pieces: degree + `more` of them on each."""
     gauss, ends = rule("gauss", degree + more), np.unique(knots)
     width = np.diff(ends)[:, None]
     return (ends[:-1, None] + width * gauss.nodes).ravel(), (width * gauss.weights).ravel()

@@ -25,13 +25,13 @@ from spinor_geom.plateau.threads import one_thread
 from spinor_geom.shown import shortened
 from spinor_geom.surface.array_surface import ArraySurface
 
-_OF_TOLERANCE = 0.01  # accuracy of positions
+_OF_TOLERANCE = 0.01  # accuracy of positions, relative to the tolerance
 _AROUND, _ROUNDING = 256, 1e-12  # points of a rim for its diagonal; tolerance of exact patches
 
 
 @dataclass(frozen=True, kw_only=True)
 class Seam:
-    """A side that two patches share, given by patch and side; `reversed` if they have opposite directions."""
+    """A side that two patches share, given by patch and side; `reversed` if its directions on them are opposite."""
 
     first: tuple[int, int]
     second: tuple[int, int]
@@ -43,8 +43,8 @@ class NurbsDeviations:
     """Largest measured deviations, in mesh units and degrees.
 
     Attributes:
-        surface: distance of a patch from the minimal surface at equal parameters, between the nodes of interpolation;
-            near the rims it includes the boundary residual of the solution.
+        surface: distance of a patch from the minimal surface at equal parameters, measured between the nodes of
+            interpolation; near the rims it includes the boundary residual of the solution.
         rim: distance of a rim from the given curve at equal parameters, or at the nearest ones for exact patches.
         normals: angle between the normals of two patches along a seam.
         diagonal: of the bounding box of the largest loop.
@@ -62,7 +62,7 @@ class NurbsSurface:
 
     Neighbouring patches have the same control points along the side that they share, bit for bit. Within a patch the
     surface is smooth; across seams the normals agree up to `deviations.normals`. The rims are the given curves, up to
-    `deviations.rim`, also where the minimal surface misses them by its boundary residual.
+    `deviations.rim`, even where the minimal surface is farther from them.
 
     Attributes:
         patches: counter-clockwise about the normal of the surface.
@@ -70,9 +70,10 @@ class NurbsSurface:
         rims: for each loop of the solution, the sides on it, given by patch and side, in the direction of the surface's
             boundary.
         deviations: measured.
-        tolerance: of the call.
-        converged: whether the patches are within the tolerance and the solution has converged.
-        reason: one sentence: what was reached.
+        tolerance: given to `to_nurbs`, relative to `deviations.diagonal`.
+        converged: whether the patches and the displacement of the rims are within the tolerance, and the solution has
+            converged.
+        reason: one sentence on what was reached.
     """
 
     patches: tuple[NurbsPatch, ...]
@@ -92,9 +93,9 @@ class NurbsSurface:
     def of_polynomials(cls, surface: ArraySurface) -> NurbsSurface:
         """The exact patches of a surface whose p and q are polynomials of degree up to 5 on a disk.
 
-        Positions are a polynomial of degree d in z. On five rational maps of a square to the disk they are rational
-        patches of degree 2d: four in a ring, and one inside. `PlateauSolution.to_nurbs` makes them too where p and q of
-        the solution are polynomials. The rim is the surface's own; the tolerance of the result is that of rounding.
+        Positions are polynomials of degree d in z. Five rational maps of degree 2 from a square to the disk, four in a
+        ring and one inside, give rational patches of degree 2d. `PlateauSolution.to_nurbs` makes them too where p and q
+        of the solution are polynomials. The rim is the surface's boundary itself; the tolerance is rounding error.
 
         Raises:
             OptionError: p and q are not given as power series on a disk, or their degree is above 5, since CAD takes
@@ -209,13 +210,13 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
 
 
 def _rims(sizes: Sequence[int]) -> tuple[tuple[tuple[int, int], ...], ...]:
-    """The first sides of the first patches, by boundaries."""
+    """Side 0 of the patches along each boundary; these patches come first."""
     ends = np.cumsum(sizes).tolist()
     return tuple(tuple((patch, 0) for patch in range(end - size, end)) for size, end in zip(sizes, ends, strict=True))
 
 
 def _exact(disk: PolynomialDisk, diagonal: float, missed: float, tolerance: float) -> NurbsSurface:
-    """Rational patches of polynomials, whose rim is at a given distance from the given curve."""
+    """The exact patches of a disk whose boundary misses the given curve by at most `missed`."""
     mesh = QuadMesh(quads=QUADS, ring=4)
     patches, error = disk.patches()
     nets = [homogeneous(patch.control_points, patch.weights) for patch in patches]
@@ -254,7 +255,7 @@ def _seams(mesh: QuadMesh) -> tuple[Seam, ...]:
 def _distances(patches: Sequence[NurbsPatch], fit: Fit, samples: Samples) -> tuple[float, float, float]:
     """Largest distances of patches from the surface, of rims from Γ, and of the surface's rims from Γ.
 
-    They are measured at equal parameters, between the nodes.
+    They are measured at equal parameters, halfway between the nodes.
     """
     rims = len(samples.blocks.parts)
     grids = []
@@ -278,7 +279,7 @@ def _largest_angle(
 ) -> float:
     """The largest angle between normals on both sides of a seam, in degrees; 0 without seams.
 
-    The parameters are those of the points, along u and along v for each patch.
+    For each patch `parameters` are those of the points on its sides, along u and along v.
     """
     largest = 0.0
     for seam in seams:

@@ -1,4 +1,4 @@
-"""Exact patches where p and q are polynomials on a disk: polynomials of rational maps of squares to the disk."""
+"""Exact patches where p and q are polynomials on a disk, by rational maps from the unit square to parts of the disk."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from spinor_geom.nurbs.nurbs_patch import NurbsPatch
 from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.formulas import null_vector
 
-_HIGHEST = 25  # degree that Open CASCADE takes
-_NEGLIGIBLE = 1e-13  # sum of the coefficients of p and q that are left out, relative to the largest one
+_HIGHEST = 25  # highest degree that Open CASCADE takes
+_NEGLIGIBLE = 1e-13  # largest sum of neglected coefficients of p and q, relative to the largest one
 _HALF = 0.5**0.5  # cos 45°; the weights of a quarter of a circle are 1, cos 45°, 1
 _CHECKS = np.linspace(0, 1, 8)  # parameters where the error is measured
-_SQUARE = 0.5**1.5  # half of the side of the inner square, whose corners are half of the radius from the centre
+_SQUARE = 0.5**1.5  # half of the side of the inner square, whose corners are at half of the radius
 
 # corners of the quadrilaterals, counter-clockwise: a ring of four around the square
 QUADS = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [7, 4, 5, 6]])
@@ -42,7 +42,7 @@ class PolynomialDisk:
 
     @classmethod
     def of(cls, surface: ArraySurface) -> PolynomialDisk | None:
-        """The form of a surface; None unless p and q are polynomials over a disk."""
+        """A surface in this form; None unless p and q are polynomials on a disk."""
         model = getattr(surface.model, "untracked", surface.model)  # modules of torch hold arrays
         disk = _disk(surface.domain)
         if not isinstance(model, PowerSeries) or disk is None:
@@ -69,7 +69,7 @@ class PolynomialDisk:
         return 2 * self.degree <= _HIGHEST
 
     def patches(self) -> tuple[list[NurbsPatch], float]:
-        """The patches on the quadrilaterals of `QUADS`, and their largest distance from the surface, by rounding."""
+        """The patches on the quadrilaterals of `QUADS`, and their distance from the surface, a rounding error."""
         patches = [self._patch(*each) for each in _MAPS]
         error = 0.0
         for patch, (numerator, weight) in zip(patches, _MAPS, strict=True):
@@ -112,7 +112,7 @@ def _shifted(c: Complex[np.ndarray, " k"], start: complex, step: complex) -> Com
 def _maps() -> list[tuple[Complex[np.ndarray, "_ _"], Float[np.ndarray, "_ _"]]]:
     """Numerators and weights, in Bernstein form, of rational maps from the unit square to the parts of the unit disk.
 
-    The sides of the inner square have the parameters of the arcs beside them, so that both sides of a seam are equal.
+    The sides of the inner square have the parameters of the adjacent arcs, so that neighbours agree along seams.
     """
     arc = np.array([_HALF * (1 - 1j), 1.0, _HALF * (1 + 1j)])  # from −45° to 45°
     weight = np.array([1.0, _HALF, 1.0])

@@ -1,4 +1,4 @@
-"""A holomorphic function on quadrilaterals of Ω, as one polynomial on each."""
+"""A holomorphic function on quadrilaterals of Ω, approximated by one polynomial on each."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 
 Function = Callable[[Complex[np.ndarray, " k"]], Complex[np.ndarray, "k 3"]]
 
-# on a side of an outline: points among which nodes are chosen, and those where the error is measured. As many nodes as
-# half of the first give errors of 1e-12 on most quadrilaterals.
+# Points per side: candidates for nodes, of which half are used, and points where the error is measured. The error is
+# 1e-12 on most quadrilaterals.
 CANDIDATES, CHECKS = ((1 - np.cos(np.pi * (np.arange(n) + 0.5) / n)) / 2 for n in (32, 13))
 
 
@@ -24,9 +24,9 @@ class QuadPolynomials:
 
     Attributes:
         function: with values of three components.
-        nodes: at which it is interpolated, on the outline of each quadrilateral.
+        nodes: points of interpolation, on the outline of each quadrilateral.
         strengths: weights of the barycentric formula times the values, and the weights.
-        is_accurate: whether the error is small enough on the outline, where that of a holomorphic function is largest.
+        is_accurate: whether the error is small enough on the outline, where it is largest by the maximum principle.
     """
 
     function: Function
@@ -44,7 +44,7 @@ class QuadPolynomials:
     ) -> QuadPolynomials:
         """Interpolants at half of the candidates, compared with the function at other points of the outlines.
 
-        The accuracy is a share of the largest difference of values.
+        The accuracy is relative to the largest difference of values.
         """
         nodes = leja_points(candidates, candidates.shape[1] // 2)
         values = function(np.concatenate([nodes, checks], axis=1).ravel()).reshape(len(nodes), -1, 3)

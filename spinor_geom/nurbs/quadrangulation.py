@@ -1,4 +1,4 @@
-"""Polygons divided into convex quadrilaterals, with or without corners that may be left out."""
+"""Division of polygons into convex quadrilaterals; some corners of a polygon may be skipped."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from jaxtyping import Complex, Int
 
 from spinor_geom.domain.delaunay import Rims, cross
 
-LEAST_SINE = 0.1  # of the angles of quadrilaterals
+LEAST_SINE = 0.1  # least sine of the angles of quadrilaterals
 
 
 def cut_open(inner: Complex[np.ndarray, " n"], sizes: Rims) -> Int[np.ndarray, " m"]:
-    """The corners of one closed polygon along all rims, with cuts between nearest corners of different rims.
+    """One closed polygon along all rims, with cuts between nearest corners of different rims, as indices of corners.
 
-    It begins at the end of a cut.
+    It begins at the end of a cut, if there are cuts.
     """
     outer, *holes = np.split(np.arange(len(inner)), np.cumsum(sizes)[:-1])
     polygon, rest = outer.tolist(), [hole.tolist() for hole in holes]
@@ -32,9 +32,15 @@ def cut_open(inner: Complex[np.ndarray, " n"], sizes: Rims) -> Int[np.ndarray, "
 def sides_of(
     polygon: Int[np.ndarray, " m"], joins: Int[np.ndarray, "j 2"], steps: Int[np.ndarray, " j"]
 ) -> Int[np.ndarray, "s 2"]:
-    """Places in a polygon of the ends of its sides, and of joined sides of several steps that pass no end of a cut."""
+    """Pairs of positions in the polygon: ends of its sides, and of joins of sides that contain no end of a cut.
+
+    Args:
+        polygon: indices of its corners.
+        joins: indices of the corners at both ends of each join.
+        steps: number of sides in each join.
+    """
     m = len(polygon)
-    places = np.zeros((2, int(polygon.max()) + 1), dtype=np.int64)  # first and last ones: ends of cuts occur twice
+    places = np.zeros((2, int(polygon.max()) + 1), dtype=np.int64)  # first and last position: ends of cuts occur twice
     places[1, polygon] = np.arange(m)
     places[0, polygon[::-1]] = np.arange(m)[::-1]
     own = np.stack([np.arange(m), (np.arange(m) + 1) % m], axis=1)
@@ -46,14 +52,14 @@ def sides_of(
 
 
 def quadrangulated(z: Complex[np.ndarray, " m"], sides: Int[np.ndarray, "s 2"]) -> Int[np.ndarray, "q 4"] | None:
-    """Convex quadrilaterals that fill a polygon, with the least cost; None if none do.
+    """Convex quadrilaterals that fill a polygon, with the least total cost; None if none do.
 
-    The cost of a quadrilateral is 1/sin of its least angle. The division is found by dynamic programming over the
-    chords of the polygon.
+    The cost of a quadrilateral is the largest 1/sin of its angles. The division is found by dynamic programming over
+    the chords of the polygon.
 
     Args:
         z: the corners, counter-clockwise; equal points may occur twice.
-        sides: pairs of corners that a side may join, with those in between left out.
+        sides: pairs of corners that a side may connect; the corners between them are skipped.
     """
     m = len(z)
     with np.errstate(invalid="ignore"):
@@ -62,7 +68,7 @@ def quadrangulated(z: Complex[np.ndarray, " m"], sides: Int[np.ndarray, "s 2"]) 
     cost, between = np.full((m, m), np.inf), np.zeros((m, m, 2), dtype=np.int64)
     start, end = sides[sides[:, 1] > 0].T
     cost[start, end] = 0.0
-    every = 2 if len(sides) == m else 1  # without joined sides the numbers of corners on both sides of chords are even
+    every = 2 if len(sides) == m else 1  # without joins, chords have an even number of corners on both sides
     for width in range(3, m, every):
         i = np.arange(m - width)[:, None]
         # third and fourth corners of all quadrilaterals on the chords from i to i + width

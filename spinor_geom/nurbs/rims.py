@@ -22,23 +22,24 @@ from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.interior import RimPrimitive
 
 _STEPS = 10  # of Newton's method for the parameter on ∂Ω
-_PRECISE, _REACH = 1e-8, 0.02  # the last step, after which the error is about its square, and the longest one
-# relative accuracy of ∫ φ dz: a share of the boundary residual, within limits that the tolerance 1e-6 needs
+_PRECISE, _REACH = 1e-8, 0.02  # largest last Newton step (the error is about its square), longest step
+# relative accuracy of ∫ φ dz: this share of the boundary residual, within limits suitable for the tolerance 1e-6
 _OF_RESIDUAL, _ACCURACY = 1e-3, (1e-10, 1e-8)
 _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
-# Shares of s and t on a side that differ by more are approximated by a polynomial: 0.44 beside the opened corner of an
-# L, at most 0.04 elsewhere. Its degree, and the number of steps between the nodes where it is fitted.
+# Where s and t, as shares of a side, differ by more than this, s is a polynomial of x. They differ by 0.44 next to the
+# opened corner of an L, by at most 0.04 elsewhere. `_DEGREE` is that of the polynomial, `_NODES` the number of steps
+# between the nodes of its fit.
 _UNEVEN, _DEGREE, _NODES = 0.2, 9, 64
-_EXACT, _LEAST = 1e3, 1e-5  # weight of the end of a side; least factor of a derivative
+_EXACT, _LEAST = 1e3, 1e-5  # weight of the end of a side in the fit; least coefficient of the derivative
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rim:
-    """A boundary of Ω as a curve z(x), which runs with the parameter s of Γ.
+    """A boundary of Ω as a curve z(x), where x is the parameter s of Γ except beside opened corners.
 
-    In s the rim of the surface is as smooth as Γ; the images of equal steps on ∂Ω may crowd. At opened corners, as in
-    `domain.opening`, s grows like a power of the distance in Ω. On sides that end there s is a polynomial of x, so that
-    the surface is smooth in x as well.
+    By s, positions on ∂Ω are as smooth as Γ; by the parameter t of ∂Ω, equal steps may be very uneven in space. At
+    opened corners (`domain.opening`) s grows like a power of the distance in Ω. On sides that end there s is a
+    polynomial of x, so that the surface is smooth in x too.
 
     Attributes:
         match: the boundary and Γ.
@@ -59,7 +60,7 @@ class Rim:
         primitives = [_primitive(surface, boundary, accuracy) for boundary in domain.boundaries]
         is_inner = domain.root >= domain.triangulation.boundary_size
         if is_inner and not (domain.holes or surface.has_closed_positions):
-            # by Cauchy's formula, as inside: paths to ∂Ω pass by poles
+            # by Cauchy's formula, as at inner points: paths from there to ∂Ω would come near poles
             starts = to_numpy(surface.constant) - primitives[0].inside(np.array([surface.root])).real
         else:
             starts = surface.position(np.array([match.boundary.point(np.zeros(())) for match in solution.rims]))
@@ -88,7 +89,7 @@ class Rim:
         return self.boundary.point(self.on_boundary(x))
 
     def derivative(self, x: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """dz/dx, up to the boundary residual, not at corners; infinite where the surface stands still along Γ."""
+        """dz/dx up to the boundary residual, except at corners; infinite where positions do not move along Γ."""
         t = self.on_boundary(x)
         _, velocity = self.primitive.at(t.ravel() % 1.0)
         s, change = self.on_curve(np.ravel(x))
@@ -117,14 +118,14 @@ class Rim:
 
     @cached_property
     def _shares(self) -> list[tuple[int, BPoly]]:
-        """Sides on which the shares of s and t differ much, and polynomials that approximate those of s by those of t.
+        """Sides where s and t, as shares of the side, differ by more than `_UNEVEN`, and polynomials from t to s there.
 
-        Their derivatives are sums of Bernstein polynomials with factors that are not negative.
+        They increase: their derivatives are sums of Bernstein polynomials with positive coefficients.
         """
         found, matched = [], np.concatenate([self.match.matching + turn for turn in range(-2, 3)]).T
         degrees, nodes = np.arange(_DEGREE + 1), (1 - np.cos(np.pi * np.arange(1, _NODES) / _NODES)) / 2
         basis = binom(_DEGREE, degrees) * nodes[:, None] ** degrees * (1 - nodes[:, None]) ** degrees[::-1]
-        steps = basis[:, ::-1].cumsum(axis=1)[:, -2::-1]  # sums of the last ones
+        steps = basis[:, ::-1].cumsum(axis=1)[:, -2::-1]  # multiples of the integrals of Bernstein polynomials
         for side, (first, last) in enumerate(itertools.pairwise(self._at_corners if len(self.corners) else ())):
             s = np.interp(first + nodes * (last - first), *matched)
             begin, end = np.append(self.corners, self.corners[0] + 1)[side : side + 2]
@@ -139,10 +140,10 @@ class Rim:
         return found
 
     def on_boundary(self, x: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-        """Parameters t on ∂Ω whose positions lie in the normal planes of Γ(s(x)); corners belong to corners.
+        """Parameters t on ∂Ω whose positions lie in the normal planes of Γ(s(x)); corners map to corners.
 
-        Positions miss corners of Γ. On the side between two of them Γ is shifted by a mean of both distances, so that t
-        is continuous at the corners.
+        Along a side Γ is shifted by an interpolation of the differences at its two corners, so that t is continuous
+        there.
         """
         flat = self.on_curve(np.ravel(x))[0]
         is_corner, least, most, shift = self._sides(flat)
@@ -161,7 +162,7 @@ class Rim:
     def _sides(
         self, s: Float[np.ndarray, " n"]
     ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, "#n 3"]]:
-        """Which points are corners, parameters of the corners of ∂Ω before and after them, and the shift of Γ."""
+        """Which points are corners; for all, parameters of the corners of ∂Ω before and after, and the shift of Γ."""
         if not len(self.corners):
             return np.zeros(len(s), dtype=bool), np.full(len(s), -np.inf), np.full(len(s), np.inf), np.zeros((1, 3))
         ends = np.append(self.corners, self.corners[0] + 1)
@@ -179,7 +180,7 @@ class Rim:
 
     @cached_property
     def _at_corners(self) -> Float[np.ndarray, " c1"]:
-        """Parameters of the corners of ∂Ω that belong to those of Γ, and of the first one again."""
+        """Parameters of the corners of ∂Ω that are matched to those of Γ; the last is the first one plus 1."""
         t = self._matched(self.corners)
         offset = (t[:, None] - self.boundary.parameters[:-1] + 0.5) % 1.0 - 0.5
         t = t - offset[np.arange(len(t)), np.abs(offset).argmin(axis=1)]
@@ -196,7 +197,7 @@ class Rim:
 
 
 def _primitive(surface: ArraySurface, boundary: Boundary, accuracy: float) -> RimPrimitive | SmoothPrimitive:
-    """∫ φ dz along a boundary, by panels where it is not smooth."""
+    """∫ φ dz along a boundary, by Fourier series where it is smooth, else by panels."""
     if isinstance(boundary, FourierBoundary):
         smooth = SmoothPrimitive.along(boundary, surface.null_curve, accuracy)
         if smooth is not None:

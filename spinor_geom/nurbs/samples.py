@@ -21,9 +21,9 @@ from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for
 
-_ORDER = 10  # Gauss nodes on a piece of a line from ∂Ω: exact for twice the degree of the splines
-_TOWARDS_RIM = 0.25 ** np.arange(3, 0, -1)  # more ends of pieces, as shares of the first, beside rims with corners
-_ALONG = np.linspace(0, 1, 17)  # points of a straight side to which panels on ∂Ω are fitted
+_ORDER = 10  # Gauss nodes per piece of a line from ∂Ω: exact for twice the degree of the splines
+_TOWARDS_RIM = 0.25 ** np.arange(3, 0, -1)  # more ends of pieces next to rims with corners, relative to the first piece
+_ALONG = np.linspace(0, 1, 17)  # points per inner side of a ring: panels on ∂Ω are short enough for these
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,12 +39,12 @@ class _Side:
 class Samples:
     """A surface whose rims are moved to the given curves.
 
-    The surface misses Γ by the boundary residual. A point at parameter v of a ring, 0 on ∂Ω and 1 at its inner side, is
-    moved by (1 − v)² times the displacement of the rim, so that the film fits the frame and stays smooth.
+    The surface misses Γ by the boundary residual. So that the rim is Γ, points of a ring are moved: by the difference
+    on ∂Ω, by 0 at the inner side, and smoothly between (`_extended`).
 
-    Without a closed form, ∫ φ dz of a smooth disk is a polynomial on each quadrilateral, by Cauchy's formula at the
-    nodes of interpolation. Where ∂Ω is not smooth, and between several rims, positions in a ring are integrals of φ
-    along straight lines from ∂Ω; those inside a disk are by Cauchy's formula, with the same nodes on ∂Ω for all points.
+    Where positions have no closed form, ∫ φ dz over a disk with a smooth boundary is a polynomial on each quadrilateral
+    through values by Cauchy's formula. Where ∂Ω is not smooth or Ω has holes, positions in a ring are integrals of φ
+    along straight lines from ∂Ω. Those inside a disk follow from Cauchy's formula, with the same nodes on ∂Ω for all.
 
     Attributes:
         accuracy: of the polynomials, as a share of the size of the surface.
@@ -56,7 +56,7 @@ class Samples:
     accuracy: float
 
     def on(self, grids: Sequence[Grid]) -> list[tuple[Values, Values]]:
-        """For each grid the positions of the minimal surface, and those moved to fit the rims."""
+        """For each grid the positions of the minimal surface, and those moved so that the rims are Γ."""
         ring = [k for k, (quad, *_) in enumerate(grids) if quad < len(self.blocks.parts)]
         inner = [k for k, (quad, *_) in enumerate(grids) if quad >= len(self.blocks.parts)]
         found: dict[int, tuple[Values, Values]] = {}
@@ -93,7 +93,7 @@ class Samples:
         return [found[quad, id(u)] for quad, u, *_ in grids]
 
     def _rings(self, grids: Sequence[Grid], sides: Sequence[_Side]) -> list[Values]:
-        """Positions of the minimal surface in rings, arbitrary on ∂Ω."""
+        """Positions of the minimal surface in rings, undefined on ∂Ω."""
         if self._is_smooth:
             inside = [np.where(v > 0, v, 1.0) for _, _, v, _ in grids]
             z = [
@@ -115,7 +115,7 @@ class Samples:
         return found
 
     def _pieces(self, quad: int, breaks: Breaks) -> Breaks:
-        """Ends of the pieces of integrals away from a rim: near corners of Ω φ changes within short distances."""
+        """Ends of pieces of integrals from a rim: more if it has corners, where φ varies over short distances."""
         if not self.rims[self.blocks.rim_of(quad)].boundary.corners.any():
             return breaks
         return (0.0, *(breaks[1] * _TOWARDS_RIM).tolist(), *breaks[1:])
@@ -125,7 +125,7 @@ class Samples:
         return np.asarray(phi(p, q))
 
     def _inside(self, quads: Sequence[int], z: Sequence[Complex[np.ndarray, "_ _"]]) -> list[Values]:
-        """Positions at arrays of points of quadrilaterals; in rings only of smooth surfaces."""
+        """Positions at arrays of points of quadrilaterals; in rings only if `_is_smooth`."""
         if self.surface.has_closed_positions or len(self.rims) > 1:
             return _split(self.surface.position, z)
         start = self.rims[0].start
@@ -161,7 +161,7 @@ class Samples:
 
     @cached_property
     def _primitive(self) -> RimPrimitive:
-        """∫ φ dz along the boundary of a disk, by panels for points inside the ring."""
+        """∫ φ dz along the boundary of a disk, by panels that are accurate for points inside the ring."""
         start, end = self.blocks.points[self.blocks.quads[: len(self.blocks.parts), 2:]].T
         boundary = self.rims[0].boundary
         inner = (start[:, None] + _ALONG * (end - start)[:, None]).ravel()
@@ -173,8 +173,8 @@ def _extended(
 ) -> Float[np.ndarray, "n m 3"]:
     """A displacement at v = 0, extended to the quadrilateral with derivative 0 across its sides u = 0 and u = 1.
 
-    Displacements of the ends decay within an eighth of the sides. The rest decays where v exceeds the distance from the
-    ends. It would turn the normals along these sides: near corners it varies within a short distance.
+    Displacements of the ends decay within about an eighth of the sides. The rest decays where v exceeds the distance to
+    the nearer end, because near corners it varies over short distances and would rotate the normals along these sides.
     """
     ends = [np.array([np.interp(end, u, each) for each in shift.T]) for end in (0.0, 1.0)]
     at_ends = sum(((1 - x) ** 8 * (1 + 8 * x))[:, None] * end for x, end in zip((u, 1 - u), ends, strict=True))
@@ -188,7 +188,7 @@ def _split(
     function: Callable[[Complex[np.ndarray, " n"]], Inexact[np.ndarray, "n 3"]],
     z: Sequence[Complex[np.ndarray, "_ _"]],
 ) -> list[Any]:
-    """A function of points at arrays of them, by one evaluation."""
+    """Values of a function at several arrays of points, by one call."""
     if not z:
         return []
     values = function(np.concatenate([each.ravel() for each in z]))

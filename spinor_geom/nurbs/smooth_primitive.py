@@ -13,8 +13,8 @@ from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 from spinor_geom.surface.interior import NullCurve, Places
 
-_FEWEST, _MOST = 256, 1 << 14  # nodes
-# of splines between four times as many nodes, which are as accurate as the series
+_FEWEST, _MOST = 256, 1 << 14  # numbers of nodes
+# degree of the splines that evaluate the series, and their nodes per node: then they are as accurate
 _DEGREE, _FINER = 7, 4
 
 
@@ -26,8 +26,8 @@ class SmoothPrimitive:
         z: the nodes on ∂Ω.
         dz: dz/dt there.
         values: ∫ φ dz from the first node.
-        accuracy: bound of the coefficients in the upper quarter of the frequencies, as a share of the largest one, and
-            about the relative error.
+        accuracy: bound of the coefficients of the upper quarter of the frequencies, relative to the largest one; the
+            relative error is about as large.
     """
 
     z: Complex[np.ndarray, " n"]
@@ -37,7 +37,7 @@ class SmoothPrimitive:
 
     @classmethod
     def along(cls, boundary: FourierBoundary, phi: NullCurve, accuracy: float) -> SmoothPrimitive | None:
-        """The integral of a function φ with as many nodes as an accuracy needs; None if `_MOST` are too few."""
+        """The integral of φ with as many nodes as the accuracy needs; None if `_MOST` are too few."""
         n = _FEWEST
         while n <= _MOST:
             if n > 2 * len(boundary.coefficients):
@@ -58,9 +58,9 @@ class SmoothPrimitive:
         return np.asarray(spline(t)), np.asarray(slope(t))
 
     def inside(self, z: Places) -> Complex[np.ndarray, "k 3"]:
-        """∫ φ dz from the first node to points inside a boundary without holes, arbitrary at the nodes.
+        """∫ φ dz from the first node to points inside a boundary without holes, undefined at the nodes.
 
-        It is the trapezoidal rule for Cauchy's formula, divided by that for 1. Near ∂Ω their errors cancel.
+        The trapezoidal rule for Cauchy's formula is divided by the same rule for 1: near ∂Ω their errors cancel.
 
         Source: Ioakimidis, Papadakis & Perdios, "Numerical evaluation of analytic functions by Cauchy's theorem", BIT
         31 (1991).

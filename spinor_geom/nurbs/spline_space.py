@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.interpolate import BSpline
 
-# of the search for the extrema: rounds, after which nodes move by less than a sample; samples per extremum
+# search for the extrema: rounds, after which nodes move by less than a sample; samples per extremum
 _ROUNDS, _SAMPLES = 6, 24
 
 
@@ -28,7 +28,7 @@ class SplineSpace:
     @classmethod
     @lru_cache(maxsize=256)
     def on(cls, degree: int, breaks: tuple[float, ...]) -> SplineSpace:
-        """The same object for equal arguments, since nodes and matrices are computed once for each."""
+        """The same object for equal arguments, so that its nodes and matrices are computed once."""
         return cls(degree, breaks)
 
     @property
@@ -71,7 +71,7 @@ class SplineSpace:
 
     @cached_property
     def between(self) -> Float[np.ndarray, " k_1"]:
-        """The middles between nodes, where the error of an interpolant is measured."""
+        """Midpoints between nodes, where the error of an interpolant is measured."""
         return np.asarray((self.nodes[1:] + self.nodes[:-1]) / 2)
 
     @cached_property

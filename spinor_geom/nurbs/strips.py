@@ -1,4 +1,4 @@
-"""Strips of quadrilaterals, whose common knots are refined until interpolation is accurate."""
+"""Interpolation on strips of quadrilaterals, whose common knots are refined until it is accurate."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Grid: TypeAlias = tuple[int, Float[np.ndarray, "_"], Float[np.ndarray, "_"], Bre
 Sampler: TypeAlias = Callable[[Sequence[Grid]], list[tuple[Values, Values]]]
 
 DEGREE = 9  # of splines with inner knots
-NEARER_AT_RIMS = 10.0  # rims are so much nearer to Γ than patches to the surface: films join frames
+NEARER_AT_RIMS = 10.0  # ratio of the tolerances inside and at rims, so that shells fit adjacent parts
 _ROUNDS = 20  # of halving pieces
 _MOST_POINTS = 25_000  # control points of all patches, above which no piece is halved; ragged rims take 20 000
 
@@ -29,12 +29,12 @@ _MOST_POINTS = 25_000  # control points of all patches, above which no piece is 
 class QuadMesh:
     """Sides and strips of a mesh of quadrilaterals.
 
-    Side k = 0 … 3 of a quadrilateral lies at v = 0, u = 1, v = 1, u = 0, and is directed as the parameter along it. A
-    strip is a row of quadrilaterals that are neighbours along opposite sides; all have the same knots across the strip.
+    Sides 0 to 3 of a quadrilateral lie at v = 0, u = 1, v = 1 and u = 0: sides 0 and 2 run with u, sides 1 and 3 with
+    v. A strip is a row of quadrilaterals that are neighbours along opposite sides; all have the same knots across it.
 
     Attributes:
         quads: the corners of each, counter-clockwise from u = v = 0.
-        ring: number of the quadrilaterals with a side at v = 0 on a rim; they come first.
+        ring: number of the quadrilaterals whose side 0 lies on a rim; they come first.
     """
 
     quads: Int[np.ndarray, "q 4"]
@@ -46,7 +46,7 @@ class QuadMesh:
 
     @cached_property
     def edges(self) -> Int[np.ndarray, "q 4"]:
-        """Numbers of the edges of the mesh at the sides."""
+        """The number of the edge of the mesh at each side."""
         _, index = np.unique(np.sort(self._sides.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
         return np.asarray(index).reshape(-1, 4)
 
@@ -90,7 +90,6 @@ class Fit:
         spaces: the splines in u and v of each.
         nets: their control points; neighbours have equal ones along the side that they share.
         error: an estimate of the largest distance of the patches from the positions to interpolate.
-        points: number of control points of all patches.
     """
 
     spaces: tuple[tuple[SplineSpace, SplineSpace], ...]
@@ -106,14 +105,13 @@ class Fit:
 def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float) -> Fit:
     """Patches of the least degree without inner knots, or of degree `DEGREE` with the knots that a tolerance needs.
 
-    Interpolation at the nodes is exact along parameter lines through nodes. The error between these is measured in
-    both directions, and the pieces of a strip where it exceeds half of the tolerance are halved. It is the error of
-    the surface itself and of the rims. Where it is less than the displacement that moves the rims, by the boundary
-    residual of the solution, more knots are not worth it.
+    Positions are interpolated at the nodes. The error is measured halfway between nodes, along u and along v, for the
+    surface itself and for the rims. Pieces of a strip where it exceeds half of the tolerance are halved. Pieces whose
+    error is below the displacement of the rim, by the boundary residual of the solution, are not halved.
 
     Args:
         mesh: the quadrilaterals.
-        sample: returns positions of the surface, and those with moved rims, which are interpolated.
+        sample: returns positions of the surface, and those moved near the rims; the latter are interpolated.
         tolerance: in mesh units.
     """
     strip, against = mesh.strips
@@ -133,7 +131,10 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float) -> Fit:
 
 
 def _halved(breaks: Breaks, chosen: Bool[np.ndarray, " k"]) -> Breaks:
-    """Breaks with the chosen pieces halved; a piece that is chosen alone at an end, as at corners, is halved twice."""
+    """Breaks with the chosen pieces halved.
+
+    A chosen piece at an end is halved twice, towards this end, if its neighbour is not chosen, as near corners.
+    """
     ends = np.array(breaks)
     new = [((ends[1:] + ends[:-1]) / 2)[chosen]]
     if len(chosen) > 1:
@@ -147,7 +148,11 @@ _Key: TypeAlias = tuple[int, SplineSpace, SplineSpace]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Values:
-    """Positions of a patch at its nodes, its largest error, and the largest above the residual along u and v."""
+    """Positions of a patch at its nodes, and its largest error.
+
+    `along_u` and `along_v` have, halfway between nodes in u and in v, the largest errors that exceed the displacement
+    of the rim; 0 where none does.
+    """
 
     at_nodes: Values
     error: float
@@ -174,7 +179,7 @@ class _Sampled:
         degree: int,
         known: _Known,
     ) -> _Sampled:
-        """Samples those patches whose knots are not among the known ones."""
+        """Samples for given breaks; patches whose splines are among the known ones are not sampled again."""
         spaces = []
         for strips, flips in zip(*mesh.strips, strict=True):
             own = (
@@ -200,7 +205,7 @@ class _Sampled:
                 along_u[:, 0] = NEARER_AT_RIMS * np.linalg.norm(u.to_between @ moved[:, 0] - moved_u[:, 0], axis=1)
             error = float(max(along_u.max(), along_v.max()))
             if quad < mesh.ring:
-                # more knots are not worth it where the rim is moved by more; it is moved by less further inside
+                # pieces whose error is below the displacement are not halved; it decays with v about as (1 − v)²
                 for along, on_rim, at in (
                     (along_u, moved_u[:, 0] - exact_u[:, 0], v.nodes),
                     (along_v, moved[:, 0] - exact[:, 0], v.between),
@@ -215,7 +220,10 @@ class _Sampled:
         return sum(u.dimension * v.dimension for u, v in self.spaces)
 
     def error_of_degree(self, degree: int) -> float:
-        """The largest error, with that of polynomials of a lower degree in place of those without inner knots."""
+        """An estimate of the error at a lower degree, for patches without inner knots.
+
+        It is the largest distance of both interpolants at the nodes, plus the error at the present degree.
+        """
         low = SplineSpace.on(degree, (0.0, 1.0))
         (high, _), *_ = self.spaces
         to_low = high.basis(low.nodes) @ high.interpolation
@@ -237,7 +245,7 @@ class _Sampled:
     def inaccurate(
         self, strip: Int[np.ndarray, "q 2"], against: Bool[np.ndarray, "q 2"], breaks: Sequence[Breaks], allowed: float
     ) -> list[Bool[np.ndarray, " _"]]:
-        """Which pieces of each strip have a larger error than allowed, and than the displacement there."""
+        """Which pieces of each strip have an error above the allowed one and above the displacement of the rim."""
         chosen = [np.zeros(len(own) - 1, dtype=bool) for own in breaks]
         for quad, pair in enumerate(self.spaces):
             u, v = pair
@@ -260,7 +268,7 @@ class _Sampled:
 
 
 def share_sides(mesh: QuadMesh, nets: Sequence[Float[np.ndarray, "_ _ c"]]) -> None:
-    """Makes sides and corners of control nets those of the first patch that has them, bit for bit, in place."""
+    """Copies each shared side and corner from the first control net that has it to the others, in place."""
     rows: dict[int, tuple[Float[np.ndarray, "_ c"], bool]] = {}
     corners: dict[int, Float[np.ndarray, " c"]] = {}
     for quad, net in enumerate(nets):
