@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
+from spinor_geom.arrays import EPS
 from spinor_geom.domain.plane_domain import SplineBoundary, sampled
 from spinor_geom.domain.polygons import bound_domain
 
@@ -24,6 +25,7 @@ _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
 _SHARE = np.linspace(0, 1, 129) ** 4  # points per side, denser at its ends, so that steps along its image are even
 _DENSE = _SHARE / (_SHARE + _SHARE[::-1])
 _EACH = 4  # samples per piece in the test for crossings
+_SHORTEST = EPS**0.5  # shortest piece of the image per its length; parts of shorter ones have no length by rounding
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,9 +63,10 @@ class Opening:
 
     @classmethod
     def of(cls, given: SplineBoundary, angles: Float[np.ndarray, " c"]) -> Opening | None:
-        """Maps reentrant corners to given angles; None without such corners, or if the boundary would cross itself.
+        """Maps reentrant corners to given angles.
 
-        On sides that end in opened corners, vertices are evenly spaced in the image.
+        On sides that end in opened corners, vertices are evenly spaced in the image. None without such corners, or if
+        the boundary would cross itself or have pieces without length.
 
         Args:
             given: boundary of a domain without holes, counter-clockwise.
@@ -94,7 +97,7 @@ class Opening:
             vertices = power(vertices)
         vertices *= np.abs(np.diff(given.vertices)).sum() / np.abs(np.diff(vertices)).sum()
         boundary = SplineBoundary.through(vertices, given.corners)
-        if not bound_domain((sampled(boundary, _EACH),)):
+        if np.diff(boundary.parameters).min() < _SHORTEST or not bound_domain((sampled(boundary, _EACH),)):
             return None
         return cls(boundary=boundary, before=parameters, powers=tuple(powers), given=given)
 

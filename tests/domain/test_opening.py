@@ -52,6 +52,11 @@ def test_domains_without_reentrant_corners_are_not_opened() -> None:
     assert Opening.of(outline(L), np.array([0.5, 0.5, 0.5, 1.5, 0.5, 0.5]) * np.pi) is None
 
 
+def test_corners_of_curves_that_turn_back_are_not_opened() -> None:
+    """The image of the opposite sides would have no length."""
+    assert Opening.of(outline(L), np.where(np.arange(6) == 3, 1e-11, RIGHT)) is None
+
+
 def test_the_first_vertex_need_not_be_a_corner() -> None:
     whole = outline(L)
     moved = SplineBoundary.through(np.roll(whole.vertices, 5), np.roll(whole.corners, 5))
