@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def area_gradient(solution: PlateauSolution) -> tuple[Float[np.ndarray, "_ 3"], ...]:
     """See `PlateauSolution.area_gradient`."""
     with one_thread(), typed_failures():
-        along = [RimNodes.along(rim, solution.array_surface) for rim in solution.rims]
+        along = RimNodes.all_of(solution)
         gradients = [
             by_points(rim.curve, one.places, one.conormal) for rim, one in zip(solution.rims, along, strict=True)
         ]

@@ -14,6 +14,7 @@ from spinor_geom.domain.quadrature import Panels, rule
 from spinor_geom.mesh.interpolation import EQUAL
 from spinor_geom.plateau.harmonic.douglas import resampled
 from spinor_geom.plateau.rim_match import RimMatch
+from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.surface.array_surface import ArraySurface
 
 # Gauss-Legendre nodes between neighbouring points of the loop or of ∂Ω. Networks over folded curves have poles near ∂Ω:
@@ -46,6 +47,11 @@ class RimNodes:
     panels: Panels | None
     velocity: Complex[np.ndarray, "k 3"]
     places: Float[np.ndarray, " k"]
+
+    @classmethod
+    def all_of(cls, solution: PlateauSolution) -> list[RimNodes]:
+        """The nodes of all rims of a solution, in order."""
+        return [cls.along(rim, solution.array_surface) for rim in solution.rims]
 
     @classmethod
     def along(cls, rim: RimMatch, surface: ArraySurface) -> RimNodes:

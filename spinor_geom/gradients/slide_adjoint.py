@@ -43,7 +43,7 @@ class SlideAdjoint:
     @cached_property
     def rims(self) -> list[RimNodes]:
         """The nodes on ∂Ω."""
-        return [RimNodes.along(rim, self.solution.array_surface) for rim in self.solution.rims]
+        return RimNodes.all_of(self.solution)
 
     def by_boundary(self, by_u: Float[np.ndarray, " v"]) -> list[Float[np.ndarray, "_ 3"]]:
         """Weights of δΓ at the nodes of each rim, from weights of u at the points inside.
