@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from jaxtyping import Bool, Int
 from spinor_geom.discrete.first_fill import LONGEST
 from spinor_geom.discrete.flattest_triangulation import flattest_triangulation
 from spinor_geom.fill.new_patch import NewPatch
-from spinor_geom.fill.patched_mesh import PatchedMesh
+from spinor_geom.fill.patched_mesh import PatchedMesh, meeting_box
 from spinor_geom.mesh.operators import face_areas, face_normals
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components, is_disk, referenced_vertices
 from spinor_geom.meshing.embed import Patch
@@ -27,7 +28,7 @@ def retriangulated(patched: PatchedMesh, new: NewPatch) -> NewPatch:
     """Retriangulates regions around the intersecting faces of a patch, without inner vertices.
 
     The regions grow until nothing intersects or they cover the patch. Regions with outlines of more than 160 points are
-    not changed.
+    not changed; if all are, and the rim is as long, they stop growing.
     """
     rings = 0
     while len(new.crossings):
@@ -38,21 +39,26 @@ def retriangulated(patched: PatchedMesh, new: NewPatch) -> NewPatch:
         for _ in range(rings):
             a, b, c = referenced_vertices(faces[region], vertices=len(new.patch.vertices))[faces.T]
             region = a | b | c
-        new = _with_new_triangles(patched, new, region)
-        if region.all():
+        component = face_components(faces[region])
+        pieces = [np.flatnonzero(region)[component == k] for k in range(component.max() + 1)]
+        new = _with_new_triangles(patched, new, pieces)
+        are_long = len(new.rim) > LONGEST and all(_is_disk_of_long_outline(faces[piece]) for piece in pieces)
+        if are_long or region.all():
             break
         rings = 2 * rings or 1
     return new
 
 
-def _with_new_triangles(patched: PatchedMesh, new: NewPatch, region: Bool[np.ndarray, " f"]) -> NewPatch:
-    """The patch with new faces in a region, if it has fewer intersections, else the patch itself.
+def _is_disk_of_long_outline(faces: Int[np.ndarray, "f 3"]) -> bool:
+    return len(boundary_edges(faces)) > LONGEST and is_disk(faces)
+
+
+def _with_new_triangles(patched: PatchedMesh, new: NewPatch, pieces: Sequence[Int[np.ndarray, " _"]]) -> NewPatch:
+    """The patch with new faces in some pieces, if it has fewer intersections, else the patch itself.
 
     After each round, new triangles that intersect something are forbidden in the next ones.
     """
-    faces, best = np.asarray(new.patch.faces), new
-    component = face_components(faces[region])
-    pieces = [np.flatnonzero(region)[component == k] for k in range(component.max() + 1)]
+    faces = np.asarray(new.patch.faces)
     outlines = [
         _Outline(patched, new, piece)
         for piece in pieces
@@ -62,33 +68,47 @@ def _with_new_triangles(patched: PatchedMesh, new: NewPatch, region: Bool[np.nda
         return new
     is_kept = np.ones(len(faces), dtype=bool)
     is_kept[np.concatenate([one.faces for one in outlines])] = False
-    rest, places = faces[is_kept], np.where(is_kept, np.cumsum(is_kept) - 1, -1)
-    longest = max(len(one.ids) for one in outlines)
+    # the rounds need only faces that intersect something or may meet new ones, which are within their outlines' boxes
+    is_near = np.zeros(len(faces), dtype=bool)
+    is_near[np.concatenate(pieces)] = True
+    for one in outlines:
+        is_near[meeting_box(new.patch.vertices, faces, one.points.min(axis=0), one.points.max(axis=0))] = True
+    is_near &= is_kept
+    near, best, fewest = faces[is_near], None, len(new.crossings)
+    longest = max(len(one.points) for one in outlines)
     for _ in range(_MORE_ROUNDS if longest <= _FEW_POINTS else _ROUNDS):
         found = [triangles for one in outlines if (triangles := one.triangles()) is not None]
         if len(found) < len(outlines):
             break
         numbered = [one.ids[triangles] for one, triangles in zip(outlines, found, strict=True)]
-        replaced = _without_unused(replace(new.patch, faces=np.concatenate([rest, *numbered])))
-        crossings = patched.crossings(replaced, new.crossings, places)
-        if len(crossings) < len(best.crossings):
-            count = len(replaced.faces) - len(rest)
-            best = replace(new, patch=replaced, crossings=crossings, faces_replaced=count)
+        replaced = _without_unused(replace(new.patch, faces=np.concatenate([near, *numbered])))
+        crossings = patched.crossings(replaced, new.crossings, _places(is_near))
+        if len(crossings) < fewest:
+            best, fewest = numbered, len(crossings)
         if not len(crossings):
             break
         # of two new triangles that intersect each other, the larger one is forbidden
         own = crossings.own - patched.face_count
         areas = face_areas(replaced.vertices, np.asarray(replaced.faces))
-        areas[: len(rest)] = -1.0
+        areas[: len(near)] = -1.0
         larger = np.take_along_axis(own, areas[own].argmax(axis=1)[:, None], axis=1).ravel()
         others = np.concatenate([crossings.mesh[:, 0], crossings.patches[:, 0]]) - patched.face_count
-        wrong = np.isin(np.arange(len(rest), len(replaced.faces)), np.concatenate([larger, others]))
+        wrong = np.isin(np.arange(len(near), len(replaced.faces)), np.concatenate([larger, others]))
         if not wrong.any():
             break  # what intersects is not new
         parts = np.split(wrong, np.cumsum([len(triangles) for triangles in found])[:-1])
         for one, triangles, is_wrong in zip(outlines, found, parts, strict=True):
             one.forbid(triangles[is_wrong])
-    return best
+    if best is None:
+        return new
+    patch = _without_unused(replace(new.patch, faces=np.concatenate([faces[is_kept], *best])))
+    crossings = patched.crossings(patch, new.crossings, _places(is_kept))
+    return replace(new, patch=patch, crossings=crossings, faces_replaced=sum(map(len, best)))
+
+
+def _places(is_kept: Bool[np.ndarray, " f"]) -> Int[np.ndarray, " f"]:
+    """The number of each face among the kept ones, −1 for the others."""
+    return np.where(is_kept, np.cumsum(is_kept) - 1, -1)
 
 
 class _Outline:
@@ -114,7 +134,7 @@ class _Outline:
         normals = face_normals(vertices, outside)[twin // 3 - len(piece)]
         normals[joined.origin[twin] == self.ids] *= -1
         normals[twin < 0] = np.nan
-        self._points, self._around = patch.vertices[self.ids], normals
+        self.points, self._around = patch.vertices[self.ids], normals
         self._chords = self._edges_outside(patched, rim, outside)
         self._forbidden = np.zeros((len(sides),) * 3, dtype=bool)
         self._found: Int[np.ndarray, "t 3"] | None = None
@@ -139,7 +159,7 @@ class _Outline:
     def triangles(self) -> Int[np.ndarray, "t 3"] | None:
         """The flattest allowed triangulation, as indices of the polygon's points; None if there is none."""
         if not self._is_current:
-            self._found = flattest_triangulation(self._points, self._around, self._chords, self._forbidden)
+            self._found = flattest_triangulation(self.points, self._around, self._chords, self._forbidden)
             self._is_current = True
         return self._found
 
