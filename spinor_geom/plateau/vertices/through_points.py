@@ -8,18 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 
 from spinor_geom.arrays import (
     EPS,
     Array,
     Place,
     add_to_diagonal,
+    cholesky,
     cholesky_solve,
     complex_of,
     definite_cholesky,
@@ -42,7 +44,9 @@ from spinor_geom.surface.formulas import null_vector, phi
 # Added to the diagonal of the Newton equations, as a share of its mean, because some equations may have no solution.
 # Residuals, in edges: with 1e-7, 3e-3 on 600 points with 30 % noise; with 1.5e-8, 6e-3 on one of sixty rims cut along
 # triangles; with 1e-9, 1e-3 on teeth of 10°.
-_DAMPING = 5e-9
+_DAMPING = 1e-9
+# Equations for more paths are solved in single precision, with more damping, and corrected to a relative accuracy.
+_MANY, _SINGLE_DAMPINGS, _ACCURACY, _MOST_DIRECTIONS = 400, (3e-7, 3e-6, 3e-5), 1e-3, 40
 # Gauss-Legendre nodes on each edge. The distance is measured with twice as many; if it is too large the solve is
 # repeated with them: for 1 in 25 rims cut along triangles, with 10 nodes for every third.
 NODES = 14
@@ -56,20 +60,32 @@ _POINTS_PER_SLOW_STEP = 100
 DEGREE = 24  # degree of the polynomials; with 12 two of these rims keep 1e-3 to 3e-3 of an edge, 48 improves none
 
 
+class _Direction(NamedTuple):
+    """A direction, conjugate to others and of norm 1 in the matrix of some equations, and its product with it."""
+
+    own: Float[Array, "n 3"]
+    image: Float[Array, "n 3"]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointEquations:
-    """Linearised distances of n points from their targets, as functions of orthonormal read-outs."""
+    """Linearised integrals Re ∫ φ dz along n paths, as functions of orthonormal read-outs."""
 
-    by_p: Complex[Array, "k n"]  # conjugates of ∫ 2pf dz to each point for all features f
+    by_p: Complex[Array, "k n"]  # conjugates of ∫ 2pf dz along each path for all features f
     by_q: Complex[Array, "k n"]  # likewise of ∫ 2qf dz
-    factor: Float[Array, "n3 n3"]  # of the Gram matrix of the 3n functions
+    before: Int[Array, " n"]
+    damping: float
+    factor: Float[Array, "n3 n3"]  # of the damped Gram matrix of the 3n functions; in single precision for many paths
+    directions: list[_Direction] = field(default_factory=list)  # of earlier solutions
 
     @classmethod
-    def of(cls, by_p: Complex[Array, "k n"], by_q: Complex[Array, "k n"]) -> PointEquations:
-        """The equations with their factor."""
-        n = by_p.shape[1]
-        xp = namespace(by_p)
-        lower = gram(xp.concat([by_p, by_q], axis=1))
+    def of(
+        cls, by_p: Complex[Array, "k n"], by_q: Complex[Array, "k n"], before: Int[Array, " n"] | None = None
+    ) -> PointEquations:
+        """The equations with their factor; `before` has the path that ends where each one starts, by default none."""
+        n, xp, both = by_p.shape[1], namespace(by_p), namespace(by_p).concat([by_p, by_q], axis=1)
+        is_single = n > _MANY
+        lower = gram(xp.astype(both, xp.complex64) if is_single else both)
         pp, qp, qq = lower[:n, :n], lower[n:, :n], lower[n:, n:]
         matrix = zeros((3 * n, 3 * n), lower.real)
         for k in range(3):
@@ -79,23 +95,79 @@ class PointEquations:
         matrix[2 * n :, :n] = (qp - qp.mT.conj()).real
         matrix[2 * n :, n : 2 * n] = -(qp + qp.mT.conj()).imag
         own = xp.arange(3 * n)
-        add_to_diagonal(matrix, _DAMPING * matrix[own, own].mean())
-        return cls(by_p=by_p, by_q=by_q, factor=definite_cholesky(matrix))
+        mean = float(matrix[own, own].mean())
+        damping = _DAMPING * mean
+        before = xp.arange(n) if before is None else before
+        first = n * xp.arange(3)[:, None]
+        matrix[first + xp.arange(n), first + before] -= n * damping
+        matrix[first + before, first + xp.arange(n)] -= n * damping
+        add_to_diagonal(matrix, (2 * n + 1) * damping)
+        factor = None
+        for more in _SINGLE_DAMPINGS if is_single else ():
+            add_to_diagonal(matrix, more * mean)
+            if (factor := cholesky(matrix)) is not None:
+                break
+        factor = definite_cholesky(matrix) if factor is None else factor
+        return cls(by_p=by_p, by_q=by_q, before=before, damping=damping, factor=factor)
 
     def step(self, error: Float[Array, "n 3"], away: Complex[Array, "k 2"] | None) -> Complex[Array, "k 2"]:
         """The change of least norm of the read-outs that removes an error.
 
         With `away`, the difference of the read-outs from given ones, the new read-outs are the nearest to those.
         """
-        right, xp = error, namespace(error)
-        if away is not None:
-            (pp, pq), (qp, qq) = (self.by_p.mT.conj() @ away).mT, (self.by_q.mT.conj() @ away).mT
-            right = error - xp.stack([pp - qq, -1j * (pp + qq), qp + pq], axis=1).real
-        x, y, z = cholesky_solve(self.factor, right.mT.reshape(-1, 1)).reshape(3, -1)
+        right = error if away is None else error - self._along(away)
+        change = -self._across(self._solution(right))
+        return change if away is None else change - away
+
+    def _along(self, change: Complex[Array, "k 2"]) -> Float[Array, "n 3"]:
+        """The changes of the integrals with the read-outs."""
+        # conjugates of the few changes instead of those of the matrices
+        (pp, pq), (qp, qq) = ((change.mT.conj() @ by).conj() for by in (self.by_p, self.by_q))
+        return namespace(change).stack([pp - qq, -1j * (pp + qq), qp + pq], axis=1).real
+
+    def _across(self, weights: Float[Array, "n 3"]) -> Complex[Array, "k 2"]:
+        """The adjoint of `_along`."""
+        x, y, z = weights.mT
         xy, z = complex_of(x, y), z + 0j
         p, q = self.by_p, self.by_q
-        change = -xp.stack([p @ xy + q @ z, p @ z - q @ xy.conj()], axis=1)
-        return change if away is None else change - away
+        return namespace(xy).stack([p @ xy + q @ z, p @ z - q @ xy.conj()], axis=1)
+
+    def _solution(self, right: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+        """The solution for a right side: with a factor in single precision by conjugate directions.
+
+        The few directions that this factor does not resolve are those of earlier solutions too, which are kept.
+        """
+        solution, wanted = zeros(right.shape, right), _ACCURACY**2 * float(square(right).sum())
+        if self.factor.dtype == right.dtype:
+            return self._approximate(right)
+        for each in self.directions:
+            share = (each.own * right).sum()
+            solution, right = solution + share * each.own, right - share * each.image
+        for _ in range(_MOST_DIRECTIONS):
+            if float(square(right).sum()) <= wanted:
+                break
+            own = self._approximate(right)
+            for each in self.directions:
+                own = own - (each.image * own).sum() * each.own
+            image = self._along(self._across(own)) + self._damped(own)
+            size = (own * image).sum() ** 0.5
+            own, image = own / size, image / size
+            share = (own * right).sum()
+            solution, right = solution + share * own, right - share * image
+            self.directions.append(_Direction(own=own, image=image))
+        return solution
+
+    def _damped(self, weights: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+        """The product with the damping matrix, which limits the read-outs by squared errors of the paths' ends."""
+        total, n = (2 * len(weights) + 1) * weights - len(weights) * weights[self.before], len(weights)
+        total[self.before] -= n * weights
+        return self.damping * total
+
+    def _approximate(self, right: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+        """The solution with the factor, in its precision."""
+        xp = namespace(right)
+        column = xp.astype(right.mT.reshape(-1, 1), self.factor.dtype)
+        return xp.astype(cholesky_solve(self.factor, column).reshape(3, -1).mT, right.dtype)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -260,19 +332,27 @@ class Passing:
         return tuple(path @ self.raw for path, _ in self.basis.paths)
 
     @cached_property
+    def _starts(self) -> list[Float[Array, "3"]]:
+        """Differences of the first point of each rim from the given one, without a common constant."""
+        path = [(phi(*each.mT) * dz[:, None]).sum(0).real for each, (_, dz) in zip(self._on_paths, self.basis.paths, strict=True)]
+        return [(path[k] if path else 0.0) - points[0] for k, points in enumerate(self.points)]
+
+    @cached_property
     def error(self) -> Float[Array, "n 3"]:
-        """Differences from the points, with mean 0, followed by the periods of r around each hole."""
-        rows = [step.cumsum(0) - step - points for step, points in zip(self._steps, self.points, strict=True)]
-        for row, values, (_, steps) in zip(rows, self._on_paths, self.basis.paths, strict=False):
-            row += (phi(*values.mT) * steps[:, None]).sum(0).real
+        """Differences of Re ∫ φ dz over each edge from its vector, and for each hole between the starts of both rims."""
         xp = namespace(self.raw)
-        error = xp.concat(rows)
-        return xp.concat([error - error.mean(0), *(gap[None] for gap in self._gaps)])
+        edges = [step - (xp.roll(points, -1, axis=0) - points) for step, points in zip(self._steps, self.points, strict=True)]
+        first, *others = self._starts
+        return xp.concat([*edges, *((other - first)[None] for other in others)])
 
     @cached_property
     def distance(self) -> float:
-        """Root mean square of the error."""
-        return math.sqrt(square(self.error).sum(1).mean())
+        """Root mean square of the distances of the points, with mean 0, and of the periods of r around each hole."""
+        xp = namespace(self.raw)
+        rows = [step.cumsum(0) - step - (points - points[0]) + start for step, points, start in zip(self._steps, self.points, self._starts, strict=True)]
+        away = xp.concat(rows)
+        away = xp.concat([away - away.mean(0), *(gap[None] for gap in self._gaps)])
+        return math.sqrt(square(away).sum(1).mean())
 
     def at(self, readout: Complex[Array, "k 2"]) -> Passing:
         """The surface with other read-outs."""
@@ -280,16 +360,13 @@ class Passing:
 
     def linearised(self) -> PointEquations:
         """The derivative of the error with respect to the read-outs."""
-        by_points, by_gaps = [], []
-        for over_edge in self._changes:
-            by_points.append(over_edge.cumsum(1) - over_edge)
-            by_gaps.append(over_edge.sum(1)[:, None])
-        for changes, values, (path, steps) in zip(by_points, self._on_paths, self.basis.paths, strict=False):
-            changes += (2 * (values * steps[:, None]).mT @ path)[:, None]
-        rows = namespace(self.raw).concat([*by_points, *by_gaps[1:]], axis=1)
-        points = rows[:, : sum(map(len, self.points))]
-        points -= points.mean(1)[:, None]
-        return PointEquations.of(*map(self.basis.orthonormal, rows))
+        on_paths = [2 * (values * dz[:, None]).mT @ path for values, (path, dz) in zip(self._on_paths, self.basis.paths, strict=True)]
+        between = [(other - on_paths[0])[:, None] for other in on_paths[1:]]
+        rows = namespace(self.raw).concat([*self._changes, *between], axis=1)
+        starts = np.cumsum([0, *map(len, self.points)])
+        before = [start + np.roll(np.arange(len(points)), 1) for start, points in zip(starts, self.points, strict=False)]
+        before = place_of(self.raw).put(np.concatenate([*before, np.arange(starts[-1], rows.shape[1])]))
+        return PointEquations.of(*map(self.basis.orthonormal, rows), before)
 
     def closed(self, readout: Complex[Array, "k 2"]) -> Complex[Array, "k 2"]:
         """The nearest read-outs whose periods are 0, to first order."""
