@@ -14,6 +14,7 @@ from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, is_graph, self_intersections, sorted_pairs
 from spinor_geom.mesh.operators import vertex_angles
+from spinor_geom.mesh.topology import referenced_vertices
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.surface.array_surface import ArraySurface
@@ -171,7 +172,7 @@ class PatchedMesh:
         own = NO_PAIRS
         # of a few new faces the general test is faster
         if patch.hole_sizes or len(places) or not is_graph(patch.vertices, faces, patch.boundary_size):
-            among = new.numbers[self_intersections(patch.vertices, new.faces)]
+            among = new.numbers[self_intersections(*new.alone)]
             near = np.flatnonzero(~is_new)
             near = near[meeting_box(patch.vertices, faces[near], new.low, new.high)]
             old = _Piece(patch.vertices, faces[near], self.face_count + near)
@@ -232,6 +233,12 @@ class _Piece:
         self._lows = np.ascontiguousarray(np.minimum(np.minimum(a, b), c).T)
         self._highs = np.ascontiguousarray(np.maximum(np.maximum(a, b), c).T)
         self.low, self.high = self._lows.min(axis=1, initial=np.inf), self._highs.max(axis=1, initial=-np.inf)
+
+    @cached_property
+    def alone(self) -> tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "f 3"]]:
+        """The vertices of the faces, without others, and the faces with their indices."""
+        used = referenced_vertices(self.faces, vertices=len(self.vertices))
+        return self.vertices[used], (np.cumsum(used) - 1)[self.faces]
 
     @cached_property
     def _blocks(self) -> tuple[int, Float[np.ndarray, "3 b"], Float[np.ndarray, "3 b"]]:

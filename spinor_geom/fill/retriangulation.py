@@ -125,9 +125,10 @@ class _Outline:
         numbers = np.concatenate([np.arange(len(rim)), len(patch.vertices) + np.arange(len(others))])
         order = np.argsort(ids, kind="stable")
         beside = numbers[order[np.searchsorted(ids[order], beside)]]
-        outside = np.concatenate([np.delete(faces, piece, axis=0), beside])
+        half_edges = HalfEdges.of(faces[piece])
+        sides = _in_order(half_edges)
+        outside = np.concatenate([_faces_with_edges_on(half_edges.origin[sides], faces, piece), beside])
         vertices = np.concatenate([patch.vertices, mesh.vertices[others]])
-        sides = _in_order(HalfEdges.of(faces[piece]))
         joined = HalfEdges.of(np.concatenate([faces[piece], outside]))
         self.ids = joined.origin[sides]
         twin = joined.twin[sides]
@@ -167,6 +168,18 @@ class _Outline:
         """Excludes triangles from later triangulations."""
         self._forbidden[tuple(triangles.T)] = True
         self._is_current = self._is_current and not len(triangles)
+
+
+def _faces_with_edges_on(
+    outline: Int[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"], piece: Int[np.ndarray, " k"]
+) -> Int[np.ndarray, "_ 3"]:
+    """The faces outside a piece with at least two vertices on its outline."""
+    on_outline = np.zeros(faces.max() + 1, dtype=bool)
+    on_outline[outline] = True
+    a, b, c = on_outline[faces.T]
+    found = (a & b) | (b & c) | (c & a)
+    found[piece] = False
+    return faces[found]
 
 
 def _in_order(half_edges: HalfEdges) -> Int[np.ndarray, " n"]:
