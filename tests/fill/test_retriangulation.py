@@ -77,8 +77,8 @@ def test_only_outlines_that_changed_are_triangulated_again(monkeypatch: pytest.M
     assert len(seen) > 10
 
 
-def test_no_edge_of_the_patch_s_other_faces_is_repeated() -> None:
-    """A tent of three faces, two of which are crossed: over their outline only the third face's edge is left."""
+def crossed_tent() -> tuple[PatchedMesh, NewPatch]:
+    """A tent of three faces, two of which are crossed, in a collar."""
     t = 2 * np.pi * np.arange(6) / 6
     circle = np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
     own, after = np.arange(6), np.roll(np.arange(6), -1)
@@ -96,6 +96,25 @@ def test_no_edge_of_the_patch_s_other_faces_is_repeated() -> None:
     patched = PatchedMesh(mesh)
     crossings = patched.crossings(patch)
     assert len(crossings) == 2
-    cleared = retriangulated(patched, NewPatch(patch=patch, rims=[rim], reason="", crossings=crossings))
+    return patched, NewPatch(patch=patch, rims=[rim], reason="", crossings=crossings)
+
+
+def test_no_edge_of_the_patch_s_other_faces_is_repeated() -> None:
+    """Over the outline of the two crossed faces only the third face's edge is left."""
+    cleared = retriangulated(*crossed_tent())
     assert not len(cleared.crossings)
     assert HalfEdges.of(cleared.patch.faces).counts.max() == 2
+
+
+def test_regions_stop_growing_when_all_outlines_and_the_rim_are_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    retriangulate, sizes = retriangulation._with_new_triangles, []
+
+    def counted(patched, new, pieces):
+        sizes.append([len(piece) for piece in pieces])
+        return retriangulate(patched, new, pieces)
+
+    monkeypatch.setattr(retriangulation, "_with_new_triangles", counted)
+    monkeypatch.setattr(retriangulation, "LONGEST", 3)
+    patched, new = crossed_tent()
+    assert retriangulated(patched, new) is new
+    assert sizes == [[2]]

@@ -36,7 +36,7 @@ from spinor_geom.plateau.problem import PlateauProblem, Route, start_indices
 from spinor_geom.plateau.roughness import is_rough, roughness
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
 from spinor_geom.plateau.steps import SPENT, STALLED
-from spinor_geom.plateau.vertices.through_points import PointEquations
+from spinor_geom.plateau.vertices.point_equations import PointEquations
 from spinor_geom.surface.array_surface import PATH_ORDER, ArraySurface
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up

@@ -1,36 +1,26 @@
-"""Newton's method for surfaces through given points: features of p and q, integrals along polygons in Ω.
-
-p and q are sums of features. Since δr = Re ∫ (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)) dz, the derivatives of all
-points follow from two complex matrices, ∫ 2pf dz and ∫ 2qf dz for all features f.
-"""
+"""Newton's method for surfaces through given points: features of p and q, integrals along polygons in Ω."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import (
     EPS,
     Array,
     Place,
     add_to_diagonal,
-    cholesky,
-    cholesky_solve,
-    complex_of,
     definite_cholesky,
-    gram,
     namespace,
     place_of,
     solve_lower,
     square,
-    zeros,
 )
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.quadrature import rule
@@ -39,14 +29,9 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features, sign_cha
 from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.plateau.steps import STALLED, Steps
 from spinor_geom.plateau.vertices.edge_features import EdgeFeatures, nodes_on_edges
+from spinor_geom.plateau.vertices.point_equations import PointEquations
 from spinor_geom.surface.formulas import null_vector, phi
 
-# Added to the diagonal of the Newton equations, as a share of its mean, because some equations may have no solution.
-# Residuals, in edges: with 1e-7, 3e-3 on 600 points with 30 % noise; with 1.5e-8, 6e-3 on one of sixty rims cut along
-# triangles; with 1e-9, 1e-3 on teeth of 10°.
-_DAMPING = 1e-9
-# Equations for more paths are solved in single precision, with more damping, and corrected to a relative accuracy.
-_MANY, _SINGLE_DAMPINGS, _ACCURACY, _MOST_DIRECTIONS = 400, (3e-7, 3e-6, 3e-5), 1e-3, 40
 # Gauss-Legendre nodes on each edge. The distance is measured with twice as many; if it is too large the solve is
 # repeated with them: for 1 in 25 rims cut along triangles, with 10 nodes for every third.
 NODES = 14
@@ -58,116 +43,6 @@ _LENGTHS = (1.0, 0.5, 0.25)
 # to nearer solutions: with slow steps three of sixty rims cut along triangles keep a residual of 1e-3 of an edge.
 _POINTS_PER_SLOW_STEP = 100
 DEGREE = 24  # degree of the polynomials; with 12 two of these rims keep 1e-3 to 3e-3 of an edge, 48 improves none
-
-
-class _Direction(NamedTuple):
-    """A direction, conjugate to others and of norm 1 in the matrix of some equations, and its product with it."""
-
-    own: Float[Array, "n 3"]
-    image: Float[Array, "n 3"]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PointEquations:
-    """Linearised integrals Re ∫ φ dz along n paths, as functions of orthonormal read-outs."""
-
-    by_p: Complex[Array, "k n"]  # conjugates of ∫ 2pf dz along each path for all features f
-    by_q: Complex[Array, "k n"]  # likewise of ∫ 2qf dz
-    before: Int[Array, " n"]
-    damping: float
-    factor: Float[Array, "n3 n3"]  # of the damped Gram matrix of the 3n functions; in single precision for many paths
-    directions: list[_Direction] = field(default_factory=list)  # of earlier solutions
-
-    @classmethod
-    def of(
-        cls, by_p: Complex[Array, "k n"], by_q: Complex[Array, "k n"], before: Int[Array, " n"] | None = None
-    ) -> PointEquations:
-        """The equations with their factor; `before` has the path that ends where each one starts, by default none."""
-        n, xp, both = by_p.shape[1], namespace(by_p), namespace(by_p).concat([by_p, by_q], axis=1)
-        is_single = n > _MANY
-        lower = gram(xp.astype(both, xp.complex64) if is_single else both)
-        pp, qp, qq = lower[:n, :n], lower[n:, :n], lower[n:, n:]
-        matrix = zeros((3 * n, 3 * n), lower.real)
-        for k in range(3):
-            matrix[k * n : (k + 1) * n, k * n : (k + 1) * n] = (pp + qq).real
-        difference = xp.tril((pp - qq).imag)
-        matrix[n : 2 * n, :n] = difference - difference.mT
-        matrix[2 * n :, :n] = (qp - qp.mT.conj()).real
-        matrix[2 * n :, n : 2 * n] = -(qp + qp.mT.conj()).imag
-        own = xp.arange(3 * n)
-        mean = float(matrix[own, own].mean())
-        damping = _DAMPING * mean
-        before = xp.arange(n) if before is None else before
-        first = n * xp.arange(3)[:, None]
-        matrix[first + xp.arange(n), first + before] -= n * damping
-        matrix[first + before, first + xp.arange(n)] -= n * damping
-        add_to_diagonal(matrix, (2 * n + 1) * damping)
-        factor = None
-        for more in _SINGLE_DAMPINGS if is_single else ():
-            add_to_diagonal(matrix, more * mean)
-            if (factor := cholesky(matrix)) is not None:
-                break
-        factor = definite_cholesky(matrix) if factor is None else factor
-        return cls(by_p=by_p, by_q=by_q, before=before, damping=damping, factor=factor)
-
-    def step(self, error: Float[Array, "n 3"], away: Complex[Array, "k 2"] | None) -> Complex[Array, "k 2"]:
-        """The change of least norm of the read-outs that removes an error.
-
-        With `away`, the difference of the read-outs from given ones, the new read-outs are the nearest to those.
-        """
-        right = error if away is None else error - self._along(away)
-        change = -self._across(self._solution(right))
-        return change if away is None else change - away
-
-    def _along(self, change: Complex[Array, "k 2"]) -> Float[Array, "n 3"]:
-        """The changes of the integrals with the read-outs."""
-        # conjugates of the few changes instead of those of the matrices
-        (pp, pq), (qp, qq) = ((change.mT.conj() @ by).conj() for by in (self.by_p, self.by_q))
-        return namespace(change).stack([pp - qq, -1j * (pp + qq), qp + pq], axis=1).real
-
-    def _across(self, weights: Float[Array, "n 3"]) -> Complex[Array, "k 2"]:
-        """The adjoint of `_along`."""
-        x, y, z = weights.mT
-        xy, z = complex_of(x, y), z + 0j
-        p, q = self.by_p, self.by_q
-        return namespace(xy).stack([p @ xy + q @ z, p @ z - q @ xy.conj()], axis=1)
-
-    def _solution(self, right: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-        """The solution for a right side: with a factor in single precision by conjugate directions.
-
-        The few directions that this factor does not resolve are those of earlier solutions too, which are kept.
-        """
-        solution, wanted = zeros(right.shape, right), _ACCURACY**2 * float(square(right).sum())
-        if self.factor.dtype == right.dtype:
-            return self._approximate(right)
-        for each in self.directions:
-            share = (each.own * right).sum()
-            solution, right = solution + share * each.own, right - share * each.image
-        for _ in range(_MOST_DIRECTIONS):
-            if float(square(right).sum()) <= wanted:
-                break
-            own = self._approximate(right)
-            for each in self.directions:
-                own = own - (each.image * own).sum() * each.own
-            image = self._along(self._across(own)) + self._damped(own)
-            size = (own * image).sum() ** 0.5
-            own, image = own / size, image / size
-            share = (own * right).sum()
-            solution, right = solution + share * own, right - share * image
-            self.directions.append(_Direction(own=own, image=image))
-        return solution
-
-    def _damped(self, weights: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-        """The product with the damping matrix, which limits the read-outs by squared errors of the paths' ends."""
-        total, n = (2 * len(weights) + 1) * weights - len(weights) * weights[self.before], len(weights)
-        total[self.before] -= n * weights
-        return self.damping * total
-
-    def _approximate(self, right: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-        """The solution with the factor, in its precision."""
-        xp = namespace(right)
-        column = xp.astype(right.mT.reshape(-1, 1), self.factor.dtype)
-        return xp.astype(cholesky_solve(self.factor, column).reshape(3, -1).mT, right.dtype)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -334,14 +209,19 @@ class Passing:
     @cached_property
     def _starts(self) -> list[Float[Array, "3"]]:
         """Differences of the first point of each rim from the given one, without a common constant."""
-        path = [(phi(*each.mT) * dz[:, None]).sum(0).real for each, (_, dz) in zip(self._on_paths, self.basis.paths, strict=True)]
+        path = [
+            (phi(*each.mT) * dz[:, None]).sum(0).real
+            for each, (_, dz) in zip(self._on_paths, self.basis.paths, strict=True)
+        ]
         return [(path[k] if path else 0.0) - points[0] for k, points in enumerate(self.points)]
 
     @cached_property
     def error(self) -> Float[Array, "n 3"]:
-        """Differences of Re ∫ φ dz over each edge from its vector, and for each hole between the starts of both rims."""
+        """Differences of Re ∫ φ dz over each edge from its vector, then those between the starts of two rims."""
         xp = namespace(self.raw)
-        edges = [step - (xp.roll(points, -1, axis=0) - points) for step, points in zip(self._steps, self.points, strict=True)]
+        edges = [
+            step - (xp.roll(points, -1, axis=0) - points) for step, points in zip(self._steps, self.points, strict=True)
+        ]
         first, *others = self._starts
         return xp.concat([*edges, *((other - first)[None] for other in others)])
 
@@ -349,7 +229,10 @@ class Passing:
     def distance(self) -> float:
         """Root mean square of the distances of the points, with mean 0, and of the periods of r around each hole."""
         xp = namespace(self.raw)
-        rows = [step.cumsum(0) - step - (points - points[0]) + start for step, points, start in zip(self._steps, self.points, self._starts, strict=True)]
+        rows = [
+            step.cumsum(0) - step - (points - points[0]) + start
+            for step, points, start in zip(self._steps, self.points, self._starts, strict=True)
+        ]
         away = xp.concat(rows)
         away = xp.concat([away - away.mean(0), *(gap[None] for gap in self._gaps)])
         return math.sqrt(square(away).sum(1).mean())
@@ -360,13 +243,18 @@ class Passing:
 
     def linearised(self) -> PointEquations:
         """The derivative of the error with respect to the read-outs."""
-        on_paths = [2 * (values * dz[:, None]).mT @ path for values, (path, dz) in zip(self._on_paths, self.basis.paths, strict=True)]
+        on_paths = [
+            2 * (values * dz[:, None]).mT @ path
+            for values, (path, dz) in zip(self._on_paths, self.basis.paths, strict=True)
+        ]
         between = [(other - on_paths[0])[:, None] for other in on_paths[1:]]
         rows = namespace(self.raw).concat([*self._changes, *between], axis=1)
         starts = np.cumsum([0, *map(len, self.points)])
-        before = [start + np.roll(np.arange(len(points)), 1) for start, points in zip(starts, self.points, strict=False)]
-        before = place_of(self.raw).put(np.concatenate([*before, np.arange(starts[-1], rows.shape[1])]))
-        return PointEquations.of(*map(self.basis.orthonormal, rows), before)
+        before = [
+            start + np.roll(np.arange(len(points)), 1) for start, points in zip(starts, self.points, strict=False)
+        ]
+        before.append(np.arange(starts[-1], rows.shape[1]))
+        return PointEquations.of(*map(self.basis.orthonormal, rows), np.concatenate(before))
 
     def closed(self, readout: Complex[Array, "k 2"]) -> Complex[Array, "k 2"]:
         """The nearest read-outs whose periods are 0, to first order."""
