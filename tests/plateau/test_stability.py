@@ -8,7 +8,7 @@ import pytest
 from spinor_geom import gallery
 from spinor_geom.deadline import time_limit
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.domain.sizes import graded_size
+from spinor_geom.domain.sizes import SizeField
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import OutOfTimeError, SingularMatrixError
 from spinor_geom.holomorphic.series import PowerSeries
@@ -17,6 +17,7 @@ from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.stability import assess_stability, gauss_image_areas, lowest_modes, stable_by_curvature
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from tests.loops import noisy_ellipse
+from tests.sizes import constant_size
 
 
 def test_gauss_image_of_ennepers_unit_disk_is_a_hemisphere():
@@ -131,7 +132,7 @@ def test_modes_of_the_hemisphere_are_spherical_harmonics():
     """On Enneper's unit disk μ = l(l + 1)/2 for the harmonics that vanish on the equator: height, then height·x, ·y."""
     surface = gallery.enneper(1.0).surface
     circle = np.exp(2j * np.pi * np.arange(128) / 128)
-    mesh = triangulate_polygon(circle, graded_size(circle, growth=0.05))
+    mesh = triangulate_polygon(circle, SizeField(growth=0.05))
     values, u = lowest_modes(surface, mesh, 3)
     assert np.allclose(values, [1, 3, 3], rtol=1e-2)
     height = surface.normal(mesh.points)[:, 2]
@@ -186,7 +187,7 @@ def test_a_solve_that_is_cut_short_is_stable_only_with_a_possible_curvature() ->
 
 def test_meshes_without_area_are_a_typed_error_of_modes() -> None:
     plane = gallery.plane_disk().surface
-    mesh = triangulate_polygon(np.exp(2j * np.pi * np.arange(24) / 24), lambda z: np.full(z.shape, 0.3))
+    mesh = triangulate_polygon(np.exp(2j * np.pi * np.arange(24) / 24), constant_size(0.3))
     flat = replace(mesh, points=np.where(np.arange(len(mesh.points)) < 24, mesh.points, 0))
     with pytest.raises(SingularMatrixError):
         lowest_modes(plane, flat, 1)

@@ -12,7 +12,6 @@ from spinor_geom import gallery
 from spinor_geom.arrays import NUMPY
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.plateau.initial_spinors import lifted_frames, lifted_spinors
 from spinor_geom.plateau.solve import solve_plateau
@@ -25,7 +24,7 @@ from tests.loops import noisy_ellipse
 
 def test_plane_disk_lifts_to_constant_spinors():
     polygon = np.exp(2j * np.pi * np.arange(40) / 40)
-    mesh = triangulate_polygon(polygon, graded_size(polygon))
+    mesh = triangulate_polygon(polygon)
     vertices = np.column_stack([mesh.points.real, mesh.points.imag, 0 * mesh.points.real])
     spinors = lifted_spinors(vertices, mesh.faces, mesh.points, (40,), NUMPY)
     # n = e₃: p² = 1, q = 0
