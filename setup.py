@@ -5,20 +5,31 @@ import shutil
 import sys
 
 from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
 
-# a C++ compiler that comes as a Python package, on machines that have none
+
+class BuildBesideSource(build_ext):
+    """Leaves the compiled kernel beside its source too: Python in the folder of the source imports the package there."""
+
+    def run(self) -> None:
+        """Compiles and copies."""
+        super().run()
+        self.copy_extensions_to_source()
+
+
+# a C++ compiler that is a Python package, for machines without one
 has_compiler = sys.platform == "win32" or "CC" in os.environ or shutil.which("c++") is not None
 if not has_compiler:
     os.environ.update(CC=f"{sys.executable} -m ziglang c++", CXX=f"{sys.executable} -m ziglang c++")
 
 # Plain C functions, which ctypes calls: no headers of Python are needed. Fused operations would round differently.
 flags = ["/std:c++17", "/EHsc"] if sys.platform == "win32" else ["-std=c++17", "-O2", "-ffp-contract=off"]
-kernel = Extension(
-    "spinor_geom.domain._kernel", ["spinor_geom/domain/kernel.cpp"], language="c++", extra_compile_args=flags
-)
 setup(
-    ext_modules=[kernel],
-    # beside the source too, from where Python in the folder of the source imports the package
-    options={"build_ext": {"inplace": True}},
+    ext_modules=[
+        Extension(
+            "spinor_geom.domain._kernel", ["spinor_geom/domain/kernel.cpp"], language="c++", extra_compile_args=flags
+        )
+    ],
+    cmdclass={"build_ext": BuildBesideSource},
     setup_requires=[] if has_compiler else ["ziglang>=0.13"],
 )

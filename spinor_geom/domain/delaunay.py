@@ -1,5 +1,7 @@
 """Constrained Delaunay triangulation of polygons with inner points, and geometry of triangles."""
 
+from typing import Any
+
 import numpy as np
 import pythoncdt
 from jaxtyping import Complex, Float, Int
@@ -23,7 +25,7 @@ def constrained_delaunay(points: Complex[np.ndarray, " n"], rims: Rims) -> Int[n
     """
     if not np.isfinite(points).all():  # the library would allocate without limit
         raise DomainError("a point of the plane domain is not finite; check the loop and the sizes", vertices=sum(rims))
-    cdt = pythoncdt.Triangulation(
+    cdt: Any = pythoncdt.Triangulation(
         pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
     )
     after = rim_successors(rims)

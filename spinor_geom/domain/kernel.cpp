@@ -479,8 +479,6 @@ public:
         version_.assign(triangles_.size(), 0);
     }
 
-    bool is_out_of_time() const { return is_late_; }
-
     // Inserts points by levels, the coarse ones first, so that walks and cavities stay short.
     void insert_all(const std::vector<Point>& points) {
         size_t stride = 1;
@@ -893,8 +891,8 @@ void sizes(const Region* region, int64_t count, const Point* points, double* len
     for (int64_t k = 0; k < count; ++k) lengths[k] = size(points[k]);
 }
 
-// Refines a constrained Delaunay triangulation of the boundary, which is given in `output`; 1 if the time is over.
-int refine(const Region* region, const Seeds* seeds, Output* output) {
+// Refines a constrained Delaunay triangulation of the boundary, which is given in `output`, until the time is over.
+void refine(const Region* region, const Seeds* seeds, Output* output) {
     const SizeField size(*region);
     const Boundary boundary(*region);
     Mesh mesh(*region, size, boundary, *output);
@@ -905,6 +903,5 @@ int refine(const Region* region, const Seeds* seeds, Output* output) {
     mesh.smooth();
     mesh.polish();
     mesh.write();
-    return mesh.is_out_of_time();
 }
 }

