@@ -8,13 +8,17 @@ from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
 
 
-class BuildBesideSource(build_ext):
+class BuildKernel(build_ext):
     """Leaves the compiled kernel beside its source too: Python in the folder of the source imports the package there."""
 
     def run(self) -> None:
         """Compiles and copies."""
         super().run()
         self.copy_extensions_to_source()
+
+    def get_export_symbols(self, ext: Extension) -> list[str]:
+        """What a DLL of Windows exports."""
+        return ["sizes", "refine"]
 
 
 # a C++ compiler that is a Python package, for machines without one
@@ -30,6 +34,6 @@ setup(
             "spinor_geom.domain._kernel", ["spinor_geom/domain/kernel.cpp"], language="c++", extra_compile_args=flags
         )
     ],
-    cmdclass={"build_ext": BuildBesideSource},
+    cmdclass={"build_ext": BuildKernel},
     setup_requires=[] if has_compiler else ["ziglang>=0.13"],
 )

@@ -18,14 +18,15 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kTiny = 1e-290;
+const double kPi = std::acos(-1.0);
 // triangles without smaller angles than 25 degrees are kept; above 30 the number of points grows quickly
-const double kLeastSine = std::sin(25.0 * M_PI / 180);
+const double kLeastSine = std::sin(25.0 * kPi / 180);
 // a triangle is too large when its circumradius exceeds this times the wanted edge length (equilateral: 1.3 edges)
 constexpr double kLargestRadius = 0.75;
 // share of that radius, by the mean of the sizes at the vertices, above which the size at the centroid is computed
 constexpr double kDoubtful = 0.6;
 // a boundary edge subtends at most 110 degrees at new points; 90 would leave no room beside short edges next to long ones
-const double kWidestView = std::cos((180 - 110) * M_PI / 180);
+const double kWidestView = std::cos((180 - 110) * kPi / 180);
 // longest inner edge between two boundary vertices, in wanted edge lengths; shorter where it cuts off one vertex
 constexpr double kLongestBridge = 1.45, kLongestEar = 1.05;
 constexpr int kBridgeRounds = 3;
@@ -586,7 +587,7 @@ public:
                 Point best = point(vertex);
                 double highest = least_sine(star, best);
                 for (int place = 0; place <= kAround; ++place) {
-                    const double angle = 2 * M_PI * place / kAround;
+                    const double angle = 2 * kPi * place / kAround;
                     const Point around = point(vertex) + step * reach * Point{std::cos(angle), std::sin(angle)};
                     const Point p = place < kAround ? around : mean;
                     const double sine = least_sine(star, p);
