@@ -6,6 +6,7 @@ import math
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
+from spinor_geom.arrays import shifted
 from spinor_geom.domain.flattening import DirichletToNeumann, flatten_boundary
 from spinor_geom.errors import DomainError, FirstFillError
 from spinor_geom.mesh.operators import intrinsic_angles, intrinsic_laplacian
@@ -30,7 +31,7 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     kept = _thinned(points)
     corners = points[kept]
     triangles = minimum_area_triangulation(corners)
-    side = corners[np.roll(triangles, -2, axis=1)] - corners[np.roll(triangles, -1, axis=1)]
+    side = corners[shifted(triangles, -2, axis=1)] - corners[shifted(triangles, -1, axis=1)]
     angles = intrinsic_angles(np.linalg.norm(side, axis=2))
     turning = np.pi - np.bincount(triangles.ravel(), angles.ravel(), minlength=len(corners))
     edge = edge_lengths(corners)
@@ -121,14 +122,14 @@ def _thinned(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, " k"]:
     kept = np.arange(len(points))
     while True:
         p = points[kept]
-        ahead, back = np.roll(p, -1, axis=0) - p, np.roll(p, 1, axis=0) - p
+        ahead, back = shifted(p, -1, axis=0) - p, shifted(p, 1, axis=0) - p
         area = np.linalg.norm(np.cross(ahead, back), axis=1)
         cosine = np.einsum("ij,ij->i", ahead, back)
         least = area < -_STRAIGHT * cosine
         surplus = len(kept) - LONGEST
         if surplus > 0:
             least |= area <= np.partition(area, surplus)[surplus]
-        drop = least & ((np.arange(len(kept)) % 2 == 0) | ~np.roll(least, 1))
+        drop = least & ((np.arange(len(kept)) % 2 == 0) | ~shifted(least, 1))
         if not drop.any() or len(kept) - drop.sum() < 3:
             return kept
         kept = kept[~drop]

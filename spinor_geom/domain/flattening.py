@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
 
-from spinor_geom.arrays import EPS
+from spinor_geom.arrays import EPS, shifted
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.polygons import bound_domain, outer_clearance, untangled
 from spinor_geom.errors import DomainError, SingularMatrixError
@@ -191,8 +191,8 @@ def _least_straightened(
         if len(rims) < len(boundary) or not bound_domain(rims) or (drawn is not None and not bound_domain(drawn(rims))):
             continue
         parts = np.split(edge, np.cumsum([len(rim) for rim in rims[:-1]]))
-        ratios = [np.log(np.abs(np.roll(rim, -1) - rim) / length) for rim, length in zip(rims, parts, strict=True)]
-        scale = np.concatenate([(ratio + np.roll(ratio, 1)) / 2 for ratio in ratios])
+        ratios = [np.log(np.abs(shifted(rim, -1) - rim) / length) for rim, length in zip(rims, parts, strict=True)]
+        scale = np.concatenate([(ratio + shifted(ratio, 1)) / 2 for ratio in ratios])
         gap = outer_clearance(rims[0], clearance)
         found.append(Flattening(rims=rims, log_scale=scale, clearance=gap, neumann=neumann))
         if found[-1].clearance >= clearance:
@@ -243,7 +243,7 @@ def _straightened(
     """
     ends = np.cumsum(rims)
     parts = np.split(edge, ends[:-1])
-    ds = np.concatenate([(part + np.roll(part, 1)) / 2 for part in parts])
+    ds = np.concatenate([(part + shifted(part, 1)) / 2 for part in parts])
     length = ds.sum() / len(rims)
     even = np.concatenate([np.full(len(part), 2 * np.pi / part.sum()) for part in parts])
     even[ends[0] :] *= -1
@@ -288,7 +288,7 @@ def _gap(
     turned = turning[rim] + (neumann @ u)[rim]
     count = len(turned)
     own = np.arange(count)
-    after = np.roll(own, -1)
+    after = shifted(own, -1)
     step = edge[rim] * np.exp((u[rim] + u[rim][after]) / 2 + 1j * np.cumsum(turned))
     # relative to the mean direction: relative to the first edge, a rim with a large gap would bend at that edge
     ahead = step[::-1].cumsum()[::-1] - step.sum() * (1 - own / count)
@@ -296,7 +296,7 @@ def _gap(
     rows[rim] = np.stack([ahead.real, ahead.imag, np.ones(count)], axis=1)
     flux = neumann @ rows
     slope = 1j * (flux[:, 0] + 1j * flux[:, 1])
-    slope[rim] += (step + np.roll(step, 1)) / 2
+    slope[rim] += (step + shifted(step, 1)) / 2
     total = np.abs(step).sum()
     gap, slope = step.sum() / total, slope / total
     return np.array([gap.real, gap.imag, turned.sum() + 2 * np.pi]), np.stack([slope.real, slope.imag, flux[:, 2]])
@@ -310,7 +310,7 @@ def _placed(rims: Sequence[Polygon], neumann: DirichletToNeumann) -> list[Polygo
     columns = scipy.linalg.block_diag(outer[:, None], basis)
     flux = (neumann @ columns.real + 1j * (neumann @ columns.imag))[len(outer) :]
     load, quadratic = basis.conj().T @ flux[:, 0], basis.conj().T @ flux[:, 1:]
-    areas = [np.imag(np.conj(shape) * np.roll(shape, -1)).sum() for shape in shapes]  # twice, and negative
+    areas = [np.imag(np.conj(shape) * shifted(shape, -1)).sum() for shape in shapes]  # twice, and negative
     quadratic[np.diag_indices_from(quadratic)] -= np.ravel([(0.0, area) for area in areas])
     moves = np.linalg.solve(quadratic, -load).reshape(-1, 2)
     return [t + beta * shape for (t, beta), shape in zip(moves, shapes, strict=True)]
@@ -327,13 +327,13 @@ def smoothing(edge: PerVertex, width: float) -> tuple[Float[np.ndarray, "m r"], 
     modes = np.concatenate([np.ones((len(s), 1)), np.cos(s[:, None] * k), np.sin(s[:, None] * k)], axis=1)
     weight = 2 * np.exp(-0.5 * (2 * np.pi * k * width) ** 2)
     spread = modes * np.concatenate([[1.0], weight, weight])
-    ds = (edge + np.roll(edge, 1)) / 2
+    ds = (edge + shifted(edge, 1)) / 2
     return spread / (spread @ (modes.T @ ds))[:, None], modes
 
 
 def lay_out(edge: PerVertex, turning: PerVertex, log_scale: PerVertex) -> Complex[np.ndarray, " m"] | None:
     """Closed polygon of given turning angles with edge lengths nearest to e^u·edge; None if there is none."""
-    length = edge * np.exp((log_scale + np.roll(log_scale, -1)) / 2)
+    length = edge * np.exp((log_scale + shifted(log_scale, -1)) / 2)
     direction = np.exp(1j * (np.cumsum(turning) - turning[0]))  # edge j runs after the turns at vertices 1 … j
     rows = np.stack([direction.real, direction.imag])
     gram = (rows * length) @ rows.T

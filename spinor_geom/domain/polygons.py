@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from scipy.spatial import cKDTree
 
-from spinor_geom.arrays import EPS
+from spinor_geom.arrays import EPS, shifted
 from spinor_geom.domain.delaunay import cross, flat_coordinates, plane_coordinates
 from spinor_geom.mesh.boxes import edges_with_near_boxes
 from spinor_geom.mesh.intersections import LEAST_ANGLE, LEAST_DISTANCE, crossings_between
@@ -16,7 +16,7 @@ from spinor_geom.mesh.operators import winding_numbers
 def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
     """Pairs i < j of edges of a closed polygon that cross, or are adjacent and fold back onto each other."""
     m = len(polygon)
-    ends = np.stack([polygon, np.roll(polygon, -1)])
+    ends = np.stack([polygon, shifted(polygon, -1)])
     edge = ends[1] - ends[0]
     i, j = edges_with_near_boxes(flat_coordinates(ends[0]), flat_coordinates(ends[1]), 0.0)
     apart = (j - i > 1) & (j - i < m - 1)
@@ -31,7 +31,7 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
 
     hit = has_ends_on_both_sides(i, j)
     hit[hit] = has_ends_on_both_sides(j[hit], i[hit])
-    turn = np.conj(edge) * np.roll(edge, -1)
+    turn = np.conj(edge) * shifted(edge, -1)
     back = np.flatnonzero((turn.imag == 0) & (turn.real < 0))
     folds = np.sort(np.stack([back, (back + 1) % m], axis=1), axis=1)
     pairs = np.concatenate([np.stack([i[hit], j[hit]], axis=1), folds])
@@ -40,7 +40,7 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
 
 def is_simple(polygon: Complex[np.ndarray, " m"]) -> bool:
     """Whether a closed polygon runs counter-clockwise, has no edge of length 0 and does not cross itself."""
-    after = np.roll(polygon, -1)
+    after = shifted(polygon, -1)
     edges = np.abs(after - polygon)
     # shorter edges are lost in the rounding of the arc length
     has_length = bool((edges > EPS * edges.sum()).all())
@@ -108,8 +108,8 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"], most: float) -> float:
 
     Parts are far if their distance along the boundary exceeds four times the gap plus six edges.
     """
-    edge = np.abs(np.roll(polygon, -1) - polygon)
-    local = (edge + np.roll(edge, 1)) / 2
+    edge = np.abs(shifted(polygon, -1) - polygon)
+    local = (edge + shifted(edge, 1)) / 2
     along = np.cumsum(edge) - edge
     coordinates = plane_coordinates(polygon)
     near = cKDTree(coordinates).query_ball_point(coordinates, most * local)
@@ -120,7 +120,7 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"], most: float) -> float:
     far = np.flatnonzero(once & (np.minimum(distance, edge.sum() - distance) > 4 * gap + 6 * longer))
     a, b = polygon[i[far]], polygon[j[far]]
     across = (a[:, None] + np.array([0.2, 0.5, 0.8]) * (b - a)[:, None]).ravel()
-    after, none = np.roll(np.arange(len(polygon)), -1), np.zeros(len(polygon), dtype=np.int64)
+    after, none = shifted(np.arange(len(polygon)), -1), np.zeros(len(polygon), dtype=np.int64)
     inside = are_inside(across, np.zeros(len(across), dtype=np.int64), polygon, after, none)
     outside = ~inside.reshape(-1, 3).any(axis=1)
     return float((gap[far] / longer[far]).min(where=outside, initial=np.inf))
@@ -128,7 +128,7 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"], most: float) -> float:
 
 def lattice_inside(polygon: Complex[np.ndarray, " m"], spacing: float) -> Complex[np.ndarray, " k"]:
     """Points inside a polygon of the triangular lattice with rows along the x-axis; see `lattices_inside`."""
-    return lattices_inside(polygon, np.full(len(polygon), spacing), np.roll(np.arange(len(polygon)), -1), 0)[0]
+    return lattices_inside(polygon, np.full(len(polygon), spacing), shifted(np.arange(len(polygon)), -1), 0)[0]
 
 
 def lattices_inside(

@@ -15,6 +15,7 @@ from itertools import chain, pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinor_geom.arrays import shifted
 from spinor_geom.errors import DuplicateVertexError, MeshError, NonManifoldEdgeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.seams import find_overlaps
@@ -67,7 +68,7 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
             vertex_ids=vertices,
             corners=detect_corners(own),
             slit_fraction=float(lengths @ overlaps.own[part]) / perimeter if perimeter else 0.0,
-            seam_edges=np.stack([vertices, np.roll(vertices, -1)], axis=1)[on_other[part]],
+            seam_edges=np.stack([vertices, shifted(vertices, -1)], axis=1)[on_other[part]],
             seam_distance=float(overlaps.distance[part].max()),
             junctions=traced.vertices[np.stack([entry, edge, traced.successor[edge]], axis=1)],
             obstacle=defects.obstacle(traced.half_edges[part]),

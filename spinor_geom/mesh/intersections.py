@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 
-from spinor_geom.arrays import EPS
+from spinor_geom.arrays import EPS, shifted
 from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -95,7 +95,7 @@ def loop_crossings(points: Chain) -> Pairs:
     if is_star(points):
         return np.zeros((0, 2), dtype=np.int64)
     m = len(points)
-    pairs, tolerance = _meeting_edges(points, np.roll(points, -1, axis=0), lambda i, j: (j - i > 1) & (j - i < m - 1))
+    pairs, tolerance = _meeting_edges(points, shifted(points, -1, axis=0), lambda i, j: (j - i > 1) & (j - i < m - 1))
     folded = _folds(points, tolerance)
     neighbours = np.stack([(folded - 1) % m, folded], axis=1)
     return sorted_pairs(np.concatenate([pairs, np.sort(neighbours, axis=1)]))
@@ -104,7 +104,7 @@ def loop_crossings(points: Chain) -> Pairs:
 def crossings_between(points: Chain, others: Float[np.ndarray, "n 3"]) -> Pairs:
     """Pairs, sorted, of an edge of one closed polygon and an edge of another that cross or touch."""
     starts = np.concatenate([points, others])
-    ends = np.concatenate([np.roll(points, -1, axis=0), np.roll(others, -1, axis=0)])
+    ends = np.concatenate([shifted(points, -1, axis=0), shifted(others, -1, axis=0)])
     pairs, _ = _meeting_edges(starts, ends, lambda i, j: (i < len(points)) & (j >= len(points)))
     return sorted_pairs(pairs - [0, len(points)])
 
@@ -123,7 +123,7 @@ def require_simple(loop: BoundaryLoop) -> None:
     """Raises a SelfCrossingLoopError with the first two edges of a loop that meet."""
     crossings = loop_crossings(loop.points)
     if len(crossings):
-        edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]
+        edges = np.stack([loop.vertex_ids, shifted(loop.vertex_ids, -1)], axis=1)[crossings[0]]
         raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
 
 
@@ -173,7 +173,7 @@ def _are_graphs(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"
     least = MIN_NORMAL_COSINE * size * np.repeat(length, 3)
     # angles at the corners between the projections of the sides
     sides = np.stack([b - a, c - b, a - c], axis=1)
-    ahead, back = sides.reshape(-1, 3), -np.roll(sides, 1, axis=1).reshape(-1, 3)
+    ahead, back = sides.reshape(-1, 3), -shifted(sides, 1, axis=1).reshape(-1, 3)
     squared = np.where(size > 0, size**2, 1.0)
     flat = (ahead * back).sum(axis=1) - (ahead * axis).sum(axis=1) * (back * axis).sum(axis=1) / squared
     angle = np.bincount(corners, np.arctan2(upward / np.sqrt(squared), flat), count)
@@ -289,7 +289,7 @@ def is_star(points: Float[np.ndarray, "*b m 3"]) -> Bool[np.ndarray, "*b"]:
     Most boundary loops are, and this test is many times as fast as the general one.
     """
     spokes = points - points.mean(axis=-2, keepdims=True)
-    doubled = _cross(spokes, np.roll(spokes, -1, axis=-2))
+    doubled = _cross(spokes, shifted(spokes, -1, axis=-2))
     area = doubled.sum(axis=-2, keepdims=True)
     size = np.linalg.norm(area, axis=-1, keepdims=True)
     normal = np.divide(area, size, out=np.zeros_like(area), where=size > 0)
@@ -298,8 +298,8 @@ def is_star(points: Float[np.ndarray, "*b m 3"]) -> Bool[np.ndarray, "*b"]:
     flat = spokes - (spokes * normal).sum(axis=-1, keepdims=True) * normal
     radius = np.linalg.norm(flat, axis=-1)
     nearest = 2 * LEAST_DISTANCE * radius.max(axis=-1, keepdims=True) ** 2
-    least = np.maximum(LEAST_ANGLE * radius * np.roll(radius, -1, axis=-1), nearest)
-    along = (flat * np.roll(flat, -1, axis=-2)).sum(axis=-1)
+    least = np.maximum(LEAST_ANGLE * radius * shifted(radius, -1), nearest)
+    along = (flat * shifted(flat, -1, axis=-2)).sum(axis=-1)
     winds_once = np.arctan2(sectors, along).sum(axis=-1) < 3 * np.pi
     return np.asarray((sectors > least).all(axis=-1) & winds_once)
 
@@ -324,7 +324,7 @@ def _segment_distances(a: Points, b: Points, c: Points, d: Points) -> Float[np.n
 
 def _folds(points: Chain, tolerance: float) -> Numbers:
     """The points of a polygon at which it folds back onto itself, to a tolerance in mesh units."""
-    u, v = np.roll(points, 1, axis=0) - points, np.roll(points, -1, axis=0) - points
+    u, v = shifted(points, 1, axis=0) - points, shifted(points, -1, axis=0) - points
     acute = np.flatnonzero((u * v).sum(axis=1) > 0)
     u, v = u[acute], v[acute]
     u_length, v_length = np.linalg.norm(u, axis=1), np.linalg.norm(v, axis=1)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinor_geom.arrays import shifted
 from spinor_geom.mesh.boxes import edges_with_near_boxes
 from spinor_geom.mesh.topology import SHARE_OF_EDGE, near_vertices
 
@@ -51,8 +52,8 @@ def find_overlaps(points: Points, successor: Numbers, loop: Numbers, size: float
     share = np.concatenate([np.zeros(len(left)), along])[order]
     piece = np.concatenate([start[left], place[entry]])[order]
     is_last = np.append(parent[1:] != parent[:-1], True)[: len(parent)]
-    following = np.where(is_last, end[parent], np.roll(piece, -1))
-    width = np.where(is_last, 1.0, np.roll(share, -1)) - share
+    following = np.where(is_last, end[parent], shifted(piece, -1))
+    width = np.where(is_last, 1.0, shifted(share, -1)) - share
     own_piece, other_piece = _shared(piece, following, loop[parent])
     own_share, other_share = own.astype(float), other.astype(float)
     np.add.at(own_share, parent, np.where(own_piece, width, 0.0))

@@ -1,9 +1,9 @@
 """Detection and division of long edges of closed polygons, much longer than their neighbours."""
 
 import numpy as np
-from jaxtyping import Bool, Float, Inexact
+from jaxtyping import Bool, Float
 
-from spinor_geom.arrays import norm
+from spinor_geom.arrays import norm, shifted
 
 LARGEST_GROWTH = 2.0  # ratio of successive edges of a graded spacing
 # Length of the first part of a divided edge, per length of the edges beside it, and growth of the parts per length.
@@ -26,7 +26,7 @@ def graded_spacing(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b
     spacing = _longest_of_three(length)
     step = 1
     while step < min(length.shape[-1], 64):  # no two edges have a ratio of 2^64
-        nearest = np.minimum(np.roll(spacing, step, axis=-1), np.roll(spacing, -step, axis=-1))
+        nearest = np.minimum(shifted(spacing, step), shifted(spacing, -step))
         spacing = np.minimum(spacing, LARGEST_GROWTH**step * nearest)
         step *= 2
     return np.asarray(np.maximum(spacing, least))
@@ -47,17 +47,7 @@ def have_similar_lengths(lengths: Float[np.ndarray, "*b m"]) -> bool:
 
 def edge_lengths(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b m"]:
     """Lengths of the edges of a closed polygon."""
-    return np.asarray(norm(following(points) - points))
-
-
-def following(points: Inexact[np.ndarray, "*b m k"]) -> Inexact[np.ndarray, "*b m k"]:
-    """The next point of a closed polygon at each point: np.roll, which takes several times as long for few points."""
-    return points.take(np.arange(1 - points.shape[-2], 1), axis=-2)
-
-
-def preceding(points: Inexact[np.ndarray, "*b m k"]) -> Inexact[np.ndarray, "*b m k"]:
-    """The last point of a closed polygon before each point."""
-    return points.take(np.arange(-1, points.shape[-2] - 1), axis=-2)
+    return np.asarray(norm(shifted(points, -1, axis=-2) - points))
 
 
 def with_long_edges_divided(
@@ -72,20 +62,20 @@ def with_long_edges_divided(
         return points, np.ones(len(points), dtype=bool)
     length = edge_lengths(points)
     first = _FIRST_PART * _longest_of_three(length)
-    starts, ends = np.roll(first, 2)[long], np.roll(first, -2)[long]
+    starts, ends = shifted(first, 2)[long], shifted(first, -2)[long]
     shares = [
         _graded_shares(*sizes) for sizes in zip(length[long].tolist(), starts.tolist(), ends.tolist(), strict=True)
     ]
     place = np.repeat(long, [len(share) for share in shares])
     share = np.concatenate([np.zeros(0), *shares])[:, None]
-    within = points[place] + share * (np.roll(points, -1, axis=0)[place] - points[place])
+    within = points[place] + share * (shifted(points, -1, axis=0)[place] - points[place])
     is_own = np.insert(np.ones(len(points), dtype=bool), place + 1, False)
     return np.insert(points, place + 1, within, axis=0), is_own
 
 
 def _longest_of_three(length: Float[np.ndarray, "*b m"]) -> Float[np.ndarray, "*b m"]:
     """The longest of each edge and its two neighbours."""
-    return np.asarray(np.maximum(length, np.maximum(np.roll(length, 1, axis=-1), np.roll(length, -1, axis=-1))))
+    return np.asarray(np.maximum(length, np.maximum(shifted(length, 1), shifted(length, -1))))
 
 
 def _graded_shares(length: float, start: float, end: float) -> Float[np.ndarray, " k"]:

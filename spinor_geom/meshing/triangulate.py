@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.arrays import TINY
+from spinor_geom.arrays import TINY, shifted
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.polygons import lattice_inside
@@ -129,7 +129,7 @@ def even_seeds(stretch: Float[np.ndarray, " n"], target: float, area: float) -> 
     powers = np.fft.fft(slope)[:n] / (2 * n)
     rim = np.fft.ifft(np.append(0, powers / np.arange(1, n + 1)), 2 * n) * 2 * n
     circle = np.exp(1j * np.pi * np.arange(2 * n) / n)
-    covered = 0.5 * float((np.conj(rim) * np.roll(rim, -1)).imag.sum())
+    covered = 0.5 * float((np.conj(rim) * shifted(rim, -1)).imag.sum())
     if not covered < _MOST_STRETCHED * area:
         return None
     spacing = target * np.sqrt(covered / area)

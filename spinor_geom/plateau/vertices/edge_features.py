@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.arrays import Array, Place, add_at, gram, namespace, place_of, to_numpy, zeros
+from spinor_geom.arrays import Array, Place, add_at, gram, namespace, place_of, shifted, to_numpy, zeros
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.holomorphic.arnoldi import arnoldi_polynomials
 from spinor_geom.holomorphic.cauchy import cauchy_units
@@ -113,12 +113,12 @@ class EdgeFeatures:
 def nodes_on_edges(polygon: Complex[Array, " n"], count: int) -> Complex[Array, "n g"]:
     """Gauss-Legendre nodes on the edges of a polygon."""
     share = place_of(polygon).put(rule("gauss", count).nodes)
-    return polygon[:, None] + share * (namespace(polygon).roll(polygon, -1) - polygon)[:, None]
+    return polygon[:, None] + share * (shifted(polygon, -1) - polygon)[:, None]
 
 
 def _near(polygon: Complex[np.ndarray, " n"], poles: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "n q"]:
     """The poles nearest to each edge of a polygon; equally many for each, with all that are near."""
-    after = np.roll(polygon, -1)
+    after = shifted(polygon, -1)
     distance = np.abs((polygon + after)[:, None] / 2 - poles)
     count = int((distance < _FAR * np.abs(after - polygon)[:, None]).sum(axis=1).max())
     return np.asarray(np.argpartition(distance, min(count, len(poles) - 1), axis=1)[:, :count])

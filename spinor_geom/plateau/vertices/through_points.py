@@ -26,6 +26,7 @@ from spinor_geom.arrays import (
     gram,
     namespace,
     place_of,
+    shifted,
     solve_lower,
     square,
     zeros,
@@ -119,9 +120,9 @@ class OnRim:
         """Orthonormal read-outs nearest in H¹ to values at the midpoints of the edges, linear between them."""
         share = place_of(spinors).put(rule("gauss", self.sign.shape[1]).nodes)[:, None]
         edge, xp = shares(self.polygon)[:, None, None], namespace(spinors)
-        before, after = xp.roll(spinors, 1, axis=0)[:, None], xp.roll(spinors, -1, axis=0)[:, None]
-        back = xp.clip(0.5 - share, min=0) * edge * 2 / (edge + xp.roll(edge, 1, axis=0))
-        ahead = xp.clip(share - 0.5, min=0) * edge * 2 / (edge + xp.roll(edge, -1, axis=0))
+        before, after = shifted(spinors, 1, axis=0)[:, None], shifted(spinors, -1, axis=0)[:, None]
+        back = xp.clip(0.5 - share, min=0) * edge * 2 / (edge + shifted(edge, 1, axis=0))
+        ahead = xp.clip(share - 0.5, min=0) * edge * 2 / (edge + shifted(edge, -1, axis=0))
         return self.nearest((1 - back - ahead) * spinors[:, None] + back * before + ahead * after)
 
     def values(self, raw: Complex[Array, "k 2"]) -> Complex[Array, "n g 2"]:
@@ -189,7 +190,7 @@ class Basis:
             rims.append(
                 OnRim(
                     polygon=polygon,
-                    dz=(xp.roll(polygon, -1) - polygon)[:, None] * gauss,
+                    dz=(shifted(polygon, -1) - polygon)[:, None] * gauss,
                     sign=sign_changing(nodes_on_edges(polygon, nodes), branches),
                     features=features,
                     own=own,
@@ -370,5 +371,5 @@ def _updated(step: Complex[Array, "k 2"], taken: Sequence[Complex[Array, "k 2"]]
 
 def shares(polygon: Complex[Array, " n"]) -> Float[Array, " n"]:
     """Lengths of a polygon's edges over its perimeter."""
-    edge = abs(namespace(polygon).roll(polygon, -1) - polygon)
+    edge = abs(shifted(polygon, -1) - polygon)
     return edge / edge.sum()
