@@ -114,6 +114,16 @@ def is_real(v: Array) -> bool:
     return v.dtype.kind != "c" if is_numpy(v) else not v.is_complex()
 
 
+def cross(u: Float[Array, "*any 3"], v: Float[Array, "*any 3"]) -> Float[Array, "*any 3"]:
+    """Cross products; numpy's own function takes several times as long for short arrays."""
+    if not is_numpy(u):
+        return namespace(u).linalg.cross(u, v)
+    a, b, c, d, e, f = *(u[..., k] for k in range(3)), *(v[..., k] for k in range(3))
+    product = np.empty(np.broadcast(u, v).shape)
+    product[..., 0], product[..., 1], product[..., 2] = b * f - c * e, c * d - a * f, a * e - b * d
+    return product
+
+
 def unit(v: Float[Array, "*any k"]) -> Float[Array, "*any k"]:
     """Rows divided by their lengths; a zero row stays 0."""
     return v / namespace(v).clip(norm(v), min=TINY**0.5)[..., None]
@@ -197,9 +207,9 @@ def solve_lower(
 ) -> Inexact[Array, "n k"]:
     """The solution x of L x = right, or of Lᴴ x = right, for a lower triangle L."""
     if is_numpy(factor):
-        from scipy.linalg import solve_triangular
+        from scipy.linalg.lapack import dtrtrs, ztrtrs
 
-        return solve_triangular(factor, right, lower=True, trans="C" if adjoint else "N", check_finite=False)
+        return (dtrtrs if is_real(factor) else ztrtrs)(factor, right, lower=True, trans=2 if adjoint else 0)[0]
     import torch
 
     matrix = factor.mH if adjoint else factor

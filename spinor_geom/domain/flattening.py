@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
 
-from spinor_geom.arrays import EPS, shifted
+from spinor_geom.arrays import EPS, cis, shifted
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.polygons import bound_domain, outer_clearance, untangled
 from spinor_geom.errors import DomainError, SingularMatrixError
@@ -334,12 +334,16 @@ def smoothing(edge: PerVertex, width: float) -> tuple[Float[np.ndarray, "m r"], 
 def lay_out(edge: PerVertex, turning: PerVertex, log_scale: PerVertex) -> Complex[np.ndarray, " m"] | None:
     """Closed polygon of given turning angles with edge lengths nearest to e^u·edge; None if there is none."""
     length = edge * np.exp((log_scale + shifted(log_scale, -1)) / 2)
-    direction = np.exp(1j * (np.cumsum(turning) - turning[0]))  # edge j runs after the turns at vertices 1 … j
-    rows = np.stack([direction.real, direction.imag])
-    gram = (rows * length) @ rows.T
-    if not np.isfinite(gram).all() or np.linalg.matrix_rank(gram) < 2:
+    direction = cis(turning.cumsum() - turning[0])  # edge j runs after the turns at vertices 1 … j
+    # the lengths change by the least sum of squares per length
+    total, gap, double = float(length.sum()), complex(length @ direction), complex(length @ direction**2)
+    determinant = total**2 - abs(double) ** 2
+    if not determinant > EPS * total**2:
         return None
-    closed = length * (1 - rows.T @ np.linalg.solve(gram, rows @ length))
+    shift = 2 * (total * gap - double * gap.conjugate()) / determinant
+    closed = length * (1 - (direction.real * shift.real + direction.imag * shift.imag))
     if closed.min() <= 0:
         return None
-    return np.asarray(np.concatenate([[0.0], np.cumsum(closed * direction)[:-1]]))
+    polygon = np.zeros(len(edge), dtype=np.complex128)
+    polygon[1:] = (closed * direction)[:-1].cumsum()
+    return polygon

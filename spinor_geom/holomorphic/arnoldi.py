@@ -46,17 +46,15 @@ def arnoldi_polynomials(z: Complex[Array, "*pts"], hessenberg: Complex[Array, "d
 def leja_points(z: Complex[Array, "*b n"], count: int) -> Complex[Array, "*b count"]:
     """Leja points of sets: each maximises the product of its distances from the previous ones."""
     candidates = to_numpy(z)[..., :: max(1, z.shape[-1] // _MOST_CANDIDATES)]
-    far = np.abs(candidates - candidates.mean(axis=-1, keepdims=True))
-    chosen, product = [_at_largest(candidates, far)], np.zeros(candidates.shape)
-    with np.errstate(divide="ignore"):  # chosen points have the product 0
-        for _ in range(count - 1):
-            product += np.log(np.abs(candidates - chosen[-1]))
-            chosen.append(_at_largest(candidates, product))
-    return place_of(z).put(np.concatenate(chosen, axis=-1))
-
-
-def _at_largest(z: Complex[np.ndarray, "*b n"], value: Float[np.ndarray, "*b n"]) -> Complex[np.ndarray, "*b 1"]:
-    return np.asarray(np.take_along_axis(z, value.argmax(axis=-1, keepdims=True), axis=-1))
+    sets = candidates.reshape(-1, candidates.shape[-1])
+    own, product, far = np.arange(len(sets)), np.ones(sets.shape), np.abs(sets - sets.mean(axis=1, keepdims=True))
+    chosen = [sets[own, far.argmax(axis=1)]]
+    for _ in range(count - 1):
+        product *= np.abs(sets - chosen[-1][:, None])
+        largest = product.argmax(axis=1)
+        product /= product[own, largest][:, None]  # it would overflow or underflow
+        chosen.append(sets[own, largest])
+    return place_of(z).put(np.stack(chosen, axis=-1).reshape(*z.shape[:-1], count))
 
 
 def barycentric_weights(points: Complex[Array, "*b k"]) -> Complex[Array, "*b k"]:

@@ -112,7 +112,7 @@ def _traced_loops(sheets: Sheets) -> _TracedLoops:
     vertex = np.where(against, sheets.half_edges.target[half_edge], sheets.half_edges.origin[half_edge])
     reached = sheets.next_ends(half_edge, ~against)
     following = (2 * position[reached // 2] + reached % 2).tolist()
-    has_one_face = np.isin(boundary, sheets.half_edges.boundary).tolist()
+    has_one_face = referenced_vertices(sheets.half_edges.boundary, vertices=len(position))[boundary].tolist()
     starts, vertices = np.argsort(vertex, kind="stable").tolist(), vertex.tolist()
     seen = bytearray(len(vertices))
     loops: list[list[int]] = []
@@ -216,7 +216,10 @@ def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
     # candidates: faces of an edge with more than two faces, or with two and equal opposite vertices
     a, b = half_edges.pairs.T
     nonmanifold = half_edges.order[np.repeat(half_edges.counts > 2, half_edges.counts)]
-    some = np.unique(np.append(half_edges.pairs[half_edges.opposite[a] == half_edges.opposite[b]], nonmanifold) // 3)
+    some = np.append(half_edges.pairs[half_edges.opposite[a] == half_edges.opposite[b]], nonmanifold) // 3
+    if not len(some):
+        return np.zeros((0, 2), dtype=np.int64)
+    some = np.unique(some)
     corners = np.sort(half_edges.origin.reshape(-1, 3)[some], axis=1)
     order = np.lexsort(corners.T)
     pairs = some[np.stack([order[:-1], order[1:]], axis=1)[(np.diff(corners[order], axis=0) == 0).all(axis=1)]]

@@ -180,6 +180,8 @@ def near_vertices(
     apart = np.linalg.norm(points[unique[pairs[:, 0]]] - points[unique[pairs[:, 1]]], axis=1)
     within = apart <= reach[unique[pairs]].min(axis=1)
     pairs, apart = pairs[within], apart[within]
+    if not len(pairs):
+        return exact
     labels = linked(pairs, len(unique))
     corners = number[np.zeros((0, 3), dtype=np.int64) if faces is None else faces]
     sides = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
