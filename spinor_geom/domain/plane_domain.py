@@ -329,6 +329,8 @@ class PlaneDomain:
 def panel_breaks(boundary: Boundary) -> Float[np.ndarray, " b"]:
     """Ends of quadrature panels on a boundary, from 0 to 1: the vertices, and more points beside corners."""
     t, corners = boundary.parameters, np.flatnonzero(boundary.corners)
+    if not len(corners):
+        return t
     width = np.diff(t)
     after = t[corners, None] + width[corners, None] * TOWARDS_CORNER
     end = np.where(corners == 0, 1.0, t[corners])

@@ -118,6 +118,8 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"], most: float) -> float:
     distance = np.abs(along[i] - along[j])
     once = (i < j) | (gap > most * local[j])  # most pairs are found from both ends
     far = np.flatnonzero(once & (np.minimum(distance, edge.sum() - distance) > 4 * gap + 6 * longer))
+    if not len(far):
+        return np.inf
     a, b = polygon[i[far]], polygon[j[far]]
     across = (a[:, None] + np.array([0.2, 0.5, 0.8]) * (b - a)[:, None]).ravel()
     after, none = shifted(np.arange(len(polygon)), -1), np.zeros(len(polygon), dtype=np.int64)

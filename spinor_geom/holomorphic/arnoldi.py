@@ -9,11 +9,21 @@ from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import Array, add_to_diagonal, namespace, place_of, to_numpy
 
+# Share of a vector's length that a pass of orthogonalisation must leave, for orthogonality to round-off; with 0.3 the
+# polynomials are orthogonal to 1e-14 or not at all.
+_KEPT = 0.5
 _MOST_CANDIDATES = 600  # points from which Leja points are chosen
 
 
 def arnoldi_hessenberg(z: Complex[Array, " n"], weight: Float[Array, " n"], degree: int) -> Complex[Array, "d1 d"]:
-    """Coefficients H of the recurrence z·Q_k = Σ_{j ≤ k+1} H_jk Q_j of the orthonormal polynomials.
+    """The coefficients of `arnoldi_basis`."""
+    return arnoldi_basis(z, weight, degree)[0]
+
+
+def arnoldi_basis(
+    z: Complex[Array, " n"], weight: Float[Array, " n"], degree: int
+) -> tuple[Complex[Array, "d1 d"], Complex[Array, "n d1"]]:
+    """Coefficients H of the recurrence z·Q_k = Σ_{j ≤ k+1} H_jk Q_j of the orthonormal polynomials; their values at z.
 
     The inner product is ⟨f, g⟩ = Σ weight·conj(f)·g with weights of sum 1, on more nodes than the degree. The
     subdiagonal of H is positive.
@@ -24,14 +34,17 @@ def arnoldi_hessenberg(z: Complex[Array, " n"], weight: Float[Array, " n"], degr
     basis[0] = root
     hessenberg = np.zeros((degree + 1, degree), dtype=np.complex128)
     for k in range(degree):
-        v = nodes * basis[k]
-        for _ in range(2):  # the second pass gives orthogonality to round-off
+        v, before = nodes * basis[k], np.inf
+        norm = np.linalg.norm(v)
+        while norm <= _KEPT * before:  # a pass is repeated where little was left
             h = (basis[: k + 1] @ v.conj()).conj()
             v -= h @ basis[: k + 1]
             hessenberg[: k + 1, k] += h
-        hessenberg[k + 1, k] = norm = np.linalg.norm(v)
+            before, norm = norm, np.linalg.norm(v)
+        hessenberg[k + 1, k] = norm
         basis[k + 1] = v / norm
-    return place_of(z).put(hessenberg)
+    place = place_of(z)
+    return place.put(hessenberg), place.put((basis / root).T)
 
 
 def arnoldi_polynomials(z: Complex[Array, "*pts"], hessenberg: Complex[Array, "d1 d"]) -> Complex[Array, "*pts d1"]:

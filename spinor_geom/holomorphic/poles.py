@@ -90,6 +90,8 @@ def polygon_poles(vertices: Complex[np.ndarray, " n"]) -> Poles:
     local = np.concatenate([edge, ((edge + shifted(edge, 1)) / 2)[bent]])
     positions, scales = [], []
     for offset in _EDGE_OFFSETS:
+        if not len(foot):
+            break
         position = foot + offset * local * direction
         distance, in_edges = _distance_outside(vertices, position)
         free = in_edges >= _EDGE_CLEARANCE

@@ -253,22 +253,23 @@ class BoundaryCurve:
 
     def point(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ(s), in mesh units; at the parameter of a vertex it is that vertex, bit for bit."""
-        return np.asarray(self._derivatives[0](np.mod(s, 1.0)))
+        return np.asarray(self._pieces(np.mod(s, 1.0)))
 
     def derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ′(s), in mesh units per unit of s; at a corner the right-hand one."""
-        return np.asarray(self._derivatives[1](np.mod(s, 1.0)))
+        return np.asarray(self._slopes(np.mod(s, 1.0)))
 
     def second_derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ″(s), in mesh units per squared unit of s; at a corner the right-hand one."""
-        return np.asarray(self._derivatives[2](np.mod(s, 1.0)))
+        return np.asarray(self._slopes(np.mod(s, 1.0), nu=1))
 
     @cached_property
-    def _derivatives(self) -> tuple[PPoly, PPoly, PPoly]:
-        """Γ, Γ′ and Γ″."""
-        curve = PPoly(self.coefficients, self.breaks)
-        slope = curve.derivative() if self.slopes is None else PPoly(self.slopes, self.breaks)
-        return curve, slope, slope.derivative()
+    def _pieces(self) -> PPoly:
+        return PPoly(self.coefficients, self.breaks)
+
+    @cached_property
+    def _slopes(self) -> PPoly:
+        return self._pieces.derivative() if self.slopes is None else PPoly(self.slopes, self.breaks)
 
     def bulge(self) -> float:
         """Largest distance of a piece from the straight edge between its vertices, in the curve's units of length."""

@@ -33,7 +33,7 @@ from spinor_geom.arrays import (
 )
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.quadrature import rule
-from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
+from spinor_geom.holomorphic.arnoldi import arnoldi_basis, arnoldi_polynomials
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features, sign_changing
 from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.plateau.steps import STALLED, Steps
@@ -171,16 +171,18 @@ class Basis:
         positions = place.put(np.concatenate([each.positions for each in poles]))
         scales = place.put(np.concatenate([each.scales for each in poles]))
         gauss = place.put(rule("gauss", nodes).weights)
-        weight = shares(outer)[:, None] * gauss
-        hessenberg = arnoldi_hessenberg(
-            nodes_on_edges(outer, nodes).reshape(-1), weight.reshape(-1), min(DEGREE, max(2, len(outer) // 2))
-        )
+        weight, degree = shares(outer)[:, None] * gauss, min(DEGREE, max(2, len(outer) // 2))
+        hessenberg, values = arnoldi_basis(nodes_on_edges(outer, nodes).reshape(-1), weight.reshape(-1), degree)
+        polynomials = [
+            values.reshape(len(outer), nodes, -1),
+            *(arnoldi_polynomials(nodes_on_edges(polygon, nodes), hessenberg) for polygon in polygons[1:]),
+        ]
         # polynomials count as features of the outer rim
         ends = [0, *(len(hessenberg) + np.cumsum([len(each.positions) for each in poles])).tolist()]
         rims = []
         for number, polygon in enumerate(polygons):
             require_time()  # for thousands of points each product takes seconds
-            features = EdgeFeatures.on(polygon, nodes, hessenberg, positions, scales)
+            features = EdgeFeatures.on(polygon, polynomials[number], positions, scales)
             require_time()
             own = slice(*ends[number : number + 2])
             matrix = features.gram(_norm_of_edge(nodes, place) + 0j, shares(polygon), own)
