@@ -24,14 +24,17 @@ EPS = float(np.finfo(np.float64).eps)
 TINY = float(np.finfo(np.float64).tiny)
 
 
+_OF_NUMPY = (np.ndarray, np.generic)
+
+
 def is_numpy(x: object) -> bool:
     """Whether an array is a numpy array."""
-    return isinstance(x, (np.ndarray, np.generic))
+    return isinstance(x, _OF_NUMPY)
 
 
 def namespace(x: Array) -> Any:
     """The array API module of an array: numpy, or array_api_compat's wrapper of torch."""
-    if is_numpy(x):
+    if isinstance(x, _OF_NUMPY):  # called thousands of times in a fill
         return np
     import array_api_compat
 

@@ -1,5 +1,7 @@
 """Closed plane polygons: crossings, clearance, points inside."""
 
+from __future__ import annotations
+
 import itertools
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Triangulation of parts of Ω with edge lengths that are uniform on the surface."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 

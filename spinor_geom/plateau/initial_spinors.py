@@ -1,5 +1,7 @@
 """Initial spinors of a fit, from the frames of a discrete surface along its boundary."""
 
+from __future__ import annotations
+
 import numpy as np
 from jaxtyping import Complex, Float, Int
 from scipy.sparse import csr_array

@@ -93,6 +93,7 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
         root = domain.root
         at_root = rim.at_breaks[root] if root < len(points) else rim.inside(domain.triangulation.points[[root]])[0]
         surface = ArraySurface(network, domain, points[0] + error[0] + at_root.real)
+        surface.rim = rim
         found = _passed(surface, [rim], [points], [error], area=rim.area, near="the discrete one")
         found = replace(found, curves=(replace(found.curves[0], at_points=are_own),))
         bulge = found.curves[0].bulge() / loop.mean_edge_length
