@@ -94,15 +94,16 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
 
 def triangles_of(split: Int[np.ndarray, "n n"]) -> Int[np.ndarray, "t 3"]:
     """Triangles (i, j, k), i < j < k, over a closed curve; `split[i, l]` is the apex over the chord i to i + l."""
-    triangles = []
-    first, last = np.array([0]), np.array([len(split) - 1])
-    while len(first):
-        middle = split[first, last - first]
-        triangles.append(np.stack([first, middle, last], axis=1))
-        first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
-        open_chord = last - first > 1
-        first, last = first[open_chord], last[open_chord]
-    return np.concatenate(triangles)
+    triangles = np.empty((max(0, len(split) - 2), 3), dtype=np.int64)
+    chords, count = np.array([[0, len(split) - 1]]), 0
+    while len(chords):
+        first, last = chords.T
+        new = triangles[count : count + len(chords)]
+        new[:, 0], new[:, 1], new[:, 2] = first, split[first, last - first], last
+        chords = np.concatenate([new[:, :2], new[:, 1:]])
+        chords = chords[chords[:, 1] - chords[:, 0] > 1]
+        count += len(new)
+    return triangles
 
 
 def disk_without_inner_points(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "t 3"]:

@@ -190,7 +190,7 @@ def _least_straightened(
         rims = tuple(rim for rim in boundary if rim is not None)
         if len(rims) < len(boundary) or not bound_domain(rims) or (drawn is not None and not bound_domain(drawn(rims))):
             continue
-        parts = np.split(edge, np.cumsum([len(rim) for rim in rims[:-1]]))
+        parts = _parts(edge, tuple(map(len, rims)))
         ratios = [np.log(np.abs(shifted(rim, -1) - rim) / length) for rim, length in zip(rims, parts, strict=True)]
         scale = np.concatenate([(ratio + shifted(ratio, 1)) / 2 for ratio in ratios])
         gap = outer_clearance(rims[0], clearance)
@@ -204,12 +204,17 @@ def _laid_out(
     edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims, *, saws: bool
 ) -> Iterator[tuple[Polygon, ...]]:
     """The rims as polygons for each candidate of the boundary log scale, the smallest first."""
-    ends = np.cumsum(rims[:-1])
     for turned, log_scale in _candidates(edge, turning, neumann, rims, saws=saws):
-        parts = zip(*(np.split(each, ends) for each in (edge, turned, log_scale)), strict=True)
+        parts = zip(*(_parts(each, rims) for each in (edge, turned, log_scale)), strict=True)
         polygons = [polygon for part in parts if (polygon := lay_out(*part)) is not None]
         if len(polygons) == len(rims):
             yield tuple(polygons) if len(rims) == 1 else (polygons[0], *_placed(polygons, neumann))
+
+
+def _parts(values: PerVertex, rims: Rims) -> list[PerVertex]:
+    """The values on each rim."""
+    ends = itertools.accumulate(rims, initial=0)
+    return [values[start:end] for start, end in itertools.pairwise(ends)]
 
 
 def _candidates(
@@ -241,12 +246,11 @@ def _straightened(
 
     S has low rank: the systems are αA + WWᵀ with a sparse A and a narrow W (Woodbury's identity).
     """
-    ends = np.cumsum(rims)
-    parts = np.split(edge, ends[:-1])
+    parts = _parts(edge, rims)
     ds = np.concatenate([(part + shifted(part, 1)) / 2 for part in parts])
     length = ds.sum() / len(rims)
     even = np.concatenate([np.full(len(part), 2 * np.pi / part.sum()) for part in parts])
-    even[ends[0] :] *= -1
+    even[rims[0] :] *= -1
     diagonal = ds / length**2
     try:
         # without Λ here slivers cause oscillations from vertex to vertex, which S removes from the objective

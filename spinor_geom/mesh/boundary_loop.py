@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from spinor_geom.arrays import norm, shifted
+from spinor_geom.arrays import median, norm, shifted
 from spinor_geom.errors import LoopTooShortError, MeshError, MeshShapeError, OptionError, RepeatedPointError
 from spinor_geom.mesh.array_checks import freeze_points, frozen, shared
-from spinor_geom.mesh.spacing import edge_lengths, graded_spacing, have_similar_lengths
+from spinor_geom.mesh.spacing import edge_lengths, graded_spacing, have_similar_lengths, with_long_edges_divided
 
 MIN_CORNER_TURN = np.radians(35.0)
 MAX_NEIGHBOUR_TURN_RATIO = 0.25
@@ -136,6 +136,11 @@ class BoundaryLoop:
         """Edge lengths, (M,), in mesh units; edge i runs from point i to point i + 1 (mod M)."""
         return shared(edge_lengths(self.points))
 
+    @cached_property
+    def divided(self) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
+        """The points, with points added on long edges, and a mask of the loop's own points."""
+        return with_long_edges_divided(self.points)
+
     @property
     def perimeter(self) -> float:
         """Sum of the edge lengths, in mesh units."""
@@ -232,14 +237,15 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
     """
     if len(points) < MIN_LOOP_WITH_CORNERS:
         return np.zeros(len(points), dtype=bool)
-    turn, length = np.nan_to_num(turning_angles(points)), edge_lengths(points)
+    turn, length = turning_angles(points), edge_lengths(points)
+    turn[np.isnan(turn)] = 0.0
     corners: Bool[np.ndarray, " m"] = np.zeros(len(points), dtype=bool)
     if not have_similar_lengths(length):
-        spacing = graded_spacing(points)
+        spacing = graded_spacing(length)
         at_start, at_end = ((length > spacing) & (length * angle > spacing) for angle in (turn, shifted(turn, -1)))
         corners = at_start | shifted(at_end, 1)
     alone = turn >= MIN_CORNER_TURN
-    if alone.any() and np.median(turn) <= MIN_CORNER_TURN * MAX_NEIGHBOUR_TURN_RATIO:
+    if alone.any() and median(turn) <= MIN_CORNER_TURN * MAX_NEIGHBOUR_TURN_RATIO:
         for step in (-2, -1, 1, 2):
             alone &= shifted(turn, step) <= turn * MAX_NEIGHBOUR_TURN_RATIO
         corners |= alone

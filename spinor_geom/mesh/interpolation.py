@@ -79,8 +79,9 @@ def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[Pieces]:
 
 def _leaves_long_edges(points: Vertices, curve: Pieces) -> bool:
     """Whether a curve deviates from a long edge by more than `detect_corners` allows."""
-    spacing = graded_spacing(points)
-    long = np.flatnonzero(edge_lengths(points) > spacing)
+    length = edge_lengths(points)
+    spacing = graded_spacing(length)
+    long = np.flatnonzero(length > spacing)
     share = np.arange(1, SAMPLES_OF_LONG_EDGE)[:, None] / SAMPLES_OF_LONG_EDGE
     edge = (shifted(points, -1, axis=0) - points)[long]
     on_curve = PPoly(curve.coefficients, curve.breaks)(curve.breaks[long] + share * np.diff(curve.breaks)[long])

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spinor_geom.arrays import norm, shifted
+from spinor_geom.arrays import median, norm, shifted
 
 LARGEST_GROWTH = 2.0  # ratio of successive edges of a graded spacing
 # Length of the first part of a divided edge, per length of the edges beside it, and growth of the parts per length.
@@ -12,15 +12,14 @@ LARGEST_GROWTH = 2.0  # ratio of successive edges of a graded spacing
 _FIRST_PART, _GROWTH = 2.0, 1.0
 
 
-def graded_spacing(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b m"]:
-    """Upper bound of the edge length of a graded sampling at each edge of a closed polygon, in the points' unit.
+def graded_spacing(length: Float[np.ndarray, "*b m"]) -> Float[np.ndarray, "*b m"]:
+    """Upper bound of the edge length of a graded sampling at each edge of a closed polygon, from the edges' lengths.
 
     The bound is the longest of three successive edges, reduced so that it at most doubles from one edge to the next,
     and at least twice the median edge. So an edge exceeds it if it is more than four times as long as each of the next
     three edges on one side and more than twice as long as the median edge.
     """
-    length = edge_lengths(points)
-    least = LARGEST_GROWTH * np.median(length, axis=-1, keepdims=True)
+    least = LARGEST_GROWTH * median(length)[..., None]
     if (length <= least).all():  # nearly all polygons
         return np.broadcast_to(least, length.shape)
     spacing = _longest_of_three(length)
@@ -37,7 +36,7 @@ def are_long(points: Float[np.ndarray, "*b m k"]) -> Bool[np.ndarray, "*b m"]:
     length = edge_lengths(points)
     if have_similar_lengths(length):
         return np.zeros(length.shape, dtype=bool)
-    return np.asarray(length > graded_spacing(points))
+    return np.asarray(length > graded_spacing(length))
 
 
 def have_similar_lengths(lengths: Float[np.ndarray, "*b m"]) -> bool:

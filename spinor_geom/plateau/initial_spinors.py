@@ -47,8 +47,9 @@ def lifted_spinors(
     order = codes.argsort()
     shared = np.flatnonzero(np.diff(codes[order]) == 0)
     face, beside = order[shared] // 3, order[shared + 1] // 3
-    agreement = np.nan_to_num((inner[face].conj() * inner[beside]).sum(axis=1).real / 2)
-    graph = csr_array((1 - np.abs(agreement), (face, beside)), shape=(len(faces), len(faces)))
+    difference = 1 - np.abs((inner[face].conj() * inner[beside]).sum(axis=1).real / 2)
+    difference[~np.isfinite(difference)] = 1.0
+    graph = csr_array((difference, (face, beside)), shape=(len(faces), len(faces)))
     _, before = breadth_first_order(minimum_spanning_tree(graph), 0, directed=False)
     before[0] = 0
     sign = np.where((inner.conj() * inner[before]).sum(axis=1).real < 0, -1.0, 1.0)

@@ -270,7 +270,7 @@ def _begin_together(planned: list[_Planned | SpinorGeomError], seconds: float) -
     with deadline.time_limit(seconds * len(solvable)):
         begun = begun_on_unit_disk([problem for _, problem, _ in smooth])
         start = time.perf_counter()
-        disks = first_disks([problem.divided_points[0] for _, problem, _ in rough])
+        disks = first_disks([problem.unit.divided[0] for _, problem, _ in rough])
         share = (time.perf_counter() - start) / max(1, len(rough))
         are_whole = not deadline.is_out_of_time()
     for (place, problem, routes), route in zip(smooth, begun, strict=True):

@@ -58,7 +58,7 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
         OutOfTimeError: time ran out.
     """
     loop, place, allowed = problem.unit, problem.options.place, problem.allowed
-    (points, are_own), clock = problem.divided_points, problem.clock
+    (points, are_own), clock = problem.unit.divided, problem.clock
     with clock.stage("first fill"):
         disk = problem.start or first_disk(points)
     with clock.stage("flattening"):
@@ -114,7 +114,7 @@ def _fitted(
     (rim,) = basis.rims
     start = rim.nearest_between(spinors)
     readout = start if raw is None else rim.norm.mT.conj() @ raw
-    wanted = place_of(start).put(problem.divided_points[0])
+    wanted = place_of(start).put(problem.unit.divided[0])
     here = Passing(basis=basis, points=(wanted,), raw=basis.raw(readout))
     in_edges = here.distance / problem.unit.mean_edge_length
     if not in_edges <= _FAR * max(1.0, len(wanted) / _SHORT) ** 0.5:
