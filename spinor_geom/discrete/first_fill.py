@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
+from scipy.sparse import csc_array
 
 from spinor_geom.arrays import cross, norm, shifted
 from spinor_geom.domain.flattening import DirichletToNeumann, flatten_boundary
@@ -36,11 +37,14 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     turning = np.pi - np.bincount(triangles.ravel(), angles.ravel(), minlength=len(corners))
     edge = edge_lengths(corners)
 
-    # closer to equilateral, as slivers would dominate the straightening
-    rounder = angles + _TO_EQUILATERAL * (np.pi / 3 - angles)
-    # the sides of a triangle are proportional to the sines of its angles
-    neumann = DirichletToNeumann(intrinsic_laplacian(np.sin(rounder), triangles), len(corners))
+    def laplacian() -> csc_array:
+        # closer to equilateral, as slivers would dominate the straightening
+        rounder = angles + _TO_EQUILATERAL * (np.pi / 3 - angles)
+        # the sides of a triangle are proportional to the sines of its angles
+        return intrinsic_laplacian(np.sin(rounder), triangles)
+
     try:
+        neumann = DirichletToNeumann(laplacian, len(corners))
         flat = flatten_boundary(edge, turning, neumann, clearance=1.0, saws=saws)
     except DomainError as error:
         raise FirstFillError(

@@ -65,10 +65,14 @@ class DirichletToNeumann:
     it are sparse solves, so that memory grows in proportion to the mesh.
     """
 
-    def __init__(self, laplacian: csc_array, boundary_size: int) -> None:
-        """Takes the Laplacian of all vertices, the boundary vertices first."""
+    def __init__(self, laplacian: Callable[[], csc_array], boundary_size: int) -> None:
+        """Takes a function that makes the Laplacian of all vertices, the boundary vertices first, on first use."""
         self.boundary_size = boundary_size
-        self._laplacian = laplacian.tocsc()
+        self._make = laplacian
+
+    @cached_property
+    def _laplacian(self) -> csc_array:
+        return self._make().tocsc()
 
     @cached_property
     def _inner(self) -> SuperLU:
@@ -117,7 +121,7 @@ def dirichlet_to_neumann(vertices: Vertices, faces: Faces, boundary_size: int) -
     Source: Sawhney & Crane, "Boundary First Flattening", ACM TOG 37 (2018), sections 3 and 4.
     """
     lengths = mollified_edge_lengths(vertices, faces)
-    neumann = DirichletToNeumann(intrinsic_laplacian(lengths, faces), boundary_size)
+    neumann = DirichletToNeumann(lambda: intrinsic_laplacian(lengths, faces), boundary_size)
     defect = np.full(len(vertices), 2 * np.pi)
     defect -= np.bincount(faces.ravel(), intrinsic_angles(lengths).ravel(), minlength=len(vertices))
     return neumann, defect[:boundary_size] - np.pi + neumann.inner_load(defect[boundary_size:])

@@ -4,6 +4,8 @@ Source: Brubeck, Nakatsukasa & Trefethen, "Vandermonde with Arnoldi", SIAM Revie
 interpolation at Leja points", BIT 30 (1990), for the points.
 """
 
+import math
+
 import numpy as np
 from jaxtyping import Complex, Float
 
@@ -35,12 +37,12 @@ def arnoldi_basis(
     hessenberg = np.zeros((degree + 1, degree), dtype=np.complex128)
     for k in range(degree):
         v, before = nodes * basis[k], np.inf
-        norm = np.linalg.norm(v)
+        norm = math.sqrt(np.vdot(v, v).real)
         while norm <= _KEPT * before:  # a pass is repeated where little was left
             h = (basis[: k + 1] @ v.conj()).conj()
             v -= h @ basis[: k + 1]
             hessenberg[: k + 1, k] += h
-            before, norm = norm, np.linalg.norm(v)
+            before, norm = norm, math.sqrt(np.vdot(v, v).real)
         hessenberg[k + 1, k] = norm
         basis[k + 1] = v / norm
     place = place_of(z)

@@ -111,10 +111,11 @@ def _distance_outside(vertices: Complex[np.ndarray, " n"], z: Places) -> tuple[L
     nearest, in_edges = np.empty(len(z)), np.empty(len(z))
     for start in range(0, len(z), _ROWS):
         rows = slice(start, start + _ROWS)
-        from_start = z[rows, None] - vertices
-        share = np.clip((from_start * np.conj(step)).real / edge**2, 0, 1)
-        distance = np.abs(from_start - share * step)
-        nearest[rows], in_edges[rows] = distance.min(axis=1), (distance / edge).min(axis=1)
+        # along each edge and across it, in its lengths
+        from_start = (z[rows, None] - vertices) / step
+        from_start -= from_start.real.clip(0, 1)
+        distance = np.abs(from_start)
+        nearest[rows], in_edges[rows] = (distance * edge).min(axis=1), distance.min(axis=1)
     return sign * nearest, sign * in_edges
 
 

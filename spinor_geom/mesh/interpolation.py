@@ -194,14 +194,17 @@ def predicting_degree(
         # equally many kept points on both sides; left-out point 2i + 1 follows kept point i
         first = np.arange(len(left_out)) - degree // 2
         near = (first if is_closed else first.clip(0, len(kept) - degree - 1))[:, None] + np.arange(degree + 1)
-        places = kept[near % len(kept)]
-        nodes = breaks[..., places] + near // len(kept) - breaks[..., left_out, None]
+        turns, places = np.divmod(near, len(kept))
+        places = kept[places]
+        nodes = breaks[..., places] + turns - breaks[..., left_out, None]
         # Lagrange's polynomials at 0
         own = np.eye(degree + 1, dtype=bool)
-        differences = np.where(own, 1.0, nodes[..., None, :] - nodes[..., :, None])
-        weights = np.where(own, 1.0, nodes[..., None, :] / differences).prod(axis=-1)
-        predicted = (weights[..., None] * points[..., places, :]).sum(axis=-2)
-        errors.append(np.sqrt(np.mean((predicted - points[..., left_out, :]) ** 2, axis=(-2, -1))))
+        differences = nodes[..., None, :] - nodes[..., :, None] + own
+        factors = nodes[..., None, :] / differences
+        factors[..., own] = 1.0
+        weights = factors.prod(axis=-1)
+        predicted = (weights[..., None, :] @ points[..., places, :])[..., 0, :]
+        errors.append(np.sqrt(((predicted - points[..., left_out, :]) ** 2).mean(axis=(-2, -1))))
     best, least = np.zeros(points.shape[:-2], dtype=np.int64), errors[0]
     for higher in range(1, len(DEGREES)):
         better = GAIN_PER_DEGREE * errors[higher] < least
