@@ -136,10 +136,13 @@ def _simple_loops(vertices: list[int], loop: list[int]) -> list[list[int]]:
     When the walk returns to a vertex, the loop since its first visit is split off. On a mesh of genus 0 the repeats are
     nested, so the split is unique.
     """
+    loop = _from_lowest(vertices, loop)
+    if len({vertices[entry] for entry in loop}) == len(loop):
+        return [loop]
     walk: list[int] = []
     place: dict[int, int] = {}
     parts = []
-    for entry in _from_lowest(vertices, loop):
+    for entry in loop:
         if vertices[entry] in place:
             start = place[vertices[entry]]
             parts.append(walk[start:])
@@ -152,7 +155,9 @@ def _simple_loops(vertices: list[int], loop: list[int]) -> list[list[int]]:
 
 
 def _from_lowest(vertices: list[int], loop: list[int]) -> list[int]:
-    start = min(range(len(loop)), key=lambda place: (vertices[loop[place]], loop[place]))
+    ids = [vertices[entry] for entry in loop]
+    lowest = min(ids)
+    start = min((place for place, vertex in enumerate(ids) if vertex == lowest), key=loop.__getitem__)
     return loop[start:] + loop[:start]
 
 
