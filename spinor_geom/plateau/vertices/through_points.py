@@ -38,7 +38,7 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features, sign_cha
 from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.plateau.steps import STALLED, Steps
 from spinor_geom.plateau.vertices.edge_features import EdgeFeatures, nodes_on_edges
-from spinor_geom.surface.formulas import null_vector, phi
+from spinor_geom.surface.formulas import phi
 
 # Added to the diagonal of the Newton equations, as a share of its mean, because some equations may have no solution.
 # Residuals, in edges: with 1e-7, 3e-3 on 600 points with 30 % noise; with 1.5e-8, 6e-3 on one of sixty rims cut along
@@ -61,16 +61,15 @@ DEGREE = 24  # degree of the polynomials; with 12 two of these rims keep 1e-3 to
 class PointEquations:
     """Linearised distances of n points from their targets, as functions of orthonormal read-outs."""
 
-    by_p: Complex[Array, "k n"]  # conjugates of ∫ 2pf dz to each point for all features f
-    by_q: Complex[Array, "k n"]  # likewise of ∫ 2qf dz
+    rows: Complex[Array, "k n2"]  # conjugates of ∫ 2pf dz to each point for all features f, then of ∫ 2qf dz
     factor: Float[Array, "n3 n3"]  # of the Gram matrix of the 3n functions
 
     @classmethod
     def of(cls, by_p: Complex[Array, "k n"], by_q: Complex[Array, "k n"]) -> PointEquations:
         """The equations with their factor."""
-        n = by_p.shape[1]
-        xp = namespace(by_p)
-        lower = gram(xp.concat([by_p, by_q], axis=1))
+        n, xp = by_p.shape[1], namespace(by_p)
+        rows = xp.concat([by_p, by_q], axis=1)
+        lower = gram(rows)
         pp, qp, qq = lower[:n, :n], lower[n:, :n], lower[n:, n:]
         matrix = zeros((3 * n, 3 * n), lower.real)
         for k in range(3):
@@ -81,21 +80,21 @@ class PointEquations:
         matrix[2 * n :, n : 2 * n] = -(qp + qp.mT.conj()).imag
         own = xp.arange(3 * n)
         add_to_diagonal(matrix, _DAMPING * matrix[own, own].mean())
-        return cls(by_p=by_p, by_q=by_q, factor=definite_cholesky(matrix))
+        return cls(rows=rows, factor=definite_cholesky(matrix))
 
     def step(self, error: Float[Array, "n 3"], away: Complex[Array, "k 2"] | None) -> Complex[Array, "k 2"]:
         """The change of least norm of the read-outs that removes an error.
 
         With `away`, the difference of the read-outs from given ones, the new read-outs are the nearest to those.
         """
-        right, xp = error, namespace(error)
+        right, xp = error.mT, namespace(error)
         if away is not None:
-            (pp, pq), (qp, qq) = (self.by_p.mT.conj() @ away).mT, (self.by_q.mT.conj() @ away).mT
-            right = error - xp.stack([pp - qq, -1j * (pp + qq), qp + pq], axis=1).real
-        x, y, z = cholesky_solve(self.factor, right.mT.reshape(-1, 1)).reshape(3, -1)
+            products = (away.mT.conj() @ self.rows).conj()
+            (pp, qp), (pq, qq) = (products[:, : len(error)], products[:, len(error) :])
+            right = right - xp.stack([(pp - qq).real, (pp + qq).imag, (pq + qp).real])
+        x, y, z = cholesky_solve(self.factor, right.reshape(-1, 1)).reshape(3, -1)
         xy, z = complex_of(x, y), z + 0j
-        p, q = self.by_p, self.by_q
-        change = -xp.stack([p @ xy + q @ z, p @ z - q @ xy.conj()], axis=1)
+        change = self.rows @ xp.stack([xp.concat([-xy, -z]), xp.concat([-z, xy.conj()])], axis=1)
         return change if away is None else change - away
 
 
@@ -132,7 +131,9 @@ class OnRim:
     def steps(self, spinors: Complex[Array, "n g 2"]) -> Float[Array, "n 3"]:
         """Re ∫ φ dz over each edge."""
         squares = (spinors * self.dz[..., None]).mT @ spinors
-        return null_vector(squares[:, 0, 0], squares[:, 1, 1], squares[:, 0, 1]).real
+        pp, qq, pq = squares[:, 0, 0], squares[:, 1, 1], squares[:, 0, 1]
+        # the real part of `null_vector`
+        return namespace(spinors).stack([(pp - qq).real, (pp + qq).imag, 2 * pq.real], axis=1)
 
     def changes(self, spinors: Complex[Array, "n g 2"]) -> Complex[Array, "2 n k"]:
         """∫ 2pf dz and ∫ 2qf dz over each edge for all features f."""
