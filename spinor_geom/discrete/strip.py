@@ -1,5 +1,7 @@
 """Strips of triangles between two loops, and discrete annuli made from them."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

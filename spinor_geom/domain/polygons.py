@@ -1,12 +1,14 @@
 """Closed plane polygons: crossings, clearance, points inside."""
 
+from __future__ import annotations
+
 import itertools
 
 import numpy as np
 from jaxtyping import Bool, Complex, Int
 from scipy.spatial import cKDTree
 
-from spinor_geom.arrays import EPS
+from spinor_geom.arrays import EPS, shifted
 from spinor_geom.domain.delaunay import cross, flat_coordinates, plane_coordinates
 from spinor_geom.mesh.boxes import edges_with_near_boxes
 from spinor_geom.mesh.intersections import LEAST_ANGLE, LEAST_DISTANCE, crossings_between
@@ -16,7 +18,7 @@ from spinor_geom.mesh.operators import winding_numbers
 def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
     """Pairs i < j of edges of a closed polygon that cross, or are adjacent and fold back onto each other."""
     m = len(polygon)
-    ends = np.stack([polygon, np.roll(polygon, -1)])
+    ends = np.stack([polygon, shifted(polygon, -1)])
     edge = ends[1] - ends[0]
     i, j = edges_with_near_boxes(flat_coordinates(ends[0]), flat_coordinates(ends[1]), 0.0)
     apart = (j - i > 1) & (j - i < m - 1)
@@ -31,7 +33,7 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
 
     hit = has_ends_on_both_sides(i, j)
     hit[hit] = has_ends_on_both_sides(j[hit], i[hit])
-    turn = np.conj(edge) * np.roll(edge, -1)
+    turn = np.conj(edge) * shifted(edge, -1)
     back = np.flatnonzero((turn.imag == 0) & (turn.real < 0))
     folds = np.sort(np.stack([back, (back + 1) % m], axis=1), axis=1)
     pairs = np.concatenate([np.stack([i[hit], j[hit]], axis=1), folds])
@@ -40,7 +42,7 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
 
 def is_simple(polygon: Complex[np.ndarray, " m"]) -> bool:
     """Whether a closed polygon runs counter-clockwise, has no edge of length 0 and does not cross itself."""
-    after = np.roll(polygon, -1)
+    after = shifted(polygon, -1)
     edges = np.abs(after - polygon)
     # shorter edges are lost in the rounding of the arc length
     has_length = bool((edges > EPS * edges.sum()).all())
@@ -108,8 +110,8 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"], most: float) -> float:
 
     Parts are far if their distance along the boundary exceeds four times the gap plus six edges.
     """
-    edge = np.abs(np.roll(polygon, -1) - polygon)
-    local = (edge + np.roll(edge, 1)) / 2
+    edge = np.abs(shifted(polygon, -1) - polygon)
+    local = (edge + shifted(edge, 1)) / 2
     along = np.cumsum(edge) - edge
     coordinates = plane_coordinates(polygon)
     near = cKDTree(coordinates).query_ball_point(coordinates, most * local)
@@ -118,6 +120,8 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"], most: float) -> float:
     distance = np.abs(along[i] - along[j])
     once = (i < j) | (gap > most * local[j])  # most pairs are found from both ends
     far = np.flatnonzero(once & (np.minimum(distance, edge.sum() - distance) > 4 * gap + 6 * longer))
+    if not len(far):
+        return np.inf
     a, b = polygon[i[far]], polygon[j[far]]
     across = (a[:, None] + np.array([0.2, 0.5, 0.8]) * (b - a)[:, None]).ravel()
     outside = ~are_inside(across, polygon).reshape(-1, 3).any(axis=1)
@@ -131,7 +135,7 @@ def lattice_inside(polygon: Complex[np.ndarray, " m"], spacing: float) -> Comple
     proportional to the crossings and the points.
     """
     height = np.sqrt(0.75) * spacing
-    end = np.roll(polygon, -1)
+    end = shifted(polygon, -1)
     low, high = np.minimum(polygon.imag, end.imag), np.maximum(polygon.imag, end.imag)
     # an edge crosses the rows at or above its low end and below its high end
     first, last = np.ceil(low / height).astype(np.int64), np.ceil(high / height).astype(np.int64)
@@ -153,7 +157,7 @@ def are_inside(z: Complex[np.ndarray, " k"], polygon: Complex[np.ndarray, " m"])
     A point is inside if the ray to its right crosses an odd number of edges. Time and memory are proportional to the
     points and the crossings of the horizontal lines through them.
     """
-    end = np.roll(polygon, -1)
+    end = shifted(polygon, -1)
     # at equal heights lower ends come first, then upper ends, then points: a line through a vertex crosses one edge
     heights = np.concatenate([np.minimum(polygon.imag, end.imag), np.maximum(polygon.imag, end.imag), z.imag])
     order = np.argsort(heights, kind="stable")

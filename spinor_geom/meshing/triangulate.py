@@ -1,12 +1,14 @@
 """Triangulation of parts of Ω with edge lengths that are uniform on the surface."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Complex, Float
 
-from spinor_geom.arrays import TINY
+from spinor_geom.arrays import TINY, median, shifted
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.polygons import lattice_inside
 from spinor_geom.domain.sizes import DECAY, SizeField
@@ -80,7 +82,7 @@ def size_field(piece: Piece) -> SizeField:
 def _bounded_factor(factor: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """λ where it is finite and not nearly 0, as at branch points."""
     finite = np.isfinite(factor)
-    usual = np.median(factor[finite]) if finite.any() else 1.0
+    usual = median(factor[finite]) if finite.any() else 1.0
     return np.asarray(np.maximum(np.where(finite, factor, usual), max(SMALLEST_STRETCH * usual, TINY)))
 
 
@@ -108,7 +110,7 @@ def even_seeds(stretch: Float[np.ndarray, " n"], target: float, area: float) -> 
     powers = np.fft.fft(slope)[:n] / (2 * n)
     rim = np.fft.ifft(np.append(0, powers / np.arange(1, n + 1)), 2 * n) * 2 * n
     circle = np.exp(1j * np.pi * np.arange(2 * n) / n)
-    covered = 0.5 * float((np.conj(rim) * np.roll(rim, -1)).imag.sum())
+    covered = 0.5 * float((np.conj(rim) * shifted(rim, -1)).imag.sum())
     if not covered < _MOST_STRETCHED * area:
         return None
     spacing = target * np.sqrt(covered / area)
