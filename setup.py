@@ -9,7 +9,7 @@ from setuptools.command.build_ext import build_ext
 
 
 class BuildKernel(build_ext):
-    """Leaves the compiled kernel beside its source too: Python in the folder of the source imports the package there."""
+    """Leaves the compiled kernel beside its source too, where Python in the folder of the source looks for it."""
 
     def run(self) -> None:
         """Compiles and copies."""
