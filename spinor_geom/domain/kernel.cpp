@@ -24,7 +24,7 @@ const double kLeastSine = std::sin(25.0 * kPi / 180);
 // a triangle is too large when its circumradius exceeds this times the wanted edge length (equilateral: 1.3 edges)
 constexpr double kLargestRadius = 0.75;
 // share of that radius, by the mean of the sizes at the vertices, above which the size at the centroid is computed
-constexpr double kDoubtful = 0.6;
+constexpr double kDoubtful = 0.8;
 // a boundary edge subtends at most 110 degrees at new points; 90 would leave no room beside short edges next to long ones
 const double kWidestView = std::cos((180 - 110) * kPi / 180);
 // longest inner edge between two boundary vertices, in wanted edge lengths; shorter where it cuts off one vertex
@@ -35,7 +35,7 @@ constexpr int kMoves = 2;             // more do not improve the angles
 // a point of a poor triangle is tried at eight places around it, at these multiples of the length of its edges
 constexpr std::array<double, 6> kPolishing = {0.3, 0.3, 0.15, 0.15, 0.08, 0.08};
 constexpr int kAround = 8;
-constexpr int kLongestWalk = 64;       // triangles after which a walk to a new point counts as blocked
+constexpr int kLongestWalk = 64;       // triangles after which a walk to a circumcentre counts as blocked
 constexpr double kRoomAtBoundary = 2;  // least distance of lattice points from boundary vertices, in lattice spacings
 constexpr int kSizeSamples = 100;      // points at which the largest wanted size is searched
 constexpr double kMostRows = 20000;    // of a lattice
@@ -94,12 +94,13 @@ public:
     int nearest(Point p, int count, double squared, int* number, double* distance) const {
         int found = 0;
         if (nodes_.empty()) return 0;
-        int stack[64], top = 0;
-        stack[top++] = 0;
+        std::pair<double, int> stack[64];
+        int top = 0;
+        stack[top++] = {nodes_[0].squared_distance(p), 0};
         while (top) {
-            const Node& node = nodes_[stack[--top]];
-            const double bound = found < count ? squared : distance[found - 1];
-            if (node.squared_distance(p) > bound) continue;
+            const auto [least, at] = stack[--top];
+            if (least > (found < count ? squared : distance[found - 1])) continue;
+            const Node& node = nodes_[at];
             if (node.left < 0) {
                 for (int k = node.first; k < node.last; ++k) {
                     const int i = order_[k];
@@ -117,10 +118,10 @@ public:
                     found = std::min(found + 1, count);
                 }
             } else {
-                const double left = nodes_[node.left].squared_distance(p);
-                const double right = nodes_[node.right].squared_distance(p);
-                stack[top++] = left < right ? node.right : node.left;
-                stack[top++] = left < right ? node.left : node.right;
+                const std::pair left(nodes_[node.left].squared_distance(p), node.left);
+                const std::pair right(nodes_[node.right].squared_distance(p), node.right);
+                stack[top++] = std::max(left, right);
+                stack[top++] = std::min(left, right);
             }
         }
         return found;
@@ -502,7 +503,7 @@ public:
             const Poor poor = queue_.top();
             queue_.pop();
             if (version_[poor.triangle] != poor.version || !is_poor(poor) || boundary_.too_near(poor.centre)) continue;
-            const int t = walk(poor.centre, poor.triangle);
+            const int t = walk(poor.centre, poor.triangle, kLongestWalk);
             if (t >= 0) insert(poor.centre, t, 0);
         }
         is_refining_ = false;
@@ -648,8 +649,8 @@ private:
     }
 
     // The triangle that contains p, reached on a straight walk inside the region; -1 if the walk leaves it.
-    int walk(Point p, int t) const {
-        for (int step = 0; step < kLongestWalk; ++step) {
+    int walk(Point p, int t, size_t most_steps) const {
+        for (size_t step = 0; step < most_steps; ++step) {
             int way_out = 0;
             double least = kInfinity;
             for (int k = 0; k < 3; ++k) {
@@ -665,7 +666,7 @@ private:
 
     // The triangle that contains p, or -1 if p is outside.
     int containing(Point p, int from) const {
-        const int found = walk(p, from);
+        const int found = walk(p, from, triangles_.size());
         if (found >= 0 || !boundary_.is_inside(p)) return found;
         for (int t = 0; t < static_cast<int>(triangles_.size()); ++t) {
             const auto& v = triangles_[t].vertex;
