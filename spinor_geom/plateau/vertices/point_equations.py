@@ -40,8 +40,8 @@ _MOST_DIRECTIONS = 40  # usual numbers are 3 to 10
 class _Direction(NamedTuple):
     """A direction, conjugate to others and of norm 1 in the matrix of some equations, and its product with it."""
 
-    own: Float[Array, "n 3"]
-    image: Float[Array, "n 3"]
+    own: Float[Array, "3 n"]
+    image: Float[Array, "3 n"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,8 +51,7 @@ class PointEquations:
     Equations for many paths are factored in single precision. Solutions are then corrected in double precision.
     """
 
-    by_p: Complex[Array, "k n"]  # conjugates of ∫ 2pf dz along each path for all features f
-    by_q: Complex[Array, "k n"]  # likewise of ∫ 2qf dz
+    rows: Complex[Array, "k n2"]  # conjugates of ∫ 2pf dz along each path for all features f, then of ∫ 2qf dz
     before: Int[np.ndarray, " n"]  # the path that ends where each one starts, or itself
     damping: float
     factor: Float[Array, "n3 n3"]  # of the damped Gram matrix of the 3n functions; in single precision for many paths
@@ -63,8 +62,9 @@ class PointEquations:
         cls, by_p: Complex[Array, "k n"], by_q: Complex[Array, "k n"], before: Int[np.ndarray, " n"] | None = None
     ) -> PointEquations:
         """The equations with their factor; `before` has the path that ends where each one starts, by default none."""
-        n, is_single = by_p.shape[1], by_p.shape[1] > _MANY
-        matrix = _gram_of_integrals(by_p, by_q, is_single=is_single)
+        n, xp = by_p.shape[1], namespace(by_p)
+        rows, is_single = xp.concat([by_p, by_q], axis=1), n > _MANY
+        matrix = _gram_of_integrals(xp.astype(rows, xp.complex64) if is_single else rows)
         own = np.arange(3 * n)
         mean = float(matrix[own, own].mean())
         damping = _DAMPING * mean
@@ -79,38 +79,39 @@ class PointEquations:
             if (factor := cholesky(matrix)) is not None:
                 break
         factor = definite_cholesky(matrix) if factor is None else factor
-        return cls(by_p=by_p, by_q=by_q, before=before, damping=damping, factor=factor)
+        return cls(rows=rows, before=before, damping=damping, factor=factor)
 
     def step(self, error: Float[Array, "n 3"], away: Complex[Array, "k 2"] | None) -> Complex[Array, "k 2"]:
         """The change of least norm of the read-outs that removes an error.
 
         With `away`, the difference of the read-outs from given ones, the new read-outs are the nearest to those.
         """
-        right = error if away is None else error - self._along(away)
+        right = error.mT if away is None else error.mT - self._along(away)
         change = -self._across(self._solution(right))
         return change if away is None else change - away
 
-    def _along(self, change: Complex[Array, "k 2"]) -> Float[Array, "n 3"]:
+    def _along(self, change: Complex[Array, "k 2"]) -> Float[Array, "3 n"]:
         """The changes of the integrals with the read-outs."""
-        # conjugates of the few changes instead of those of the matrices
-        (pp, pq), (qp, qq) = ((change.mT.conj() @ by).conj() for by in (self.by_p, self.by_q))
-        return namespace(change).stack([pp - qq, -1j * (pp + qq), qp + pq], axis=1).real
+        # conjugates of the few changes instead of those of the matrix
+        products = (change.mT.conj() @ self.rows).conj()
+        n = len(self.before)
+        (pp, qp), (pq, qq) = products[:, :n], products[:, n:]
+        return namespace(change).stack([(pp - qq).real, (pp + qq).imag, (pq + qp).real])
 
-    def _across(self, weights: Float[Array, "n 3"]) -> Complex[Array, "k 2"]:
+    def _across(self, weights: Float[Array, "3 n"]) -> Complex[Array, "k 2"]:
         """The adjoint of `_along`."""
-        x, y, z = weights.mT
-        xy, z = complex_of(x, y), z + 0j
-        p, q = self.by_p, self.by_q
-        return namespace(xy).stack([p @ xy + q @ z, p @ z - q @ xy.conj()], axis=1)
+        x, y, z = weights
+        xp, xy, z = namespace(x), complex_of(x, y), z + 0j
+        return self.rows @ xp.stack([xp.concat([xy, z]), xp.concat([z, -xy.conj()])], axis=1)
 
-    def _solution(self, right: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    def _solution(self, right: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
         """The solution for a right side: with a factor in single precision by conjugate directions.
 
         The few directions that this factor does not resolve are those of earlier solutions too, which are kept.
         """
-        solution, wanted = zeros(right.shape, right), _ACCURACY**2 * float(square(right).sum())
         if self.factor.dtype == right.dtype:
             return self._approximate(right)
+        solution, wanted = zeros(right.shape, right), _ACCURACY**2 * float(square(right).sum())
         for each in self.directions:
             share = (each.own * right).sum()
             solution, right = solution + share * each.own, right - share * each.image
@@ -128,26 +129,24 @@ class PointEquations:
             self.directions.append(_Direction(own=own, image=image))
         return solution
 
-    def _damped(self, weights: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    def _damped(self, weights: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
         """The product with the damping matrix, which limits the read-outs by squared errors of the paths' ends."""
-        total, n = (2 * len(weights) + 1) * weights - len(weights) * weights[self.before], len(weights)
-        total[self.before] -= n * weights
+        n = len(self.before)
+        total = (2 * n + 1) * weights - n * weights[:, self.before]
+        total[:, self.before] -= n * weights
         return self.damping * total
 
-    def _approximate(self, right: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    def _approximate(self, right: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
         """The solution with the factor, in its precision."""
         xp = namespace(right)
-        column = xp.astype(right.mT.reshape(-1, 1), self.factor.dtype)
-        return xp.astype(cholesky_solve(self.factor, column).reshape(3, -1).mT, right.dtype)
+        column = xp.astype(right.reshape(-1, 1), self.factor.dtype)
+        return xp.astype(cholesky_solve(self.factor, column).reshape(3, -1), right.dtype)
 
 
-def _gram_of_integrals(
-    by_p: Complex[Array, "k n"], by_q: Complex[Array, "k n"], *, is_single: bool
-) -> Float[Array, "n3 n3"]:
+def _gram_of_integrals(rows: Complex[Array, "k n2"]) -> Float[Array, "n3 n3"]:
     """Lower triangle of the Gram matrix of the coordinates of n integrals, all x first."""
-    n, xp = by_p.shape[1], namespace(by_p)
-    both = xp.concat([by_p, by_q], axis=1)
-    lower = gram(xp.astype(both, xp.complex64) if is_single else both)
+    n, xp = rows.shape[1] // 2, namespace(rows)
+    lower = gram(rows)
     pp, qp, qq = lower[:n, :n], lower[n:, :n], lower[n:, n:]
     matrix = zeros((3 * n, 3 * n), lower.real)
     for k in range(3):

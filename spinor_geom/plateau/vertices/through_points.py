@@ -19,18 +19,19 @@ from spinor_geom.arrays import (
     definite_cholesky,
     namespace,
     place_of,
+    shifted,
     solve_lower,
     square,
 )
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.quadrature import rule
-from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
+from spinor_geom.holomorphic.arnoldi import arnoldi_basis, arnoldi_polynomials
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features, sign_changing
 from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.plateau.steps import STALLED, Steps
 from spinor_geom.plateau.vertices.edge_features import EdgeFeatures, nodes_on_edges
 from spinor_geom.plateau.vertices.point_equations import PointEquations
-from spinor_geom.surface.formulas import null_vector, phi
+from spinor_geom.surface.formulas import phi
 
 # Gauss-Legendre nodes on each edge. The distance is measured with twice as many; if it is too large the solve is
 # repeated with them: for 1 in 25 rims cut along triangles, with 10 nodes for every third.
@@ -66,9 +67,9 @@ class OnRim:
         """Orthonormal read-outs nearest in H¹ to values at the midpoints of the edges, linear between them."""
         share = place_of(spinors).put(rule("gauss", self.sign.shape[1]).nodes)[:, None]
         edge, xp = shares(self.polygon)[:, None, None], namespace(spinors)
-        before, after = xp.roll(spinors, 1, axis=0)[:, None], xp.roll(spinors, -1, axis=0)[:, None]
-        back = xp.clip(0.5 - share, min=0) * edge * 2 / (edge + xp.roll(edge, 1, axis=0))
-        ahead = xp.clip(share - 0.5, min=0) * edge * 2 / (edge + xp.roll(edge, -1, axis=0))
+        before, after = shifted(spinors, 1, axis=0)[:, None], shifted(spinors, -1, axis=0)[:, None]
+        back = xp.clip(0.5 - share, min=0) * edge * 2 / (edge + shifted(edge, 1, axis=0))
+        ahead = xp.clip(share - 0.5, min=0) * edge * 2 / (edge + shifted(edge, -1, axis=0))
         return self.nearest((1 - back - ahead) * spinors[:, None] + back * before + ahead * after)
 
     def values(self, raw: Complex[Array, "k 2"]) -> Complex[Array, "n g 2"]:
@@ -78,7 +79,9 @@ class OnRim:
     def steps(self, spinors: Complex[Array, "n g 2"]) -> Float[Array, "n 3"]:
         """Re ∫ φ dz over each edge."""
         squares = (spinors * self.dz[..., None]).mT @ spinors
-        return null_vector(squares[:, 0, 0], squares[:, 1, 1], squares[:, 0, 1]).real
+        pp, qq, pq = squares[:, 0, 0], squares[:, 1, 1], squares[:, 0, 1]
+        # the real part of `null_vector`
+        return namespace(spinors).stack([(pp - qq).real, (pp + qq).imag, 2 * pq.real], axis=1)
 
     def changes(self, spinors: Complex[Array, "n g 2"]) -> Complex[Array, "2 n k"]:
         """∫ 2pf dz and ∫ 2qf dz over each edge for all features f."""
@@ -117,16 +120,18 @@ class Basis:
         positions = place.put(np.concatenate([each.positions for each in poles]))
         scales = place.put(np.concatenate([each.scales for each in poles]))
         gauss = place.put(rule("gauss", nodes).weights)
-        weight = shares(outer)[:, None] * gauss
-        hessenberg = arnoldi_hessenberg(
-            nodes_on_edges(outer, nodes).reshape(-1), weight.reshape(-1), min(DEGREE, max(2, len(outer) // 2))
-        )
+        weight, degree = shares(outer)[:, None] * gauss, min(DEGREE, max(2, len(outer) // 2))
+        hessenberg, values = arnoldi_basis(nodes_on_edges(outer, nodes).reshape(-1), weight.reshape(-1), degree)
+        polynomials = [
+            values.reshape(len(outer), nodes, -1),
+            *(arnoldi_polynomials(nodes_on_edges(polygon, nodes), hessenberg) for polygon in polygons[1:]),
+        ]
         # polynomials count as features of the outer rim
         ends = [0, *(len(hessenberg) + np.cumsum([len(each.positions) for each in poles])).tolist()]
         rims = []
         for number, polygon in enumerate(polygons):
             require_time()  # for thousands of points each product takes seconds
-            features = EdgeFeatures.on(polygon, nodes, hessenberg, positions, scales)
+            features = EdgeFeatures.on(polygon, polynomials[number], positions, scales)
             require_time()
             own = slice(*ends[number : number + 2])
             matrix = features.gram(_norm_of_edge(nodes, place) + 0j, shares(polygon), own)
@@ -136,7 +141,7 @@ class Basis:
             rims.append(
                 OnRim(
                     polygon=polygon,
-                    dz=(xp.roll(polygon, -1) - polygon)[:, None] * gauss,
+                    dz=(shifted(polygon, -1) - polygon)[:, None] * gauss,
                     sign=sign_changing(nodes_on_edges(polygon, nodes), branches),
                     features=features,
                     own=own,
@@ -220,7 +225,7 @@ class Passing:
         """Differences of Re ∫ φ dz over each edge from its vector, then those between the starts of two rims."""
         xp = namespace(self.raw)
         edges = [
-            step - (xp.roll(points, -1, axis=0) - points) for step, points in zip(self._steps, self.points, strict=True)
+            step - (shifted(points, -1, axis=0) - points) for step, points in zip(self._steps, self.points, strict=True)
         ]
         first, *others = self._starts
         return xp.concat([*edges, *((other - first)[None] for other in others)])
@@ -335,5 +340,5 @@ def _updated(step: Complex[Array, "k 2"], taken: Sequence[Complex[Array, "k 2"]]
 
 def shares(polygon: Complex[Array, " n"]) -> Float[Array, " n"]:
     """Lengths of a polygon's edges over its perimeter."""
-    edge = abs(namespace(polygon).roll(polygon, -1) - polygon)
+    edge = abs(shifted(polygon, -1) - polygon)
     return edge / edge.sum()
