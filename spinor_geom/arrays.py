@@ -236,7 +236,7 @@ def gram(rows: Inexact[Array, "m k"]) -> Inexact[Array, "k k"]:
     from scipy.linalg.blas import cherk, dsyrk, ssyrk, zherk
 
     array = to_numpy(rows)
-    product = {"f": ssyrk, "d": dsyrk, "F": cherk, "D": zherk}[array.dtype.char]
+    product: Any = {"f": ssyrk, "d": dsyrk, "F": cherk, "D": zherk}[array.dtype.char]
     # BLAS computes one triangle only: the upper one by columns, which is the lower one by rows
     by_columns = not array.flags.c_contiguous and array.flags.f_contiguous
     lower = product(1.0, array, trans=1 if is_real(array) else 2, lower=1) if by_columns else product(1.0, array.T).T

@@ -36,8 +36,8 @@ from spinor_geom.surface.formulas import phi
 # Gauss-Legendre nodes on each edge. The distance is measured with twice as many; if it is too large the solve is
 # repeated with them: for 1 in 25 rims cut along triangles, with 10 nodes for every third.
 NODES = 14
-# Step lengths to try after a new linearisation. Without the last one three of sixty rims cut along triangles keep a
-# residual of 1e-3 of an edge; shorter steps improve none.
+# Step lengths to try. Without the last one three of sixty rims cut along triangles keep a residual of 1e-3 of an edge;
+# shorter steps improve none. With an old linearisation they are much cheaper than a new one on long rims.
 _LENGTHS = (1.0, 0.5, 0.25)
 # A linearisation costs as much as one step for every 30 points. One slow step, which does not halve the distance, is
 # taken for every 100 points before the next linearisation. For short rims, where linearisations cost little, they lead
@@ -303,7 +303,7 @@ def nearest_through(
         step = linear.step(here.error, readout - start if fresh else None)
         if slow:
             step = _updated(step, taken)
-        for length in _LENGTHS if fresh else _LENGTHS[:1]:
+        for length in _LENGTHS:
             there = here.at(readout + length * step)
             if there.distance < here.distance:
                 break
