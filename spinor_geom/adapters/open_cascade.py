@@ -7,14 +7,14 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.errors import CadFileError, OptionError, require
 from spinor_geom.files import atomic_path
-from spinor_geom.mesh.joined_splines import RationalSpline
+from spinor_geom.mesh.rational_splines import NurbsCurve, NurbsPatch
 
 Unit = Literal["mm", "cm", "m", "in"]
 _MILLIMETRES: dict[Unit, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
@@ -23,26 +23,6 @@ CAD_SUFFIXES = (*STEP, *IGES, *BREP)
 # Open CASCADE takes points at most 1e-7 apart as equal, whatever the unit; edges must be much longer
 _LEAST_EDGE = 1e-4
 _NETS = "Array2_gp_Pnt", "Array2_double"  # of points and weights
-
-
-class SplinePatch(Protocol):
-    """A rational B-spline surface on the unit square."""
-
-    @property
-    def control_points(self) -> Float[np.ndarray, "n m 3"]:
-        """In rows of the first parameter."""
-
-    @property
-    def weights(self) -> Float[np.ndarray, "n m"]:
-        """Of the control points, positive."""
-
-    @property
-    def degrees(self) -> tuple[int, int]:
-        """Of both parameters."""
-
-    @property
-    def knots(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " l"]]:
-        """Of both parameters, from 0 to 1, each repeated as often as it counts."""
 
 
 def is_cad_file(what: Any) -> bool:
@@ -60,20 +40,11 @@ def require_cad_suffix(path: str | os.PathLike[str]) -> str:
     return suffix
 
 
-def sewn_shell(patches: Iterable[SplinePatch], *, unit: Unit = "mm") -> Any:
-    """The patches as faces of one shell, sewn along equal sides.
+def sewn_shell(patches: Iterable[NurbsPatch], *, unit: Unit = "mm") -> Any:
+    """A `TopoDS_Shape` in millimetres, the shell of patches that are sewn along equal sides; `unit` is theirs.
 
-    Args:
-        patches: neighbours have equal control points along the side that they share.
-        unit: of the control points. Open CASCADE counts in millimetres.
-
-    Returns:
-        A `TopoDS_Shape` that is a shell, in millimetres.
-
-    Raises:
-        OptionError: an unknown unit.
-        CadFileError: sides are too short for Open CASCADE, or the patches do not form one shell.
-        MissingPackageError: OCP is not installed.
+    Raises an OptionError for an unknown unit, a CadFileError if sides are too short for Open CASCADE or the patches do
+    not form one shell, and a MissingPackageError if OCP is not installed.
     """
     require("OCP", extra="cad")
     from OCP.BRep import BRep_Builder
@@ -106,15 +77,15 @@ def sewn_shell(patches: Iterable[SplinePatch], *, unit: Unit = "mm") -> Any:
     return shell
 
 
-def spline_edge(spline: RationalSpline) -> Any:
+def spline_edge(spline: NurbsCurve) -> Any:
     """A `TopoDS_Edge` of a spline in millimetres."""
     require("OCP", extra="cad")
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
     from OCP.Geom import Geom_BSplineCurve
     from OCP.gp import gp_Pnt
 
-    poles = _array_type("Array1_gp_Pnt")(1, len(spline.poles))
-    for i, point in enumerate(spline.poles.tolist(), 1):
+    poles = _array_type("Array1_gp_Pnt")(1, len(spline.control_points))
+    for i, point in enumerate(spline.control_points.tolist(), 1):
         poles.SetValue(i, gp_Pnt(*point))
     values, counts = np.unique(spline.knots, return_counts=True)
     weights, knots = _array("Array1_double", spline.weights), _array("Array1_double", values)
@@ -123,17 +94,10 @@ def spline_edge(spline: RationalSpline) -> Any:
 
 
 def write_shape(shape: Any, path: str | os.PathLike[str], *, name: str = "minimal surface") -> None:
-    """Writes a shape to a STEP, IGES or BREP file, completely or not at all; the suffix selects the format.
+    """Writes a `TopoDS_Shape` in millimetres to a STEP, IGES or BREP file, completely or not at all.
 
-    Args:
-        shape: a `TopoDS_Shape`, in millimetres.
-        path: ends with .step, .stp, .igs, .iges or .brep.
-        name: of the part in a STEP file.
-
-    Raises:
-        CadFileError: an unknown suffix, or the shape cannot be translated.
-        OSError: the file cannot be written.
-        MissingPackageError: OCP is not installed.
+    The suffix selects the format; `name` is that of the part in a STEP file. Raises a CadFileError for an unknown
+    suffix or a shape that cannot be translated, a MissingPackageError without OCP, and an OSError.
     """
     suffix = require_cad_suffix(path)
     write: Callable[[Any, str], bool]
@@ -151,9 +115,8 @@ def write_shape(shape: Any, path: str | os.PathLike[str], *, name: str = "minima
 def read_shape(path: str | os.PathLike[str]) -> Any:
     """The shape of a STEP, IGES or BREP file, a `TopoDS_Shape` in millimetres.
 
-    Raises:
-        CadFileError: an unknown suffix, a missing or malformed file, or one without shapes.
-        MissingPackageError: OCP is not installed.
+    Raises a CadFileError for an unknown suffix, a missing or malformed file, or one without shapes, and a
+    MissingPackageError without OCP.
     """
     suffix = require_cad_suffix(path)
     if not Path(path).is_file():
@@ -240,7 +203,7 @@ def _shortest_side(points: Float[np.ndarray, "n m 3"]) -> float:
     return min(float(np.linalg.norm(np.diff(side, axis=0), axis=1).sum()) for side in sides)
 
 
-def _spline_surface(patch: SplinePatch, points: Float[np.ndarray, "n m 3"]) -> Any:
+def _spline_surface(patch: NurbsPatch, points: Float[np.ndarray, "n m 3"]) -> Any:
     """A `Geom_BSplineSurface`."""
     from OCP.Geom import Geom_BSplineSurface
     from OCP.gp import gp_Pnt

@@ -20,7 +20,7 @@ from spinor_geom.adapters.open_cascade import read_shape, spline_edge, write_sha
 from spinor_geom.bench.cases import Case
 from spinor_geom.bench.machine import Record
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
-from spinor_geom.mesh.joined_splines import RationalSpline
+from spinor_geom.mesh.rational_splines import NurbsCurve
 from spinor_geom.plateau.solve import solve_plateau
 
 FRAMES = ("enneper-0.8", "tennis-seam", "twisted-circle", "schwarz-d-quad", "schwarz-d-hexagon", "plane-l")
@@ -74,10 +74,10 @@ def frame_edges(case: Case) -> list[Any]:
     corners = loop.points[loop.corners]
     line = np.array([0.0, 0.0, 1.0, 1.0])
     sides = pairwise([*corners, corners[0]])
-    return [spline_edge(RationalSpline(knots=line, poles=np.array(ends), weights=np.ones(2))) for ends in sides]
+    return [spline_edge(NurbsCurve(control_points=np.array(ends), weights=np.ones(2), knots=line)) for ends in sides]
 
 
-def trigonometric_arcs(points: Float[np.ndarray, "n 3"]) -> list[RationalSpline]:
+def trigonometric_arcs(points: Float[np.ndarray, "n 3"]) -> list[NurbsCurve]:
     """The trigonometric polynomial of degree 3 through points at equal steps, as rational Bézier curves of degree 6.
 
     With t = t₀ + 2 atan u, the products of (1 + u²)³ and the curve are polynomials of degree 6 in u.
@@ -93,9 +93,8 @@ def trigonometric_arcs(points: Float[np.ndarray, "n 3"]) -> list[RationalSpline]
     for middle in 2 * np.pi * (np.arange(_ARCS) + 0.5) / _ARCS:
         waves = np.exp(1j * np.arange(_DEGREE + 1) * (middle + 2 * np.arctan(u))[:, None])
         values = (1 + u**2)[:, None] ** _DEGREE * (waves @ series).real
-        arcs.append(
-            RationalSpline(knots=knots, poles=np.linalg.solve(bernstein, values) / weights[:, None], weights=weights)
-        )
+        points = np.linalg.solve(bernstein, values) / weights[:, None]
+        arcs.append(NurbsCurve(control_points=points, weights=weights, knots=knots))
     return arcs
 
 

@@ -171,11 +171,7 @@ def case_name(task: Task) -> str:
 
 
 def chosen_tasks(settings: Settings) -> list[Task]:
-    """All tasks of a run, sorted by method.
-
-    Raises:
-        OptionError: A suite, case, method or folder does not exist, or no task is left.
-    """
+    """All tasks of a run, sorted by method; an OptionError names a suite, case, method or folder that is unknown."""
     if settings.data is not None and not settings.data.is_dir():
         raise OptionError(f"{settings.data}: is not a folder; name one that holds mesh files")
     for kind, names, known in (("suite", settings.suites, tuple(SUITES)), ("method", settings.methods, METHODS)):
@@ -205,10 +201,8 @@ def measure(
 ) -> Run:
     """Runs all tasks whose records are not yet in the folder.
 
-    `on_record` is called after each task, with the numbers of finished tasks and of all.
-
-    Raises:
-        OptionError: See `chosen_tasks`; or the folder holds a run on another machine or with other package versions.
+    `on_record` is called after each task, with the numbers of finished tasks and of all. Raises an OptionError as
+    `chosen_tasks`, or if the folder holds a run on another machine or with other package versions.
     """
     place, tasks = Path(folder), chosen_tasks(settings)
     place.mkdir(parents=True, exist_ok=True)

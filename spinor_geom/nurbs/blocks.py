@@ -40,25 +40,19 @@ class Blocks:
 
     The first ones form rings along the boundaries, in order. The side from the first to the second corner of such a
     quadrilateral is a part of ∂Ω. All other sides are straight.
-
-    Attributes:
-        points: the corners of all quadrilaterals.
-        quads: indices of the corners of each.
-        parts: parameters, as in `Rim`, of both ends of each side on ∂Ω, increasing; the last may exceed 1.
-        sizes: numbers of quadrilaterals along each boundary.
     """
 
-    points: Complex[np.ndarray, " n"]
-    quads: Int[np.ndarray, "q 4"]
+    points: Complex[np.ndarray, " n"]  # the corners of all quadrilaterals
+    quads: Int[np.ndarray, "q 4"]  # indices of the corners of each
+    # parameters, as in `Rim`, of both ends of each side on ∂Ω, increasing; the last may exceed 1
     parts: Float[np.ndarray, "r 2"]
-    sizes: tuple[int, ...]
+    sizes: tuple[int, ...]  # numbers of quadrilaterals along each boundary
 
     @classmethod
     def of(cls, domain: PlaneDomain, rims: Sequence[Rim]) -> Blocks:
         """Quadrilaterals with corners at all corners of ∂Ω, whose sides on ∂Ω are halved until none is folded.
 
-        Raises:
-            DomainError: Ω is too narrow somewhere, or the boundary of the surface runs back and forth along Γ.
+        Raises a DomainError if Ω is too narrow somewhere, or the boundary of the surface runs back and forth along Γ.
         """
         rings = [_Ring.along(domain, rim) for rim in rims]
         for _ in range(_ROUNDS):
@@ -89,13 +83,9 @@ class Blocks:
     def grid(
         self, quad: int, u: Float[np.ndarray, " n"], v: Float[np.ndarray, " m"], first: Complex[np.ndarray, " n"] | None
     ) -> Complex[np.ndarray, "n m"]:
-        """Points of a quadrilateral at all pairs of parameters in [0, 1].
+        """Points of a quadrilateral at all pairs of parameters in [0, 1]: u along its first side, v away from it.
 
-        Args:
-            quad: its number.
-            u: along its first side.
-            v: away from it.
-            first: points of its first side at u; None for a straight one.
+        `first` has the points of its first side at u; None for a straight one.
         """
         a, b, c, d = self.points[self.quads[quad]]
         side = a + u * (b - a) if first is None else first

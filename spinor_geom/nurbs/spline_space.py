@@ -15,15 +15,10 @@ _ROUNDS, _SAMPLES = 6, 24
 
 @dataclass(frozen=True, eq=False)
 class SplineSpace:
-    """Splines of degree d with simple inner knots, d − 1 times continuously differentiable.
-
-    Attributes:
-        degree: d.
-        breaks: the knots from 0 to 1, each once.
-    """
+    """Splines of degree d with simple inner knots, d − 1 times continuously differentiable."""
 
     degree: int
-    breaks: tuple[float, ...]
+    breaks: tuple[float, ...]  # the knots from 0 to 1, each once
 
     @classmethod
     @lru_cache(maxsize=256)
