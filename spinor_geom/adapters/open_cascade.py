@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -22,6 +22,7 @@ STEP, IGES, BREP = (".step", ".stp"), (".igs", ".iges"), (".brep",)
 CAD_SUFFIXES = (*STEP, *IGES, *BREP)
 # Open CASCADE takes points at most 1e-7 apart as equal, whatever the unit; edges must be much longer
 _LEAST_EDGE = 1e-4
+_PRODUCT_NAME = "write.step.product.name"
 _NETS = "Array2_gp_Pnt", "Array2_double"  # of points and weights
 
 
@@ -100,15 +101,22 @@ def write_shape(shape: Any, path: str | os.PathLike[str], *, name: str = "minima
     suffix or a shape that cannot be translated, a MissingPackageError without OCP, and an OSError.
     """
     suffix = require_cad_suffix(path)
-    write: Callable[[Any, str], bool]
-    if suffix in STEP:
-        write = _write_step
-    elif suffix in IGES:
-        write = _write_iges
-    else:
-        write = _write_brep
-    with atomic_path(path) as temporary, _parameters({"write.step.product.name": name}), _silent():
-        if not write(shape, str(temporary)):
+    from OCP.BRepTools import BRepTools
+    from OCP.IFSelect import IFSelect_RetDone
+    from OCP.IGESControl import IGESControl_Writer
+    from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
+
+    with atomic_path(path) as temporary, _product_name(name), _silent():
+        target = str(temporary)
+        if suffix in STEP:
+            step = STEPControl_Writer()
+            done = step.Transfer(shape, STEPControl_AsIs) == IFSelect_RetDone and step.Write(target) == IFSelect_RetDone
+        elif suffix in IGES:
+            iges = IGESControl_Writer("MM", 1)  # 1: shells and faces as such, not as loose trimmed surfaces
+            done = iges.AddShape(shape) and iges.Write(target)
+        else:
+            done = BRepTools.Write_s(shape, target)
+        if not done:
             raise CadFileError(f"{os.fspath(path)}: Open CASCADE cannot write the shape")
 
 
@@ -143,42 +151,19 @@ def read_shape(path: str | os.PathLike[str]) -> Any:
     return shape
 
 
-def _write_step(shape: Any, path: str) -> bool:
-    from OCP.IFSelect import IFSelect_RetDone
-    from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
-
-    writer = STEPControl_Writer()
-    return bool(writer.Transfer(shape, STEPControl_AsIs) == IFSelect_RetDone and writer.Write(path) == IFSelect_RetDone)
-
-
-def _write_iges(shape: Any, path: str) -> bool:
-    from OCP.IGESControl import IGESControl_Writer
-
-    writer = IGESControl_Writer("MM", 1)  # 1: shells and faces as such, not as loose trimmed surfaces
-    return bool(writer.AddShape(shape) and writer.Write(path))
-
-
-def _write_brep(shape: Any, path: str) -> bool:
-    from OCP.BRepTools import BRepTools
-
-    return bool(BRepTools.Write_s(shape, path))
-
-
 @contextmanager
-def _parameters(values: dict[str, str]) -> Iterator[None]:
-    """Sets parameters of Open CASCADE's writers, which are global, while the context is open."""
+def _product_name(name: str) -> Iterator[None]:
+    """Sets the name of the part in STEP files, a global parameter of Open CASCADE, while the context is open."""
     from OCP.Interface import Interface_Static
     from OCP.STEPControl import STEPControl_Controller
 
-    STEPControl_Controller.Init_s()  # defines the parameters
-    before = {name: Interface_Static.CVal_s(name) for name in values}
+    STEPControl_Controller.Init_s()  # defines the parameter
+    before = Interface_Static.CVal_s(_PRODUCT_NAME)
+    Interface_Static.SetCVal_s(_PRODUCT_NAME, name)
     try:
-        for name, value in values.items():
-            Interface_Static.SetCVal_s(name, value)
         yield
     finally:
-        for name, value in before.items():
-            Interface_Static.SetCVal_s(name, value)
+        Interface_Static.SetCVal_s(_PRODUCT_NAME, before)
 
 
 @contextmanager
