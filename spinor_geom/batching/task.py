@@ -37,7 +37,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.triangle_mesh import TriangleMesh, require_faces
 from spinor_geom.plateau.solution import PlateauSolution
 
-OUTLINE_POINTS = 48  # of a failed loop in a record: enough for a thumbnail
+OUTLINE_POINTS = 48  # of a loop in a record: enough for a thumbnail
 LONGEST_LABEL = 60  # characters of a loop's name in the name of a file
 
 
@@ -164,8 +164,7 @@ class FileTask:
             **figures,
             "comparison": None,
             "files": {},
-            # the summary draws failed loops, which have no files, from here
-            "outline": [[float(f"{x:.6g}") for x in p] for p in outline.tolist()] if status == "failed" else None,
+            "outline": [[float(f"{x:.6g}") for x in p] for p in outline.tolist()],  # for the page
         }
 
     def _entry(
@@ -178,7 +177,8 @@ class FileTask:
             "corners": int(loop.corners.sum()),
             "route": None if solution is None else solution.route,
         }
-        entry = self._with_figures(figures, name, origin, _status(outcome, strict=self._options.strict), loop.points)
+        status, closed = _status(outcome, strict=self._options.strict), np.vstack([loop.points, loop.points[:1]])
+        entry = self._with_figures(figures, name, origin, status, closed)
         if patch is None:
             return entry
         self._add_file(entry, "patch", self._format, partial(_write, _patch_contents(contents, patch)))
