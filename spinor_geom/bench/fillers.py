@@ -99,7 +99,7 @@ def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
     # if all loops are rims, none is selected: `fill_hole` then leaves borders of sheets open, as by default
     some = {} if len(hole.rim_indices) == len(hole.loops) else {"loop": hole.rim_indices}
     options: dict[str, Any] = {"bridge": hole.rim_indices} if hole.facing else some
-    options |= {"islands": "join", "continuity": continuity, "return_report": True}
+    options |= {"target_edge_length": hole.edge_length or "auto", "islands": "join", "continuity": continuity}
 
     def convert(result: Any) -> Filled:
         mesh, report = result
@@ -123,7 +123,7 @@ def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
             },
         )
 
-    return lambda: fill_hole((hole.vertices, hole.faces), **options), convert
+    return lambda: fill_hole((hole.vertices, hole.faces), **options, return_report=True), convert
 
 
 def _meshlab(hole: Hole, *, refine: bool, smooth: bool = False) -> Prepared:

@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.adapters import read_mesh
 from spinor_geom.bench.cases import known_case, points_limit
 from spinor_geom.bench.cut_outs import CutOut, named_cut_out
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
 from spinor_geom.bench.frames import FRAME_METHODS, frame_edges, frame_figures
-from spinor_geom.bench.holes import Hole, all_rims, hole_over
+from spinor_geom.bench.holes import Hole, hole_of_file, hole_over
 from spinor_geom.bench.machine import Record, Task
 from spinor_geom.bench.measured import cut_out_figures, disk_figures, hole_figures, save_views, solve_figures
 from spinor_geom.bench.odd_holes import odd_holes
@@ -116,11 +115,6 @@ def _known_hole(task: Task) -> Hole:
     return hole_over(task["case"], case.loop(task["n"]), case.area)
 
 
-def _mesh_file(task: Task) -> Hole:
-    mesh = read_mesh(task["case"]).mesh
-    return all_rims(Path(task["case"]).name, mesh.vertices, mesh.faces)
-
-
 def _cut_out(task: Task) -> CutOut:
     return named_cut_out(task["case"], None if task["data"] is None else Path(task["data"]))
 
@@ -129,7 +123,7 @@ _HOLES: Mapping[str, Callable[[Task], Hole]] = {
     "fills": _known_hole,
     "odd": lambda task: odd_holes()[task["case"]],
     "cut-outs": lambda task: _cut_out(task).hole,
-    "meshes": _mesh_file,
+    "meshes": lambda task: hole_of_file(task["case"]),
     "ragged": lambda task: ragged_hole(task["case"]),
     "reports": lambda task: reported_holes()[task["case"]],
 }
