@@ -167,7 +167,7 @@ def prepared(request: str, file: str) -> tuple[Callable[[], Any], Callable[[Any]
     counts, length, before = mesh.pop("triangles", None), mesh.pop("edge_length", None), len(mesh["faces"])
     hole = Hole(name=file, **mesh)
     if request in (PEER, EQUAL):
-        fill, convert = FILLERS[PEER].prepare(replace(hole, triangles=counts if request == EQUAL else None))
+        fill, convert = FILLERS[PEER].call(replace(hole, triangles=counts if request == EQUAL else None))
         return fill, lambda result: len(convert(result).faces) - before
     options: dict[str, Any] = {"return_report": True}
     if len(hole.rim_indices) < len(hole.loops):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -18,6 +17,7 @@ from spinor_geom.adapters import to_rims
 from spinor_geom.adapters.cad_edges import parts_of, used_once
 from spinor_geom.adapters.open_cascade import read_shape, spline_edge, write_shape
 from spinor_geom.bench.cases import Case
+from spinor_geom.bench.fillers import Tool
 from spinor_geom.bench.machine import Record
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.rational_splines import NurbsCurve
@@ -29,15 +29,6 @@ CAD = "spinor-cad"  # our method
 _DEGREE, _ARCS = 3, 4  # of the trigonometric polynomials, and the edges of each
 _RIM_SAMPLES = 100  # of each edge
 _AREA_ERROR = 1e-12  # relative, of Open CASCADE's quadrature
-
-
-@dataclass(frozen=True)
-class FrameMethod:
-    """Spans the edges of a frame: its package, a description of its options, and the function that makes the shape."""
-
-    package: str
-    options: str
-    span: Callable[[Sequence[Any]], Any]
 
 
 def _solved(edges: Sequence[Any]) -> Any:
@@ -57,10 +48,10 @@ def _filled(options: Mapping[str, float], edges: Sequence[Any]) -> Any:
 
 
 _FINE = {"Degree": 5, "NbPtsOnCur": 40, "NbIter": 5, "MaxDeg": 14, "MaxSegments": 30, "Tol3d": 1e-6}
-FRAME_METHODS: Mapping[str, FrameMethod] = {
-    CAD: FrameMethod("spinor_geom", "solve_plateau(edges, tolerance=1e-6), to_nurbs with its defaults", _solved),
-    "occ-filling": FrameMethod("OCP", "BRepOffsetAPI_MakeFilling with its defaults", partial(_filled, {})),
-    "occ-filling-fine": FrameMethod(
+FRAME_METHODS: Mapping[str, Tool[Callable[[Sequence[Any]], Any]]] = {
+    CAD: Tool("spinor_geom", "solve_plateau(edges, tolerance=1e-6), to_nurbs with its defaults", _solved),
+    "occ-filling": Tool("OCP", "BRepOffsetAPI_MakeFilling with its defaults", partial(_filled, {})),
+    "occ-filling-fine": Tool(
         "OCP", f"the same with {', '.join(f'{k}={v:g}' for k, v in _FINE.items())}", partial(_filled, _FINE)
     ),
 }

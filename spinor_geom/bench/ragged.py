@@ -110,7 +110,8 @@ def ragged_hole(name: str) -> Hole:
     """A hole by its name in `NOISY` or in `CUT`."""
     if name not in NOISY:
         return replace(_cut_rims()[CUT.index(name)], name=name)
-    return wavy_rim(name, *reversed(NOISY[name]))
+    noise, points = NOISY[name]
+    return wavy_rim(name, points, noise)
 
 
 def wavy_rim(name: str, points: int, noise: float = 0.0) -> Hole:

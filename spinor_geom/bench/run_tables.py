@@ -11,12 +11,11 @@ from textwrap import shorten
 
 import numpy as np
 
-from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, SMOOTH
-from spinor_geom.bench.frames import FRAME_METHODS
+from spinor_geom.bench.fillers import FILLERS, SMOOTH
 from spinor_geom.bench.machine import Record, is_older, machine_text
 from spinor_geom.bench.measured import DISTANCE, REMOVED
 from spinor_geom.bench.promises import Promise, is_whole, names, promises
-from spinor_geom.bench.runner import VIEWS, Run
+from spinor_geom.bench.runner import METHODS, VIEWS, Run
 from spinor_geom.files import write_text
 from spinor_geom.render.page import Views, cell, document
 from spinor_geom.render.scene import Faces, Scale, Scene
@@ -254,7 +253,5 @@ def trouble_table(records: Sequence[Record]) -> Table:
 
 def option_table() -> Table:
     """The options of every method and tool."""
-    rows = [(name, "spinor_geom", method.options) for name, method in LOOP_METHODS.items()]
-    rows += [(name, filler.package, filler.options) for name, filler in FILLERS.items()]
-    rows += [(name, method.package, method.options) for name, method in FRAME_METHODS.items()]
+    rows = [(name, tool.package, tool.options) for name, tool in METHODS.items()]
     return Table(title="Methods and tools", columns=("name", "package", "options"), rows=rows)

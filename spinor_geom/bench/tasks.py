@@ -22,6 +22,7 @@ from spinor_geom.bench.measured import cut_out_figures, disk_figures, hole_figur
 from spinor_geom.bench.odd_holes import odd_holes
 from spinor_geom.bench.promises import LEAST_POINTS
 from spinor_geom.bench.ragged import ragged_hole, reported_holes
+from spinor_geom.bench.runner import METHODS
 from spinor_geom.bench.solves import solves
 from spinor_geom.bench.starts import start_figures
 from spinor_geom.errors import SpinorGeomError
@@ -38,8 +39,7 @@ def run(task: Task) -> Record:
     gc.freeze()  # later collections skip what is imported and cached by now
     forget_peak_memory()
     measure = _fill if task["method"] in FILLERS else _MEASURES.get(task["suite"], _solve)
-    tool = FILLERS.get(task["method"]) or FRAME_METHODS.get(task["method"])
-    package = "spinor_geom" if tool is None else tool.package
+    package = METHODS[task["method"]].package
     try:
         importlib.import_module(package)
         return {"status": "done", **measure(task)}
@@ -71,9 +71,9 @@ def _solve(task: Task) -> Record:
 
 
 def _disk(task: Task) -> Record:
-    case, method = known_case(task["case"]), LOOP_METHODS[task["method"]]
+    case = known_case(task["case"])
     loop = case.loop(task["n"])
-    timed, (surface, mesh) = _timed(lambda: (partial(method.span, loop), _same), task["repeat"])
+    timed, (surface, mesh) = _timed(lambda: (partial(LOOP_METHODS[task["method"]].call, loop), _same), task["repeat"])
     figures = disk_figures(surface, mesh, loop, case)
     if task["method"] == "spinor" and case.kind == "smooth" and task["n"] >= LEAST_POINTS:
         figures["limit_error"] = points_limit(case, task["n"])
@@ -83,7 +83,7 @@ def _disk(task: Task) -> Record:
 def _frame(task: Task) -> Record:
     case = known_case(task["case"])
     edges = frame_edges(case)
-    timed, shape = _timed(lambda: (partial(FRAME_METHODS[task["method"]].span, edges), _same), task["repeat"])
+    timed, shape = _timed(lambda: (partial(FRAME_METHODS[task["method"]].call, edges), _same), task["repeat"])
     return {**timed, **frame_figures(shape, edges, case)}
 
 
@@ -97,7 +97,7 @@ _MEASURES: Mapping[str, Callable[[Task], Record]] = {
 
 def _fill(task: Task) -> Record:
     hole = _HOLES[task["suite"]](task)
-    timed, filled = _timed(lambda: FILLERS[task["method"]].prepare(hole), task["repeat"])
+    timed, filled = _timed(lambda: FILLERS[task["method"]].call(hole), task["repeat"])
     if task["suite"] == "cut-outs":
         figures = cut_out_figures(filled, _cut_out(task))
         if task["view"]:

@@ -17,6 +17,7 @@ from spinor_geom.gradients.area import as_given
 from spinor_geom.gradients.curve_chain import by_points
 from spinor_geom.gradients.jacobi import JacobiFields
 from spinor_geom.gradients.minimal_area import Corners, as_rims, require_first_order, solved
+from spinor_geom.gradients.rim_nodes import RimNodes
 from spinor_geom.gradients.slide_adjoint import SlideAdjoint
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.options import Model
@@ -178,7 +179,7 @@ class _Positions(torch.autograd.Function):
 def normal_fields(solution: PlateauSolution, z: Complex[np.ndarray, " v"]) -> SlideAdjoint | JacobiFields:
     """Normal displacements at points inside Ω: by `SlideAdjoint` if ∂Ω consists of circles, else by least squares."""
     on_circles = solution.route in ("disk", "annulus", "circles")
-    return SlideAdjoint(solution=solution, z=z) if on_circles else JacobiFields(solution=solution, z=z)
+    return (SlideAdjoint if on_circles else JacobiFields)(solution=solution, z=z, rims=RimNodes.all_of(solution))
 
 
 def position_gradient(
