@@ -123,10 +123,7 @@ class _PageContent:
 
 
 def _page(content: _PageContent, settings: dict[str, Any]) -> str:
-    body = [
-        "<h1>spinor-geom batch</h1>",
-        f"<p>All loops: <a href={TABLE}>{TABLE}</a>.</p>",
-    ]
+    body = ["<h1>spinor-geom batch</h1>", f"<p>All loops: <a href={TABLE}>{TABLE}</a>.</p>"]
     for title, columns, rows in (
         ("Files", ("status", "files"), content.files.items()),
         ("Loops", ("status", "loops"), content.loops.items()),

@@ -100,9 +100,7 @@ class _Ring:
     marks: Float[np.ndarray, " k"]  # parameters of their corners, increasing
     outer: Complex[np.ndarray, " k"]  # the corners on ∂Ω
     depth: Float[np.ndarray, " k"]  # distances of the inner corners from the outer ones
-    inwards: Complex[
-        np.ndarray, " k"
-    ]  # unit vectors from outer to inner corners, along the bisectors of the angles of ∂Ω
+    inwards: Complex[np.ndarray, " k"]  # unit vectors from outer to inner corners, bisectors of the angles of ∂Ω
     fixed: Bool[np.ndarray, " k"]  # which marks are corners of ∂Ω
 
     def __len__(self) -> int:

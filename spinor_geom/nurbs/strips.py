@@ -215,11 +215,8 @@ class _Sampled:
         to_low = high.basis(low.nodes) @ high.interpolation
         back = low.basis(high.nodes) @ low.interpolation @ to_low - np.eye(high.dimension)
         lost = max(
-            max(
-                np.abs(np.tensordot(back, values, axes=1)).max(),
-                np.abs(back @ values).max(),
-            )
-            for values in (each.at_nodes for each in self.values.values())
+            max(np.abs(np.tensordot(back, each.at_nodes, axes=1)).max(), np.abs(back @ each.at_nodes).max())
+            for each in self.values.values()
         )
         return float(lost) + self.error
 
