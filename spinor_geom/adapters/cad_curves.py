@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from spinor_geom.adapters.cad_edges import CadEdge, EdgeKind, boundary_edges
@@ -18,6 +16,7 @@ from spinor_geom.errors import BranchingEdgesError, NoEdgesError, OpenWireError
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.mesh.joined_splines import JoinedSplines
 from spinor_geom.mesh.rational_splines import NurbsCurve
+from spinor_geom.mesh.topology import linked
 
 # Ends of edges at most this far apart are joined, relative to the diagonal of the bounding box of all edges.
 CLOSING = 1e-6
@@ -85,8 +84,7 @@ def _nodes(ends: Float[np.ndarray, "n 3"], near: Float[np.ndarray, " n"]) -> Int
     """Numbers, from 0, of the places where ends meet."""
     pairs = cKDTree(ends).query_pairs(float(near.max()), output_type="ndarray")
     pairs = pairs[np.linalg.norm(ends[pairs[:, 0]] - ends[pairs[:, 1]], axis=1) <= near[pairs].max(axis=1)]
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(ends), len(ends)))
-    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+    return linked(pairs, len(ends))
 
 
 def _require_cycles(

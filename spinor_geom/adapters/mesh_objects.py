@@ -14,9 +14,9 @@ from spinor_geom.adapters.vertex_data import (
     append_rows,
     most_frequent_row,
     triangles_of,
+    unit_vectors,
 )
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.operators import face_normals
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
 
 if TYPE_CHECKING:
@@ -53,7 +53,8 @@ class Open3DAdapter:
         made = self._copy(obj, vertices, np.concatenate([np.asarray(obj.triangles), extension.faces]), attributes)
         count = len(extension.faces)
         if obj.has_triangle_normals():
-            normals = face_normals(vertices, extension.faces)
+            a, b, c = np.moveaxis(vertices[extension.faces], 1, 0)
+            normals = unit_vectors(np.cross(b - a, c - a))
             made.triangle_normals = Vector3dVector(np.concatenate([np.asarray(obj.triangle_normals), normals]))
         if obj.has_triangle_uvs():
             zeros = np.zeros((3 * count, 2))
