@@ -103,8 +103,9 @@ def cis(angle: Float[Array, "*any"]) -> Complex[Array, "*any"]:
 
 def norm(v: Inexact[Array, "*any k"]) -> Float[Array, "*any"]:
     """Euclidean lengths of the rows."""
-    xp = namespace(v)
-    return xp.sqrt(square(v).sum(-1))
+    if is_numpy(v):  # half the time of a sum over a short axis
+        return np.sqrt(np.vecdot(v, v).real)
+    return namespace(v).sqrt(square(v).sum(-1))
 
 
 def square(v: Inexact[Array, "*any"]) -> Float[Array, "*any"]:
