@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.arrays import TINY, shifted
+from spinor_geom.arrays import TINY, median, shifted
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.polygons import lattice_inside
@@ -103,7 +103,7 @@ def size_field(pieces: Sequence[Piece]) -> RegionSizes:
 
 def _log_factor(factor: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     finite = np.isfinite(factor)
-    usual = np.median(factor[finite]) if finite.any() else 1.0
+    usual = median(factor[finite]) if finite.any() else 1.0
     return np.asarray(np.log(np.maximum(np.where(finite, factor, usual), max(SMALLEST_STRETCH * usual, TINY))))
 
 
