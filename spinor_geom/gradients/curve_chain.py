@@ -27,8 +27,7 @@ def by_points(
 ) -> Float[np.ndarray, "m 3"]:
     """Derivatives by the points of a curve's loop, from those by Γ(s), which are normal to Γ′.
 
-    Raises:
-        NotDifferentiableError: the shape of the curve is not a function of points.
+    Raises a NotDifferentiableError if the shape of the curve is not a function of points.
     """
     if curve.slopes is not None:
         raise NotDifferentiableError("the curve is given by a formula, not by points; solve for points of it")

@@ -11,6 +11,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from spinor_geom.arrays import norm
+
 # Vertices farther apart than this share of their edges are not merged, so fine parts of large meshes are unchanged.
 SHARE_OF_EDGE = 1e-2
 
@@ -177,7 +179,7 @@ def near_vertices(
     if limit == 0.0:
         return exact
     pairs = cKDTree(points[unique], balanced_tree=False).query_pairs(limit, output_type="ndarray")
-    apart = np.linalg.norm(points[unique[pairs[:, 0]]] - points[unique[pairs[:, 1]]], axis=1)
+    apart = norm(points[unique[pairs[:, 0]]] - points[unique[pairs[:, 1]]])
     within = apart <= reach[unique[pairs]].min(axis=1)
     pairs, apart = pairs[within], apart[within]
     if not len(pairs):
@@ -201,7 +203,7 @@ def longest_sides(points: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"
     """Length of the longest edge of the faces at each vertex, 0 for unused vertices, (n,) float64."""
     longest = np.zeros(len(points))
     for start, end in ((0, 1), (1, 2), (2, 0)):
-        lengths = np.linalg.norm(points[faces[:, start]] - points[faces[:, end]], axis=1)
+        lengths = norm(points[faces[:, start]] - points[faces[:, end]])
         np.maximum.at(longest, faces[:, start], lengths)
         np.maximum.at(longest, faces[:, end], lengths)
     return longest

@@ -40,16 +40,11 @@ class Rim:
     By s, positions on ∂Ω are as smooth as Γ; by the parameter t of ∂Ω, equal steps may be very uneven in space. At
     opened corners (`domain.opening`) s grows like a power of the distance in Ω. On sides that end there s is a
     polynomial of x, so that the surface is smooth in x too.
-
-    Attributes:
-        match: the boundary and Γ.
-        start: position of the boundary's first point.
-        primitive: ∫ φ dz along the boundary.
     """
 
-    match: RimMatch
-    start: Float[np.ndarray, "3"]
-    primitive: RimPrimitive | SmoothPrimitive
+    match: RimMatch  # the boundary and Γ
+    start: Float[np.ndarray, "3"]  # position of the boundary's first point
+    primitive: RimPrimitive | SmoothPrimitive  # ∫ φ dz along the boundary
 
     @classmethod
     def all_of(cls, solution: PlateauSolution) -> tuple[Rim, ...]:
