@@ -179,7 +179,7 @@ def _faces_with_edges_on(
     a, b, c = on_outline[faces.T]
     found = (a & b) | (b & c) | (c & a)
     found[piece] = False
-    return faces[found]
+    return np.asarray(faces[found])
 
 
 def _in_order(half_edges: HalfEdges) -> Int[np.ndarray, " n"]:

@@ -259,7 +259,8 @@ class Passing:
             start + np.roll(np.arange(len(points)), 1) for start, points in zip(starts, self.points, strict=False)
         ]
         before.append(np.arange(starts[-1], rows.shape[1]))
-        return PointEquations.of(*map(self.basis.orthonormal, rows), np.concatenate(before))
+        by_p, by_q = map(self.basis.orthonormal, rows)
+        return PointEquations.of(by_p, by_q, np.concatenate(before))
 
     def closed(self, readout: Complex[Array, "k 2"]) -> Complex[Array, "k 2"]:
         """The nearest read-outs whose periods are 0, to first order."""
