@@ -207,6 +207,16 @@ class PatchedMesh:
             f"{first} of the filled mesh, near ({', '.join(f'{x:.6g}' for x in where)})"
         )
 
+    def corners(self, numbers: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 3 3"]:
+        """The corners of faces of the mesh and of patches, by their numbers in the filled mesh."""
+        pieces = [self._mesh_piece, *self._patches]
+        place = np.searchsorted([piece.numbers[0] for piece in pieces], numbers, side="right") - 1
+        found = np.empty((len(numbers), 3, 3))
+        for k in np.unique(place):
+            piece, here = pieces[k], place == k
+            found[here] = piece.vertices[piece.faces[numbers[here] - piece.numbers[0]]]
+        return found
+
     def join(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> int:
         """Adds a patch with the boundary vertices `rim` of the mesh; returns the number of its first face."""
         self._edges.update(self._keys(rim[patch_chords(patch)]))

@@ -11,6 +11,7 @@ from spinor_geom.discrete.first_fill import LONGEST
 from spinor_geom.discrete.flattest_triangulation import flattest_triangulation
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import PatchedMesh
+from spinor_geom.fill.rim_crossings import RimCrossings
 from spinor_geom.mesh.operators import face_areas, face_normals
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components, is_disk, referenced_vertices
 from spinor_geom.meshing.embed import Patch
@@ -29,23 +30,30 @@ def retriangulated(patched: PatchedMesh, new: NewPatch) -> NewPatch:
     The regions grow until nothing intersects or they cover the patch. Regions with outlines of more than 160 points are
     not changed.
     """
-    rings = 0
-    while len(new.crossings):
-        faces, crossings = np.asarray(new.patch.faces), new.crossings
-        own = np.concatenate([crossings.own.ravel(), crossings.mesh[:, 0], crossings.patches[:, 0]])
+    if not len(new.crossings):
+        return new
+    rings, at_rim = 0, RimCrossings(patched, new)
+    while True:
+        own, others = at_rim.avoidable(new.patch, new.crossings)
+        wrong = np.concatenate([own.ravel(), others[:, 0]]) - patched.face_count
+        if not len(wrong):
+            break
+        faces = np.asarray(new.patch.faces)
         region = np.zeros(len(faces), dtype=bool)
-        region[own - patched.face_count] = True
+        region[wrong] = True
         for _ in range(rings):
             a, b, c = referenced_vertices(faces[region], vertices=len(new.patch.vertices))[faces.T]
             region = a | b | c
-        new = _with_new_triangles(patched, new, region)
+        new = _with_new_triangles(patched, new, region, at_rim)
         if region.all():
             break
         rings = 2 * rings or 1
     return new
 
 
-def _with_new_triangles(patched: PatchedMesh, new: NewPatch, region: Bool[np.ndarray, " f"]) -> NewPatch:
+def _with_new_triangles(
+    patched: PatchedMesh, new: NewPatch, region: Bool[np.ndarray, " f"], at_rim: RimCrossings
+) -> NewPatch:
     """The patch with new faces in a region, if it has fewer intersections, else the patch itself.
 
     After each round, new triangles that intersect something are forbidden in the next ones.
@@ -74,17 +82,15 @@ def _with_new_triangles(patched: PatchedMesh, new: NewPatch, region: Bool[np.nda
         if len(crossings) < len(best.crossings):
             count = len(replaced.faces) - len(rest)
             best = replace(new, patch=replaced, crossings=crossings, faces_replaced=count)
-        if not len(crossings):
-            break
         # of two new triangles that intersect each other, the larger one is forbidden
-        own = crossings.own - patched.face_count
+        own, others = at_rim.avoidable(replaced, crossings)
+        own, other = own - patched.face_count, others[:, 0] - patched.face_count
         areas = face_areas(replaced.vertices, np.asarray(replaced.faces))
         areas[: len(rest)] = -1.0
         larger = np.take_along_axis(own, areas[own].argmax(axis=1)[:, None], axis=1).ravel()
-        others = np.concatenate([crossings.mesh[:, 0], crossings.patches[:, 0]]) - patched.face_count
-        wrong = np.isin(np.arange(len(rest), len(replaced.faces)), np.concatenate([larger, others]))
+        wrong = np.isin(np.arange(len(rest), len(replaced.faces)), np.concatenate([larger, other]))
         if not wrong.any():
-            break  # what intersects is not new
+            break  # no intersection, or none of new faces that can be avoided
         parts = np.split(wrong, np.cumsum([len(triangles) for triangles in found])[:-1])
         for one, triangles, is_wrong in zip(outlines, found, parts, strict=True):
             one.forbid(triangles[is_wrong])

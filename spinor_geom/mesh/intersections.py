@@ -221,6 +221,14 @@ def _insides_meet(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:
     return meet
 
 
+def edges_through(starts: Points, ends: Points, triangles: Triangles) -> Bool[np.ndarray, " k"]:
+    """Whether an edge, in each of k pairs, meets the inside of a triangle without lying in its plane."""
+    a, b, c = (triangles[:, corner] for corner in range(3))
+    around = np.stack([_side(starts, ends, p, q) for p, q in ((a, b), (b, c), (c, a))], axis=1)
+    sides = np.stack([_side(a, b, c, points) for points in (starts, ends)], axis=1)
+    return np.asarray((np.abs(around.sum(axis=1)) == 3) & (sides.prod(axis=1) <= 0) & sides.any(axis=1))
+
+
 def _side(a: Points, b: Points, c: Points, d: Points) -> Numbers:
     """The exact sign of det(b − a, c − a, d − a): 1 if abc is counter-clockwise seen from d."""
     return -np.asarray(igl.predicates.orient3d(*(np.ascontiguousarray(points) for points in (a, b, c, d))))
