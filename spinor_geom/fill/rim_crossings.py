@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Int
 
 from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.fill.new_patch import NewPatch

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.discrete.flattest_triangulation import flattest_triangulation
+from spinor_geom.discrete.flattest_triangulation import FlattestTriangulation
 from spinor_geom.mesh.operators import face_areas, face_normals
 from tests.discrete.test_first_fill import triangulations
 from tests.loops import CONVEX, L_SHAPE, polygon_area
@@ -14,13 +14,14 @@ from tests.strategies import SEEDS
 
 def flattest(points, around=None, chords=(), triangles=()):
     n = len(points)
-    forbidden_chords, forbidden = np.zeros((n, n), dtype=bool), np.zeros((n, n, n), dtype=bool)
+    forbidden_chords = np.zeros((n, n), dtype=bool)
     for i, j in chords:
         forbidden_chords[i, j] = True
-    for corners in triangles:
-        forbidden[corners] = True
     around = np.full((n, 3), np.nan) if around is None else around
-    return flattest_triangulation(points, around, forbidden_chords, forbidden)
+    triangulation = FlattestTriangulation(points, around, forbidden_chords)
+    triangulation.triangles()
+    triangulation.forbid(np.array(list(triangles), dtype=np.int64).reshape(-1, 3))
+    return triangulation.triangles()
 
 
 @settings(max_examples=40)

@@ -10,7 +10,7 @@ import pytest
 
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.ragged import BALLS, bowl, reported_bowls
-from spinor_geom.fill import retriangulation
+from spinor_geom.discrete.flattest_triangulation import FlattestTriangulation
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import PatchedMesh
@@ -63,18 +63,23 @@ def test_no_face_and_no_edge_of_the_mesh_is_repeated(hole: Hole) -> None:
 
 
 def test_only_outlines_that_changed_are_triangulated_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    triangulate, seen = retriangulation.flattest_triangulation, set()
+    forbidden: dict[object, list[bool]] = {}  # for each outline, whether triangles were forbidden before each run
+    triangles, forbid = FlattestTriangulation.triangles, FlattestTriangulation.forbid
 
-    def counted(points, around, chords, triangles):
-        key = points.tobytes() + chords.tobytes() + triangles.tobytes()
-        assert key not in seen
-        seen.add(key)
-        return triangulate(points, around, chords, triangles)
+    def triangulated(self):
+        forbidden.setdefault(self, [True]).append(False)
+        return triangles(self)
 
-    monkeypatch.setattr(retriangulation, "flattest_triangulation", counted)
-    hole = RAGGED[2]
+    def forbidding(self, some):
+        forbidden[self][-1] |= len(some) > 0
+        forbid(self, some)
+
+    monkeypatch.setattr(FlattestTriangulation, "triangles", triangulated)
+    monkeypatch.setattr(FlattestTriangulation, "forbid", forbidding)
+    hole = NOISY[1]
     fill_hole((hole.vertices, hole.faces), 0, return_report=True)
-    assert len(seen) > 10
+    assert sum(map(len, forbidden.values())) > 5
+    assert all(before[k] for before in forbidden.values() for k in range(len(before) - 1))
 
 
 def test_no_edge_of_the_patch_s_other_faces_is_repeated() -> None:
