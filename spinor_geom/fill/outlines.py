@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from spinor_geom.discrete.first_fill import LONGEST
 from spinor_geom.discrete.flattest_triangulation import FlattestTriangulation
@@ -12,40 +14,60 @@ from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.operators import face_normals
 from spinor_geom.mesh.topology import HalfEdges, disks
 
+# Successive triangulations of an outline without fewer intersections, after which it is left.
+_PATIENCE = 3
+
 
 class Outline:
-    """The closed polygon around some faces of a patch, and its flattest triangulation without those forbidden so far.
+    """The closed polygon around some faces of a patch, and triangulations of it, each without triangles of those before.
 
     Attributes:
-        faces: the faces of the patch to be replaced.
-        ids: the vertices of the patch on the polygon, in order.
+        faces: the faces of the patch inside the polygon.
+        current: the faces that replace them, by vertices of the patch; first they themselves.
+        is_open: whether there may be triangulations with fewer intersections.
     """
 
     def __init__(
         self,
         faces: Int[np.ndarray, " k"],
-        ids: Int[np.ndarray, " n"],
-        points: Float[np.ndarray, "n 3"],
-        around: Float[np.ndarray, "n 3"],
-        taken: Bool[np.ndarray, "n n"],
+        inside: Int[np.ndarray, "k 3"],
+        polygon: Int[np.ndarray, " n"],
+        triangulation: FlattestTriangulation,
     ) -> None:
-        """The other arguments are those of `FlattestTriangulation`."""
-        self.faces, self.ids = faces, ids
-        self._flattest = FlattestTriangulation(points, around, taken)
-        self._found: Int[np.ndarray, "t 3"] | None = None
-        self._is_current = False  # whether nothing was forbidden since `_found`
+        """`inside` are the vertices of the faces, `polygon` those around them in order, which `triangulation` spans."""
+        self.faces, self.current, self.is_open = faces, inside, True
+        self._inside, self._polygon, self._triangulation = inside, polygon, triangulation
+        self._triangles: Int[np.ndarray, "t 3"] | None = None  # the current ones, by places in the polygon
+        self._best, self._fewest, self._fewest_new, self._idle = inside, math.inf, math.inf, 0
 
-    def triangles(self) -> Int[np.ndarray, "t 3"] | None:
-        """The flattest allowed triangulation, as indices of the polygon's points; None if there is none."""
-        if not self._is_current:
-            self._found = self._flattest.triangles()
-            self._is_current = True
-        return self._found
+    @property
+    def is_new(self) -> bool:
+        """Whether the current faces were not judged before."""
+        return self._triangles is not None
 
-    def forbid(self, triangles: Int[np.ndarray, "k 3"]) -> None:
-        """Excludes triangles from later triangulations."""
-        self._flattest.forbid(triangles)
-        self._is_current = self._is_current and not len(triangles)
+    def is_replaced(self, is_replaced: Bool[np.ndarray, " f"]) -> Bool[np.ndarray, " g"]:
+        """Which of the current faces are not those of the surface, from the same for all faces of the patch."""
+        return is_replaced[self.faces] if self.current is self._inside else np.ones(len(self.current), dtype=bool)
+
+    def advance(self) -> None:
+        """Takes the next triangulation; the best faces so far if no other is wanted or possible."""
+        if self.is_open:
+            self._triangles = self._triangulation.triangles()
+            self.is_open = self.is_new
+        else:
+            self._triangles = None
+        self.current = self._best if self._triangles is None else self._polygon[self._triangles]
+
+    def judge(self, count: int, wrong: Bool[np.ndarray, " t"]) -> None:
+        """Takes the number of intersections of the current faces, and which of these may not occur again."""
+        if count < self._fewest:
+            self._fewest, self._best = count, self.current
+        if self._triangles is None:
+            return
+        self._idle = 0 if count < self._fewest_new else self._idle + 1
+        self._fewest_new = min(count, self._fewest_new)
+        self.is_open = bool(wrong.any()) and self._idle < _PATIENCE
+        self._triangulation.forbid(self._triangles[wrong])
 
 
 def outlines_of(patched: PatchedMesh, new: NewPatch, region: Int[np.ndarray, " r"]) -> list[Outline]:
@@ -76,7 +98,8 @@ def outlines_of(patched: PatchedMesh, new: NewPatch, region: Int[np.ndarray, " r
         normals[joined.origin[twin] == polygon] *= -1
         normals[twin < 0] = np.nan
         taken = _edges_outside(patched, rim, polygon, np.delete(joined_faces, piece, axis=0))
-        outlines.append(Outline(piece, polygon, patch.vertices[polygon], normals, taken))
+        triangulation = FlattestTriangulation(patch.vertices[polygon], normals, taken)
+        outlines.append(Outline(piece, faces[piece], polygon, triangulation))
     return outlines
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Int
 
@@ -10,6 +12,13 @@ from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import Crossings, PatchedMesh
 from spinor_geom.mesh.intersections import edges_through
 from spinor_geom.meshing.embed import Patch
+
+
+class Avoidable(NamedTuple):
+    """Pairs of intersecting faces that another patch over the same rim may not have."""
+
+    own: Int[np.ndarray, "i 2"]  # both faces are the patch's
+    others: Int[np.ndarray, "j 2"]  # a face of the patch, and one of the mesh or of another patch
 
 
 class RimCrossings:
@@ -41,11 +50,10 @@ class RimCrossings:
     def _keys_of(self, start: Int[np.ndarray, " k"], face: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
         return start * self._first + face
 
-    def avoidable(self, patch: Patch, crossings: Crossings) -> tuple[Int[np.ndarray, "i 2"], Int[np.ndarray, "j 2"]]:
-        """The intersections of a patch with itself and, without those of the rim, with other faces."""
+    def avoidable(self, patch: Patch, crossings: Crossings) -> Avoidable:
+        """The intersections of a patch without those at its rim."""
         pairs = np.concatenate([crossings.mesh, crossings.patches])
-        if not len(self._keys):
-            return crossings.own, pairs
-        pair, start, _ = self._rim_edges(patch, pairs)
-        at_rim = pair[np.isin(self._keys_of(start, pairs[pair, 1]), self._keys)]
-        return crossings.own, np.delete(pairs, at_rim, axis=0)
+        if len(self._keys):
+            pair, start, _ = self._rim_edges(patch, pairs)
+            pairs = np.delete(pairs, pair[np.isin(self._keys_of(start, pairs[pair, 1]), self._keys)], axis=0)
+        return Avoidable(own=crossings.own, others=pairs)
