@@ -38,7 +38,7 @@ def retriangulated(patched: PatchedMesh, new: NewPatch) -> NewPatch:
         new, is_replaced = _with_new_triangles(patched, new, is_replaced, np.flatnonzero(region), at_rim)
         if region.all():
             break
-        rings = 2 * rings or 1
+        rings = 4 * rings or 1
     return new
 
 
@@ -51,8 +51,7 @@ def _with_new_triangles(
 ) -> tuple[NewPatch, Bool[np.ndarray, " g"]]:
     """The patch with new faces in a region, if it has fewer intersections, else the patch itself.
 
-    Each outline is triangulated again and again, without the triangles that intersected something; its best
-    triangulation is taken.
+    Each outline is triangulated several times, and its best triangulation is taken.
 
     Returns:
         The patch, and which of its faces are not those of the surface; `is_replaced` are those before.
@@ -93,19 +92,17 @@ def _judge(
     first = len(patch.faces) - sum(sizes)
     owner = np.concatenate([np.full(first, -1), np.repeat(np.arange(len(sizes)), sizes)])
     is_new = np.concatenate([np.zeros(first, dtype=bool), np.repeat([one.is_new for one in outlines], sizes)])
-    pairs = owner[crossings.own - patched.face_count]
-    pairs[pairs[:, 0] == pairs[:, 1], 1] = -1
-    others = np.concatenate([crossings.mesh[:, 0], crossings.patches[:, 0]]) - patched.face_count
-    counts = np.bincount(1 + np.concatenate([pairs.ravel(), owner[others]]), minlength=1 + len(sizes))[1:]
     wrong = at_rim.avoidable(patch, crossings)
+    own, other = wrong.own - patched.face_count, wrong.others[:, 0] - patched.face_count
+    pairs = owner[own]
+    pairs[pairs[:, 0] == pairs[:, 1], 1] = -1
+    counts = np.bincount(1 + np.concatenate([pairs.ravel(), owner[other]]), minlength=1 + len(sizes))[1:]
     # of two new triangles that intersect each other, the larger one
-    own = wrong.own - patched.face_count
     areas = np.where(is_new, face_areas(patch.vertices, np.asarray(patch.faces)), -1.0)
     larger = np.take_along_axis(own, areas[own].argmax(axis=1)[:, None], axis=1).ravel()
-    is_wrong = np.zeros(len(owner), dtype=bool)
-    is_wrong[larger] = is_wrong[wrong.others[:, 0] - patched.face_count] = True
+    charges = np.bincount(np.concatenate([larger, other]), minlength=len(owner))
     for k, one in enumerate(outlines):
-        one.judge(int(counts[k]), is_wrong[owner == k])
+        one.judge(int(counts[k]), charges[owner == k])
 
 
 def _places(

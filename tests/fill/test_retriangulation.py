@@ -62,24 +62,24 @@ def test_no_face_and_no_edge_of_the_mesh_is_repeated(hole: Hole) -> None:
     assert (HalfEdges.of(faces).counts == 2).all()
 
 
-def test_only_outlines_that_changed_are_triangulated_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    forbidden: dict[object, list[bool]] = {}  # for each outline, whether triangles were forbidden before each run
-    triangles, forbid = FlattestTriangulation.triangles, FlattestTriangulation.forbid
+def test_only_outlines_with_other_charges_are_triangulated_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    charged: dict[object, list[bool]] = {}  # for each outline, whether triangles were charged before each run
+    triangles, charge = FlattestTriangulation.triangles, FlattestTriangulation.charge
 
     def triangulated(self):
-        forbidden.setdefault(self, [True]).append(False)
+        charged.setdefault(self, [True]).append(False)
         return triangles(self)
 
-    def forbidding(self, some):
-        forbidden[self][-1] |= len(some) > 0
-        forbid(self, some)
+    def charging(self, some, charges):
+        charged[self][-1] |= bool(charges.any())
+        charge(self, some, charges)
 
     monkeypatch.setattr(FlattestTriangulation, "triangles", triangulated)
-    monkeypatch.setattr(FlattestTriangulation, "forbid", forbidding)
+    monkeypatch.setattr(FlattestTriangulation, "charge", charging)
     hole = NOISY[1]
     fill_hole((hole.vertices, hole.faces), 0, return_report=True)
-    assert sum(map(len, forbidden.values())) > 5
-    assert all(before[k] for before in forbidden.values() for k in range(len(before) - 1))
+    assert sum(map(len, charged.values())) > 5
+    assert all(all(before[:-1]) for before in charged.values())
 
 
 def test_no_edge_of_the_patch_s_other_faces_is_repeated() -> None:
