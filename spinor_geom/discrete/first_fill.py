@@ -86,15 +86,12 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
 
 def triangles_of(split: Int[np.ndarray, "n n"]) -> Int[np.ndarray, "t 3"]:
     """Triangles (i, j, k), i < j < k, over a closed curve; `split[i, l]` is the apex over the chord i to i + l."""
-    triangles = []
-    first, last = np.array([0]), np.array([len(split) - 1])
-    while len(first):
-        middle = split[first, last - first]
-        triangles.append(np.stack([first, middle, last], axis=1))
-        first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
-        open_chord = last - first > 1
-        first, last = first[open_chord], last[open_chord]
-    return np.concatenate(triangles)
+    triangles, chords = [], [(0, len(split) - 1)]
+    for first, last in chords:  # a few hundred at most; arrays for each generation take several times as long
+        middle = split.item(first, last - first)
+        triangles.append((first, middle, last))
+        chords += [chord for chord in ((first, middle), (middle, last)) if chord[1] - chord[0] > 1]
+    return np.array(triangles)
 
 
 def disk_without_inner_points(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "t 3"]:
