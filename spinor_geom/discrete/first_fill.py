@@ -97,6 +97,8 @@ def triangles_of(split: Int[np.ndarray, "n n"]) -> Int[np.ndarray, "t 3"]:
 def disk_without_inner_points(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "t 3"]:
     """Faces of about the least area over a closed curve; long curves are divided at every k-th point."""
     m = len(points)
+    if m == 3:  # most parts of long curves
+        return np.array([[0, 1, 2]])
     if m <= LONGEST:
         return minimum_area_triangulation(points)
     kept = np.arange(0, m, math.ceil(m / LONGEST))

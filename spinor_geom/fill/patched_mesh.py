@@ -277,22 +277,6 @@ class _Piece:
         return np.stack([self.numbers[pairs[:, 0]], numbers[pairs[:, 1]]], axis=1)
 
 
-def meeting_box(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "f 3"],
-    low: Float[np.ndarray, "3"],
-    high: Float[np.ndarray, "3"],
-) -> Int[np.ndarray, " _"]:
-    """The faces whose bounding boxes overlap a box."""
-    found = np.arange(len(faces))
-    for axis in range(3):
-        corners = faces[found]
-        a, b, c = (vertices[:, axis] < low[axis])[corners].T
-        d, e, f = (vertices[:, axis] > high[axis])[corners].T
-        found = found[~(a & b & c | d & e & f)]
-    return found
-
-
 def overlapping(
     lows: Float[np.ndarray, "3 k"],
     highs: Float[np.ndarray, "3 k"],

@@ -48,7 +48,7 @@ class RimCrossings:
         return pair[is_rim], start[is_rim], end[is_rim]
 
     def _keys_of(self, start: Int[np.ndarray, " k"], face: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
-        return start * self._first + face
+        return np.asarray(start * self._first + face)
 
     def avoidable(self, patch: Patch, crossings: Crossings) -> Avoidable:
         """The intersections of a patch without those at its rim."""
