@@ -74,21 +74,19 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
 
 def triangles_of(split: Int[np.ndarray, "n n"]) -> Int[np.ndarray, "t 3"]:
     """Triangles (i, j, k), i < j < k, over a closed curve; `split[i, l]` is the apex over the chord i to i + l."""
-    triangles = np.empty((max(0, len(split) - 2), 3), dtype=np.int64)
-    chords, count = np.array([[0, len(split) - 1]]), 0
-    while len(chords):
-        first, last = chords.T
-        new = triangles[count : count + len(chords)]
-        new[:, 0], new[:, 1], new[:, 2] = first, split[first, last - first], last
-        chords = np.concatenate([new[:, :2], new[:, 1:]])
-        chords = chords[chords[:, 1] - chords[:, 0] > 1]
-        count += len(new)
-    return triangles
+    triangles, chords = [], [(0, len(split) - 1)]
+    for first, last in chords:  # a few hundred at most; arrays for each generation take several times as long
+        middle = split.item(first, last - first)
+        triangles.append((first, middle, last))
+        chords += [chord for chord in ((first, middle), (middle, last)) if chord[1] - chord[0] > 1]
+    return np.array(triangles)
 
 
 def disk_without_inner_points(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "t 3"]:
     """Faces of about the least area over a closed curve; long curves are divided at every k-th point."""
     m = len(points)
+    if m == 3:  # most parts of long curves
+        return np.array([[0, 1, 2]])
     if m <= LONGEST:
         return minimum_area_triangulation(points)
     kept = np.arange(0, m, math.ceil(m / LONGEST))
