@@ -45,7 +45,7 @@ _MOST_PER_EDGE = 16  # largest number of nodes per edge; loops that need more ar
 # nodes per edge: 5,000 noisy points need more than 16, formulas with jumps of the curvature, too.
 MOST_FREE_POINTS, _MOST_PER_EDGE_OF_LONG = 1500, 64
 _MORE_ON_ANALYTIC = 3  # growth factor of the nodes per attempt on analytic curves; 2 on others
-_FEWEST_PER_EDGE = 4  # nodes per edge below which distances over rough loops, or of coarse nodes, are not compared
+FEWEST_PER_EDGE = 4  # nodes per edge below which distances over rough loops, or of coarse nodes, are not compared
 FEWEST_NODES = 256  # nodes of short loops on the disk, so that many loops fit in one batch
 # Relative gradient at which coarse solves stop. Final solves on smooth loops stop at this times the tolerance.
 COARSE = 1e-4
@@ -285,7 +285,7 @@ class HarmonicSolver:
 
         It is one edge without nodes.
         """
-        if self.is_rough or nodes < _FEWEST_PER_EDGE * len(self.problem.unit):
+        if self.is_rough or nodes < FEWEST_PER_EDGE * len(self.problem.unit):
             return True
         return bool(self._in_edges(misfit) ** (self.most_nodes / nodes) <= self.problem.options.tolerance)
 
@@ -339,7 +339,7 @@ class DiskFit:
         before = math.inf if self.best is None else self.best[0].misfit.rms
         share = WORTHWHILE
         if self.solver.is_rough:
-            share = 1.0 if self.nodes >= _FEWEST_PER_EDGE * len(self.solver.problem.unit) else math.inf
+            share = 1.0 if self.nodes >= FEWEST_PER_EDGE * len(self.solver.problem.unit) else math.inf
         # more nodes may give a lift
         may_lift = self.attempt == 0 or self.solver.is_rough
         is_better = may_lift if lift is None else lift.misfit.rms < share * before
