@@ -145,7 +145,9 @@ class Slides:
         # contiguous, unlike an array from an index
         vectors = {name: namespace(which).take(getattr(self, name), which, axis=1) for name in _VECTORS}
         selected = Slides(curves=self.curves.at(which), form=self.form, **parts, **vectors)
-        selected.__dict__.update({name: self.__dict__[name][which] for name in _CACHED if name in self.__dict__})
+        # what a step needs again after others have finished
+        cached = {"speed", "gauge", "gradient", "size"} & self.__dict__.keys()
+        selected.__dict__.update({name: self.__dict__[name][which] for name in cached})
         return selected
 
     def replaced(self, which: Int[Array, " k"], other: Slides) -> Slides:
@@ -223,7 +225,6 @@ class Slides:
 
 
 _SCALARS, _VECTORS = ("slide", "bend", "energy"), ("points", "tangent", "normal")
-_CACHED = ("speed", "gauge", "gradient", "size")  # what a step needs again after others have finished
 
 
 def reflected(bends: Float[Array, "b n"], damping: Float[Array, " #b"] | None) -> Float[Array, "b n"]:

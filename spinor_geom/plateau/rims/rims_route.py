@@ -18,7 +18,7 @@ from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
-from spinor_geom.plateau.harmonic.harmonic_route import FEWEST_PER_EDGE, even, points_of_domain
+from spinor_geom.plateau.harmonic.harmonic_route import FEWEST_POINTS, even, points_of_domain
 from spinor_geom.plateau.harmonic.lift import WORTHWHILE, Lift, lifted_between
 from spinor_geom.plateau.harmonic.lifted_surface import circles_of, domain_of, surface_of
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, SMALL
@@ -33,9 +33,8 @@ from spinor_geom.plateau.route_result import NoConnectedSurfaceError, RimsResult
 from spinor_geom.plateau.steps import SPENT
 from spinor_geom.plateau.vertices.vertex_route import surface_through
 
-# Smallest and largest number of nodes on each rim. With half of the smallest pairs of rims take a third longer, with
-# twice as many a sixth.
-_FEWEST_NODES, _MOST_NODES = 32, 1 << 13
+_MOST_NODES = 1 << 13  # largest number of nodes on each rim
+_PER_EDGE = 6  # first number of nodes for each edge of rough rims; with 3 solves take 7 % more steps
 # Over rough rims powers below this on other circles are omitted. With `ROUND_OFF` Λ takes four times as long.
 _NEGLIGIBLE_POWER = 1e-8
 _WELL_BELOW = 1e-3  # share of the allowed distance to reach while matrices are factored
@@ -163,8 +162,8 @@ class RimsSolver:
         """The starts; two for two rims, with the second one as given and reversed."""
         rims = self._rims[0]
         if len(rims) == 2:
-            return tuple(start_between(*rims, _FEWEST_NODES, backward=backward) for backward in (False, True))
-        return tuple(projected_starts(rims, _FEWEST_NODES))
+            return tuple(start_between(*rims, FEWEST_POINTS, backward=backward) for backward in (False, True))
+        return tuple(projected_starts(rims, FEWEST_POINTS))
 
     @cached_property
     def _averages(self) -> tuple[BoundaryCurve, ...]:
@@ -222,7 +221,7 @@ class RimsSolver:
         with self.problem.clock.stage("moduli"):
             problem = self._problem(start)
             # half of the nodes: an eighth of the cost
-            coarse = problem.resampled(start.surface, max(_FEWEST_NODES, n // 2))
+            coarse = problem.resampled(start.surface, max(FEWEST_POINTS, n // 2))
             # of two rims, the slides alone; `all_on_path` then follows the moduli
             start_of_path = problem.stationary(
                 replace(coarse, fixed_moduli=is_two), tolerance=SMALL, saddles=not is_two
@@ -276,7 +275,7 @@ class RimsSolver:
         """Harmonic surfaces on the loops' own curves, with increasing numbers of nodes."""
         problem, surface = self._problem(placed, averaged=False), placed.surface
         if self._is_noisy:
-            n = even(FEWEST_PER_EDGE * max(map(len, self.problem.units)))
+            n = even(_PER_EDGE * max(map(len, self.problem.units)))
             with self.problem.clock.stage("slides"):
                 surface = self._stationary(problem, surface, n, saddles=saddles)
         while True:

@@ -23,7 +23,6 @@ from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic.dirichlet import multipliers
 from spinor_geom.plateau.rims.energy import MOST_MODULUS, HarmonicSurface
 
-_STEP = 0.05  # step of the logarithm of a modulus
 _KEPT = 2  # number of starts returned; one is not enough for noisy rims on the sides of a cube
 # Distances of view points from the centre, over the largest distance of the rims from it. With the first alone there is
 # no start between a rim and five islands, with the second alone rims around a centre take three times as long.
@@ -96,7 +95,7 @@ def start_between(first: Rim, second: Rim, n: int, *, backward: bool) -> Oriente
     weight[0] = weight[-1] = 1.0
     square = weight * (np.abs(spectrum) ** 2).sum(axis=(0, 2)) / n
     cross = (spectrum[0] * spectrum[1]).sum(-1)
-    moduli = np.exp(np.arange(math.log(2 * math.pi / n), math.log(MOST_MODULUS), _STEP))
+    moduli = np.geomspace(2 * math.pi / n, MOST_MODULUS, 2 * n)
     own, other = multipliers(moduli, n)
     # for all shifts of the second curve by j steps; a row for each modulus
     energies = 0.5 * (own @ square)[:, None] + np.fft.irfft(other * cross, n=n)
