@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 
+import numpy as np
 from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import Array, Place, place_of
@@ -17,6 +18,10 @@ from spinor_geom.plateau.harmonic.traces import OnCircles
 from spinor_geom.surface.array_surface import ArraySurface, Vector
 from spinor_geom.surface.formulas import null_vector
 
+# Largest turn of ∂Ω between neighbouring vertices. With twice or half of it areas by quadrature are equal to 4e-6;
+# without a limit that of a rim cut along triangles is off by 6e-3.
+_TURN_OF_AN_EDGE = np.radians(25.0)
+
 
 def domain_of(lift: Lift, *boundaries: FourierBoundary) -> PlaneDomain:
     """Ω of a lift, the outer boundary first.
@@ -26,7 +31,8 @@ def domain_of(lift: Lift, *boundaries: FourierBoundary) -> PlaneDomain:
     """
     if len(boundaries) == 1 and isinstance(lift.traces, OnCircles):
         return PlaneDomain.disk(n=len(boundaries[0].vertices))
-    return PlaneDomain.inside(boundaries[0], holes=boundaries[1:])
+    boundary, *holes = (_with_vertices(one, lift.slides.shape[1]) for one in boundaries)
+    return PlaneDomain.inside(boundary, holes=tuple(holes))
 
 
 def surface_of(lift: Lift, domain: PlaneDomain) -> Callable[[float, Vector], ArraySurface]:
@@ -71,3 +77,16 @@ def circles_of(domain: CircularDomain, counts: Sequence[int]) -> list[FourierBou
         FourierBoundary.circle(1.0, counts[0]),
         *(FourierBoundary.round_hole(radius, count, centre=centre) for centre, radius, count in holes),
     ]
+
+
+def _with_vertices(boundary: FourierBoundary, most: int) -> FourierBoundary:
+    """∂Ω with enough vertices that their polygon stays close to it: the model is undefined outside Ω."""
+    tangent = boundary.grid(most)[1]
+    turn = np.append(0.0, np.cumsum(np.abs(np.angle(np.roll(tangent, -1) / tangent))))
+    count = len(boundary.vertices)
+    while 2 * count <= most:
+        at_vertices = np.interp(np.arange(count + 1) / count, np.arange(most + 1) / most, turn)
+        if np.diff(at_vertices).max() <= _TURN_OF_AN_EDGE:
+            break
+        count *= 2
+    return boundary if count == len(boundary.vertices) else FourierBoundary(boundary.coefficients, count)
