@@ -16,7 +16,7 @@ from spinor_geom.errors import (
     OpenCurveError,
     SpinorGeomError,
 )
-from spinor_geom.fill.no_holes import refuse_empty
+from spinor_geom.fill.no_holes import require_area
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.intersections import require_simple
 from spinor_geom.mesh.knots import knot_determinant
@@ -111,7 +111,7 @@ def _curve_loop(vertices: Float[np.ndarray, "v 3"], curve: Int[np.ndarray, " _"]
             raise LoopTooShortError(points=len(points))
         require_extent(points)
         loop = BoundaryLoop(points=points, vertex_ids=ids, corners=detect_corners(points))
-        refuse_empty(loop, loop.diagonal / loop.elongation)
+        require_area(loop, loop.diagonal / loop.elongation)
         require_simple(loop)
         if (determinant := knot_determinant(loop.points)) is not None:
             raise KnottedLoopError(determinant=determinant)

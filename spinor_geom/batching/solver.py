@@ -55,7 +55,7 @@ def _work(sources: Sequence[Source], options: BatchOptions, store: Store, archiv
         tolerance=options.tolerance,
         time_limit=options.time_limit,
         continuity=options.continuity,
-        on_stage=lambda place, stage: send({"solving": ""}),
+        on_stage=lambda index, stage: send({"solving": ""}),
     )
     tasks: list[FileTask] = []
     for source in sources:

@@ -33,7 +33,7 @@ _AREA_ERROR = 1e-12  # relative, of Open CASCADE's quadrature
 
 @dataclass(frozen=True)
 class FrameMethod:
-    """Spans the edges of a frame: its package, a description of its options, and the function that makes the shape."""
+    """A method that makes a shape over edges: its package, a description of its options, and the function."""
 
     package: str
     options: str

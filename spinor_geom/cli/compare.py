@@ -8,22 +8,22 @@ from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.comparison import Comparison, compare
 from spinor_geom.errors import OptionError, SpinorGeomError
-from spinor_geom.fill.loop_choice import boundary_loops, chosen_places
+from spinor_geom.fill.loop_choice import boundary_loops, chosen_indices
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Compares the surfaces over each chosen loop; complains about a loop that cannot be compared."""
+    """Compares the surfaces over each chosen loop; reports the error of a loop that cannot be compared."""
     if arguments.output is not None:
         kept = [path for path in (arguments.input, arguments.baseline) if path is not None]
         require_writable(arguments.output, *kept)
     mesh = read_surface(arguments.input, merge=arguments.merge)
     baseline = None if arguments.baseline is None else read_surface(arguments.baseline, merge=arguments.merge)
     loops = boundary_loops(mesh)
-    places = chosen_places("all" if arguments.loop is None else arguments.loop, loops)
+    places = chosen_indices("all" if arguments.loop is None else arguments.loop, loops)
     if not places:
-        raise OptionError(f"{arguments.input}: has no boundary loops: the mesh is closed")
+        raise OptionError(f"{arguments.input} has no boundary loops: the mesh is closed")
     if baseline is not None and len(places) > 1:
-        raise OptionError("the mesh to compare with (--with) spans one loop; choose the loop with --loop")
+        raise OptionError("the mesh to compare with (--with) has one loop; choose that loop of the input with --loop")
     options: dict[str, Any] = {"target_edge_length": arguments.edge_length or "auto"}
     found: dict[str, Comparison] = {}
     with progress("comparing") as bar:

@@ -62,7 +62,7 @@ def _with_new_triangles(patched: PatchedMesh, new: NewPatch, region: Bool[np.nda
         return new
     is_kept = np.ones(len(faces), dtype=bool)
     is_kept[np.concatenate([one.faces for one in outlines])] = False
-    rest, places = faces[is_kept], np.where(is_kept, np.cumsum(is_kept) - 1, -1)
+    rest, numbers = faces[is_kept], np.where(is_kept, np.cumsum(is_kept) - 1, -1)
     longest = max(len(one.ids) for one in outlines)
     for _ in range(_MORE_ROUNDS if longest <= _FEW_POINTS else _ROUNDS):
         found = [triangles for one in outlines if (triangles := one.triangles()) is not None]
@@ -70,7 +70,7 @@ def _with_new_triangles(patched: PatchedMesh, new: NewPatch, region: Bool[np.nda
             break
         numbered = [one.ids[triangles] for one, triangles in zip(outlines, found, strict=True)]
         replaced = _without_unused(replace(new.patch, faces=np.concatenate([rest, *numbered])))
-        crossings = patched.crossings(replaced, new.crossings, places)
+        crossings = patched.crossings(replaced, new.crossings, numbers)
         if len(crossings) < len(best.crossings):
             count = len(replaced.faces) - len(rest)
             best = replace(new, patch=replaced, crossings=crossings, faces_replaced=count)
@@ -84,7 +84,7 @@ def _with_new_triangles(patched: PatchedMesh, new: NewPatch, region: Bool[np.nda
         others = np.concatenate([crossings.mesh[:, 0], crossings.patches[:, 0]]) - patched.face_count
         wrong = np.isin(np.arange(len(rest), len(replaced.faces)), np.concatenate([larger, others]))
         if not wrong.any():
-            break  # what intersects is not new
+            break  # the remaining intersections are not of new triangles
         parts = np.split(wrong, np.cumsum([len(triangles) for triangles in found])[:-1])
         for one, triangles, is_wrong in zip(outlines, found, parts, strict=True):
             one.forbid(triangles[is_wrong])
@@ -92,13 +92,13 @@ def _with_new_triangles(patched: PatchedMesh, new: NewPatch, region: Bool[np.nda
 
 
 class _Outline:
-    """The closed polygon around some faces of a patch, with its forbidden edges and triangles."""
+    """The closed polygon around faces of a patch, and the edges and triangles that its triangulation must not have."""
 
     def __init__(self, patched: PatchedMesh, new: NewPatch, piece: Int[np.ndarray, " k"]) -> None:
         """`piece` are the faces of the patch to be replaced, a topological disk."""
         patch, rim, mesh = new.patch, new.rim, patched.mesh
         self.faces, faces = piece, np.asarray(patch.faces)
-        # mesh faces at the rim, with the patch's numbers for rim vertices and later numbers for the others
+        # mesh faces at the rim; rim vertices have their numbers in the patch, other vertices numbers after these
         beside = mesh.faces[patched.faces_at(rim)]
         others = np.setdiff1d(beside, rim)
         ids = np.concatenate([rim, others])
@@ -118,7 +118,7 @@ class _Outline:
         self._chords = self._edges_outside(patched, rim, outside)
         self._forbidden = np.zeros((len(sides),) * 3, dtype=bool)
         self._found: Int[np.ndarray, "t 3"] | None = None
-        self._is_current = False  # whether nothing was forbidden since `_found`
+        self._is_current = False  # whether `_found` has no triangle that was forbidden since
 
     def _edges_outside(
         self, patched: PatchedMesh, rim: Int[np.ndarray, " m"], outside: Int[np.ndarray, "f 3"]
@@ -150,7 +150,7 @@ class _Outline:
 
 
 def _in_order(half_edges: HalfEdges) -> Int[np.ndarray, " n"]:
-    """The half-edges of a disk's boundary, in order."""
+    """The half-edges of a disk's boundary, in order along it."""
     sides = half_edges.boundary
     following = dict(zip(half_edges.origin[sides].tolist(), sides.tolist(), strict=True))
     order = [int(sides[0])]

@@ -87,7 +87,7 @@ def shape_of(shown: Any) -> Shape:
     Raises:
         SurfaceError: the surface is not finite on its domain.
         DomainError: the solution cannot be meshed.
-        UnknownMeshTypeError: no adapter knows the type.
+        UnknownMeshTypeError: no adapter supports the type.
     """
     if isinstance(shown, ArraySurface):
         return _minimal(mesh_surface(shown), shown)

@@ -220,7 +220,7 @@ def cut_out_record(method, **changed):
 
 def test_promises_of_the_continuation_are_kept_or_missed():
     ours, other = cut_out_record("spinor-fill-c1"), cut_out_record("cgal-fair", distance=5e-3)
-    sphere, share, bend = "z = 0.85", "distance by the best other filler's", "bend across the rim"
+    sphere, share, bend = "z = 0.85", "distance / that of the best other filler", "bend across the rim"
     assert CAP_DISTANCES[0.85] == 2e-3
     assert kept(sphere, ours, other)
     assert not kept(sphere, cut_out_record("spinor-fill-c1", vertex_distance=1.1e-3), other)

@@ -192,7 +192,7 @@ def test_bridge_joins_two_rims_and_islands_are_joined_on_request(
         assert len(boundary_loops(output)) == 2
     capsys.readouterr()
     for bridge, told in (
-        ("0", "two loops or more, got 1"),
+        ("0", "two or more loops, got 1"),
         ("1,1", "got loop 1 twice"),
         ("0,9", "loop 9 does not exist"),
     ):
@@ -563,7 +563,7 @@ def test_a_folder_of_mesh_files_that_is_not_there_is_an_error(
     quick: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["bench", "--data", str(tmp_path / "nowhere"), "-o", str(tmp_path / "run"), *quick]) == 2
-    assert f"{tmp_path / 'nowhere'}: is not a folder" in capsys.readouterr().err
+    assert f"{tmp_path / 'nowhere'} is not a folder" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 

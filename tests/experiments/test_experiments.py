@@ -129,7 +129,7 @@ def test_the_disks_of_a_seam_are_told_apart(tmp_path):
     assert not outcome.reproduced
     disks = {row["method"]: row["disk"] for row in outcome.rows}
     assert disks[forms.SERIES] == "unstable"
-    assert disks[forms.LEFT] == "stable"
+    assert disks[forms.STABLE] == "stable"
     assert disks[forms.SPINOR] == "none"
     assert disks[forms.ENNEPER] is None
     known = {row["disk"]: row["area"] for row in outcome.rows if row["method"] == forms.KNOWN}

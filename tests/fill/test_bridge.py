@@ -247,7 +247,7 @@ def test_what_is_advised_for_open_sheets_joins_them(seed: int, gap: float, rows:
 
 
 def test_what_is_no_bridge_is_refused() -> None:
-    with pytest.raises(OptionError, match="two loops or more, got 1"):
+    with pytest.raises(OptionError, match="two or more loops, got 1"):
         fill_hole(island(), bridge=(1,))
     with pytest.raises(OptionError, match="loop 1 twice"):
         fill_hole(island(), bridge=(1, 1))

@@ -147,7 +147,7 @@ def test_what_does_not_come_to_rest_is_a_thin_plate_with_the_reason(monkeypatch:
     assert told is not None
     assert (told.order, smooth.converged) == ("thin plate", True)
     assert "0.2 of an edge" in told.lowered
-    assert any("the patch is a thin plate, as" in said for said in smooth.shortcomings)
+    assert any("the patch is a thin plate, because" in said for said in smooth.shortcomings)
     entry = json.loads(json.dumps(smooth.to_dict()))["continuation"]
     assert (entry["order"], entry["lowered"]) == ("thin plate", told.lowered)
     assert entry["smallest_angle"] > 10

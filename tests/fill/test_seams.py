@@ -324,7 +324,7 @@ def test_closed_and_one_sided_meshes_are_named() -> None:
     u, v = i * np.pi / 4, j * np.pi / 3
     torus = np.column_stack([(2 + np.cos(v)) * np.cos(u), (2 + np.cos(v)) * np.sin(u), np.sin(v)])
     _, report = fill_hole((torus, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])), return_report=True)
-    assert report.notes == ("the mesh is closed, genus 1: a tunnel has no rim",)
+    assert report.notes == ("the mesh is closed, genus 1: it has no boundary loops; a tunnel is not a hole",)
     n = np.arange(12)
     t = n * np.pi / 6
     low, high = (

@@ -165,7 +165,7 @@ def test_round_positions_converge_to_the_surface():
 )
 def test_a_model_that_the_search_does_not_know_is_refused(rims, model):
     loops = [seam(0.75, 32), BoundaryLoop.from_points(seam(0.75, 32).points + 5.0)]
-    with pytest.raises(OptionError, match="all_solutions looks for"):
+    with pytest.raises(OptionError, match="all_solutions represents"):
         solve_plateau(loops[0] if rims == 1 else loops, model=model, all_solutions=True)
 
 

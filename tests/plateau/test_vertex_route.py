@@ -162,7 +162,7 @@ def test_a_start_far_from_the_points_is_no_surface(monkeypatch: pytest.MonkeyPat
         solved()
     monkeypatch.undo()
     monkeypatch.setattr(BoundaryCurve, "bulge", lambda _: 1.0)
-    with pytest.raises(SurfaceError, match=r"away from the loop's edges"):
+    with pytest.raises(SurfaceError, match=r"edges away from its edges"):
         solved()
 
 

@@ -32,7 +32,7 @@ from spinor_geom.plateau.harmonic.dirichlet import DirichletForm, frequencies
 from spinor_geom.plateau.newton import SMALL, Rows, conjugate_gradients, dots, stationary
 from spinor_geom.plateau.stability import AMPLITUDES
 
-# Largest spacing of neighbouring nodes on Γ, over the mean spacing: beyond it the other nodes crowd.
+# Largest spacing of neighbouring nodes on Γ, over the mean spacing; if it is exceeded, the other nodes are crowded.
 CROWDED = 40.0
 # Stiffness against conformal maps of Ω onto itself, which do not change the energy, where Ω is not the disk.
 _GAUGE_STIFFNESS = 1e-3
@@ -58,7 +58,7 @@ def minimise_dirichlet_energies(
     near: bool = False,
     on_step: Sequence[Callable[[float], None]] = (),
 ) -> tuple[HarmonicDisk | None, ...]:
-    """Harmonic disks of stationary slides of several curves on one Ω, by Newton's method; None where time ran out.
+    """Harmonic disks of stationary slides of several curves on one Ω, by Newton's method; None if time ran out.
 
     The energy E(s) = π/n Σ Γ(s)·ΛΓ(s) is evaluated by fast Fourier transforms. Conformal maps of Ω onto itself (the
     gauge) do not change it. On the disk, steps are orthogonal to the gauge; on other Ω a small stiffness against slow
@@ -204,7 +204,7 @@ class Slides:
         return u - self._in_gauge(u) if self.form.is_disk else u
 
     def hessian(self, damping: Float[Array, " b"] | None) -> Rows:
-        """The Hessian of the energy by arc length, as a map of rows; with damping negative `bend`s are reflected."""
+        """The Hessian of the energy in arc length, as a map of rows; with damping, negative `bend`s are reflected."""
         unit = self.tangent / self.speed
         bend = reflected(self.bend, damping) / square(self.speed)
 
@@ -230,11 +230,11 @@ class Slides:
 
 
 _SCALARS, _VECTORS = ("slide", "bend", "energy"), ("points", "tangent", "normal")
-_CACHED = ("speed", "gauge", "gradient", "size")  # what a step needs again after others have finished
+_CACHED = ("speed", "gauge", "gradient", "size")  # values that a step needs again after other slides have finished
 
 
 def reflected(bends: Float[Array, "b n"], damping: Float[Array, " #b"] | None) -> Float[Array, "b n"]:
-    """Γ″·ΛX; with damping 1, of a row or of all, its negative values change sign, with damping ½ they become 0."""
+    """Γ″·ΛX with its negative values changed by damping: they become 0 for damping ½, and change sign for damping 1."""
     return bends if damping is None else bends + 2 * damping[:, None] * namespace(bends).clip(-bends, min=0)
 
 

@@ -35,7 +35,7 @@ from spinor_geom.plateau.harmonic.dirichlet import CirclesForm, derivative, with
 from spinor_geom.plateau.harmonic.douglas import CROWDED, reflected, resampled, slid, smoothed
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, Rows, conjugate_gradients, factored, stationary
 
-MOST_MODULUS = 20.0  # beyond it rims influence each other by less than 1e-9: there is no connected surface
+MOST_MODULUS = 20.0  # above it, rims influence each other by less than 1e-9: there is no connected surface
 DENSE = 512  # number of nodes on all rims up to which matrices are factored
 
 _LARGEST_STEP = 0.5  # largest step of a log modulus, or of a centre in widths of the gap
@@ -178,7 +178,7 @@ class HarmonicSurface:
         """The Hessian in the moduli."""
         if not self.fixed_moduli:
             return self.moduli.hessian
-        # any definite matrix, as slopes and mixed derivatives are 0
+        # any definite matrix, because slopes and mixed derivatives are 0
         definite = zeros(self.moduli.hessian.shape, self.slides)
         add_to_diagonal(definite, self.energy)
         return definite

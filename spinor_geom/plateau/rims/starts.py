@@ -42,7 +42,7 @@ class Rim:
 
     @property
     def place(self) -> Place:
-        """Where the curve is."""
+        """The place of the curve's arrays."""
         return place_of(self.directions[0].breaks)
 
     def samples(self, n: int, *, backward: bool = False) -> Float[np.ndarray, "n 3"]:
@@ -112,8 +112,8 @@ def start_between(first: Rim, second: Rim, n: int, *, backward: bool) -> Oriente
 def projected_starts(rims: Sequence[Rim], n: int) -> list[OrientedSurface]:
     """Starts of three rims or more, projected onto spheres around view points; n is even.
 
-    Rims of a junction do not overlap in the projection from their centre; those of a hole with islands do not in one
-    from above. Circles that cross are shrunk.
+    In the projection from their centre, rims of a junction do not overlap; in that from above, rims of a hole with
+    islands do not. Circles that cross are shrunk.
     """
     samples = np.stack([rim.samples(n) for rim in rims])
     middle = samples.mean(axis=1).mean(axis=0)
@@ -128,7 +128,7 @@ def projected_starts(rims: Sequence[Rim], n: int) -> list[OrientedSurface]:
 def _projected(
     rims: Sequence[Rim], samples: Float[np.ndarray, "m n 3"], view: Float[np.ndarray, "3"]
 ) -> OrientedSurface | None:
-    """The start from the projection around a view point; None where the projected rims overlap."""
+    """The start from the projection around a view point; None if the projected rims overlap."""
     m, n = samples.shape[:2]
     away = unit(samples - view)
     mean = away.mean(axis=1)
