@@ -117,7 +117,7 @@ def _newton_step(x: Vertices, faces: Faces, m: int) -> tuple[Float[np.ndarray, "
     twice_area = np.maximum(np.linalg.norm(cross, axis=1), np.maximum(1e-4 * longest, _NO_AREA))
     normal = cross / twice_area[:, None]
     nu = vertex_normal[faces]
-    # first derivatives of the face's cross product by the displacements of its corners
+    # first derivatives of the face's cross product with respect to the displacements of its corners
     slope = np.cross(nu, np.roll(corner, -1, axis=1) - np.roll(corner, -2, axis=1))
     along = np.einsum("fik,fk->fi", slope, normal)
     gradient = np.bincount(faces.ravel(), 0.5 * along.ravel(), minlength=n)[m:]

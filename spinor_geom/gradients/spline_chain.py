@@ -54,9 +54,9 @@ class SplineSystem:
     Attributes:
         widths: h, up to a factor for each side.
         powers: a_ir, lowest power first.
-        corners: at the start of which pieces the spline may have a kink.
+        corners: whether the spline may have a kink at the start of each piece.
         degrees: degrees of the pieces; odd, at least 3, and equal on a side.
-        natural: which pieces have the second derivative 0 where they end a side.
+        natural: whether the second derivative of a piece is 0 at the end of a side.
     """
 
     widths: Float[np.ndarray, " m"]
@@ -68,7 +68,7 @@ class SplineSystem:
     def by_points(
         self, by_powers: Float[np.ndarray, "d m 3"]
     ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
-        """Derivatives by the points and by the logarithms of the widths, from those by the a_ir.
+        """The gradients in the points and in the logarithms of the widths, from that in the a_ir.
 
         Derivatives through the first terms P_i are not included.
         """

@@ -321,7 +321,7 @@ def poisson_kernels(
 ) -> list[Float[np.ndarray, "*pts j"]]:
     """The Poisson kernel Σ_k q^|k| exp 2πik(t − s) at t for places s, q^(m/2) = `SPECTRAL_FALL`, and its derivatives.
 
-    `order`, at most 2, is the number of derivatives by t.
+    `order`, at most 2, is the number of derivatives in t.
     """
     q = SPECTRAL_FALL ** (2 / m)
     here, there = (np.stack([np.cos(2 * np.pi * x), np.sin(2 * np.pi * x)], axis=-1) for x in (t, places))

@@ -163,7 +163,7 @@ class JoinedSplines:
         return np.asarray(np.linalg.norm(self._derivatives(t, 1)[1], axis=-1))
 
     def _derivatives(self, t: Float[np.ndarray, "*pts"], order: int) -> list[Float[np.ndarray, "*pts 3"]]:
-        """The point relative to `origin` and its derivatives by t, up to an order of at most 2."""
+        """The point relative to `origin` and its derivatives in t, up to an order of at most 2."""
         values = [self.spline(t, nu) for nu in range(order + 1)]
         weight = [value[..., 3:] for value in values]
         found: list[Float[np.ndarray, "*pts 3"]] = []

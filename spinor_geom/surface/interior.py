@@ -1,4 +1,4 @@
-"""Integrals of φ to points inside Ω by Cauchy's formula on ∂Ω; vertices connected to points by segments in Ω."""
+"""Integrals of φ to points inside Ω, by Cauchy's formula on ∂Ω or along segments from vertices."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Places = Complex[np.ndarray, " k"]
 Breaks = Float[np.ndarray, " b"]
 NullCurve = Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, "n 3"]]  # φ
 
-# Gauss-Legendre nodes on a panel, and its largest length relative to the distance of the nearest point, for errors of
+# Gauss-Legendre nodes on a panel, and its largest length relative to the distance of the nearest point, for an error of
 # 1e-10
 ORDER, _LONGEST = 16, 2.5
 _HALVINGS = 40  # most halvings of a panel: a point may be on ∂Ω up to rounding
@@ -54,7 +54,7 @@ class RimPrimitive:
         return 0.5 * float(np.einsum("n,nk,nk->", self.panels.weights, self.primitive.real, self.velocity.imag))
 
     def at(self, t: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-        """Displacements Re ∫ φ dz from the start to parameters in [0, 1], and their derivatives by t."""
+        """Displacements Re ∫ φ dz from the start to parameters in [0, 1], and their derivatives in t."""
         order, breaks = self.panels.order, self.panels.breaks
         panel = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, len(breaks) - 2)
         width = np.diff(breaks)[panel]

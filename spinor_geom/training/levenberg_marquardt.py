@@ -299,7 +299,7 @@ class Polish:
 
     @cached_property
     def _system(self) -> tuple[Complex[Tensor, "2 m n"], Float[Tensor, "m m"], Float[Tensor, " m"]]:
-        """Derivatives of the residuals by p and q at the nodes (real parts), the kernel, and the negative residuals."""
+        """Derivatives of the residuals in p and q at the nodes (real parts), the kernel, and the negative residuals."""
         nodes, (p, q) = self.nodes, self.linear.value.unbind(-1)
         # derivatives of φ dz/dt with respect to p and q
         by = torch.stack([torch.stack([2 * p, -2j * p, 2 * q], dim=-1), torch.stack([-2 * q, -2j * q, 2 * p], dim=-1)])
