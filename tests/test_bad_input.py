@@ -348,7 +348,7 @@ def test_a_file_that_is_named_twice_is_not_lost(
 ) -> None:
     path = write(tmp_path / "tube.obj", obj_text(tube()))
     assert main(["fill", str(path), "-o", str(tmp_path / "o.obj"), option, str(tmp_path / "x" / ".." / name)]) == 2
-    assert f"{name}: is given twice" in capsys.readouterr().err
+    assert f"{name} is given twice" in capsys.readouterr().err
     assert path.read_text() == obj_text(tube())
     if option == "--picture":
         assert main(["loops", str(path), option, str(path)]) == 2

@@ -46,7 +46,7 @@ class CadCurve(ClosedCurve):
 def closed_curves(shapes: Sequence[Any]) -> list[CadCurve]:
     """The closed curves that the `boundary_edges` of shapes form, in the order of their first edges.
 
-    Ends of edges are joined that are at most 1e-6 of the size of all edges apart, or within the tolerance of their
+    Ends of edges are joined if they are at most 1e-6 of the size of all edges apart, or within the tolerance of their
     vertices. Each curve has the direction of its first edge.
 
     Args:
@@ -56,7 +56,7 @@ def closed_curves(shapes: Sequence[Any]) -> list[CadCurve]:
         NoEdgesError: there are no such edges.
         OpenWireError: an end of an edge meets no other one.
         BranchingEdgesError: more than two ends meet.
-        CurveError: a spline stands still at a point.
+        CurveError: the derivative of a spline is 0 at a point.
     """
     kind, edges = boundary_edges(shapes)
     return [_joined(splines, kind, gap) for splines, gap in _loops(edges)]
@@ -81,7 +81,7 @@ def _loops(edges: Sequence[CadEdge]) -> Iterator[tuple[list[RationalSpline], flo
     _require_cycles(ends, nodes, count, float(near.max()))
     places = np.stack([np.bincount(nodes, weights=x) for x in ends.T], axis=1) / count[:, None]
     gaps = 2 * np.linalg.norm(ends - places[nodes], axis=1).reshape(-1, 2).max(axis=1)
-    # each piece has a number of its own between its ends, by which it is recognised in a chain
+    # each piece has a number of its own between the numbers of its ends, which identifies it in a chain
     pieces = [np.array([first, len(count) + number, last]) for number, (first, last) in enumerate(links.tolist())]
     for _, chain in chained(pieces):
         numbers = chain[1::2] - len(count)

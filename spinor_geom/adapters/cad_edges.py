@@ -38,7 +38,7 @@ def boundary_edges(shapes: Sequence[Any]) -> tuple[EdgeKind, list[CadEdge]]:
         shapes: `TopoDS_Shape`s of any type.
 
     Returns:
-        Which edges they are, and the edges, all of one degree.
+        The kind of the edges, and the edges, all of one degree.
 
     Raises:
         NoEdgesError: there are none.
@@ -68,7 +68,7 @@ def parts_of(shape: Any, kind: str, outside: str = "SHAPE") -> Iterator[Any]:
 
 
 def _free_boundary(shapes: Iterable[Any]) -> list[Any]:
-    """Edges of only one face each, after equal edges of different faces were made one."""
+    """The edges that belong to one face only, after equal edges of different faces were identified."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_Sewing
 
     sewing = BRepBuilderAPI_Sewing(_SEWING)

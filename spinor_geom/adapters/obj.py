@@ -1,7 +1,7 @@
 """Wavefront OBJ: read in blocks, and extended without changing the bytes that were read.
 
-The lines `v`, `vt`, `vn`, `f`, `l`, `o` and `g` are read, in capitals too. Others, such as `mtllib`, stay in the file
-as text; no file that they name is opened.
+The lines `v`, `vt`, `vn`, `f`, `l`, `o` and `g` are read, in lower or upper case. Other lines, such as `mtllib`, are
+kept as text; files that they refer to are not opened.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class ObjText:
     corner_indices: dict[str, Int[np.ndarray, " v"]]
     counts: dict[str, int]  # number of `vt` and `vn` lines, under "uv" and "normal"
     newline: bytes
-    ending: bytes  # ends the last line if the file does not, else empty
+    ending: bytes  # what has to be appended to end the last line, or empty
 
 
 def read_obj_stream(stream: BinaryIO) -> ObjText:
@@ -79,13 +79,13 @@ def read_obj_stream(stream: BinaryIO) -> ObjText:
             raise malformed("", problem, "check that this is an OBJ file, or write it in several pieces")
         reader.add(_Block(text[start:stop], first_line=line))
         start, line = stop, line + text.count(NEWLINE, start, stop)
-    # a backslash at the very end would continue the last line into what follows
+    # a backslash at the end of the file would continue the last line
     ending = (not text.endswith(NEWLINE)) + text[-2:].rstrip().endswith(b"\\")
     return reader.text(newline, newline * ending)
 
 
 class _Reader:
-    """Collects what the blocks of a file hold."""
+    """Collects the contents of the blocks of a file."""
 
     def __init__(self) -> None:
         self.counts = dict.fromkeys(NUMBERS, 0)
@@ -141,7 +141,7 @@ class _Reader:
         return self.names.setdefault("/".join(filter(None, (self.of_object, self.of_group))), len(self.names))
 
     def text(self, newline: bytes, ending: bytes) -> ObjText:
-        """The whole file; a MeshFileError if there are no vertices, or an index is out of range."""
+        """The whole file; raises a MeshFileError if there are no vertices, or an index is out of range."""
         if not self.values[b"v"]:
             raise malformed("", "has no vertices (`v` lines)")
         vertices = np.concatenate([rows[:, :3] for rows in self.values[b"v"]])
@@ -278,7 +278,7 @@ class _Block:
             before = [counts[name] + np.searchsorted(self.lines[name], line_of) for name in NUMBERS]
             resolved = corners + np.stack(before, axis=1) + 1
             corners = np.where((corners < 0) & (resolved > 0), resolved, corners)
-            # an index before the file's first element must not pass for "not given"
+            # an index before the file's first element is not the same as "not given"
             corners[:, 1:] = np.where(corners[:, 1:] < 0, np.iinfo(np.int64).max, corners[:, 1:])
         return corners - 1
 
@@ -325,7 +325,7 @@ def _index_of_each_vertex(
 
 
 def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
-    """What to write after the last byte of the file: vertices with the attributes that the file has, and faces."""
+    """The text to append to the file: vertices with the attributes that the file has, and faces."""
     if len(extension.vertices) == 0 and len(extension.faces) == 0:
         return b""
     colors = [extension.vertex_attributes["color"]] if "color" in text.contents.attributes else []
@@ -337,7 +337,7 @@ def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
             lines.append(_number_lines(keyword, extension.vertex_attributes[name], newline))
             first = text.counts[name]
             indices = np.concatenate([text.corner_indices[name], np.arange(first, first + len(extension.vertices))])
-            # a vertex in no face has none: any valid number will do
+            # a vertex in no face has no index; any valid number can be written
             corners.append(np.maximum(indices[extension.faces.ravel()], 0) + 1)
     sizes, has_uv = np.full(len(extension.faces), 3), "uv" in text.corner_indices
     lines.append(_face_lines(corners, sizes, extension.face_loops, newline, has_uv=has_uv))

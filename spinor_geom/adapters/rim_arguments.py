@@ -23,16 +23,16 @@ def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
     """The closed curves that an argument describes.
 
     Args:
-        what: a loop, an analytic curve, (m, 3) points of a closed curve, a sequence of these; a mesh of any known type
-            or the path of a mesh file, of which one loop is taken; or shapes of a CAD library or the path of a CAD
-            file, see `closed_curves`, of which wires are all taken, and one free boundary of faces.
+        what: a loop, an analytic curve, (m, 3) points of a closed curve, or a sequence of these. A mesh of any
+            supported type or the path of a mesh file: one of its loops. Shapes of a CAD library or the path of a CAD
+            file (see `closed_curves`): all wires, or one free boundary of faces.
         loop: the index of the loop in `boundary_loops(mesh)`, or of the curve of CAD edges, the longest first; None if
             a mesh or CAD faces have only one.
 
     Raises:
         OptionError: `loop` is missing for a mesh or faces with several loops, or given for a curve.
         LoopIndexError: there is no such loop.
-        LoopError: the points are no closed curve, see `BoundaryLoop.from_points`, or edges, see `closed_curves`.
+        LoopError: the points (see `BoundaryLoop.from_points`) or edges (see `closed_curves`) are not a closed curve.
         UnknownMeshTypeError, MeshError, MeshFileError: as `boundary_loops`.
         CadFileError: the CAD file cannot be read.
     """
@@ -42,7 +42,7 @@ def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
     if is_mesh(what):
         return [_loop_of_mesh(what, loop)]
     if loop is not None:
-        raise OptionError("loop selects a boundary loop of a mesh, but a curve was given; leave loop out")
+        raise OptionError("loop selects a boundary loop of a mesh, but a curve was given; remove loop=")
     if isinstance(what, (BoundaryLoop, ClosedCurve)):
         return [what]
     if not isinstance(what, np.ndarray) and all(isinstance(one, Rim) or np.ndim(one) == 2 for one in what):
@@ -66,7 +66,7 @@ def _loop_of_mesh(what: Any, loop: int | None) -> BoundaryLoop:
     require_faces(mesh)
     loops = find_boundary_loops(mesh)
     if loop is None and len(loops) != 1:
-        raise OptionError(f"the mesh has {len(loops)} boundary loops, not one; pass one of boundary_loops(mesh)")
+        raise OptionError(f"the mesh has {len(loops)} boundary loops, not one; give one of boundary_loops(mesh)")
     place = 0 if loop is None else loop
     if not 0 <= place < len(loops):
         raise LoopIndexError(index=place, loops=len(loops))
@@ -80,7 +80,5 @@ def _of_cad(curves: list[CadCurve], loop: int | None) -> list[Rim]:
             raise LoopIndexError(index=loop, loops=len(curves))
         return [sorted(curves, key=lambda curve: -curve.length)[loop]]
     if len(curves) > 1 and curves[0].kind == "free boundary":
-        raise OptionError(
-            f"the faces have {len(curves)} free boundaries, not one; choose one by its number, or give wires"
-        )
+        raise OptionError(f"the faces have {len(curves)} free boundaries; choose one by its index, or give wires")
     return [*curves]

@@ -27,9 +27,9 @@ from spinor_geom.mesh.triangle_mesh import require_extent
 class NamedLoop:
     """A curve of a file as a loop, or the error that prevents a surface over it."""
 
-    name: str  # of its object and group; "" where the file has none
+    name: str  # of its object and group; "" if the file has none
     points: Float[np.ndarray, "k 3"]  # of the loop, or the finite points of the curve
-    loop: BoundaryLoop | None  # None where it cannot be made
+    loop: BoundaryLoop | None  # None if it cannot be made
     error: SpinorGeomError | None = None
     notes: tuple[str, ...] = ()  # repairs
 
@@ -38,7 +38,7 @@ def curve_loops(text: ObjText, *, closing: float) -> list[NamedLoop]:
     """The curves of a file as loops, in its order.
 
     The ends of open curves are joined if they are at most `closing` mean edges apart (of the curve with shorter edges)
-    and no third end is as near. A point that equals its predecessor is dropped.
+    and no third end is as near. A point that is equal to the one before is removed.
     """
     vertices = text.contents.vertices
     return [

@@ -91,7 +91,7 @@ def _bytes_of(source: Source, archives: ArchiveReader) -> bytes:
 def _patches(
     loops: list[Any], fill_options: FillOptions, options: BatchOptions, send: Send, *, is_rim: bool = True
 ) -> Iterator[SolvedLoop]:
-    """The patch of each loop in order, or the reason that there is none."""
+    """The patch of each loop in order, or the error instead."""
     for solved in minimal_patches(loops, fill_options, is_rim=is_rim, device=options.device):
         send({"solving": ""})
         yield solved

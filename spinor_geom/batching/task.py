@@ -1,4 +1,4 @@
-"""One mesh file of a batch: its loops, and its record and result files once the patches of the loops are known."""
+"""One mesh file of a batch: its loops, and the record and result files that follow from the patches of the loops."""
 
 import io
 from collections.abc import Iterator
@@ -101,9 +101,9 @@ class FileTask:
     def results(
         self, rims: Iterator[SolvedLoop], curves: Iterator[SolvedLoop]
     ) -> tuple[dict[str, Any], dict[str, Writer]]:
-        """The record, JSON-ready, and the functions that write each result file, by its name.
+        """The record as JSON values, and the functions that write each result file, by its name.
 
-        `rims` and `curves` give the patches of `self.rims` and `self.curve_loops`. Raises as `fill_hole`.
+        `rims` and `curves` are the patches of `self.rims` and `self.curve_loops`. Raises as `fill_hole`.
         """
         record = failure(self.source.key, self.problem)
         entries: list[dict[str, Any]] = []
@@ -174,7 +174,7 @@ class FileTask:
             **figures,
             "comparison": None,
             "files": {},
-            # the summary draws failed loops, which have no files, from here
+            # for the picture of a failed loop in the summary, because it has no file
             "outline": [[float(f"{x:.6g}") for x in p] for p in outline.tolist()] if status == "failed" else None,
         }
 

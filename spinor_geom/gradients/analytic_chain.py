@@ -44,7 +44,7 @@ class PoissonCurve:
 
     @cached_property
     def _factor(self) -> Float[np.ndarray, "m m"]:
-        # LAPACK directly: the checks of scipy.linalg take as long as the work
+        # LAPACK directly, because the checks of scipy.linalg take as long as the computation
         factor, is_singular = dpotrf(self._own[0])
         if is_singular:
             raise np.linalg.LinAlgError("the equations of an analytic curve are singular")

@@ -15,7 +15,7 @@ from spinor_geom.errors import CurveError
 from spinor_geom.mesh.curve import MAX_NEWTON_STEPS, NEWTON_STEP_TOLERANCE, SMOOTH_TURN, ClosedCurve
 from spinor_geom.mesh.interpolation import piece_places, through
 
-# Relative error of the polynomials that interpolate the speed; it makes s uneven, points stay on the splines.
+# Relative error of the polynomials that interpolate the speed; it affects s only, all points are on the splines.
 SPEED_ERROR = 1e-12
 MOST_PARTS = 256  # of a span between two knots, for that error
 CHECKS = np.array([0.13, 0.47, 0.81])  # where on each part the error is measured
@@ -51,7 +51,7 @@ class RationalSpline:
 
     def between(self, ends: Float[np.ndarray, "2 3"]) -> RationalSpline:
         """The spline with its ends moved to given points, and its other control points in proportion."""
-        # Greville's abscissae: a straight spline at constant speed keeps both properties
+        # Greville's abscissae, so that a straight spline of constant speed stays one
         share = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], self.degree).mean(axis=1)[:, None]
         first, last = ends - self.ends
         return replace(self, poles=self.poles + (1 - share) * first + share * last)
@@ -157,7 +157,9 @@ class JoinedSplines:
             parts *= 2
             if parts > MOST_PARTS:
                 worst = float(at.flat[int(error.argmax())])
-                raise CurveError(reason="has a point where its spline stands still", parameter=worst / self._end)
+                raise CurveError(
+                    reason="has a point where the derivative of its spline is 0", parameter=worst / self._end
+                )
 
     def _speed(self, t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
         return np.asarray(np.linalg.norm(self._derivatives(t, 1)[1], axis=-1))

@@ -1,4 +1,4 @@
-"""Detection and division of long edges of closed polygons, much longer than their neighbours."""
+"""Detection and division of edges of closed polygons that are much longer than their neighbours."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Inexact
@@ -16,12 +16,12 @@ def graded_spacing(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b
     """Upper bound of the edge length of a graded sampling at each edge of a closed polygon, in the points' unit.
 
     The bound is the longest of three successive edges, reduced so that it at most doubles from one edge to the next,
-    and at least twice the median edge. So an edge exceeds it if it is more than four times as long as each of the next
+    and at least twice the median edge. An edge exceeds it if it is more than four times as long as each of the next
     three edges on one side and more than twice as long as the median edge.
     """
     length = edge_lengths(points)
     least = LARGEST_GROWTH * np.median(length, axis=-1, keepdims=True)
-    if (length <= least).all():  # nearly all polygons
+    if (length <= least).all():  # true for nearly all polygons
         return np.broadcast_to(least, length.shape)
     spacing = _longest_of_three(length)
     step = 1
@@ -51,7 +51,7 @@ def edge_lengths(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b m
 
 
 def following(points: Inexact[np.ndarray, "*b m k"]) -> Inexact[np.ndarray, "*b m k"]:
-    """The next point of a closed polygon at each point: np.roll, which takes several times as long for few points."""
+    """The next point of a closed polygon at each point, as by np.roll, which takes several times as long for few."""
     return points.take(np.arange(1 - points.shape[-2], 1), axis=-2)
 
 

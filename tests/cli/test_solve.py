@@ -64,7 +64,7 @@ def test_a_missed_tolerance_is_status_1(tmp_path: Path, capsys: pytest.CaptureFi
 def test_bad_input_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = write_obj(tmp_path / "curve.obj", circle(0, 0.3))
     assert main(["solve", str(source), "-o", str(tmp_path / "film.stl")]) == 2
-    assert "'.stl' is no CAD format" in capsys.readouterr().err
+    assert "'.stl' is not a CAD format" in capsys.readouterr().err
     pytest.importorskip("OCP")
     film = str(tmp_path / "film.step")
     apart = write_obj(tmp_path / "apart.obj", circle(0), circle(9))

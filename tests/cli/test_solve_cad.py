@@ -68,7 +68,7 @@ BAD = {
         "crosses or touches itself",
     ),
     "apart": ([cad.Wire.make_circle(1), cad.Wire.make_circle(1).moved(cad.Location((0, 0, 9)))], [], "no annulus"),
-    "unit": ([cad.Wire.make_circle(1)], ["--unit", "m"], "leave --unit out"),
+    "unit": ([cad.Wire.make_circle(1)], ["--unit", "m"], "remove --unit"),
 }
 
 
@@ -86,4 +86,4 @@ def test_bad_input_is_one_sentence_and_nothing_is_written(
 
 def test_an_unknown_output_is_refused_before_solving(frame: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["solve", str(frame), "-o", str(frame.with_suffix(".dwg"))]) == 2
-    assert "no CAD format" in capsys.readouterr().err
+    assert "not a CAD format" in capsys.readouterr().err
