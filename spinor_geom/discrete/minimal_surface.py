@@ -62,7 +62,7 @@ class DiscreteMinimalSurface(Shown):
         area: total area of the triangles.
         area_history: total area after each step of the last descent.
         converged: whether the area became stationary for motions along the vertex normals, to `relative_change`.
-        reason: why it did not, or which fallback was used, one sentence; else empty.
+        reason: why it did not converge, or the fallback that was used, in one sentence; else empty.
         method: the `method` argument.
         seconds: wall time.
     """
@@ -131,7 +131,7 @@ def discrete_minimal_surface(
     loops = [rim for rim in to_rims(loop) if isinstance(rim, BoundaryLoop)]
     if len(loops) != 1:
         if method != "libigl" or target_edge_length is not None:
-            raise OptionError("between two loops there is only method='libigl', without target_edge_length")
+            raise OptionError("for two loops only method='libigl' without target_edge_length is supported")
         if len(loops) != 2:
             raise TooManyRimsError(sizes=[len(one) for one in loops])
         start, rims = time.perf_counter(), [one.points for one in loops]
@@ -234,7 +234,7 @@ def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:
 
 
 def first_disks(loops: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk | SpinorGeomError]:
-    """`first_disk` or its error for several curves, computed together with bit-equal results."""
+    """The results or errors of `first_disk` for several curves, computed together; bit for bit the same."""
 
     def made(some: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk]:
         polygons = [unfolded_loop(points) for points in some]
