@@ -143,12 +143,7 @@ def test_a_second_start_is_not_tried_after_much_work(monkeypatch: pytest.MonkeyP
     assert not solution.converged
 
 
-def test_poles_at_many_corners_are_no_more_than_features_are_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
-    def counted(problem, readout, slide, **options):
-        raise KeyboardInterrupt(len(readout))
-
-    monkeypatch.setattr(network_route, "gauss_newton", counted)
+def test_poles_at_many_corners_are_no_more_than_features_are_allowed() -> None:
     loop = BoundaryLoop.from_points(star(32, 0).points, corners=range(32))
-    with pytest.raises(KeyboardInterrupt) as stopped:  # before the first step
-        solve_plateau(loop, model=Cauchy(degree=4), max_iterations=1)
-    assert stopped.value.args[0] <= 420
+    network = solve_plateau(loop, model=Cauchy(degree=4), max_iterations=1).array_surface.model
+    assert 300 < len(network.readout) <= 420

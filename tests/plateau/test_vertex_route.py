@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import trimesh
@@ -16,11 +14,8 @@ from spinor_geom.errors import SurfaceError
 from spinor_geom.gallery.surfaces import enneper
 from spinor_geom.holomorphic.poles import polygon_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.problem import PlateauProblem
-from spinor_geom.plateau.route_result import RouteResult
-from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.vertices.through_points import NODES, Basis
 from spinor_geom.plateau.vertices.vertex_route import disk_through_points
 
@@ -149,21 +144,21 @@ def test_steps_are_told_and_bounded() -> None:
     assert "residual" in short.reason
 
 
-def test_a_start_far_from_the_points_is_no_surface(monkeypatch: pytest.MonkeyPatch) -> None:
-    loop = rim_of(3, 0.7)
-    problem = PlateauProblem.of([loop], Options(max_iterations=20))
-
-    def solved() -> RouteResult:
-        return disk_through_points(replace(problem, steps=Steps(limit=20)))
-
-    assert solved().misfit.rms < problem.allowed
-    monkeypatch.setattr("spinor_geom.plateau.vertices.vertex_route._FAR", 1e-3)
-    with pytest.raises(SurfaceError, match="edges away from the points"):
-        solved()
-    monkeypatch.undo()
-    monkeypatch.setattr(BoundaryCurve, "bulge", lambda _: 1.0)
-    with pytest.raises(SurfaceError, match=r"edges away from its edges"):
-        solved()
+def test_surfaces_far_from_the_points_or_from_the_edges_are_errors() -> None:
+    problem = PlateauProblem.of([rim_of(3, 0.7)], Options(max_iterations=20))
+    assert disk_through_points(problem).misfit.rms < problem.allowed
+    errors = []
+    for n, noise, seed in ((24, 2.0, 4), (24, 2.0, 5), (40, 1.0, 0), (40, 1.0, 2)):
+        t, edge = 2 * np.pi * np.arange(n) / n, 3 * np.pi / n
+        ellipse = np.column_stack([2 * np.cos(t), np.sin(t), 0.2 * np.cos(2 * t)])
+        points = ellipse + noise * edge * np.random.default_rng(seed).normal(size=(n, 3))
+        loop = BoundaryLoop.from_points(points, corners=())
+        try:
+            disk_through_points(PlateauProblem.of([loop], Options(max_iterations=20)))
+        except SurfaceError as error:
+            errors.append(str(error))
+    for kind in ("edges away from the points", "edges away from its edges"):
+        assert any(kind in error for error in errors)
 
 
 def test_more_nodes_are_tried_only_after_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
