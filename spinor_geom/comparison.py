@@ -130,9 +130,8 @@ def compare(
             mesh file, or a sequence of loops, Plateau's problem is solved first. A loop of a mesh is solved as by
             `fill_hole`.
         baseline: a `DiscreteMinimalSurface`, a `Patch`, or a mesh of any supported type whose boundary is the same
-        loop,
-            without the mesh around it. None computes the `discrete_minimal_surface` of the same loop, with the patch's
-            edge length; between two loops its edges grow inwards, and between more it is `Patch.relaxed`.
+            loop, without the mesh around it. None computes the `discrete_minimal_surface` of the same loop, with the
+            patch's edge length; between two loops its edges grow inwards, and between more it is `Patch.relaxed`.
         loop: index of a mesh's loop, as in `boundary_loops`; required if a mesh has several.
         target_edge_length: of the patch, as in `mesh_patch`, and of the baseline made here.
         patch: the solution's mesh of that edge length, if it exists already.

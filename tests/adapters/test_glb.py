@@ -367,15 +367,15 @@ def test_chunks_that_nobody_knows_are_kept(tmp_path: Path) -> None:
     assert (tmp_path / "again.glb").read_bytes().endswith(chunk)
 
 
-def test_meshes_that_are_shown_again_and_again_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    def show(tree: dict) -> None:
-        tree["nodes"] = [{"mesh": 0, "translation": [number, 0, 0]} for number in range(30)]
-        tree["scenes"] = [{"nodes": list(range(30))}]
+def test_rows_of_meshes_used_by_many_nodes_are_limited() -> None:
+    def use_sixty_times(tree: dict) -> None:
+        tree["nodes"] = [{"mesh": 0, "translation": [number, 0, 0]} for number in range(60)]
+        tree["scenes"] = [{"nodes": list(range(60))}]
 
-    assert len(parsed(with_tree(GOOD, show)).mesh.vertices) == 240
-    monkeypatch.setattr(glb, "MOST_ROWS", 2000)
-    with pytest.raises(MeshFileError, match="over 2,"):
-        parsed(with_tree(GOOD, show))
+    assert len(parsed(with_tree(GOOD, use_sixty_times)).mesh.vertices) == 480
+    large = {**CUBE, "POSITION": np.concatenate([VERTICES, np.zeros((200_000, 3), VERTICES.dtype)])}
+    with pytest.raises(MeshFileError, match="over 10,000,000 rows"):
+        parsed(with_tree(glb_file([large]), use_sixty_times))
 
 
 def test_every_truncation_is_refused_with_a_typed_error() -> None:
