@@ -1,4 +1,4 @@
-"""Every error can say its sentence wherever it is raised."""
+"""Every error has a message, wherever it is raised."""
 
 from __future__ import annotations
 

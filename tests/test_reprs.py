@@ -1,4 +1,4 @@
-"""Every public object describes itself in a line."""
+"""The repr of every public object is one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The plugin that checks the shapes in annotations finds false ones."""
+"""The plugin that checks the shapes in annotations finds wrong ones."""
 
 from __future__ import annotations
 

@@ -176,7 +176,7 @@ _merge_distance = _checked(
 _loops = _checked(
     lambda text: [int(part) for part in text.split(",")],
     "a list of numbers such as 0,2,5; loops are numbered from 0",
-    lambda places: min(places) >= 0,
+    lambda numbers: min(numbers) >= 0,
 )
 _LOOP: dict[str, Any] = {"metavar": "N[,N…]", "type": _loops, "action": "extend"}
 _pixels = _checked(

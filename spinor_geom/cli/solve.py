@@ -70,8 +70,8 @@ def _curves(path: Path, chosen: list[int] | None) -> list[Any]:
         raise MeshFileError(
             f"{path}: has {len(loops)} boundary loops; choose with --loop (see 'spinor-geom loops')", path=path
         )
-    places = range(len(loops)) if chosen is None else chosen_indices(chosen, loops)
-    return [loops[place] for place in places]
+    indices = range(len(loops)) if chosen is None else chosen_indices(chosen, loops)
+    return [loops[index] for index in indices]
 
 
 def _description(curves: Sequence[CadCurve]) -> str:

@@ -54,7 +54,7 @@ def with_tree(data: bytes, change: object) -> bytes:
 
 
 def unwelded() -> dict[str, np.ndarray]:
-    """The cube as renderers want it: own vertices and normals for each side."""
+    """The cube with separate vertices and normals for each side, as for rendering."""
     corners = VERTICES[FACES].reshape(-1, 3)
     sides = np.cross(VERTICES[FACES[:, 1]] - VERTICES[FACES[:, 0]], VERTICES[FACES[:, 2]] - VERTICES[FACES[:, 0]])
     return {"POSITION": corners, "NORMAL": np.repeat(sides, 3, axis=0).astype(np.float32)}
@@ -360,7 +360,7 @@ def test_what_is_malformed_elsewhere_does_not_keep_a_file_from_being_written(tmp
     assert {name: written[name] for name in extra} == extra
 
 
-def test_chunks_that_nobody_knows_are_kept(tmp_path: Path) -> None:
+def test_unknown_chunks_are_kept(tmp_path: Path) -> None:
     chunk = struct.pack("<I4s", 8, b"XTRA") + b"whatever"
     data = GOOD[:8] + struct.pack("<I", len(GOOD) + len(chunk)) + GOOD[12:] + chunk
     assert is_closed(again(parsed(data).extended(lid()), tmp_path).mesh)

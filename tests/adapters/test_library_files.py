@@ -1,4 +1,4 @@
-"""Formats that other libraries own: .vtp and .vtk by PyVista, .3mf by trimesh."""
+"""Formats read by other libraries: .vtp and .vtk by PyVista, .3mf by trimesh."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_a_damaged_vtk_file_is_an_error_that_names_it_and_nothing_is_printed(
 
 
 @VTK
-def test_what_is_no_surface_or_not_finite_is_told_with_the_file(tmp_path: Path, suffix: str) -> None:
+def test_what_is_no_surface_or_not_finite_is_refused_with_the_file_name(tmp_path: Path, suffix: str) -> None:
     sphere = pyvista.Sphere().strip()
     sphere.save(tmp_path / f"strips{suffix}")
     with pytest.raises(MeshFileError, match=r"strips.*: the mesh has triangle strips"):
@@ -101,7 +101,7 @@ def test_what_is_no_surface_or_not_finite_is_told_with_the_file(tmp_path: Path, 
 
 
 @pytest.mark.parametrize("offsets", ["0 3 6 900000", "0 -3 6 9", "3 6 9 9"])
-def test_cells_of_a_vtk_file_that_lie_outside_it_are_told(tmp_path: Path, offsets: str) -> None:
+def test_cells_of_a_vtk_file_that_lie_outside_it_are_refused(tmp_path: Path, offsets: str) -> None:
     head = "# vtk DataFile Version 5.1\nt\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\n"
     cells = f"POLYGONS 4 9\nOFFSETS vtktypeint64\n{offsets}\nCONNECTIVITY vtktypeint64\n0 1 2 0 1 3 0 2 3\n"
     (tmp_path / "cells.vtk").write_text(head + cells)

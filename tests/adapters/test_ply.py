@@ -126,7 +126,7 @@ def test_colors_are_rounded_to_bytes(tmp_path: Path) -> None:
     assert closed.mesh.vertex_attributes["color"][8].tolist() == [1, 255, 0, 255]
 
 
-def test_real_colors_of_255_are_told_by_any_channel() -> None:
+def test_real_colors_of_255_are_recognised_by_any_channel() -> None:
     extra = {name: ("float", np.full(8, value)) for name, value in (("red", 0), ("green", 0), ("blue", 255))}
     assert parsed(ply("ascii", CUBE_POINTS, QUADS, extra=extra)).contents.color_scale == 255.0
 

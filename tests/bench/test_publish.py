@@ -1,4 +1,4 @@
-"""The page of figures and the CSV beside it: what a run measured is put there, and they say the same."""
+"""The page of figures and the CSV beside it: both contain the measurements of a run, and they agree."""
 
 import csv
 import importlib
@@ -35,7 +35,7 @@ def test_a_run_becomes_csv_and_tables_and_takes_the_place_of_an_earlier_one(publ
         assert text.endswith(f"{publish.END}\nafter\n")
         assert "old\n" not in text
         rows = list(csv.DictReader((tmp_path / "disks.csv").read_text(encoding="utf-8").splitlines()))
-        # of 32 points nothing is said
+        # loops of 32 points are not mentioned
         assert [row["n"] for row in rows] == ["64"]
     assert all(row["commit"] and row["date"] and float(row["load"]) >= 0 for row in rows)
     assert float(rows[0]["area_error"]) < 1e-12

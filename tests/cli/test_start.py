@@ -1,4 +1,4 @@
-"""What starting the program imports, and the public names."""
+"""The modules that starting the program imports, and the public names."""
 
 from __future__ import annotations
 

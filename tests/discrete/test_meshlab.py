@@ -1,4 +1,4 @@
-"""The MeshLab baseline: what it says of itself, what it refuses, and what it leaves behind."""
+"""The MeshLab baseline: its result, its errors, and its side effects on MeshLab."""
 
 import numpy as np
 import pymeshlab

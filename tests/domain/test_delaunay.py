@@ -1,4 +1,4 @@
-"""Constrained Delaunay triangulations that grow."""
+"""Constrained Delaunay triangulations into which points are inserted."""
 
 import numpy as np
 import pytest

@@ -160,7 +160,7 @@ def test_inside_test_takes_any_shape_and_many_points():
 
 
 def edges_from_root(domain):
-    """How many edges each vertex of a triangulation is from its root; fails where a way does not end there."""
+    """The number of edges from each vertex of a triangulation to its root; fails if a path does not end there."""
     level, at = np.zeros(len(domain.parents), dtype=int), np.arange(len(domain.parents))
     for _ in at:
         level += at != domain.root

@@ -1,4 +1,4 @@
-"""The border of a sheet is no hole: a patch over it would lie on the mesh."""
+"""The border of a sheet is not filled, because a patch over it would lie on the mesh."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which loops a call fills, and the errors of a choice that cannot be made."""
+"""The loops that a call fills, and the errors for loops that cannot be chosen."""
 
 from __future__ import annotations
 

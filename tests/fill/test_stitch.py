@@ -1,4 +1,4 @@
-"""Joining patches: orientation, indices, and edges that are taken already."""
+"""Joining patches: orientation, indices, and edges that already have two faces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""fill_hole gives back what it was given: arrays, tensors, trimesh, pymeshlab, files."""
+"""`fill_hole` returns the type that it was given: arrays, tensors, trimesh, pymeshlab, files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loops of one mesh are meshed together, but none waits long for the others."""
+"""Loops of one mesh are meshed together, with a limit on the time that a loop waits for the others."""
 
 from __future__ import annotations
 

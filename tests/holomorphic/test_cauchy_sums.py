@@ -1,4 +1,4 @@
-"""Fast sums of Cauchy kernels: the direct sums, wherever the points are."""
+"""Fast sums of Cauchy kernels: equal to the direct sums for all positions of the points."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""BoundaryCurve: interpolation, smoothness, choice of degree, convergence, corners, averages, nearest point."""
+"""BoundaryCurve: interpolation, smoothness, choice of degree, convergence, corners, means, nearest point."""
 
 from __future__ import annotations
 

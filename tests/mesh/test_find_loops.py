@@ -127,7 +127,7 @@ class TestBowTies:
 
 
 class TestCoincidentEdges:
-    def test_soup_is_refused_and_the_error_says_how_to_merge(self) -> None:
+    def test_soup_is_refused_with_the_option_that_merges_it(self) -> None:
         points, faces = grid(3, 3)
         soup = TriangleMesh(points[faces.ravel()], np.arange(faces.size).reshape(-1, 3))
         with pytest.raises(DuplicateVertexError, match="merge") as caught:

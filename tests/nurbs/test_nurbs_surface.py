@@ -192,7 +192,7 @@ def test_work_is_bounded_where_the_boundary_residual_exceeds_the_tolerance() -> 
     assert surface.size < 25_000
 
 
-def test_surfaces_far_from_their_curve_are_told() -> None:
+def test_surfaces_far_from_their_curve_are_reported() -> None:
     loop = BoundaryLoop.from_points(gallery.random_curve(0).sample(60).points, corners=())
     solution = spinor_geom.solve_plateau(loop, max_iterations=1)
     surface = solution.to_nurbs(tolerance=1e-2)

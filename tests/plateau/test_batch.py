@@ -1,4 +1,4 @@
-"""Many loops at once: each as if it were alone, in order, with errors in their place."""
+"""Many loops at once: each is solved as if it were alone, and results and errors are in the order of the loops."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_small_holes_of_a_real_mesh_take_few_steps_on_the_disk():
 
 
 def test_a_solution_holds_no_more_than_its_own_surface():
-    """What made it is as large as all loops that were solved with it, or as Ω's matrices."""
+    """The data of its computation are as large as those of all loops of the batch, or as the matrices of Ω."""
     noisy = gallery.noisy_loop(gallery.evenly_sampled(gallery.ellipse(2.0, 0.3), 60), 0.1, seed=1)
     for solution in solve_plateau_batch([gallery.tennis_seam(0.8).sample(48)] * 8 + [noisy]):
         numbers = sum(part.numel() for part in solution.surface.state_dict().values())

@@ -1,4 +1,4 @@
-"""The cone that parts rims between which there is no minimal annulus."""
+"""The cone that separates rims between which there is no minimal annulus."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""No loop takes far more work than others of its size: what costs too much is left for the next route."""
+"""No loop takes far more work than others of its size: a route that would cost too much gives way to the next."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_slides_and_domains_have_at_most_16_nodes_a_point(n: int) -> None:
 
 def test_narrow_domains_are_left_to_other_routes_before_they_are_made() -> None:
     circle = FourierBoundary.circle(1.0, 28)
-    with pytest.raises(DomainError, match="needs 2688 steps around it, at most 1024"):
+    with pytest.raises(DomainError, match="needs 2688 steps around it; at most 1024"):
         resolved_form(circle, 2688, NUMPY, most=1024)
 
 
@@ -59,7 +59,7 @@ def test_narrow_smooth_loops_keep_the_area_of_their_curve() -> None:
 
 @pytest.mark.parametrize("seed", every_second(range(3)))
 def test_networks_that_cannot_meet_the_tolerance_do_not_grow_on(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The work of a linearisation is the number of features cubed; as many as there may be take seconds."""
+    """The work of a linearisation is the number of features cubed; the largest number takes seconds."""
     fit, work = network_route.gauss_newton, []
 
     def counted(problem, readout, slide, **options):

@@ -22,7 +22,7 @@ def energy(form, x):
 
 
 def harmonic_pair(boundary, n, function, derivative):
-    """Boundary values of the real and the imaginary part of a holomorphic function, and what Λ makes of them."""
+    """Boundary values of the real and the imaginary part of a holomorphic function, and their images under Λ."""
     z, dz, _ = boundary.grid(n)
     # the conjugate of Re f is Im f, that of Im f is −Re f
     slope = -1j * derivative(z) * dz / (2 * np.pi)
@@ -63,7 +63,7 @@ def test_on_a_disk_it_multiplies_fourier_series_by_their_frequency(form):
 
 
 def test_by_a_conformal_parameter_every_domain_is_a_disk():
-    """z = w + 0.2 w² maps the unit disk onto Ω; by w's angle Λ is that of the disk."""
+    """z = w + 0.2 w² maps the unit disk onto Ω; with w's angle as the parameter, Λ is that of the disk."""
     form = form_of(FourierBoundary(np.array([0, 0, 0, 1, 0.2]), 64), 64)
     assert float(np.abs(form.correction).max()) < 1e-12
 

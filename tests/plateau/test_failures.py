@@ -1,4 +1,4 @@
-"""What cannot be solved is a typed error or ends: singular equations, and numbers that are not finite."""
+"""Problems that cannot be solved end, or raise a typed error: singular equations, numbers that are not finite."""
 
 from __future__ import annotations
 

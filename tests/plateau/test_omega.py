@@ -1,4 +1,4 @@
-"""Domains made for a loop: their parameter, and their smoothness."""
+"""Domains made for a loop: the parameter of their boundary, and its smoothness."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def test_domain_far_too_narrow_is_refused_before_its_form_is_made(monkeypatch):
 def test_domain_that_asks_for_more_memory_than_there_is_room_for_is_refused_at_once(monkeypatch):
     monkeypatch.setattr(DirichletForm, "of", None)
     # what a slit of 400 to 1 asks for
-    with pytest.raises(DomainError, match="needs 7160 steps around it, at most 4096"):
+    with pytest.raises(DomainError, match="needs 7160 steps around it; at most 4096"):
         resolved_form(ellipse(400.0), 7160, NUMPY)
 
 

@@ -1,4 +1,4 @@
-"""What a second try fails at must not cost the result of the first."""
+"""The result of the first attempt is kept if the second one fails."""
 
 import pytest
 

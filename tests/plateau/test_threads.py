@@ -19,7 +19,7 @@ def threads_of_blas() -> set[int]:
 
 @pytest.fixture(autouse=True)
 def _two_threads() -> Iterator[None]:
-    """Two threads before, whatever the environment says, so that a limit can be seen."""
+    """Two threads before, independently of the environment, so that a limit has an effect."""
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     with threadpool_limits(2, user_api="blas"):

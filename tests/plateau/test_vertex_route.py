@@ -1,4 +1,4 @@
-"""Rough rims: exact minimal surfaces through their points, with Γ between them left to the surface."""
+"""Rough rims: exact minimal surfaces through their points, with Γ free between them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def rim_of(subdivisions: int, height: float) -> BoundaryLoop:
 
 
 def zigzag(n: int, *, teeth: float, seed: int = 0) -> np.ndarray:
-    """A wavy circle whose points lie to and fro, by a share of the edge, in random directions."""
+    """A wavy circle whose points are moved by a share of the edge, alternately to and fro, in random directions."""
     random = np.random.default_rng(seed)
     t = 2 * np.pi * np.arange(n) / n
     points = np.column_stack([np.cos(t), np.sin(t), 0.2 * np.sin(2 * t)])
@@ -41,7 +41,7 @@ def zigzag(n: int, *, teeth: float, seed: int = 0) -> np.ndarray:
 
 
 def distance_of_points(solution: sg.PlateauSolution) -> np.ndarray:
-    """Distances of the loop's points from the surface at their places in Ω, in mean edges, measured from outside."""
+    """Distances of the loop's points from the surface at their points of Ω, in mean edges, by public methods."""
     found = np.asarray(solution.surface.position(solution.loop_points_in_domain()))
     return np.linalg.norm(found - solution.loop.points, axis=1) / solution.loop.mean_edge_length
 
@@ -57,7 +57,7 @@ def test_the_rims_of_caps_cut_along_triangles_are_met(subdivisions: int, height:
     assert solution.rims[0].bulge < 1.0 * solution.loop.mean_edge_length
 
 
-def test_a_rim_that_little_damping_keeps_off_is_met_however_it_is_turned() -> None:
+def test_a_rim_that_little_damping_does_not_reach_is_met_in_every_orientation() -> None:
     """With three times as much its points keep 6e-3 of an edge, turned in four of five ways."""
     hole = ragged_hole(CUT[58])
     for seed in range(3):
@@ -132,11 +132,11 @@ def test_a_filled_cap_is_watertight_and_crosses_nothing() -> None:
     np.testing.assert_array_equal(filled[0][: len(vertices)], vertices)
 
 
-def test_steps_are_told_and_bounded() -> None:
+def test_steps_are_reported_and_bounded() -> None:
     loop = rim_of(3, 0.7)
-    heard: list[int] = []
-    solution = sg.solve_plateau(loop, between="free", on_iteration=lambda step: heard.append(step.index))
-    assert heard == list(range(1, len(solution.history) + 1))
+    steps: list[int] = []
+    solution = sg.solve_plateau(loop, between="free", on_iteration=lambda step: steps.append(step.index))
+    assert steps == list(range(1, len(solution.history) + 1))
     assert {step.method for step in solution.history} == {"Newton"}
     short = sg.solve_plateau(loop, between="free", max_iterations=1)
     assert len(short.history) == 1

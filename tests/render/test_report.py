@@ -1,4 +1,4 @@
-"""The page of a fill in a real browser: drawn, every switch seen, nothing fetched; and what it says."""
+"""The page of a fill in a real browser: drawn, each switch changes the view, nothing is fetched; its text."""
 
 from __future__ import annotations
 
@@ -193,7 +193,7 @@ def test_dark_and_light_pages_have_readable_text(opened: Visit) -> None:
         assert (canvas(opened, 0)[2, 2].mean() < 60) == dark
 
 
-def test_the_page_says_what_is_discrete_and_why() -> None:
+def test_the_page_shows_which_patches_are_discrete_and_why() -> None:
     _, result = spinor_geom.fill_hole(collar(figure_eight(16, 0.5), np.array([0, 0, 0.3])), return_report=True)
     text = spinor_geom.report(result)
     assert "2 of 2 loops filled" in text

@@ -1,4 +1,4 @@
-"""Positions in closed form, and by quadrature along the paths that are needed."""
+"""Positions in closed form, and by quadrature along paths."""
 
 import numpy as np
 import pytest
