@@ -57,7 +57,7 @@ def test_what_does_not_fit_is_an_error(call, what: str) -> None:
         call()
 
 
-def test_a_function_may_refuse_what_does_not_fit() -> None:
+def test_a_function_may_refuse_arguments() -> None:
     with pytest.raises(ValueError, match="no sizes"):
         joined(ONES.T, sizes=[])
 

@@ -200,7 +200,7 @@ def test_shared_accessors_of_other_primitives_stay_as_they_are(tmp_path: Path) -
     assert len(boundary_edges(back.mesh.faces)) == 4
 
 
-def test_transformed_nodes_are_read_in_the_scene_and_written_in_their_own_place(tmp_path: Path) -> None:
+def test_transformed_nodes_are_read_in_scene_coordinates_and_written_in_their_own(tmp_path: Path) -> None:
     angle = np.pi / 6
     nodes = [
         {"children": [1], "rotation": [0, 0, np.sin(angle), np.cos(angle)], "translation": [10, 0, 0]},
@@ -308,7 +308,7 @@ def test_primitives_without_triangles_are_passed_over(tmp_path: Path) -> None:
     assert is_closed(again(file.extended(lid()), tmp_path).mesh)
 
 
-def test_rim_of_another_node_and_loose_patches_are_placed_in_space(tmp_path: Path) -> None:
+def test_rim_of_another_node_and_loose_patches_are_written_in_scene_coordinates(tmp_path: Path) -> None:
     nodes = [{"mesh": 0}, {"mesh": 1, "translation": [0, 0, 2]}]
     data = glb_file([CUBE, {**CUBE, "NORMAL": VERTICES}])
 

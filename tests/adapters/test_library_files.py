@@ -25,7 +25,7 @@ VTK = pytest.mark.parametrize("suffix", [".vtp", ".vtk"])
 
 @VTK
 @pytest.mark.parametrize("single", [False, True])
-def test_a_vtk_file_is_filled_and_keeps_what_it_held(tmp_path: Path, suffix: str, single: bool) -> None:
+def test_a_vtk_file_is_filled_and_keeps_its_data(tmp_path: Path, suffix: str, single: bool) -> None:
     vertices, faces = tube()
     held = pyvista.PolyData.from_regular_faces(vertices.astype(np.float32) if single else vertices, faces)
     held.point_data["height"] = vertices[:, 2]
@@ -253,7 +253,7 @@ def test_names_that_a_format_cannot_hold_are_left_out_and_named(
 @pytest.mark.parametrize(
     ("suffix", "kept"), [(".obj", {"color"}), (".off", {"color"}), (".stl", set()), (".3mf", set())]
 )
-def test_attributes_that_a_format_has_no_place_for_are_named(tmp_path: Path, suffix: str, kept: set[str]) -> None:
+def test_attributes_that_a_format_cannot_store_are_named(tmp_path: Path, suffix: str, kept: set[str]) -> None:
     held = pyvista.PolyData.from_regular_faces(*tube())
     held.point_data["color"] = np.full((48, 3), 128, dtype=np.uint8)
     held.point_data["pressure"] = np.arange(48.0)

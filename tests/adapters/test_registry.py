@@ -77,7 +77,7 @@ def test_registered_adapter_serves_its_type_and_subclasses() -> None:
     assert "Cloth" in known_types()
 
 
-def test_import_and_lookup_bring_in_no_optional_library() -> None:
+def test_import_and_lookup_import_no_optional_library() -> None:
     program = (
         "import conftest, sys, numpy as np\n"
         "from spinor_geom.adapters import read_mesh, to_mesh\n"

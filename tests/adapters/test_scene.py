@@ -37,7 +37,7 @@ def scene() -> trimesh.Scene:
     return scene
 
 
-def test_every_geometry_stands_where_the_scene_shows_it(scene: trimesh.Scene) -> None:
+def test_every_geometry_has_its_scene_coordinates(scene: trimesh.Scene) -> None:
     mesh = to_mesh(scene)
     vertices, faces = tube()
     for k, transform in enumerate((PLACED, MIRRORED)):

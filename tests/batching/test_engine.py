@@ -178,7 +178,7 @@ def test_the_table_has_a_row_for_each_loop(reference: BatchResult) -> None:
     assert {row["source"] for row in rows if row["status"] == "failed"} == {"in/broken.obj", "in/open.obj"}
 
 
-def test_failures_stand_in_the_log_and_on_the_page(reference: BatchResult) -> None:
+def test_failures_are_in_the_log_and_on_the_page(reference: BatchResult) -> None:
     lines = [line.split("\t") for line in reference.log.read_text().splitlines()]
     assert [line[:2] for line in lines] == [["failed", "in/broken.obj"], ["failed", "in/open.obj"]]
     assert "zero byte" in lines[0][2]

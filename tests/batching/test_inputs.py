@@ -306,7 +306,7 @@ GOOD = ("good.obj", b"v 0 0 0\n")
         tar_entry("d.obj", tarfile.CHRTYPE),
     ],
 )
-def test_an_archive_with_anything_dishonest_is_refused_as_a_whole(tmp_path: Path, bad: object) -> None:
+def test_an_archive_with_any_unsafe_entry_is_refused_as_a_whole(tmp_path: Path, bad: object) -> None:
     path = packed_tar(tmp_path / "pack.tar.gz", [GOOD, bad])  # type: ignore[list-item]
     assert keys(path) == ["pack.tar.gz/problem"]
     assert "the archive contains" in problem(path)

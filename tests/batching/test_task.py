@@ -446,7 +446,7 @@ def test_a_changed_problem_is_reported_again(tmp_path: Path) -> None:
         assert store.completed(new) is None
 
 
-def test_results_that_cannot_be_placed_cost_one_file(tmp_path: Path) -> None:
+def test_results_that_cannot_be_written_fail_one_file_only(tmp_path: Path) -> None:
     paths = write_curves(tmp_path / "in", 3)
     with opened_store(tmp_path / "out", BatchOptions(), resume=False) as store:
         sources = list(Inputs(paths, output=tmp_path / "out", limits=LIMITS))

@@ -187,7 +187,7 @@ def test_samplings_keep_the_answer():
     assert set(odd_holes()) & set(KNOWN) == set()
 
 
-def test_the_points_limit_is_what_interpolants_of_the_points_reach():
+def test_the_points_limit_is_the_error_of_interpolants_of_the_points():
     # equal steps of the parameter of a trigonometric curve say all of it
     assert points_limit(known_case("random-0"), 32) < 1e-14
     even = points_limit(known_case("random-0@even"), 48)

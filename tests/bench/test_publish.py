@@ -19,7 +19,7 @@ def publish(monkeypatch):
     return importlib.import_module("publish")
 
 
-def test_a_run_becomes_csv_and_tables_and_takes_the_place_of_an_earlier_one(publish, tmp_path, monkeypatch):
+def test_a_run_becomes_csv_and_tables_and_replaces_an_earlier_one(publish, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "run_isolated", in_this_process)
     run = tmp_path / "run"
     settings = Settings.short(suites=("disks", "odd"), cases=("enneper-0.8", "open-cone"), methods=("spinor", "cgal"))
@@ -43,7 +43,7 @@ def test_a_run_becomes_csv_and_tables_and_takes_the_place_of_an_earlier_one(publ
     assert str(tmp_path) not in text + (tmp_path / "disks.csv").read_text(encoding="utf-8")
 
 
-def test_methods_stand_side_by_side_and_come_back_as_records(publish, tmp_path, monkeypatch):
+def test_methods_are_listed_side_by_side_and_read_back_as_records(publish, tmp_path, monkeypatch):
     monkeypatch.setattr(publish, "HERE", tmp_path)
     alike = {"suite": "fills", "case": "scherk", "n": 64, "kind": "corners"}
     records = [

@@ -235,7 +235,7 @@ def test_a_tool_that_is_broken_here_is_missing_and_has_not_failed(tmp_path, monk
     assert "cannot be imported here: No module named 'no_such_dependency'" in record["reason"]
 
 
-def test_rows_that_leave_edges_open_without_a_word_are_marked():
+def test_rows_that_leave_edges_open_without_a_report_are_marked():
     odd = {"suite": "odd", "status": "done", "case": "slit", "method": "m", "expected": "", "new_open_edges": 0}
     odd |= {"nonmanifold_edges": 0, "message": "", "open_rim_edges": 12, "succeeded": None, "patches": 0}
     honest = {**odd, "method": "h", "succeeded": False, "message": "refused"}

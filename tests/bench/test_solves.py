@@ -72,7 +72,7 @@ def test_statements_of_a_solution_are_checked():
     assert "not 0.0e+00" in figures["untrue"]
 
 
-def test_the_null_error_sees_a_wrong_slide():
+def test_the_null_error_detects_a_wrong_slide():
     solution = solve_plateau(gallery.twisted_circle(), model="series")
     assert null_error(solution) < 1e-13
     # the harmonic map of another slide is not conformal

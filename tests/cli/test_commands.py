@@ -548,7 +548,7 @@ def test_a_morph_s_folder_is_made_and_one_that_cannot_be_is_refused_before_anyth
 
 
 @pytest.mark.parametrize("command", ["fill", "loops", "render"])
-def test_a_file_of_curves_is_refused_by_what_it_lacks(
+def test_a_file_of_curves_is_refused_because_it_has_no_faces(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     curve = tmp_path / "curve.obj"

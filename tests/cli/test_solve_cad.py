@@ -24,7 +24,7 @@ def frame(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("suffix", [".step", ".igs", ".brep"])
-def test_edges_of_a_step_file_become_a_film_in_their_place(
+def test_edges_of_a_step_file_become_a_surface_at_their_position(
     frame: Path, suffix: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = frame.parent / "new" / f"film{suffix}"

@@ -312,7 +312,7 @@ def test_seeds_outside_the_polygon_are_left_out(n, seed, reach, spacing):
     check_is_a_triangulation(result, boundary)
 
 
-def test_regions_with_and_without_seeds_come_out_as_alone():
+def test_regions_with_and_without_seeds_are_triangulated_as_if_alone():
     names = ["square 200", "noisy 4", "L", "circle 230", "strip", "noisy 8"]
     boundaries = [POLYGONS[name] for name in names]
     lattice = 0.1 * (np.arange(-30, 30)[:, None] + 1j * np.arange(-30, 30)).ravel()

@@ -102,7 +102,7 @@ def test_ours_are_nearer_and_faster_than_the_paper_s_training(tmp_path):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_both_forms_are_trained_on_the_twisted_circle_and_ours_stand_beside():
+def test_both_forms_are_trained_on_the_twisted_circle_and_compared_with_ours():
     outcome = forms.twisted_circle(rmsprop=TRAINED_RMSPROP, network=TINY_NETWORK)
     rows = {row["method"]: row for row in outcome.rows}
     assert rows[forms.SPINOR]["steps"] == rows[forms.ENNEPER]["steps"] == 12

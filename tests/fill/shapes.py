@@ -62,7 +62,7 @@ def cylinder(rounds: int = 48, rows: int = 31, *, half: float = 2.0) -> tuple[np
 
 
 def folded_quad() -> tuple[np.ndarray, np.ndarray]:
-    """Two triangles with the common edge (1, 3): of the diagonals of their hole, (0, 2) is free and (1, 3) is an edge."""
+    """Two triangles with the common edge (1, 3); of the diagonals of their hole, (0, 2) is free, (1, 3) is an edge."""
     vertices = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.5], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.5]])
     return vertices, np.array([[0, 1, 3], [1, 2, 3]])
 

@@ -276,7 +276,7 @@ def test_a_discrete_patch_is_continued_too() -> None:
     assert rms(heights(new)) < 1e-3
 
 
-def test_a_continuation_that_is_not_found_leaves_the_film(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_if_no_continuation_is_found_the_minimal_surface_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = without(icosphere(2), centres(icosphere(2))[:, 2] > 0.7)
 
     def stuck(patch: Patch, *_: object, **__: object) -> Faired:

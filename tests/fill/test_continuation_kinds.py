@@ -213,7 +213,7 @@ def test_steep_ragged_bowls_have_no_smaller_angles_than_their_rims(number: int) 
 
 
 @pytest.mark.parametrize("subdivisions", [1, 2, 3])
-def test_a_repeated_position_on_the_rim_is_no_raw_error(subdivisions: int) -> None:
+def test_a_repeated_position_on_the_rim_raises_no_untyped_error(subdivisions: int) -> None:
     ball = trimesh.creation.icosphere(subdivisions)
     vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
     mesh = without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > 0.2)

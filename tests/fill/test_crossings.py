@@ -67,7 +67,7 @@ def test_a_figure_eight_has_no_exact_surface_and_its_crossing_edges_are_named() 
     assert caught.value.count == 1
 
 
-def test_two_vertices_in_one_place_make_the_patch_discrete() -> None:
+def test_two_vertices_at_one_position_make_the_patch_discrete() -> None:
     mesh = collar(figure_eight(64, 0.0), np.array([0, 0, 0.3]))
     _, report = fill_hole(mesh, return_report=True)
     assert {outcome.kind for outcome in report.loops} == {"discrete"}

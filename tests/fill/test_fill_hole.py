@@ -183,7 +183,7 @@ def test_a_loop_of_another_mesh_is_refused() -> None:
         fill_hole(tube(), boundary_loops(tube(12))[0])
 
 
-def test_the_call_back_hears_of_every_requested_loop() -> None:
+def test_the_callback_is_called_for_every_requested_loop() -> None:
     reported: list[tuple[LoopOutcome, int]] = []
     _, report = fill_hole(
         disk_with_hole(), [1], return_report=True, on_loop=lambda o, count: reported.append((o, count))
@@ -283,7 +283,7 @@ def test_options_that_make_no_sense_are_refused(options: dict[str, object]) -> N
         fill_hole(tube(), **options)  # type: ignore[call-overload]
 
 
-def test_a_place_that_does_not_exist_is_refused() -> None:
+def test_an_index_of_no_loop_is_refused() -> None:
     with pytest.raises(LoopIndexError, match="loop 2 does not exist, there are 2"):
         fill_hole(tube(), 2)
 
@@ -314,7 +314,7 @@ def test_colours_and_normals_reach_the_patch() -> None:
     np.testing.assert_allclose(filled.vertex_attributes["normal"][count:], expected, atol=1e-9)
 
 
-def test_the_report_is_json_and_holds_what_was_promised() -> None:
+def test_the_report_is_json_with_the_documented_fields() -> None:
     _, report = fill_hole(disk_with_hole(), keep_largest=True, return_report=True)
     text = json.dumps(report.to_dict(), allow_nan=False)
     entry = json.loads(text)

@@ -39,7 +39,7 @@ def test_places_may_be_one_or_several_in_any_order(loops: list[BoundaryLoop]) ->
 
 
 @pytest.mark.parametrize("place", [2, -1, [0, 7]])
-def test_a_place_that_does_not_exist_is_named(loops: list[BoundaryLoop], place: int | list[int]) -> None:
+def test_an_index_of_no_loop_is_named(loops: list[BoundaryLoop], place: int | list[int]) -> None:
     with pytest.raises(LoopIndexError, match="there are 2"):
         chosen_indices(place, loops)
 
@@ -95,7 +95,7 @@ def test_corners_between_smooth_sides_stay() -> None:
 
 
 @pytest.mark.parametrize("loop", [frame(kink=0.02), frame(edges=6)], ids=["kink", "few points"])
-def test_corners_of_triangles_leave_a_rim_free(loop: BoundaryLoop) -> None:
+def test_corners_of_triangles_are_not_kept_on_a_free_rim(loop: BoundaryLoop) -> None:
     assert loop.corners.sum() == 4
     free = free_rim(loop, tolerance=1e-3)
     assert not free.corners.any()

@@ -62,7 +62,7 @@ def test_scale_of_the_plane_does_not_matter(scale, sums):
     np.testing.assert_allclose(scaled, sums(sources, strengths, targets), rtol=1e-9)
 
 
-def test_sources_in_one_place_and_targets_in_one_place():
+def test_sources_at_one_point_and_targets_at_one_point():
     rng = np.random.default_rng(0)
     check_sums(np.ones(40, dtype=complex), random_complex(rng, 40, 2), np.full(60, 3 + 1j))
     check_sums(ELLIPSE.point(np.arange(40) / 40), random_complex(rng, 40, 2), np.full(60, 0.2 + 0.1j))

@@ -183,7 +183,7 @@ class TestCoincidentEdges:
         assert loop.slit_fraction == 0
         assert len(loop.seam_edges) == 0
 
-    def test_edges_of_length_zero_at_one_place_are_no_seam(self) -> None:
+    def test_edges_of_length_zero_at_one_position_are_no_seam(self) -> None:
         points = np.array([[0.0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 0, 0], [0, 0, 0], [0, 1, 0]])
         loops = find_boundary_loops(TriangleMesh(points, [[0, 1, 2], [3, 4, 5]]))
         # each triangle's two long edges lie on each other

@@ -75,7 +75,7 @@ def test_networks_that_cannot_meet_the_tolerance_do_not_grow_on(seed: int, monke
 
 
 @pytest.mark.parametrize("n", range(4, 9))
-def test_small_random_polygons_raise_nothing_raw(n: int) -> None:
+def test_small_random_polygons_raise_typed_errors_only(n: int) -> None:
     for seed in range(3):
         loop = BoundaryLoop.from_points(np.random.default_rng(seed).uniform(-1, 1, (n, 3)))
         with contextlib.suppress(SpinorGeomError):

@@ -108,7 +108,7 @@ def test_form_is_symmetric_and_positive_but_for_constants(boundary, seed):
     turn=st.floats(0, 2 * np.pi),
     size=st.floats(0.1, 10),
 )
-def test_energy_does_not_depend_on_the_parameter_nor_the_place_of_the_boundary(boundary, shift, stretch, turn, size):
+def test_energy_does_not_depend_on_the_parameter_or_the_position_of_the_boundary(boundary, shift, stretch, turn, size):
     def values(z):
         return real_and_imaginary(np.exp(z) + 0.3 * z**3)
 

@@ -76,7 +76,7 @@ def test_area_does_not_depend_on_the_domain(form):
     assert abs(disk.energy / SEAM_AREA - 1) < 1e-10
 
 
-def test_circle_is_left_in_place_from_every_start():
+def test_the_slide_of_a_circle_is_the_identity_from_every_start():
     t = 2 * np.pi * np.arange(64) / 64
     circle = tensors(BoundaryLoop.from_points(np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)))
     disk = solved(circle, DISK, even(256) + 0.05 * np.sin(4 * np.pi * even(256)))

@@ -91,7 +91,7 @@ def test_gauss_newton_ends_where_the_energy_is_not_finite(value: float) -> None:
     assert not fit.residual < 1
 
 
-def test_a_singular_system_leaves_the_others_as_they_are() -> None:
+def test_a_singular_system_does_not_change_the_others() -> None:
     matrices = np.stack([np.eye(3), np.zeros((3, 3)), 2 * np.eye(3)])
     solved = _each_solved(matrices, np.ones((3, 3)))
     assert solved[[0, 2]].tolist() == [3 * [1.0], 3 * [0.5]]

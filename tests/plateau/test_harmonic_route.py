@@ -145,7 +145,7 @@ def same_area(first, second, error):
     [(gallery.tennis_seam(0.8).sample(80), 1e-11), (gallery.ellipse(4.0, 0.3).sample(161), 1e-9)],
     ids=["disk", "flattened"],
 )
-def test_start_orientation_place_and_scale_do_not_matter(loop, error):
+def test_start_orientation_position_and_scale_do_not_matter(loop, error):
     first = solve_plateau(loop, tolerance=1e-8)
     assert first.converged
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]

@@ -143,7 +143,7 @@ def test_domain_far_too_narrow_is_refused_before_its_form_is_made(monkeypatch):
         resolved_form(ellipse(100.0), 128, NUMPY)
 
 
-def test_domain_that_asks_for_more_memory_than_there_is_room_for_is_refused_at_once(monkeypatch):
+def test_domain_that_needs_too_much_memory_is_refused_at_once(monkeypatch):
     monkeypatch.setattr(DirichletForm, "of", None)
     # what a slit of 400 to 1 asks for
     with pytest.raises(DomainError, match="needs 7160 steps around it; at most 4096"):

@@ -144,7 +144,7 @@ def test_after_a_route_that_fails_the_next_one_is_run(failure):
 
 
 @pytest.mark.parametrize("failure", FAILURES, ids=lambda error: type(error).__name__)
-def test_a_poor_disk_stands_where_the_next_route_fails(failure):
+def test_a_poor_disk_is_kept_if_the_next_route_fails(failure):
     problem = problem_of(SMOOTH)
     assert nearest_surface((Fake(MET, farther=1e9), Fake(failure)), problem).surface_at is MET.surface_at
     assert len(problem.steps.history) == 2

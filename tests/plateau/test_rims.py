@@ -172,7 +172,7 @@ def test_partitions_of_many_rims_have_one_surface_beside_one_disk():
 # --- what must not matter ---------------------------------------------------------------------------------------------
 
 
-def test_order_direction_start_place_and_scale_do_not_matter():
+def test_order_direction_start_position_and_scale_do_not_matter():
     loops = knoid(3, 0.5)
     rotation = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
     tries = {

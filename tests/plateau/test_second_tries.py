@@ -9,7 +9,7 @@ from spinor_geom.plateau.network import network_route
 
 
 @pytest.mark.parametrize("error", [DomainError("folded"), SingularMatrixError(size=3)], ids=["domain", "matrix"])
-def test_first_fit_stands_where_no_finer_disk_can_be_made(monkeypatch, error):
+def test_first_fit_is_kept_if_no_finer_disk_can_be_made(monkeypatch, error):
     def fails(*_):
         raise error
 

@@ -168,7 +168,7 @@ def test_impossible_curvature_decides_nothing(curvature: tuple[float, float]) ->
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_spinors_that_are_not_finite_leave_the_verdict_open(value: float) -> None:
+def test_spinors_that_are_not_finite_give_no_verdict(value: float) -> None:
     stability = assess_stability(power(1, value))
     assert (stability.verdict, stability.index, stability.eigenvalue) == ("undecided", None, None)
 

@@ -30,7 +30,7 @@ def _two_threads() -> Iterator[None]:
 
 
 @pytest.mark.parametrize("first_out", [0, 1])
-def test_whoever_leaves_first_the_other_stays_on_one_thread(first_out: int) -> None:
+def test_the_limit_stays_at_one_thread_until_both_blocks_end(first_out: int) -> None:
     inside, left = [threading.Event(), threading.Event()], threading.Event()
     seen: dict[str, object] = {}
 
@@ -53,7 +53,7 @@ def test_whoever_leaves_first_the_other_stays_on_one_thread(first_out: int) -> N
     assert threads_of_blas() == {2}
 
 
-def test_many_threads_in_any_order_see_one_thread_inside() -> None:
+def test_many_threads_in_any_order_have_one_thread_inside() -> None:
     orders = np.random.default_rng(0).uniform(0, 2e-3, (8, 6))
     pause = threading.Event()
 

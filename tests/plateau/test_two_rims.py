@@ -215,7 +215,7 @@ def test_just_above_the_critical_distance_no_fold_is_overlooked():
 # --- what must not matter ---------------------------------------------------------------------------------------------
 
 
-def test_numbering_order_place_and_scale_do_not_matter():
+def test_numbering_order_position_and_scale_do_not_matter():
     first, second = (sampled(c, n) for c, n in zip(skew(), (60, 48), strict=True))
     rotation = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
     area = wavy().area

@@ -199,7 +199,7 @@ def test_poles_beside_a_hole_lie_in_it() -> None:
 
 
 @pytest.mark.parametrize("order", [4, 9])
-def test_integrals_to_any_place_are_exact_for_polynomials(order: int) -> None:
+def test_integrals_to_any_point_are_exact_for_polynomials(order: int) -> None:
     nodes, ends = rule("gauss", order).nodes, (0.1, 0.5, 1.0)
     for power in range(order):
         found = cumulative_matrix(order, ends) @ nodes**power
