@@ -32,7 +32,7 @@ class FileContents:
     color_scale: float = 1.0  # full intensity in "color": 1, 255 or 65535
     # the vertex that represents the position of each: itself, except at texture and normal seams
     representatives: Int[np.ndarray, " v"]
-    # the index of the loop that each polygon fills, −1 for those that were read; None where none was added
+    # the index of the loop that each polygon fills, −1 for those that were read; None if none was added
     face_loops: Int[np.ndarray, " p"] | None = None
     # curves beside faces, of vertex indices; a closed one repeats its first
     polylines: tuple[Int[np.ndarray, " _"], ...] = ()

@@ -228,7 +228,7 @@ class _Block:
         return set(np.unique(self.sizes[self.lines[key]]).tolist())
 
     def _text(self, key: bytes) -> bytes:
-        """What follows the keyword on all of its lines."""
+        """The text after the keyword on all of its lines."""
         lines = self.lines[key]
         after_gap = np.flatnonzero(np.diff(lines, prepend=-2) > 1)
         last = np.append(lines[after_gap[1:] - 1], lines[-1:])

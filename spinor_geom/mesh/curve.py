@@ -347,7 +347,7 @@ def _reversed(coefficients: Coefficients, breaks: Breaks) -> Coefficients:
 
 
 def _formula_breaks(curve: ClosedCurve, pieces: int) -> tuple[Breaks, Bool[np.ndarray, " m"]]:
-    """Breaks of at least so many pieces, one at each corner and joint, and a mask of the breaks at corners."""
+    """Breaks of at least `pieces` pieces, one at each corner and joint, and a mask of the breaks at corners."""
     ends = np.unique(np.mod([0.0, *curve.corners, *curve.joints], 1.0))
     sides = pairwise([*ends.tolist(), 1.0])
     starts = [np.linspace(a, b, math.ceil((b - a) * pieces), endpoint=False) for a, b in sides]

@@ -151,7 +151,7 @@ class _Values:
     """Positions of a patch at its nodes, and its largest error.
 
     `along_u` and `along_v` have, halfway between nodes in u and in v, the largest errors that exceed the displacement
-    of the rim; 0 where none does.
+    of the rim, and 0 elsewhere.
     """
 
     at_nodes: Values
