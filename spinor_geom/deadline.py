@@ -21,9 +21,14 @@ def time_limit(seconds: float) -> Iterator[None]:
         _DEADLINE.reset(token)
 
 
+def seconds_left() -> float:
+    """Seconds until the time limit; inf if there is none."""
+    return _DEADLINE.get() - perf_counter()
+
+
 def is_out_of_time() -> bool:
     """Whether the time limit has expired; False if there is none."""
-    return perf_counter() > _DEADLINE.get()
+    return seconds_left() < 0
 
 
 def require_time() -> None:

@@ -10,6 +10,7 @@ import sysconfig
 import zipfile
 from collections.abc import Sequence
 from email.parser import Parser
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 
 import pytest
@@ -22,8 +23,8 @@ ROOT = Path(__file__).parents[1]
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy to build from, because a build leaves folders behind and includes those of earlier builds."""
     source = tmp_path_factory.mktemp("source")
-    shutil.copytree(ROOT / "spinor_geom", source / "spinor_geom", ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE", "MANIFEST.in"):
+    shutil.copytree(ROOT / "spinor_geom", source / "spinor_geom", ignore=shutil.ignore_patterns("__pycache__", "*.so"))
+    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE", "MANIFEST.in"):
         shutil.copy(ROOT / name, source)
     return source
 
@@ -127,6 +128,7 @@ def test_the_wheel_holds_every_module_and_nothing_else(wheel: Path) -> None:
     assert held == expected | {
         "spinor_geom/__init__.pyi",
         "spinor_geom/py.typed",
+        f"spinor_geom/domain/_kernel{EXTENSION_SUFFIXES[0]}",
         *(f"spinor_geom/render/{name}" for name in ("page.css", "three.LICENSE", "three.min.js", "viewer.js")),
     }
 

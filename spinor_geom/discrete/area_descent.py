@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csc_array
 
+from spinor_geom.arrays import shifted
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.triangulation import PlaneTriangulation
@@ -113,12 +114,12 @@ def _newton_step(x: Vertices, faces: Faces, m: int) -> tuple[Float[np.ndarray, "
     cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     vertex_normal = vertex_normals(x, faces)
     # bounded, because the second derivatives of slivers would dominate those of their neighbours
-    longest = np.max(np.sum((corner - np.roll(corner, 1, axis=1)) ** 2, axis=2), axis=1)
+    longest = np.max(np.sum((corner - shifted(corner, 1, axis=1)) ** 2, axis=2), axis=1)
     twice_area = np.maximum(np.linalg.norm(cross, axis=1), np.maximum(1e-4 * longest, _NO_AREA))
     normal = cross / twice_area[:, None]
     nu = vertex_normal[faces]
     # first derivatives of the face's cross product with respect to the displacements of its corners
-    slope = np.cross(nu, np.roll(corner, -1, axis=1) - np.roll(corner, -2, axis=1))
+    slope = np.cross(nu, shifted(corner, -1, axis=1) - shifted(corner, -2, axis=1))
     along = np.einsum("fik,fk->fi", slope, normal)
     gradient = np.bincount(faces.ravel(), 0.5 * along.ravel(), minlength=n)[m:]
     hessian = slope @ slope.transpose(0, 2, 1) - along[:, :, None] * along[:, None, :]

@@ -5,7 +5,9 @@ import math
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
+from scipy.sparse import csc_array
 
+from spinor_geom.arrays import cross, norm, shifted
 from spinor_geom.domain.flattening import DirichletToNeumann, flatten_boundary
 from spinor_geom.errors import DomainError, FirstFillError
 from spinor_geom.mesh.operators import intrinsic_angles, intrinsic_laplacian
@@ -30,16 +32,19 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     kept = _thinned(points)
     corners = points[kept]
     triangles = minimum_area_triangulation(corners)
-    side = corners[np.roll(triangles, -2, axis=1)] - corners[np.roll(triangles, -1, axis=1)]
-    angles = intrinsic_angles(np.linalg.norm(side, axis=2))
+    side = corners[triangles[:, [2, 0, 1]]] - corners[triangles[:, [1, 2, 0]]]
+    angles = intrinsic_angles(norm(side))
     turning = np.pi - np.bincount(triangles.ravel(), angles.ravel(), minlength=len(corners))
     edge = edge_lengths(corners)
 
-    # closer to equilateral, because slivers would dominate the straightening
-    rounder = angles + _TO_EQUILATERAL * (np.pi / 3 - angles)
-    # the sides of a triangle are proportional to the sines of its angles
-    neumann = DirichletToNeumann(intrinsic_laplacian(np.sin(rounder), triangles), len(corners))
+    def laplacian() -> csc_array:
+        # closer to equilateral, because slivers would dominate the straightening
+        rounder = angles + _TO_EQUILATERAL * (np.pi / 3 - angles)
+        # the sides of a triangle are proportional to the sines of its angles
+        return intrinsic_laplacian(np.sin(rounder), triangles)
+
     try:
+        neumann = DirichletToNeumann(laplacian, len(corners))
         flat = flatten_boundary(edge, turning, neumann, clearance=1.0, saws=saws)
     except DomainError as error:
         raise FirstFillError(
@@ -61,40 +66,48 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
     Source: Barequet & Sharir, "Filling gaps in the boundary of a polyhedron", CAGD 12 (1995).
     """
     n = len(points)
-    distance = np.linalg.norm(points[:, None] - points, axis=2)
+    distance = norm(points[:, None] - points)
     index = np.arange(n)
     # chord i to i + l is ahead[i, l] and behind[i + l, l]: the loop below then needs slices only
     ahead = distance[index[:, None], (index[:, None] + index) % n]
     behind = distance[index[:, None], (index[:, None] - index) % n]
+    squares = ahead * ahead
+    weighted = 4 * _DIAGONAL_WEIGHT * squares
+    # four times the costs
     cost_ahead, cost_behind = np.zeros((n, n)), np.zeros((n, n))
     split = np.zeros((n, n), dtype=np.int64)
     for d in range(2, n):
         count = n - d
         a, b = ahead[:count, 1:d], behind[d:, d - 1 : 0 : -1]
-        c = ahead[:count, d : d + 1]
-        product = ((a + b) ** 2 - c * c) * (c * c - (a - b) ** 2)  # Heron: 16·area²
-        cost = 0.25 * np.sqrt(np.maximum(product, 0.0))
+        c = squares[:count, d : d + 1]
+        # Heron: 16·area² = ((a + b)² − c²)(c² − (a − b)²)
+        cost, factor = a + b, a - b
+        cost *= cost
+        cost -= c
+        factor *= factor
+        np.subtract(c, factor, out=factor)
+        cost *= factor
+        np.maximum(cost, 0.0, out=cost)
+        np.sqrt(cost, out=cost)
         cost += cost_ahead[:count, 1:d]
         cost += cost_behind[d:, d - 1 : 0 : -1]
-        best = cost.argmin(axis=1)
-        value = cost[index[:count], best] + _DIAGONAL_WEIGHT * c[:, 0] ** 2
-        cost_ahead[:count, d] = value
-        cost_behind[d:, d] = value
-        split[:count, d] = index[:count] + 1 + best
-    return triangles_of(split)
+        best = split[:count, d] = cost.argmin(axis=1)
+        cost_ahead[:count, d] = cost_behind[d:, d] = cost[index[:count], best] + weighted[:count, d]
+    return triangles_of(split + index[:, None] + 1)
 
 
 def triangles_of(split: Int[np.ndarray, "n n"]) -> Int[np.ndarray, "t 3"]:
     """Triangles (i, j, k), i < j < k, over a closed curve; `split[i, l]` is the apex over the chord i to i + l."""
-    triangles = []
-    first, last = np.array([0]), np.array([len(split) - 1])
-    while len(first):
-        middle = split[first, last - first]
-        triangles.append(np.stack([first, middle, last], axis=1))
-        first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
-        open_chord = last - first > 1
-        first, last = first[open_chord], last[open_chord]
-    return np.concatenate(triangles)
+    triangles = np.empty((max(0, len(split) - 2), 3), dtype=np.int64)
+    chords, count = np.array([[0, len(split) - 1]]), 0
+    while len(chords):
+        first, last = chords.T
+        new = triangles[count : count + len(chords)]
+        new[:, 0], new[:, 1], new[:, 2] = first, split[first, last - first], last
+        chords = np.concatenate([new[:, :2], new[:, 1:]])
+        chords = chords[chords[:, 1] - chords[:, 0] > 1]
+        count += len(new)
+    return triangles
 
 
 def disk_without_inner_points(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "t 3"]:
@@ -121,14 +134,14 @@ def _thinned(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, " k"]:
     kept = np.arange(len(points))
     while True:
         p = points[kept]
-        ahead, back = np.roll(p, -1, axis=0) - p, np.roll(p, 1, axis=0) - p
-        area = np.linalg.norm(np.cross(ahead, back), axis=1)
+        ahead, back = shifted(p, -1, axis=0) - p, shifted(p, 1, axis=0) - p
+        area = norm(cross(ahead, back))
         cosine = np.einsum("ij,ij->i", ahead, back)
         least = area < -_STRAIGHT * cosine
         surplus = len(kept) - LONGEST
         if surplus > 0:
             least |= area <= np.partition(area, surplus)[surplus]
-        drop = least & ((np.arange(len(kept)) % 2 == 0) | ~np.roll(least, 1))
+        drop = least & ((np.arange(len(kept)) % 2 == 0) | ~shifted(least, 1))
         if not drop.any() or len(kept) - drop.sum() < 3:
             return kept
         kept = kept[~drop]

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
-from scipy.spatial import cKDTree
 
 from spinor_geom.adapters import to_rims
 from spinor_geom.arrays import TINY
@@ -20,18 +18,12 @@ from spinor_geom.discrete.first_fill import disk_without_inner_points, unfolded_
 from spinor_geom.discrete.strip import discrete_annulus
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.domain.sizes import SizeFunction, graded_size, graded_sizes
-from spinor_geom.domain.triangulation import (
-    MOST_POINTS,
-    one_by_one_on_error,
-    triangulate_polygon,
-    triangulate_regions,
-)
+from spinor_geom.domain.sizes import SizeField
+from spinor_geom.domain.triangulation import MOST_POINTS, triangulate_polygon
 from spinor_geom.errors import (
     DomainError,
     FirstFillError,
     OptionError,
-    SpinorGeomError,
     TooManyRimsError,
     require_positive,
 )
@@ -226,23 +218,9 @@ def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:
         FirstFillError: the curve's least-area triangulation does not unfold.
         OutOfTimeError: the time limit was reached.
     """
-    (disk,) = first_disks([points])
-    if isinstance(disk, SpinorGeomError):
-        raise disk
+    disk = descend_from_plane(triangulate_polygon(unfolded_loop(points)), points, relative_change=FIRST_CHANGE)
     require_time()
     return disk
-
-
-def first_disks(loops: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk | SpinorGeomError]:
-    """The results or errors of `first_disk` for several curves, computed together; bit for bit the same."""
-
-    def made(some: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Disk]:
-        polygons = [unfolded_loop(points) for points in some]
-        planes = triangulate_regions([[polygon] for polygon in polygons], graded_sizes(polygons))
-        pairs = zip(planes, some, strict=True)
-        return [descend_from_plane(plane, points, relative_change=FIRST_CHANGE) for plane, points in pairs]
-
-    return one_by_one_on_error(made, loops)
 
 
 def finer_disk(disk: Disk, boundary_size: int) -> Disk:
@@ -257,16 +235,15 @@ def finer_disk(disk: Disk, boundary_size: int) -> Disk:
         require_time()
         flat = flatten(disk.vertices, disk.faces, boundary_size).boundary
         require_time()
-        plane = triangulate_polygon(flat, graded_size(flat, growth=_FINE_GROWTH))
+        plane = triangulate_polygon(flat, SizeField(growth=_FINE_GROWTH))
         disk = descend_from_plane(plane, points, relative_change=FINE_CHANGE)
     return disk
 
 
-def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | None) -> SizeFunction:
-    """The graded size, bounded by the target edge length in space over the local stretch."""
-    graded = graded_size(polygon)
+def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | None) -> SizeField:
+    """Sizes bounded by the target edge length in space over the local stretch."""
     if target is None:
-        return graded
+        return SizeField()
     laplacian = mollified_laplacian(first.vertices, first.faces)
     flat = harmonic_extension(laplacian, plane_coordinates(polygon))
     plane_area = np.abs(face_areas(flat, first.faces))
@@ -274,13 +251,8 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
     stretch = np.sqrt(area / np.maximum(plane_area, TINY))
     # on the round domain of a loop that does not unfold the stretch is unbounded
     stretch = np.minimum(stretch, _MOST_STRETCHED * np.sqrt(area.sum() / max(plane_area.sum(), TINY)))
-    tree = cKDTree(flat[first.faces].mean(axis=1))
-
-    def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        _, near = tree.query(plane_coordinates(z))
-        return np.asarray(np.minimum(graded(z), target / stretch[near]))
-
-    return size
+    x, y = flat[first.faces].mean(axis=1).T
+    return SizeField(samples=x + 1j * y, lengths=target / stretch)
 
 
 def remeshed(

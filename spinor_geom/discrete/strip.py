@@ -1,5 +1,7 @@
 """Strips of triangles between two loops, and discrete annuli made from them."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np
@@ -13,7 +15,7 @@ from spinor_geom.discrete.area_descent import (
     descend_from_plane,
     harmonic_extension,
 )
-from spinor_geom.domain.sizes import GROWTH, size_bounds
+from spinor_geom.domain.sizes import GROWTH, SizeField
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.mesh.operators import mollified_laplacian
 from spinor_geom.mesh.spacing import edge_lengths
@@ -24,6 +26,7 @@ Places = tuple[Complex[np.ndarray, " _"], Complex[np.ndarray, " _"]]  # of both 
 
 _MOST_POINTS = 128  # of a loop in the search for the strip; longer ones are thinned
 _ROUNDS = 2  # of remeshing
+_GRID = 64  # radii, and angles, at which edge lengths are given
 
 
 def minimum_area_strip(first: Rim, second: OtherRim) -> tuple[Int[np.ndarray, "f 3"], float]:
@@ -112,11 +115,11 @@ def ruled_annulus(first: Rim, second: OtherRim, target: float) -> tuple[PlaneTri
     rims = (first, second)
     places = _strip_places(first, second)
     length = sum(float(edge_lengths(points).sum()) for points in rims) / 2
-    bounded = size_bounds(places, growth=GROWTH, decay=GROWTH)
-
-    def size(z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        return bounded(2 * np.pi * np.abs(z) * target / length, z, 0)
-
+    # wanted lengths in proportion to the distance from the centre, on a polar grid
+    radii = np.geomspace(np.abs(places[1]).min(), np.abs(places[0]).max(), _GRID)
+    samples = (radii[:, None] * np.exp(2j * np.pi * np.arange(_GRID) / _GRID)).ravel()
+    lengths = 2 * np.pi * np.abs(samples) * target / length
+    size = SizeField(decay=GROWTH, samples=samples, lengths=lengths, neighbours=4)
     plane = triangulate_polygon(places[0], size, holes=[places[1]])
     inner = plane.points[plane.boundary_size :]
     share = (np.log(np.abs(inner)) / math.log(abs(places[1][0])))[:, None]

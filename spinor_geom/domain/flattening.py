@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
 
-from spinor_geom.arrays import EPS
+from spinor_geom.arrays import EPS, cis, shifted
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.polygons import bound_domain, outer_clearance, untangled
 from spinor_geom.errors import DomainError, SingularMatrixError
@@ -65,10 +65,14 @@ class DirichletToNeumann:
     it are sparse solves, so that memory grows in proportion to the mesh.
     """
 
-    def __init__(self, laplacian: csc_array, boundary_size: int) -> None:
-        """Takes the Laplacian of all vertices, the boundary vertices first."""
+    def __init__(self, laplacian: Callable[[], csc_array], boundary_size: int) -> None:
+        """Takes a function that makes the Laplacian of all vertices, the boundary vertices first, on first use."""
         self.boundary_size = boundary_size
-        self._laplacian = laplacian.tocsc()
+        self._make = laplacian
+
+    @cached_property
+    def _laplacian(self) -> csc_array:
+        return self._make().tocsc()
 
     @cached_property
     def _inner(self) -> SuperLU:
@@ -117,7 +121,7 @@ def dirichlet_to_neumann(vertices: Vertices, faces: Faces, boundary_size: int) -
     Source: Sawhney & Crane, "Boundary First Flattening", ACM TOG 37 (2018), sections 3 and 4.
     """
     lengths = mollified_edge_lengths(vertices, faces)
-    neumann = DirichletToNeumann(intrinsic_laplacian(lengths, faces), boundary_size)
+    neumann = DirichletToNeumann(lambda: intrinsic_laplacian(lengths, faces), boundary_size)
     defect = np.full(len(vertices), 2 * np.pi)
     defect -= np.bincount(faces.ravel(), intrinsic_angles(lengths).ravel(), minlength=len(vertices))
     return neumann, defect[:boundary_size] - np.pi + neumann.inner_load(defect[boundary_size:])
@@ -190,9 +194,9 @@ def _least_straightened(
         rims = tuple(rim for rim in boundary if rim is not None)
         if len(rims) < len(boundary) or not bound_domain(rims) or (drawn is not None and not bound_domain(drawn(rims))):
             continue
-        parts = np.split(edge, np.cumsum([len(rim) for rim in rims[:-1]]))
-        ratios = [np.log(np.abs(np.roll(rim, -1) - rim) / length) for rim, length in zip(rims, parts, strict=True)]
-        scale = np.concatenate([(ratio + np.roll(ratio, 1)) / 2 for ratio in ratios])
+        parts = _parts(edge, tuple(map(len, rims)))
+        ratios = [np.log(np.abs(shifted(rim, -1) - rim) / length) for rim, length in zip(rims, parts, strict=True)]
+        scale = np.concatenate([(ratio + shifted(ratio, 1)) / 2 for ratio in ratios])
         gap = outer_clearance(rims[0], clearance)
         found.append(Flattening(rims=rims, log_scale=scale, clearance=gap, neumann=neumann))
         if found[-1].clearance >= clearance:
@@ -204,12 +208,17 @@ def _laid_out(
     edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims, *, saws: bool
 ) -> Iterator[tuple[Polygon, ...]]:
     """The rims as polygons for each candidate of the boundary log scale, the smallest first."""
-    ends = np.cumsum(rims[:-1])
     for turned, log_scale in _candidates(edge, turning, neumann, rims, saws=saws):
-        parts = zip(*(np.split(each, ends) for each in (edge, turned, log_scale)), strict=True)
+        parts = zip(*(_parts(each, rims) for each in (edge, turned, log_scale)), strict=True)
         polygons = [polygon for part in parts if (polygon := lay_out(*part)) is not None]
         if len(polygons) == len(rims):
             yield tuple(polygons) if len(rims) == 1 else (polygons[0], *_placed(polygons, neumann))
+
+
+def _parts(values: PerVertex, rims: Rims) -> list[PerVertex]:
+    """The values on each rim."""
+    ends = itertools.accumulate(rims, initial=0)
+    return [values[start:end] for start, end in itertools.pairwise(ends)]
 
 
 def _candidates(
@@ -241,12 +250,11 @@ def _straightened(
 
     S has low rank: the systems are αA + WWᵀ with a sparse A and a narrow W (Woodbury's identity).
     """
-    ends = np.cumsum(rims)
-    parts = np.split(edge, ends[:-1])
-    ds = np.concatenate([(part + np.roll(part, 1)) / 2 for part in parts])
+    parts = _parts(edge, rims)
+    ds = np.concatenate([(part + shifted(part, 1)) / 2 for part in parts])
     length = ds.sum() / len(rims)
     even = np.concatenate([np.full(len(part), 2 * np.pi / part.sum()) for part in parts])
-    even[ends[0] :] *= -1
+    even[rims[0] :] *= -1
     diagonal = ds / length**2
     try:
         # without Λ here slivers cause oscillations from vertex to vertex, which S removes from the objective
@@ -288,7 +296,7 @@ def _gap(
     turned = turning[rim] + (neumann @ u)[rim]
     count = len(turned)
     own = np.arange(count)
-    after = np.roll(own, -1)
+    after = shifted(own, -1)
     step = edge[rim] * np.exp((u[rim] + u[rim][after]) / 2 + 1j * np.cumsum(turned))
     # relative to the mean direction; relative to the first edge, a rim with a large gap would bend at that edge
     ahead = step[::-1].cumsum()[::-1] - step.sum() * (1 - own / count)
@@ -296,7 +304,7 @@ def _gap(
     rows[rim] = np.stack([ahead.real, ahead.imag, np.ones(count)], axis=1)
     flux = neumann @ rows
     slope = 1j * (flux[:, 0] + 1j * flux[:, 1])
-    slope[rim] += (step + np.roll(step, 1)) / 2
+    slope[rim] += (step + shifted(step, 1)) / 2
     total = np.abs(step).sum()
     gap, slope = step.sum() / total, slope / total
     return np.array([gap.real, gap.imag, turned.sum() + 2 * np.pi]), np.stack([slope.real, slope.imag, flux[:, 2]])
@@ -310,7 +318,7 @@ def _placed(rims: Sequence[Polygon], neumann: DirichletToNeumann) -> list[Polygo
     columns = scipy.linalg.block_diag(outer[:, None], basis)
     flux = (neumann @ columns.real + 1j * (neumann @ columns.imag))[len(outer) :]
     load, quadratic = basis.conj().T @ flux[:, 0], basis.conj().T @ flux[:, 1:]
-    areas = [np.imag(np.conj(shape) * np.roll(shape, -1)).sum() for shape in shapes]  # twice, and negative
+    areas = [np.imag(np.conj(shape) * shifted(shape, -1)).sum() for shape in shapes]  # twice, and negative
     quadratic[np.diag_indices_from(quadratic)] -= np.ravel([(0.0, area) for area in areas])
     moves = np.linalg.solve(quadratic, -load).reshape(-1, 2)
     return [t + beta * shape for (t, beta), shape in zip(moves, shapes, strict=True)]
@@ -327,19 +335,23 @@ def smoothing(edge: PerVertex, width: float) -> tuple[Float[np.ndarray, "m r"], 
     modes = np.concatenate([np.ones((len(s), 1)), np.cos(s[:, None] * k), np.sin(s[:, None] * k)], axis=1)
     weight = 2 * np.exp(-0.5 * (2 * np.pi * k * width) ** 2)
     spread = modes * np.concatenate([[1.0], weight, weight])
-    ds = (edge + np.roll(edge, 1)) / 2
+    ds = (edge + shifted(edge, 1)) / 2
     return spread / (spread @ (modes.T @ ds))[:, None], modes
 
 
 def lay_out(edge: PerVertex, turning: PerVertex, log_scale: PerVertex) -> Complex[np.ndarray, " m"] | None:
     """Closed polygon of given turning angles with edge lengths nearest to e^u·edge; None if there is none."""
-    length = edge * np.exp((log_scale + np.roll(log_scale, -1)) / 2)
-    direction = np.exp(1j * (np.cumsum(turning) - turning[0]))  # edge j runs after the turns at vertices 1 … j
-    rows = np.stack([direction.real, direction.imag])
-    gram = (rows * length) @ rows.T
-    if not np.isfinite(gram).all() or np.linalg.matrix_rank(gram) < 2:
+    length = edge * np.exp((log_scale + shifted(log_scale, -1)) / 2)
+    direction = cis(turning.cumsum() - turning[0])  # edge j runs after the turns at vertices 1 … j
+    # the lengths change by the least sum of squares per length
+    total, gap, double = float(length.sum()), complex(length @ direction), complex(length @ direction**2)
+    determinant = total**2 - abs(double) ** 2
+    if not determinant > EPS * total**2:
         return None
-    closed = length * (1 - rows.T @ np.linalg.solve(gram, rows @ length))
+    shift = 2 * (total * gap - double * gap.conjugate()) / determinant
+    closed = length * (1 - (direction.real * shift.real + direction.imag * shift.imag))
     if closed.min() <= 0:
         return None
-    return np.asarray(np.concatenate([[0.0], np.cumsum(closed * direction)[:-1]]))
+    polygon = np.zeros(len(edge), dtype=np.complex128)
+    polygon[1:] = (closed * direction)[:-1].cumsum()
+    return polygon

@@ -53,11 +53,26 @@ class SplineBoundary:
 
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """z(t); t is taken modulo 1."""
-        return np.asarray(self._pieces(np.mod(t, 1.0)))
+        h, piece = self._places(t)
+        value = self.coefficients[0, piece]
+        for row in self.coefficients[1:]:
+            value = value * h + row[piece]
+        return np.asarray(value)
 
     def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """dz/dt."""
-        return np.asarray(self._pieces(np.mod(t, 1.0), nu=1))
+        h, piece = self._places(t)
+        degree = len(self.coefficients) - 1
+        value = degree * self.coefficients[0, piece]
+        for power, row in zip(range(degree - 1, 0, -1), self.coefficients[1:-1], strict=True):
+            value = value * h + power * row[piece]
+        return np.asarray(value)
+
+    def _places(self, t: Float[np.ndarray, "*pts"]) -> tuple[Float[np.ndarray, "*pts"], Int[np.ndarray, "*pts"]]:
+        """The distances from the starts of the pieces, and the numbers of the pieces."""
+        t = np.mod(t, 1.0)
+        piece = np.searchsorted(self.parameters[1:-1], t, side="right")
+        return t - self.parameters[piece], piece
 
     def divided(self, parts: int) -> SplineBoundary:
         """The same curve with each piece divided into `parts` pieces."""
@@ -329,6 +344,8 @@ class PlaneDomain:
 def panel_breaks(boundary: Boundary) -> Float[np.ndarray, " b"]:
     """Ends of quadrature panels on a boundary, from 0 to 1: the vertices, and more points beside corners."""
     t, corners = boundary.parameters, np.flatnonzero(boundary.corners)
+    if not len(corners):
+        return t
     width = np.diff(t)
     after = t[corners, None] + width[corners, None] * TOWARDS_CORNER
     end = np.where(corners == 0, 1.0, t[corners])

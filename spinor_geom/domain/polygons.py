@@ -1,12 +1,14 @@
 """Closed plane polygons: crossings, clearance, points inside."""
 
+from __future__ import annotations
+
 import itertools
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Bool, Complex, Int
 from scipy.spatial import cKDTree
 
-from spinor_geom.arrays import EPS
+from spinor_geom.arrays import EPS, shifted
 from spinor_geom.domain.delaunay import cross, flat_coordinates, plane_coordinates
 from spinor_geom.mesh.boxes import edges_with_near_boxes
 from spinor_geom.mesh.intersections import LEAST_ANGLE, LEAST_DISTANCE, crossings_between
@@ -16,7 +18,7 @@ from spinor_geom.mesh.operators import winding_numbers
 def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
     """Pairs i < j of edges of a closed polygon that cross, or are adjacent and overlap."""
     m = len(polygon)
-    ends = np.stack([polygon, np.roll(polygon, -1)])
+    ends = np.stack([polygon, shifted(polygon, -1)])
     edge = ends[1] - ends[0]
     i, j = edges_with_near_boxes(flat_coordinates(ends[0]), flat_coordinates(ends[1]), 0.0)
     apart = (j - i > 1) & (j - i < m - 1)
@@ -31,7 +33,7 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
 
     hit = has_ends_on_both_sides(i, j)
     hit[hit] = has_ends_on_both_sides(j[hit], i[hit])
-    turn = np.conj(edge) * np.roll(edge, -1)
+    turn = np.conj(edge) * shifted(edge, -1)
     back = np.flatnonzero((turn.imag == 0) & (turn.real < 0))
     folds = np.sort(np.stack([back, (back + 1) % m], axis=1), axis=1)
     pairs = np.concatenate([np.stack([i[hit], j[hit]], axis=1), folds])
@@ -40,7 +42,7 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
 
 def is_simple(polygon: Complex[np.ndarray, " m"]) -> bool:
     """Whether a closed polygon runs counter-clockwise, has no edge of length 0 and does not cross itself."""
-    after = np.roll(polygon, -1)
+    after = shifted(polygon, -1)
     edges = np.abs(after - polygon)
     # shorter edges are lost in the rounding of the arc length
     has_length = bool((edges > EPS * edges.sum()).all())
@@ -108,8 +110,8 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"], most: float) -> float:
 
     Parts are far if their distance along the boundary exceeds four times the gap plus six edges.
     """
-    edge = np.abs(np.roll(polygon, -1) - polygon)
-    local = (edge + np.roll(edge, 1)) / 2
+    edge = np.abs(shifted(polygon, -1) - polygon)
+    local = (edge + shifted(edge, 1)) / 2
     along = np.cumsum(edge) - edge
     coordinates = plane_coordinates(polygon)
     near = cKDTree(coordinates).query_ball_point(coordinates, most * local)
@@ -118,74 +120,55 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"], most: float) -> float:
     distance = np.abs(along[i] - along[j])
     once = (i < j) | (gap > most * local[j])  # most pairs are found from both ends
     far = np.flatnonzero(once & (np.minimum(distance, edge.sum() - distance) > 4 * gap + 6 * longer))
+    if not len(far):
+        return np.inf
     a, b = polygon[i[far]], polygon[j[far]]
     across = (a[:, None] + np.array([0.2, 0.5, 0.8]) * (b - a)[:, None]).ravel()
-    after, none = np.roll(np.arange(len(polygon)), -1), np.zeros(len(polygon), dtype=np.int64)
-    inside = are_inside(across, np.zeros(len(across), dtype=np.int64), polygon, after, none)
-    outside = ~inside.reshape(-1, 3).any(axis=1)
+    outside = ~are_inside(across, polygon).reshape(-1, 3).any(axis=1)
     return float((gap[far] / longer[far]).min(where=outside, initial=np.inf))
 
 
 def lattice_inside(polygon: Complex[np.ndarray, " m"], spacing: float) -> Complex[np.ndarray, " k"]:
-    """Points inside a polygon of the triangular lattice with rows along the x-axis; see `lattices_inside`."""
-    return lattices_inside(polygon, np.full(len(polygon), spacing), np.roll(np.arange(len(polygon)), -1), 0)[0]
+    """Points inside a polygon of the triangular lattice with rows along the x-axis.
 
-
-def lattices_inside(
-    polygons: Complex[np.ndarray, " m"],
-    spacing: Float[np.ndarray, " m"],
-    after: Int[np.ndarray, " m"],
-    region: Int[np.ndarray, " m"] | int,
-) -> tuple[Complex[np.ndarray, " k"], Int[np.ndarray, " k"]]:
-    """Points of triangular lattices inside regions bounded by polygons, and the points' regions, in ascending order.
-
-    All arguments are per vertex: `spacing` is the distance of neighbouring lattice points, one value in each region;
-    `after` is the next vertex on its polygon. The crossings of a lattice row with the edges alternately enter and leave
-    the region. Time and memory are proportional to the crossings and the points.
+    The crossings of a lattice row with the edges alternately enter and leave the polygon. Time and memory are
+    proportional to the crossings and the points.
     """
     height = np.sqrt(0.75) * spacing
-    end = polygons[after]
-    low, high = np.minimum(polygons.imag, end.imag), np.maximum(polygons.imag, end.imag)
+    end = shifted(polygon, -1)
+    low, high = np.minimum(polygon.imag, end.imag), np.maximum(polygon.imag, end.imag)
     # an edge crosses the rows at or above its low end and below its high end
     first, last = np.ceil(low / height).astype(np.int64), np.ceil(high / height).astype(np.int64)
     edge, row = _ranges(first, last - first)
-    share = (row * height[edge] - polygons.imag[edge]) / (end.imag - polygons.imag)[edge]
-    x = polygons.real[edge] + share * (end.real - polygons.real)[edge]
-    order = np.lexsort((x, row, np.broadcast_to(region, len(polygons))[edge]))
-    edge, row, x = edge[order[::2]], row[order[::2]], x[order]
+    share = (row * height - polygon.imag[edge]) / (end.imag - polygon.imag)[edge]
+    x = polygon.real[edge] + share * (end.real - polygon.real)[edge]
+    order = np.lexsort((x, row))
+    row, x = row[order[::2]], x[order]
     shift = 0.5 * (row % 2)
-    left = np.ceil(x[::2] / spacing[edge] - shift).astype(np.int64)
-    right = np.ceil(x[1::2] / spacing[edge] - shift).astype(np.int64)
+    left = np.ceil(x[::2] / spacing - shift).astype(np.int64)
+    right = np.ceil(x[1::2] / spacing - shift).astype(np.int64)
     piece, column = _ranges(left, right - left)
-    edge, row = edge[piece], row[piece]
-    points = (column + shift[piece]) * spacing[edge] + 1j * (row * height[edge])
-    return np.asarray(points), np.broadcast_to(region, len(polygons))[edge]
+    return np.asarray((column + shift[piece]) * spacing + 1j * (row[piece] * height))
 
 
-def are_inside(
-    z: Complex[np.ndarray, " k"],
-    of: Int[np.ndarray, " k"],
-    polygons: Complex[np.ndarray, " m"],
-    after: Int[np.ndarray, " m"],
-    region: Int[np.ndarray, " m"],
-) -> Bool[np.ndarray, " k"]:
-    """Whether points z lie inside their regions `of`; for the other arguments see `lattices_inside`.
+def are_inside(z: Complex[np.ndarray, " k"], polygon: Complex[np.ndarray, " m"]) -> Bool[np.ndarray, " k"]:
+    """Whether points z lie inside a polygon.
 
     A point is inside if the ray to its right crosses an odd number of edges. Time and memory are proportional to the
     points and the crossings of the horizontal lines through them.
     """
-    end = polygons[after]
+    end = shifted(polygon, -1)
     # at equal heights lower ends come first, then upper ends, then points: a line through a vertex crosses one edge
-    heights = np.concatenate([np.minimum(polygons.imag, end.imag), np.maximum(polygons.imag, end.imag), z.imag])
-    order = np.lexsort((heights, np.concatenate([region, region, of])))
-    is_point = order >= 2 * len(polygons)
+    heights = np.concatenate([np.minimum(polygon.imag, end.imag), np.maximum(polygon.imag, end.imag), z.imag])
+    order = np.argsort(heights, kind="stable")
+    is_point = order >= 2 * len(polygon)
     below = np.empty(len(order), dtype=np.int64)
     below[order] = np.cumsum(is_point)
-    first, last = below[: len(polygons)], below[len(polygons) : 2 * len(polygons)]
+    first, last = below[: len(polygon)], below[len(polygon) : 2 * len(polygon)]
     edge, place = _ranges(first, last - first)
-    point = order[is_point][place] - 2 * len(polygons)
-    side = cross((end - polygons)[edge], z[point] - polygons[edge])
-    right = np.where((end.imag > polygons.imag)[edge], side > 0, side < 0)
+    point = order[is_point][place] - 2 * len(polygon)
+    side = cross((end - polygon)[edge], z[point] - polygon[edge])
+    right = np.where((end.imag > polygon.imag)[edge], side > 0, side < 0)
     return np.asarray(np.bincount(point[right], minlength=len(z)) % 2 == 1)
 
 

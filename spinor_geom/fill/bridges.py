@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TwistedRimsError
-from spinor_geom.fill.exact_patches import Solved, exact_patches
+from spinor_geom.fill.exact_patches import Solved, exact_patch
 from spinor_geom.fill.fill_loop import fill_loop
 from spinor_geom.fill.fill_options import FillOptions, Islands
 from spinor_geom.fill.fill_result import LoopOutcome
@@ -121,7 +121,7 @@ def fill_between(
         surface = _surface_between(patched, indices, loops, options)
     except SpinorGeomError as error:
         surface = error
-    (solved,) = exact_patches([(loops[first], surface, perf_counter() - begin)], options)
+    solved = exact_patch(loops[first], surface, perf_counter() - begin, options)
     beyond = {index: loops[index] for index in others}
     outcome, patch = fill_loop(patched, first, loops[first], solved, options, others=beyond)
     further = [

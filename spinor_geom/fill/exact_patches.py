@@ -1,4 +1,4 @@
-"""Solves Plateau's problem for many loops, and meshes the surfaces, several at once."""
+"""Solves Plateau's problem for many loops, and meshes the surfaces."""
 
 from __future__ import annotations
 
@@ -9,19 +9,18 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from spinor_geom.deadline import time_limit
-from spinor_geom.errors import NoAreaError, OutOfTimeError, SpinorGeomError, SurfaceError
+from spinor_geom.errors import NoAreaError, SpinorGeomError, SurfaceError
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.loop_choice import free_rim
 from spinor_geom.fill.no_holes import require_area
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.meshing.embed import Patch, mesh_patches
+from spinor_geom.meshing.embed import Patch, mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau_batch
 
 # RMS distance from the loop, in mean edges, above which a surface is not used. Over 120 rough loops, 78 surfaces are
 # within 0.01 and 16 are farther than 0.2; none is between.
 MAX_RESIDUAL_PER_EDGE = 0.1
-_WAITING = 1.0  # seconds of solving after which the surfaces are meshed together; the meshes do not depend on it
 
 Solved: TypeAlias = PlateauSolution | SpinorGeomError
 
@@ -50,33 +49,21 @@ def minimal_patches(
         time_limit=options.time_limit,
         device=device,
     )
-    waiting: list[tuple[BoundaryLoop, Solved, float]] = []
-    start = last = perf_counter()
+    last = perf_counter()
     for loop, solved in zip(loops, found, strict=True):
-        now = perf_counter()
-        waiting.append((loop, solved, now - last))
-        last = now
-        if now - start > _WAITING:
-            yield from exact_patches(waiting, options)
-            waiting.clear()
-            start = last = perf_counter()
-    yield from exact_patches(waiting, options)
+        yield exact_patch(loop, solved, perf_counter() - last, options)
+        last = perf_counter()
 
 
-def exact_patches(solved: Sequence[tuple[BoundaryLoop, Solved, float]], options: FillOptions) -> list[SolvedLoop]:
-    """Meshes surfaces together; `solved` has the loop, its surface or error, and the seconds it took."""
+def exact_patch(loop: BoundaryLoop, solved: Solved, waited: float, options: FillOptions) -> SolvedLoop:
+    """Meshes a surface, or returns its error; `waited` is the time of its computation, in seconds."""
     begin = perf_counter()
-    usable = [_usable(loop, surface) for loop, surface, _ in solved]
-    meshes = iter(_meshed([surface for surface in usable if isinstance(surface, PlateauSolution)], options))
-    patches = [next(meshes) if isinstance(surface, PlateauSolution) else surface for surface in usable]
-    share = (perf_counter() - begin) / max(1, len(solved))
-    results = []
-    for (_, surface, waited), patch in zip(solved, patches, strict=True):
-        solution = surface if isinstance(surface, PlateauSolution) else None
-        # the timings of a solution are its share of a common solve
-        seconds = waited if solution is None else sum(solution.timings.values())
-        results.append(SolvedLoop(solution, patch, {"solve": seconds, "mesh": share}))
-    return results
+    surface = _usable(loop, solved)
+    patch = _meshed(surface, options) if isinstance(surface, PlateauSolution) else surface
+    solution = solved if isinstance(solved, PlateauSolution) else None
+    # the timings of a solution are its share of a common solve
+    seconds = waited if solution is None else sum(solution.timings.values())
+    return SolvedLoop(solution, patch, {"solve": seconds, "mesh": perf_counter() - begin})
 
 
 def _usable(loop: BoundaryLoop, surface: Solved) -> Solved:
@@ -92,15 +79,11 @@ def _usable(loop: BoundaryLoop, surface: Solved) -> Solved:
     return surface
 
 
-def _meshed(solutions: Sequence[PlateauSolution], options: FillOptions) -> list[Patch | SpinorGeomError]:
-    """Meshes surfaces together; one that exceeds the time limit is meshed again alone."""
-    if not solutions:
-        return []
-    with time_limit(options.time_limit * len(solutions)):
-        patches = mesh_patches(solutions, options.target_edge_length)
-    for k, patch in enumerate(patches):
-        if isinstance(patch, OutOfTimeError) and len(solutions) > 1:
-            (patches[k],) = _meshed([solutions[k]], options)
-        elif isinstance(patch, Patch) and not np.isfinite(patch.vertices).all():
-            patches[k] = SurfaceError("the surface that was found is not finite everywhere")
-    return patches
+def _meshed(solution: PlateauSolution, options: FillOptions) -> Patch | SpinorGeomError:
+    try:
+        with time_limit(options.time_limit):
+            patch = mesh_patch(solution, options.target_edge_length)
+    except SpinorGeomError as error:
+        return error
+    is_finite = np.isfinite(patch.vertices).all()
+    return patch if is_finite else SurfaceError("the surface that was found is not finite everywhere")

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Int
 from scipy.spatial import cKDTree
 
+from spinor_geom.arrays import shifted
 from spinor_geom.errors import SpinorGeomError, advised_distance, merge_advice
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
@@ -61,7 +62,7 @@ def _pieces_and_genus(faces: Int[np.ndarray, "f 3"]) -> tuple[int, int]:
 def _merge_note(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> Iterator[str]:
     """A sentence on merging nearby boundary vertices, if that would close loops."""
     points = np.concatenate([loop.points for loop in loops])
-    edge = np.concatenate([np.maximum(loop.edge_lengths, np.roll(loop.edge_lengths, 1)) for loop in loops])
+    edge = np.concatenate([np.maximum(loop.edge_lengths, shifted(loop.edge_lengths, 1)) for loop in loops])
     ids = np.concatenate([loop.vertex_ids for loop in loops])
     found = cKDTree(points).query(points, k=2, distance_upper_bound=SHARE_OF_EDGE * float(edge.max()))
     near, other = (np.asarray(column)[:, 1] for column in found)

@@ -53,8 +53,9 @@ NO_CROSSINGS = Crossings(own=NO_PAIRS, mesh=NO_PAIRS, patches=NO_PAIRS, notes=()
 
 def patch_chords(patch: Patch) -> Int[np.ndarray, "c 2"]:
     """Inner edges of a patch between two boundary vertices, as sorted pairs of patch vertices."""
-    starts, ends = np.ravel(patch.faces), np.roll(patch.faces, -1, axis=1).ravel()
-    sides = np.stack([starts, ends], axis=1)[(starts < ends) & (ends < patch.boundary_size)]
+    starts, ends = np.ravel(patch.faces), np.asarray(patch.faces)[:, [1, 2, 0]].ravel()
+    between = np.flatnonzero((starts < ends) & (ends < patch.boundary_size))
+    sides = np.stack([starts[between], ends[between]], axis=1)
     sides = sides[(rim_successors(patch.rims)[sides] != sides[:, ::-1]).all(axis=1)]
     return np.asarray(sides[np.lexsort(sides.T[::-1])])
 
@@ -112,7 +113,9 @@ class PatchedMesh:
 
     def face_on(self, loop: BoundaryLoop) -> int | None:
         """The mesh face of which a loop is the outline, or None."""
-        faces = self.faces_at(loop.vertex_ids) if len(loop) == 3 else np.zeros(0, dtype=np.int64)
+        if len(loop) != 3:
+            return None
+        faces = self.faces_at(loop.vertex_ids)
         on_loop = faces[np.isin(self.mesh.faces[faces], loop.vertex_ids).all(axis=1)]
         return int(on_loop[0]) if len(on_loop) else None
 

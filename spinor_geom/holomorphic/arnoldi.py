@@ -4,16 +4,28 @@ Source: Brubeck, Nakatsukasa & Trefethen, "Vandermonde with Arnoldi", SIAM Revie
 interpolation at Leja points", BIT 30 (1990), for the points.
 """
 
+import math
+
 import numpy as np
 from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import Array, add_to_diagonal, namespace, place_of, to_numpy
 
+# Share of a vector's length that a pass of orthogonalisation must leave, for orthogonality to round-off; with 0.3 the
+# polynomials are orthogonal to 1e-14 or not at all.
+_KEPT = 0.5
 _MOST_CANDIDATES = 600  # points from which Leja points are chosen
 
 
 def arnoldi_hessenberg(z: Complex[Array, " n"], weight: Float[Array, " n"], degree: int) -> Complex[Array, "d1 d"]:
-    """Coefficients H of the recurrence z·Q_k = Σ_{j ≤ k+1} H_jk Q_j of the orthonormal polynomials.
+    """The coefficients of `arnoldi_basis`."""
+    return arnoldi_basis(z, weight, degree)[0]
+
+
+def arnoldi_basis(
+    z: Complex[Array, " n"], weight: Float[Array, " n"], degree: int
+) -> tuple[Complex[Array, "d1 d"], Complex[Array, "n d1"]]:
+    """Coefficients H of the recurrence z·Q_k = Σ_{j ≤ k+1} H_jk Q_j of the orthonormal polynomials; their values at z.
 
     The inner product is ⟨f, g⟩ = Σ weight·conj(f)·g with weights of sum 1, on more nodes than the degree. The
     subdiagonal of H is positive.
@@ -24,14 +36,17 @@ def arnoldi_hessenberg(z: Complex[Array, " n"], weight: Float[Array, " n"], degr
     basis[0] = root
     hessenberg = np.zeros((degree + 1, degree), dtype=np.complex128)
     for k in range(degree):
-        v = nodes * basis[k]
-        for _ in range(2):  # the second pass gives orthogonality to round-off
+        v, before = nodes * basis[k], np.inf
+        norm = math.sqrt(np.vdot(v, v).real)
+        while norm <= _KEPT * before:  # a pass is repeated where little was left
             h = (basis[: k + 1] @ v.conj()).conj()
             v -= h @ basis[: k + 1]
             hessenberg[: k + 1, k] += h
-        hessenberg[k + 1, k] = norm = np.linalg.norm(v)
+            before, norm = norm, math.sqrt(np.vdot(v, v).real)
+        hessenberg[k + 1, k] = norm
         basis[k + 1] = v / norm
-    return place_of(z).put(hessenberg)
+    place = place_of(z)
+    return place.put(hessenberg), place.put((basis / root).T)
 
 
 def arnoldi_polynomials(z: Complex[Array, "*pts"], hessenberg: Complex[Array, "d1 d"]) -> Complex[Array, "*pts d1"]:
@@ -46,17 +61,15 @@ def arnoldi_polynomials(z: Complex[Array, "*pts"], hessenberg: Complex[Array, "d
 def leja_points(z: Complex[Array, "*b n"], count: int) -> Complex[Array, "*b count"]:
     """Leja points of sets: each maximises the product of its distances from the previous ones."""
     candidates = to_numpy(z)[..., :: max(1, z.shape[-1] // _MOST_CANDIDATES)]
-    far = np.abs(candidates - candidates.mean(axis=-1, keepdims=True))
-    chosen, product = [_at_largest(candidates, far)], np.zeros(candidates.shape)
-    with np.errstate(divide="ignore"):  # chosen points have the product 0
-        for _ in range(count - 1):
-            product += np.log(np.abs(candidates - chosen[-1]))
-            chosen.append(_at_largest(candidates, product))
-    return place_of(z).put(np.concatenate(chosen, axis=-1))
-
-
-def _at_largest(z: Complex[np.ndarray, "*b n"], value: Float[np.ndarray, "*b n"]) -> Complex[np.ndarray, "*b 1"]:
-    return np.asarray(np.take_along_axis(z, value.argmax(axis=-1, keepdims=True), axis=-1))
+    sets = candidates.reshape(-1, candidates.shape[-1])
+    own, product, far = np.arange(len(sets)), np.ones(sets.shape), np.abs(sets - sets.mean(axis=1, keepdims=True))
+    chosen = [sets[own, far.argmax(axis=1)]]
+    for _ in range(count - 1):
+        product *= np.abs(sets - chosen[-1][:, None])
+        largest = product.argmax(axis=1)
+        product /= product[own, largest][:, None]  # it would overflow or underflow
+        chosen.append(sets[own, largest])
+    return place_of(z).put(np.stack(chosen, axis=-1).reshape(*z.shape[:-1], count))
 
 
 def barycentric_weights(points: Complex[Array, "*b k"]) -> Complex[Array, "*b k"]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,6 +14,7 @@ from spinor_geom.arrays import Array, complex_of, namespace, place_of, zeros
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials, barycentric_weights, leja_points
 from spinor_geom.holomorphic.array_model import ArrayModel
 from spinor_geom.holomorphic.blocks import in_blocks, require_complex
+from spinor_geom.holomorphic.cauchy_sums import direct_sums
 from spinor_geom.holomorphic.interpolant import interpolated, interpolated_slope
 
 
@@ -127,16 +129,10 @@ class CauchyNetwork(ArrayModel):
         polynomial, units = self._coefficients()
 
         def part(some: Complex[Array, " n"]) -> Complex[Array, "n 2"]:
-            real, imag = _inverse_differences(self.poles, some)  # one row per pole: BLAS is slow on narrow columns
-            a, b, c, d = by_real @ real + by_imag @ imag
-            return xp.stack([complex_of(a, b), complex_of(c, d)], axis=-1)
+            whole = interpolated(some, self.leja, self._leja_weights, polynomial)
+            return whole - direct_sums(self.poles, units, some)
 
-        xp = namespace(z)
-        (u, v), (x, y) = units.real.mT, units.imag.mT
-        by_real, by_imag = xp.stack([-u, -x, -v, -y]), xp.stack([x, -u, y, -v])
-        weights = barycentric_weights(self.leja)
-        whole = in_blocks(lambda some: interpolated(some, self.leja, weights, polynomial), z, width=len(self.leja))
-        return whole + in_blocks(part, z, width=len(self.poles))
+        return in_blocks(part, z, width=len(self.leja) + len(self.poles))
 
     def _rational_derivative(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
         polynomial, units = self._coefficients()
@@ -144,11 +140,14 @@ class CauchyNetwork(ArrayModel):
         def part(some: Complex[Array, " n"]) -> Complex[Array, "n 2"]:
             return -((some[:, None] - self.poles) ** -2) @ units
 
-        weights = barycentric_weights(self.leja)
         whole = in_blocks(
-            lambda some: interpolated_slope(some, self.leja, weights, polynomial), z, width=len(self.leja)
+            lambda some: interpolated_slope(some, self.leja, self._leja_weights, polynomial), z, width=len(self.leja)
         )
         return whole + in_blocks(part, z, width=len(self.poles))
+
+    @cached_property
+    def _leja_weights(self) -> Complex[Array, " d1"]:
+        return barycentric_weights(self.leja)
 
     def _coefficients(self) -> tuple[Complex[Array, "d1 2"], Complex[Array, "k 2"]]:
         """Values of the polynomial parts of p and q at the Leja points, and their coefficients of 1/(z − ζ_k)."""

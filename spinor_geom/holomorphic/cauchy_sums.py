@@ -9,7 +9,7 @@ from jaxtyping import Complex, Float, Inexact, Int
 from scipy.spatial import cKDTree
 from scipy.special import comb
 
-from spinor_geom.arrays import TINY
+from spinor_geom.arrays import TINY, Array, complex_of, is_numpy
 from spinor_geom.domain.delaunay import plane_coordinates
 
 # Two clusters are far apart if the sum of their radii is at most _APART times their distance; then _TERMS terms
@@ -21,7 +21,7 @@ _CELL_SIDE, _FEWEST_IN_CELL = 0.3, 4
 _MOST_HALVINGS = 40
 # numbers of sources, and of pairs of sources and targets, up to which direct sums are faster; number of pairs that fit
 # the cache
-_FEW_SOURCES, _FEW_PAIRS, _AT_ONCE = 1 << 10, 1 << 23, 1 << 15
+_FEW_SOURCES, _FEW_PAIRS, _AT_ONCE = 1 << 10, 1 << 23, 1 << 14
 _PAIRS = 1 << 10  # pairs of clusters, or sources, whose series fit the cache
 _BINOMIALS = comb(np.add.outer(np.arange(_TERMS), np.arange(_TERMS)), np.arange(_TERMS)[:, None])
 
@@ -35,22 +35,33 @@ def cauchy_sums(
     """
     if len(sources) > _FEW_SOURCES and len(sources) * len(targets) > _FEW_PAIRS:
         return fast_sums(sources, strengths, targets)
+    return direct_sums(sources, strengths, targets)
+
+
+def direct_sums(
+    sources: Complex[Array, " n"], strengths: Inexact[Array, "n c"], targets: Complex[Array, " m"]
+) -> Complex[Array, "m c"]:
+    """`cauchy_sums` to rounding, of arrays or tensors; the sources need no order."""
+    if not is_numpy(targets):
+        return (1 / (sources - targets[:, None])) @ strengths
     step = max(1, _AT_ONCE // max(1, len(sources)))
-    parts = np.split(targets, np.arange(step, len(targets), step))
+    starts = range(0, max(1, len(targets)), step)
     # real numbers, since complex division takes twice as long; one row per sum, since BLAS is slow on narrow columns
     by_x, by_y = (np.concatenate([g.real, g.imag], axis=1).T.copy() for g in (strengths, -1j * strengths))
+    real, imag = sources.real[:, None], sources.imag[:, None]
     totals = []
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        for some in parts:
-            x, y = sources.real[:, None] - some.real, sources.imag[:, None] - some.imag
+        for start in starts:
+            some = targets[start : start + step]
+            x, y = real - some.real, imag - some.imag
             inverse = x * x
             inverse += y * y
             np.divide(1, inverse, out=inverse)
             x *= inverse
             y *= inverse
             totals.append(by_x @ x + by_y @ y)
-    real, imag = np.split(np.concatenate(totals, axis=1), 2)
-    return np.asarray((real + 1j * imag).T)
+    total = totals[0] if len(totals) == 1 else np.concatenate(totals, axis=1)
+    return complex_of(*np.split(total, 2)).T
 
 
 def fast_sums(

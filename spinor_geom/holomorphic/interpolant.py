@@ -17,8 +17,6 @@ from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 Nodes = Complex[Array, " n"]
 Values = Complex[Array, "n 2"]  # of p and q at the nodes
 
-_MANY = 700  # above this number of nodes and of points the fast multipole method is faster
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CauchyInterpolant(ArrayModel):
@@ -51,17 +49,10 @@ class CauchyInterpolant(ArrayModel):
 
     def value(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
         """(p(z), q(z)); at many points of numpy by the fast multipole method, to 1e-12."""
-        if is_numpy(z) and min(z.size, len(self.nodes)) > _MANY and np.isfinite(z).all():
-            flat = z.reshape(-1)
-            sums = cauchy_sums(self.nodes, _strengths(self.weights, self.values), flat)
-            with np.errstate(over="ignore", invalid="ignore"):
-                value = sums[:, :2] / sums[:, 2:]
-            at_node = ~np.isfinite(value).all(-1)
-            value[at_node] = interpolated(flat[at_node], self.nodes, self.weights, self.values)
-            return value.reshape(*z.shape, 2)
-        return in_blocks(
-            lambda some: interpolated(some, self.nodes, self.weights, self.values), z, width=len(self.nodes)
-        )
+        data = self.nodes, self.weights, self.values
+        if is_numpy(z) and np.isfinite(z).all():
+            return interpolated(z.reshape(-1), *data).reshape(*z.shape, 2)
+        return in_blocks(lambda some: interpolated(some, *data), z, width=len(self.nodes))
 
     def derivative(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
         """(p'(z), q'(z))."""
@@ -81,13 +72,21 @@ class CauchyInterpolant(ArrayModel):
 
 def interpolated(z: Complex[Array, " m"], nodes: Nodes, weights: Nodes, values: Values) -> Complex[Array, "m 2"]:
     """Σ_j w_j f_j/(ζ_j − z) / Σ_j w_j/(ζ_j − z) for two functions with values f_j at the nodes ζ_j."""
+    strengths, xp = _strengths(weights, values), namespace(z)
+    if is_numpy(z):
+        sums = cauchy_sums(nodes, strengths, z)
+        with np.errstate(all="ignore"):  # the quotient is undefined at nodes, and overflows far outside Ω
+            found = sums[:, :2] / sums[:, 2:]
+        lost = np.flatnonzero(~np.isfinite(found).all(axis=1))
+        if len(lost):
+            distance = np.abs(nodes - z[lost, None])
+            near = distance.argmin(axis=1)
+            at_node = distance[np.arange(len(lost)), near] < TINY**0.5
+            found[lost[at_node]] = values[near[at_node]]
+        return found
     inverse, hit = _inverse_differences(z, nodes)
-    sums = inverse @ _strengths(weights, values)
-    with np.errstate(all="ignore"):  # the quotient is not used at nodes, and overflows far outside Ω
-        elsewhere = sums[:, :2] / sums[:, 2:]
-    if is_numpy(z) and not hit.any():
-        return elsewhere
-    xp = namespace(z)
+    sums = inverse @ strengths
+    elsewhere = sums[:, :2] / sums[:, 2:]
     at_node = xp.take(values, xp.argmax(xp.astype(hit, xp.uint8), axis=-1), axis=0)
     return xp.where(hit.any(-1)[:, None], at_node, elsewhere)
 

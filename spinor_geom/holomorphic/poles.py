@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float
 
+from spinor_geom.arrays import shifted
 from spinor_geom.domain.delaunay import Lengths, Places, plane_coordinates
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.mesh.operators import winding_numbers
@@ -56,9 +57,9 @@ def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _C
         w, corners = boundary.vertices, np.flatnonzero(boundary.corners)
         if not len(corners):
             continue
-        along = np.concatenate([[0.0], np.cumsum(np.abs(np.roll(w, -1) - w))])
+        along = np.concatenate([[0.0], np.cumsum(np.abs(shifted(w, -1) - w))])
         side = np.diff(np.append(along[corners], along[-1] + along[corners[0]]))
-        reach = np.minimum(side, np.roll(side, 1)) / 2
+        reach = np.minimum(side, shifted(side, 1)) / 2
         distance = (reach[:, None] * np.exp(-_CORNER_DECAY * (root[-1] - root))).ravel()
         foot, direction = np.repeat(w[corners], at_corner), np.repeat(_outward(w)[corners], at_corner)
         poles += _cleared(domain, foot, direction, distance)
@@ -68,7 +69,7 @@ def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _C
 def edge_poles(domain: PlaneDomain, *, offset: float = 1.0) -> Poles:
     """One pole for each boundary vertex that is not a corner, `offset` local edges away along the outward normal."""
     polygons = [boundary.vertices for boundary in domain.boundaries]
-    local = np.concatenate([(np.abs(np.roll(w, -1) - w) + np.abs(w - np.roll(w, 1))) / 2 for w in polygons])
+    local = np.concatenate([(np.abs(shifted(w, -1) - w) + np.abs(w - shifted(w, 1))) / 2 for w in polygons])
     outward = np.concatenate([_outward(w) for w in polygons])
     plain = ~domain.corners
     return _cleared(domain, domain.vertices[plain], outward[plain], offset * local[plain])
@@ -81,14 +82,16 @@ def polygon_poles(vertices: Complex[np.ndarray, " n"]) -> Poles:
     where every edge is at least 0.35 of its length away; notches that are too narrow have none. The scale is the
     distance from the polygon.
     """
-    step = np.roll(vertices, -1) - vertices
+    step = shifted(vertices, -1) - vertices
     edge = np.abs(step)
-    bent = np.flatnonzero(np.abs(np.angle(step / np.roll(step, 1))) > _BENT)
+    bent = np.flatnonzero(np.abs(np.angle(step / shifted(step, 1))) > _BENT)
     foot = np.concatenate([vertices + step / 2, vertices[bent]])
     direction = np.concatenate([-1j * step / edge, _outward(vertices)[bent]])
-    local = np.concatenate([edge, ((edge + np.roll(edge, 1)) / 2)[bent]])
+    local = np.concatenate([edge, ((edge + shifted(edge, 1)) / 2)[bent]])
     positions, scales = [], []
     for offset in _EDGE_OFFSETS:
+        if not len(foot):
+            break
         position = foot + offset * local * direction
         distance, in_edges = _distance_outside(vertices, position)
         free = in_edges >= _EDGE_CLEARANCE
@@ -100,7 +103,7 @@ def polygon_poles(vertices: Complex[np.ndarray, " n"]) -> Poles:
 
 def _distance_outside(vertices: Complex[np.ndarray, " n"], z: Places) -> tuple[Lengths, Lengths]:
     """Smallest distances of points from a polygon's edges, absolute and in lengths of the edge; negative in Ω."""
-    step = np.roll(vertices, -1) - vertices
+    step = shifted(vertices, -1) - vertices
     edge = np.abs(step)
     is_clockwise = np.imag(np.conj(vertices) * step).sum() < 0  # around a hole of Ω
     winding = np.rint(winding_numbers(plane_coordinates(vertices), plane_coordinates(z)))
@@ -108,10 +111,11 @@ def _distance_outside(vertices: Complex[np.ndarray, " n"], z: Places) -> tuple[L
     nearest, in_edges = np.empty(len(z)), np.empty(len(z))
     for start in range(0, len(z), _ROWS):
         rows = slice(start, start + _ROWS)
-        from_start = z[rows, None] - vertices
-        share = np.clip((from_start * np.conj(step)).real / edge**2, 0, 1)
-        distance = np.abs(from_start - share * step)
-        nearest[rows], in_edges[rows] = distance.min(axis=1), (distance / edge).min(axis=1)
+        # along each edge and across it, in its lengths
+        from_start = (z[rows, None] - vertices) / step
+        from_start -= from_start.real.clip(0, 1)
+        distance = np.abs(from_start)
+        nearest[rows], in_edges[rows] = (distance * edge).min(axis=1), distance.min(axis=1)
     return sign * nearest, sign * in_edges
 
 
@@ -146,6 +150,6 @@ def _cleared(domain: PlaneDomain, foot: Places, direction: Places, distance: Len
 
 def _outward(w: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"]:
     """Outward bisectors at the vertices of a polygon, of length 1."""
-    ahead, back = np.roll(w, -1) - w, w - np.roll(w, 1)
+    ahead, back = shifted(w, -1) - w, w - shifted(w, 1)
     tangent = ahead / np.abs(ahead) + back / np.abs(back)
     return np.asarray(-1j * tangent / np.maximum(np.abs(tangent), 1e-12))

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from spinor_geom.arrays import norm
+from spinor_geom.arrays import median, norm, shifted
 from spinor_geom.errors import LoopTooShortError, MeshError, MeshShapeError, OptionError, RepeatedPointError
 from spinor_geom.mesh.array_checks import freeze_points, frozen, shared
-from spinor_geom.mesh.spacing import edge_lengths, following, graded_spacing, have_similar_lengths, preceding
+from spinor_geom.mesh.spacing import edge_lengths, graded_spacing, have_similar_lengths, with_long_edges_divided
 
 MIN_CORNER_TURN = np.radians(35.0)
 MAX_NEIGHBOUR_TURN_RATIO = 0.25
@@ -136,6 +136,11 @@ class BoundaryLoop:
         """Edge lengths, (M,), in mesh units; edge i runs from point i to point i + 1 (mod M)."""
         return shared(edge_lengths(self.points))
 
+    @cached_property
+    def divided(self) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
+        """The points, with points added on long edges, and a mask of the loop's own points."""
+        return with_long_edges_divided(self.points)
+
     @property
     def perimeter(self) -> float:
         """Sum of the edge lengths, in mesh units."""
@@ -161,7 +166,7 @@ class BoundaryLoop:
         """Vector area ½ Σ P_i × P_{i+1} of any surface that the loop bounds, (3,), in squared mesh units."""
         centred = self.points - self.centroid
         # all components in one product, which is several times as fast as cross products
-        moments = centred.T @ following(centred)
+        moments = centred.T @ shifted(centred, -1, axis=-2)
         return np.asarray(0.5 * (moments - moments.T)[[1, 2, 0], [2, 0, 1]])
 
     @cached_property
@@ -211,7 +216,7 @@ def _point_weights(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b
     """Half the length of the two edges at each point of a closed polygon over the perimeter."""
     lengths = edge_lengths(points)
     both, perimeter = (
-        lengths + lengths.take(np.arange(-1, lengths.shape[-1] - 1), axis=-1),
+        lengths + shifted(lengths, 1),
         lengths.sum(axis=-1, keepdims=True),
     )
     even = np.full_like(both, 1 / both.shape[-1])
@@ -232,16 +237,17 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
     """
     if len(points) < MIN_LOOP_WITH_CORNERS:
         return np.zeros(len(points), dtype=bool)
-    turn, length = np.nan_to_num(turning_angles(points)), edge_lengths(points)
+    turn, length = turning_angles(points), edge_lengths(points)
+    turn[np.isnan(turn)] = 0.0
     corners: Bool[np.ndarray, " m"] = np.zeros(len(points), dtype=bool)
     if not have_similar_lengths(length):
-        spacing = graded_spacing(points)
-        at_start, at_end = ((length > spacing) & (length * angle > spacing) for angle in (turn, np.roll(turn, -1)))
-        corners = at_start | np.roll(at_end, 1)
+        spacing = graded_spacing(length)
+        at_start, at_end = ((length > spacing) & (length * angle > spacing) for angle in (turn, shifted(turn, -1)))
+        corners = at_start | shifted(at_end, 1)
     alone = turn >= MIN_CORNER_TURN
-    if alone.any() and np.median(turn) <= MIN_CORNER_TURN * MAX_NEIGHBOUR_TURN_RATIO:
+    if alone.any() and median(turn) <= MIN_CORNER_TURN * MAX_NEIGHBOUR_TURN_RATIO:
         for step in (-2, -1, 1, 2):
-            alone &= np.roll(turn, step) <= turn * MAX_NEIGHBOUR_TURN_RATIO
+            alone &= shifted(turn, step) <= turn * MAX_NEIGHBOUR_TURN_RATIO
         corners |= alone
     return corners
 
@@ -251,10 +257,10 @@ def turning_angles(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
 
     0 is straight, π is a reversal; NaN beside an edge of length 0.
     """
-    edges = following(points) - points
+    edges = shifted(points, -1, axis=-2) - points
     lengths = norm(edges)[:, None]
     directions = np.divide(edges, lengths, out=np.full_like(edges, np.nan), where=lengths > 0)
-    before = preceding(directions)
+    before = shifted(directions, 1, axis=-2)
     # arccos of the scalar product would lose half the digits at small angles
     sine, cosine = norm(directions - before), norm(directions + before)
     return np.asarray(2 * np.arctan2(sine, cosine))
@@ -264,6 +270,6 @@ def require_distinct_neighbours(loop: BoundaryLoop) -> None:
     """Raises a RepeatedPointError with the first point of a loop that equals the next one."""
     if loop.edge_lengths.all():
         return
-    equal = (loop.points == np.roll(loop.points, -1, axis=0)).all(axis=1)
+    equal = (loop.points == shifted(loop.points, -1, axis=0)).all(axis=1)
     if equal.any():  # a length of 0 may also be an underflow
         raise RepeatedPointError(index=int(np.argmax(equal)))

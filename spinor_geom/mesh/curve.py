@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.spatial import cKDTree
 
-from spinor_geom.arrays import TINY
+from spinor_geom.arrays import TINY, shifted
 from spinor_geom.errors import CurveError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
 from spinor_geom.mesh.interpolation import (
@@ -165,8 +165,8 @@ class BoundaryCurve:
             if pieces > MOST_PIECES:
                 raise CurveError(reason=KINK, parameter=float(between.flat[int(error.argmax())]))
         ends = np.nextafter(breaks[1:], 0)
-        gap, turn = np.roll(coefficients[[-1, -2]], -1, axis=1) - [fitted.point(ends), fitted.derivative(ends)]
-        turn[np.roll(corners, -1)] = 0
+        gap, turn = shifted(coefficients[[-1, -2]], -1, axis=1) - [fitted.point(ends), fitted.derivative(ends)]
+        turn[shifted(corners, -1)] = 0
         turn[np.isin(breaks[1:], curve.joints)] *= DERIVATIVE_ERROR / SMOOTH_TURN
         checks = [
             ("is not closed or has a jump", breaks[1:], gap, CLOSING_ERROR * size),
@@ -254,28 +254,29 @@ class BoundaryCurve:
 
     def point(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ(s), in mesh units; at the parameter of a vertex it is that vertex, bit for bit."""
-        return np.asarray(self._derivatives[0](np.mod(s, 1.0)))
+        return np.asarray(self._pieces(np.mod(s, 1.0)))
 
     def derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ′(s), in mesh units per unit of s; at a corner the right-hand one."""
-        return np.asarray(self._derivatives[1](np.mod(s, 1.0)))
+        return np.asarray(self._slopes(np.mod(s, 1.0)))
 
     def second_derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ″(s), in mesh units per squared unit of s; at a corner the right-hand one."""
-        return np.asarray(self._derivatives[2](np.mod(s, 1.0)))
+        return np.asarray(self._slopes(np.mod(s, 1.0), nu=1))
 
     @cached_property
-    def _derivatives(self) -> tuple[PPoly, PPoly, PPoly]:
-        """Γ, Γ′ and Γ″."""
-        curve = PPoly(self.coefficients, self.breaks)
-        slope = curve.derivative() if self.slopes is None else PPoly(self.slopes, self.breaks)
-        return curve, slope, slope.derivative()
+    def _pieces(self) -> PPoly:
+        return PPoly(self.coefficients, self.breaks)
+
+    @cached_property
+    def _slopes(self) -> PPoly:
+        return self._pieces.derivative() if self.slopes is None else PPoly(self.slopes, self.breaks)
 
     def bulge(self) -> float:
         """Largest distance of a piece from the straight edge between its vertices, in the curve's units of length."""
         share = np.arange(1, 2 * SAMPLES_PER_PIECE) / (2 * SAMPLES_PER_PIECE)
         vertices = self.coefficients[-1]
-        edge = np.roll(vertices, -1, axis=0) - vertices
+        edge = shifted(vertices, -1, axis=0) - vertices
         away = self.point(self.breaks[:-1] + share[:, None] * np.diff(self.breaks)) - vertices
         along = np.clip((away * edge).sum(axis=2) / (edge**2).sum(axis=1), 0, 1)
         return float(np.linalg.norm(away - along[:, :, None] * edge, axis=2).max())

@@ -15,6 +15,7 @@ from itertools import chain, pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinor_geom.arrays import shifted
 from spinor_geom.errors import DuplicateVertexError, MeshError, NonManifoldEdgeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.seams import find_overlaps
@@ -67,7 +68,7 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
             vertex_ids=vertices,
             corners=detect_corners(own),
             slit_fraction=float(lengths @ overlaps.own[part]) / perimeter if perimeter else 0.0,
-            seam_edges=np.stack([vertices, np.roll(vertices, -1)], axis=1)[on_other[part]],
+            seam_edges=np.stack([vertices, shifted(vertices, -1)], axis=1)[on_other[part]],
             seam_distance=float(overlaps.distance[part].max()),
             junctions=traced.vertices[np.stack([entry, edge, traced.successor[edge]], axis=1)],
             obstacle=defects.obstacle(traced.half_edges[part]),
@@ -111,7 +112,7 @@ def _traced_loops(sheets: Sheets) -> _TracedLoops:
     vertex = np.where(against, sheets.half_edges.target[half_edge], sheets.half_edges.origin[half_edge])
     reached = sheets.next_ends(half_edge, ~against)
     following = (2 * position[reached // 2] + reached % 2).tolist()
-    has_one_face = np.isin(boundary, sheets.half_edges.boundary).tolist()
+    has_one_face = referenced_vertices(sheets.half_edges.boundary, vertices=len(position))[boundary].tolist()
     starts, vertices = np.argsort(vertex, kind="stable").tolist(), vertex.tolist()
     seen = bytearray(len(vertices))
     loops: list[list[int]] = []
@@ -135,10 +136,13 @@ def _simple_loops(vertices: list[int], loop: list[int]) -> list[list[int]]:
     When the walk returns to a vertex, the loop since its first visit is split off. On a mesh of genus 0 the repeats are
     nested, so the split is unique.
     """
+    loop = _from_lowest(vertices, loop)
+    if len({vertices[entry] for entry in loop}) == len(loop):
+        return [loop]
     walk: list[int] = []
     place: dict[int, int] = {}
     parts = []
-    for entry in _from_lowest(vertices, loop):
+    for entry in loop:
         if vertices[entry] in place:
             start = place[vertices[entry]]
             parts.append(walk[start:])
@@ -151,7 +155,9 @@ def _simple_loops(vertices: list[int], loop: list[int]) -> list[list[int]]:
 
 
 def _from_lowest(vertices: list[int], loop: list[int]) -> list[int]:
-    start = min(range(len(loop)), key=lambda place: (vertices[loop[place]], loop[place]))
+    ids = [vertices[entry] for entry in loop]
+    lowest = min(ids)
+    start = min((place for place, vertex in enumerate(ids) if vertex == lowest), key=loop.__getitem__)
     return loop[start:] + loop[:start]
 
 
@@ -215,7 +221,10 @@ def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
     # candidates: faces of an edge with more than two faces, or with two and equal opposite vertices
     a, b = half_edges.pairs.T
     nonmanifold = half_edges.order[np.repeat(half_edges.counts > 2, half_edges.counts)]
-    some = np.unique(np.append(half_edges.pairs[half_edges.opposite[a] == half_edges.opposite[b]], nonmanifold) // 3)
+    some = np.append(half_edges.pairs[half_edges.opposite[a] == half_edges.opposite[b]], nonmanifold) // 3
+    if not len(some):
+        return np.zeros((0, 2), dtype=np.int64)
+    some = np.unique(some)
     corners = np.sort(half_edges.origin.reshape(-1, 3)[some], axis=1)
     order = np.lexsort(corners.T)
     pairs = some[np.stack([order[:-1], order[1:]], axis=1)[(np.diff(corners[order], axis=0) == 0).all(axis=1)]]

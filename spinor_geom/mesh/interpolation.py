@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
 from scipy.linalg import solve_banded
 from scipy.linalg.lapack import dposv, dtrtri
 
+from spinor_geom.arrays import shifted
 from spinor_geom.mesh.array_checks import shared
 from spinor_geom.mesh.spacing import are_long, edge_lengths, graded_spacing
 
@@ -78,10 +79,11 @@ def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[Pieces]:
 
 def _leaves_long_edges(points: Vertices, curve: Pieces) -> bool:
     """Whether a curve deviates from a long edge by more than `detect_corners` allows."""
-    spacing = graded_spacing(points)
-    long = np.flatnonzero(edge_lengths(points) > spacing)
+    length = edge_lengths(points)
+    spacing = graded_spacing(length)
+    long = np.flatnonzero(length > spacing)
     share = np.arange(1, SAMPLES_OF_LONG_EDGE)[:, None] / SAMPLES_OF_LONG_EDGE
-    edge = (np.roll(points, -1, axis=0) - points)[long]
+    edge = (shifted(points, -1, axis=0) - points)[long]
     on_curve = PPoly(curve.coefficients, curve.breaks)(curve.breaks[long] + share * np.diff(curve.breaks)[long])
     distance = np.linalg.norm(on_curve - points[long] - share[..., None] * edge, axis=2)
     return bool((distance > spacing[long] / 4).any())
@@ -111,7 +113,7 @@ def piecewise_cubic(
 def _sides(corners: Bool[np.ndarray, " m"]) -> list[Int[np.ndarray, " _"]]:
     """The edges between each corner and the next."""
     first, edges = np.flatnonzero(corners), np.arange(len(corners))
-    return np.split(np.roll(edges, -first[0]), np.flatnonzero(np.roll(corners, -first[0]))[1:])
+    return np.split(shifted(edges, -first[0]), np.flatnonzero(shifted(corners, -first[0]))[1:])
 
 
 def between_corners(points: Vertices, corners: Bool[np.ndarray, " m"]) -> Pieces:
@@ -141,9 +143,9 @@ def periodic_cubics(points: ManyVertices) -> tuple[ManyBreaks, Float[np.ndarray,
     """`piecewise_cubic` of several closed curves without corners and with equally many points."""
     breaks = _shares(edge_lengths(points))
     width = np.diff(breaks)[..., None]
-    secant = (np.roll(points, -1, axis=-2) - points) / width
+    secant = (shifted(points, -1, axis=-2) - points) / width
     slope = _periodic_slopes(width[..., 0], secant)
-    excess = (slope + np.roll(slope, -1, axis=-2) - 2 * secant) / width
+    excess = (slope + shifted(slope, -1, axis=-2) - 2 * secant) / width
     return breaks, np.stack([excess / width, (secant - slope) / width - excess, slope, points], axis=-3)
 
 
@@ -160,8 +162,8 @@ def _periodic_slopes(width: Float[np.ndarray, "*b m"], secant: ManyVertices) -> 
 
     All curves are solved as one tridiagonal system; a rank-one update for each adds the corner entries.
     """
-    before = np.roll(width, 1, axis=-1)
-    right = 3 * (width[..., None] * np.roll(secant, 1, axis=-2) + before[..., None] * secant)
+    before = shifted(width, 1)
+    right = 3 * (width[..., None] * shifted(secant, 1, axis=-2) + before[..., None] * secant)
     lower, diagonal, upper = width.copy(), 2 * (before + width), before.copy()
     corner, last = lower[..., 0] / -diagonal[..., 0], before[..., -1].copy()
     unit = np.zeros_like(width)
@@ -169,7 +171,7 @@ def _periodic_slopes(width: Float[np.ndarray, "*b m"], secant: ManyVertices) -> 
     diagonal[..., 0] *= 2
     diagonal[..., -1] -= last * corner
     lower[..., 0] = upper[..., -1] = 0
-    bands = np.stack([np.roll(upper.ravel(), 1), diagonal.ravel(), np.roll(lower.ravel(), -1)])
+    bands = np.stack([shifted(upper.ravel(), 1), diagonal.ravel(), shifted(lower.ravel(), -1)])
     both = np.concatenate([right, unit[..., None]], axis=-1)
     solved = solve_banded((1, 1), bands, both.reshape(-1, both.shape[-1])).reshape(both.shape)
     ends = solved[..., 0, :] + corner[..., None] * solved[..., -1, :]
@@ -192,14 +194,17 @@ def predicting_degree(
         # equally many kept points on both sides; left-out point 2i + 1 follows kept point i
         first = np.arange(len(left_out)) - degree // 2
         near = (first if is_closed else first.clip(0, len(kept) - degree - 1))[:, None] + np.arange(degree + 1)
-        places = kept[near % len(kept)]
-        nodes = breaks[..., places] + near // len(kept) - breaks[..., left_out, None]
+        turns, places = np.divmod(near, len(kept))
+        places = kept[places]
+        nodes = breaks[..., places] + turns - breaks[..., left_out, None]
         # Lagrange's polynomials at 0
         own = np.eye(degree + 1, dtype=bool)
-        differences = np.where(own, 1.0, nodes[..., None, :] - nodes[..., :, None])
-        weights = np.where(own, 1.0, nodes[..., None, :] / differences).prod(axis=-1)
-        predicted = (weights[..., None] * points[..., places, :]).sum(axis=-2)
-        errors.append(np.sqrt(np.mean((predicted - points[..., left_out, :]) ** 2, axis=(-2, -1))))
+        differences = nodes[..., None, :] - nodes[..., :, None] + own
+        factors = nodes[..., None, :] / differences
+        factors[..., own] = 1.0
+        weights = factors.prod(axis=-1)
+        predicted = (weights[..., None, :] @ points[..., places, :])[..., 0, :]
+        errors.append(np.sqrt(((predicted - points[..., left_out, :]) ** 2).mean(axis=(-2, -1))))
     best, least = np.zeros(points.shape[:-2], dtype=np.int64), errors[0]
     for higher in range(1, len(DEGREES)):
         better = GAIN_PER_DEGREE * errors[higher] < least

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 
-from spinor_geom.arrays import EPS
+from spinor_geom.arrays import EPS, cross, norm, shifted
 from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -77,10 +77,10 @@ def is_graph(vertices: Points, faces: Faces, boundary_size: int) -> bool:
     animations using geometrical shape regularity.
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    normals = _cross(b - a, c - a)
+    normals = cross(b - a, c - a)
     area = normals.sum(axis=0)
     size = np.linalg.norm(area)
-    if not (normals @ area > MIN_NORMAL_COSINE * size * np.linalg.norm(normals, axis=1)).all():
+    if not (normals @ area > MIN_NORMAL_COSINE * size * norm(normals)).all():
         return False
     boundary = vertices[:boundary_size] - vertices[0]
     return not len(loop_crossings(boundary - np.outer(boundary @ area, area / size**2)))
@@ -95,7 +95,7 @@ def loop_crossings(points: Chain) -> Pairs:
     if is_star(points):
         return np.zeros((0, 2), dtype=np.int64)
     m = len(points)
-    pairs, tolerance = _meeting_edges(points, np.roll(points, -1, axis=0), lambda i, j: (j - i > 1) & (j - i < m - 1))
+    pairs, tolerance = _meeting_edges(points, shifted(points, -1, axis=0), lambda i, j: (j - i > 1) & (j - i < m - 1))
     folded = _folds(points, tolerance)
     neighbours = np.stack([(folded - 1) % m, folded], axis=1)
     return sorted_pairs(np.concatenate([pairs, np.sort(neighbours, axis=1)]))
@@ -104,7 +104,7 @@ def loop_crossings(points: Chain) -> Pairs:
 def crossings_between(points: Chain, others: Float[np.ndarray, "n 3"]) -> Pairs:
     """Pairs, sorted, of an edge of one closed polygon and an edge of another that cross or touch."""
     starts = np.concatenate([points, others])
-    ends = np.concatenate([np.roll(points, -1, axis=0), np.roll(others, -1, axis=0)])
+    ends = np.concatenate([shifted(points, -1, axis=0), shifted(others, -1, axis=0)])
     pairs, _ = _meeting_edges(starts, ends, lambda i, j: (i < len(points)) & (j >= len(points)))
     return sorted_pairs(pairs - [0, len(points)])
 
@@ -123,20 +123,13 @@ def require_simple(loop: BoundaryLoop) -> None:
     """Raises a SelfCrossingLoopError with the first two edges of a loop that meet."""
     crossings = loop_crossings(loop.points)
     if len(crossings):
-        edges = np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1)], axis=1)[crossings[0]]
+        edges = np.stack([loop.vertex_ids, shifted(loop.vertex_ids, -1)], axis=1)[crossings[0]]
         raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
 
 
 def sorted_pairs(pairs: Pairs) -> Pairs:
     """Pairs in ascending order of the first number, then of the second."""
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
-
-
-def _cross(u: Float[np.ndarray, "*k 3"], v: Float[np.ndarray, "*k 3"]) -> Float[np.ndarray, "*k 3"]:
-    """Cross products; np.cross takes several times as long for short arrays."""
-    a, b, c = u[..., 0], u[..., 1], u[..., 2]
-    d, e, f = v[..., 0], v[..., 1], v[..., 2]
-    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=-1)
 
 
 def _neighbours_not_separated(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Pairs:
@@ -165,16 +158,16 @@ def _are_graphs(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"
     """
     half_edges, count = HalfEdges.of(faces), len(vertices)
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    normals = _cross(b - a, c - a)
-    length = np.linalg.norm(normals, axis=1)
+    normals = cross(b - a, c - a)
+    length = norm(normals)
     corners = np.ravel(faces)
     axis = np.stack([np.bincount(corners, np.repeat(normals[:, k], 3), count) for k in range(3)], axis=1)[corners]
-    size = np.linalg.norm(axis, axis=1)
+    size = norm(axis)
     upward = np.einsum("ci,ci->c", axis, np.repeat(normals, 3, axis=0))
     least = MIN_NORMAL_COSINE * size * np.repeat(length, 3)
     # angles at the corners between the projections of the sides
     sides = np.stack([b - a, c - b, a - c], axis=1)
-    ahead, back = sides.reshape(-1, 3), -np.roll(sides, 1, axis=1).reshape(-1, 3)
+    ahead, back = sides.reshape(-1, 3), -shifted(sides, 1, axis=1).reshape(-1, 3)
     squared = np.where(size > 0, size**2, 1.0)
     flat = (ahead * back).sum(axis=1) - (ahead * axis).sum(axis=1) * (back * axis).sum(axis=1) / squared
     angle = np.bincount(corners, np.arctan2(upward / np.sqrt(squared), flat), count)
@@ -199,7 +192,7 @@ def _are_separated(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:
     limit = SEPARATION * np.ptp(np.concatenate([f, g]), axis=0).max(axis=0) ** 3
     separated = np.zeros(f.shape[2], dtype=bool)
     for one, other, shared in ((f, g, common.any(axis=0)), (g, f, common.any(axis=1))):
-        normals = _cross((one[1] - one[0]).T, (one[2] - one[0]).T).T
+        normals = cross((one[1] - one[0]).T, (one[2] - one[0]).T).T
         heights = ((other - one[0]) * normals).sum(axis=1)
         beside = ((heights > limit) | shared).all(axis=0) | ((heights < -limit) | shared).all(axis=0)
         separated |= beside & ~shared.all(axis=0)
@@ -260,7 +253,7 @@ def _sides_through_plane(f: Triangles, sides: Sides) -> tuple[Points, Points, Po
 
 def _overlap_in_plane(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:
     """Whether the interiors of two coplanar triangles meet: no side of either separates them."""
-    normals = _cross(f[:, 1] - f[:, 0], f[:, 2] - f[:, 0])
+    normals = cross(f[:, 1] - f[:, 0], f[:, 2] - f[:, 0])
     # projected along an axis, so that the signs stay exact
     across = (np.argmax(np.abs(normals), axis=1)[:, None] + [1, 2]) % 3
     f_flat, g_flat = (np.take_along_axis(t, across[:, None, :], axis=2) for t in (f, g))
@@ -290,17 +283,17 @@ def is_star(points: Float[np.ndarray, "*b m 3"]) -> Bool[np.ndarray, "*b"]:
     This holds for most boundary loops, and the test is many times as fast as the general one.
     """
     spokes = points - points.mean(axis=-2, keepdims=True)
-    doubled = _cross(spokes, np.roll(spokes, -1, axis=-2))
+    doubled = cross(spokes, shifted(spokes, -1, axis=-2))
     area = doubled.sum(axis=-2, keepdims=True)
     size = np.linalg.norm(area, axis=-1, keepdims=True)
     normal = np.divide(area, size, out=np.zeros_like(area), where=size > 0)
     # twice the areas of the triangles at the centroid, and their lower bounds by least angle and distance
     sectors = (doubled * normal).sum(axis=-1)
     flat = spokes - (spokes * normal).sum(axis=-1, keepdims=True) * normal
-    radius = np.linalg.norm(flat, axis=-1)
+    radius = norm(flat)
     nearest = 2 * LEAST_DISTANCE * radius.max(axis=-1, keepdims=True) ** 2
-    least = np.maximum(LEAST_ANGLE * radius * np.roll(radius, -1, axis=-1), nearest)
-    along = (flat * np.roll(flat, -1, axis=-2)).sum(axis=-1)
+    least = np.maximum(LEAST_ANGLE * radius * shifted(radius, -1), nearest)
+    along = (flat * shifted(flat, -1, axis=-2)).sum(axis=-1)
     winds_once = np.arctan2(sectors, along).sum(axis=-1) < 3 * np.pi
     return np.asarray((sectors > least).all(axis=-1) & winds_once)
 
@@ -308,26 +301,26 @@ def is_star(points: Float[np.ndarray, "*b m 3"]) -> Bool[np.ndarray, "*b"]:
 def _segment_distances(a: Points, b: Points, c: Points, d: Points) -> Float[np.ndarray, " k"]:
     """Distances between segments ab and cd: the minimum over their ends and two inner points."""
     u, v, w = b - a, d - c, c - a
-    normal = _cross(u, v)
+    normal = cross(u, v)
     squared = (normal**2).sum(axis=1)
     # the feet of the common perpendicular; parallel segments are nearest at an end
     with np.errstate(divide="ignore", invalid="ignore"):
-        s = np.clip((_cross(w, v) * normal).sum(axis=1) / squared, 0, 1)
-        t = np.clip((_cross(w, u) * normal).sum(axis=1) / squared, 0, 1)
-    inner = np.linalg.norm(a + s[:, None] * u - c - t[:, None] * v, axis=1)
+        s = np.clip((cross(w, v) * normal).sum(axis=1) / squared, 0, 1)
+        t = np.clip((cross(w, u) * normal).sum(axis=1) / squared, 0, 1)
+    inner = norm(a + s[:, None] * u - c - t[:, None] * v)
     end, start, stop = (np.concatenate(four) for four in ((a, b, c, d), (c, c, a, a), (d, d, b, b)))
     along = stop - start
     squared = (along**2).sum(axis=1)
     share = np.clip(((end - start) * along).sum(axis=1) / np.where(squared > 0, squared, 1), 0, 1)
-    ends = np.linalg.norm(end - start - share[:, None] * along, axis=1)
+    ends = norm(end - start - share[:, None] * along)
     return np.asarray(np.fmin(inner, ends.reshape(4, -1).min(axis=0)))
 
 
 def _folds(points: Chain, tolerance: float) -> Numbers:
     """The points of a polygon at which it folds back onto itself, to a tolerance in mesh units."""
-    u, v = np.roll(points, 1, axis=0) - points, np.roll(points, -1, axis=0) - points
+    u, v = shifted(points, 1, axis=0) - points, shifted(points, -1, axis=0) - points
     acute = np.flatnonzero((u * v).sum(axis=1) > 0)
     u, v = u[acute], v[acute]
-    u_length, v_length = np.linalg.norm(u, axis=1), np.linalg.norm(v, axis=1)
-    off = np.linalg.norm(_cross(u, v), axis=1) / np.maximum(u_length, v_length)
+    u_length, v_length = norm(u), norm(v)
+    off = norm(cross(u, v)) / np.maximum(u_length, v_length)
     return np.asarray(acute[(off <= tolerance) & (np.minimum(u_length, v_length) > tolerance)])

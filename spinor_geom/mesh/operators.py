@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
-from spinor_geom.arrays import TINY
+from spinor_geom.arrays import TINY, shifted
 from spinor_geom.errors import SingularMatrixError
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.topology import HalfEdges
@@ -65,7 +65,7 @@ def mollified_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
 
 def intrinsic_angles(lengths: Float[np.ndarray, "*f 3"]) -> Float[np.ndarray, "*f 3"]:
     """Angles of triangles, in radians, from the lengths of the edges opposite to the corners; accurate at 0 and π."""
-    before, after = np.roll(lengths, 1, axis=-1), np.roll(lengths, -1, axis=-1)
+    before, after = shifted(lengths, 1), shifted(lengths, -1)
     top = np.maximum(lengths**2 - (before - after) ** 2, 0.0)
     bottom = np.maximum((before + after) ** 2 - lengths**2, 0.0)
     return np.asarray(2 * np.arctan2(np.sqrt(top), np.sqrt(bottom)))
@@ -120,7 +120,7 @@ def vertex_angles(vertices: Vertices, faces: Faces) -> Float[np.ndarray, " v"]:
 def winding_numbers(polygon: Float[np.ndarray, "m 2"], points: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " k"]:
     """Winding numbers of a closed plane polygon about points, (K,): 0 outside, ±1 inside a simple polygon."""
     m = np.arange(len(polygon))
-    edges = np.stack([m, np.roll(m, -1)], axis=1)
+    edges = np.stack([m, shifted(m, -1)], axis=1)
     return np.asarray(igl.winding_number(*igl_arrays(polygon, edges), np.ascontiguousarray(points))).reshape(-1)
 
 

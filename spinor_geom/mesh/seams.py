@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinor_geom.arrays import norm, shifted
 from spinor_geom.mesh.boxes import edges_with_near_boxes
 from spinor_geom.mesh.topology import SHARE_OF_EDGE, near_vertices
 
@@ -31,19 +32,28 @@ class Overlaps:
 
 def find_overlaps(points: Points, successor: Numbers, loop: Numbers, size: float) -> Overlaps:
     """The overlaps of loops of points, given the successor and the loop of each, on a mesh of a given diagonal."""
-    lengths = np.linalg.norm(points[successor] - points, axis=1)
+    lengths = norm(points[successor] - points)
     local = lengths.copy()
     np.maximum.at(local, successor, lengths)
     reach = np.minimum(SAME_PLACE * size, SHARE_OF_EDGE * local)
     place = near_vertices(points, reach)
     of_group = np.zeros(len(points))
-    np.maximum.at(of_group, place, np.linalg.norm(points - points[place], axis=1))
+    np.maximum.at(of_group, place, norm(points - points[place]))
     off = of_group[place]
     start, end = place, place[successor]
     own, other = _shared(start, end, loop)
     is_matched = own | other
     left = np.flatnonzero(~is_matched & (start != end))
     edge, entry, along, height = _points_on_edges(points, successor, left, place, reach)
+    own_share, other_share, distance = own.astype(float), other.astype(float), np.maximum(off, off[successor])
+    if not len(edge):  # nearly all loops
+        return Overlaps(
+            own=own_share,
+            other=other_share,
+            is_matched=is_matched,
+            distance=np.where(is_matched, distance, 0.0),
+            junctions=np.zeros((0, 2), dtype=np.int64),
+        )
     # divide each edge at the points on it
     first = np.concatenate([left, edge])
     order = np.lexsort((np.concatenate([np.zeros(len(left)), along]), first))
@@ -51,15 +61,13 @@ def find_overlaps(points: Points, successor: Numbers, loop: Numbers, size: float
     share = np.concatenate([np.zeros(len(left)), along])[order]
     piece = np.concatenate([start[left], place[entry]])[order]
     is_last = np.append(parent[1:] != parent[:-1], True)[: len(parent)]
-    following = np.where(is_last, end[parent], np.roll(piece, -1))
-    width = np.where(is_last, 1.0, np.roll(share, -1)) - share
+    following = np.where(is_last, end[parent], shifted(piece, -1))
+    width = np.where(is_last, 1.0, shifted(share, -1)) - share
     own_piece, other_piece = _shared(piece, following, loop[parent])
-    own_share, other_share = own.astype(float), other.astype(float)
     np.add.at(own_share, parent, np.where(own_piece, width, 0.0))
     np.add.at(other_share, parent, np.where(other_piece, width, 0.0))
     before = np.empty_like(successor)
     before[successor] = np.arange(len(successor))
-    distance = np.maximum(off, off[successor])
     for beside in (edge, entry, before[entry]):
         np.maximum.at(distance, beside, height)
     covered = (own_share > 0) | (other_share > 0)
@@ -75,15 +83,15 @@ def find_overlaps(points: Points, successor: Numbers, loop: Numbers, size: float
 
 def _shared(start: Numbers, end: Numbers, loop: Numbers) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
     """Whether each edge has the ends of an oppositely directed edge of its loop, and of any edge of another loop."""
-    forward = start < end
+    reversed_, other = np.zeros((2, len(start)), dtype=bool)
     count = int(max(start.max(initial=0), end.max(initial=0))) + 1
     pair = np.minimum(start, end) * count + np.maximum(start, end)
-    on_edge = _group_sizes(pair)
+    ordered = np.sort(pair)
+    if (ordered[1:] != ordered[:-1]).all():  # nearly all loops
+        return reversed_, other
+    forward, on_edge = start < end, _group_sizes(pair)
     # not edges of length 0
     shared = np.flatnonzero((on_edge > 1) & (start != end))
-    reversed_, other = np.zeros((2, len(start)), dtype=bool)
-    if not len(shared):
-        return reversed_, other
     _, edge = np.unique(pair[shared], return_inverse=True)
     edge_of_loop = edge * (int(loop.max(initial=0)) + 1) + loop[shared]
     on_loop = _group_sizes(edge_of_loop)
@@ -106,7 +114,7 @@ def _points_on_edges(
     edge, entry = edge[inside], entry[inside]
     side, aside = points[successor[edge]] - points[edge], points[entry] - points[edge]
     along = np.einsum("ni,ni->n", side, aside) / np.einsum("ni,ni->n", side, side)
-    height = np.linalg.norm(aside - along[:, None] * side, axis=1)
+    height = norm(aside - along[:, None] * side)
     on_edge = np.flatnonzero((along > 0) & (along < 1) & (height <= reach[entry]))
     # one entry for each position on an edge
     key = edge[on_edge] * len(points) + place[entry[on_edge]]

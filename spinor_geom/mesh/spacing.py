@@ -1,9 +1,9 @@
 """Detection and division of edges of closed polygons that are much longer than their neighbours."""
 
 import numpy as np
-from jaxtyping import Bool, Float, Inexact
+from jaxtyping import Bool, Float
 
-from spinor_geom.arrays import norm
+from spinor_geom.arrays import median, norm, shifted
 
 LARGEST_GROWTH = 2.0  # ratio of successive edges of a graded spacing
 # Length of the first part of a divided edge, per length of the edges beside it, and growth of the parts per length.
@@ -12,21 +12,20 @@ LARGEST_GROWTH = 2.0  # ratio of successive edges of a graded spacing
 _FIRST_PART, _GROWTH = 2.0, 1.0
 
 
-def graded_spacing(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b m"]:
-    """Upper bound of the edge length of a graded sampling at each edge of a closed polygon, in the points' unit.
+def graded_spacing(length: Float[np.ndarray, "*b m"]) -> Float[np.ndarray, "*b m"]:
+    """Upper bound of the edge length of a graded sampling at each edge of a closed polygon, from the edges' lengths.
 
     The bound is the longest of three successive edges, reduced so that it at most doubles from one edge to the next,
     and at least twice the median edge. An edge exceeds it if it is more than four times as long as each of the next
     three edges on one side and more than twice as long as the median edge.
     """
-    length = edge_lengths(points)
-    least = LARGEST_GROWTH * np.median(length, axis=-1, keepdims=True)
+    least = LARGEST_GROWTH * median(length)[..., None]
     if (length <= least).all():  # true for nearly all polygons
         return np.broadcast_to(least, length.shape)
     spacing = _longest_of_three(length)
     step = 1
     while step < min(length.shape[-1], 64):  # no two edges have a ratio of 2^64
-        nearest = np.minimum(np.roll(spacing, step, axis=-1), np.roll(spacing, -step, axis=-1))
+        nearest = np.minimum(shifted(spacing, step), shifted(spacing, -step))
         spacing = np.minimum(spacing, LARGEST_GROWTH**step * nearest)
         step *= 2
     return np.asarray(np.maximum(spacing, least))
@@ -37,7 +36,7 @@ def are_long(points: Float[np.ndarray, "*b m k"]) -> Bool[np.ndarray, "*b m"]:
     length = edge_lengths(points)
     if have_similar_lengths(length):
         return np.zeros(length.shape, dtype=bool)
-    return np.asarray(length > graded_spacing(points))
+    return np.asarray(length > graded_spacing(length))
 
 
 def have_similar_lengths(lengths: Float[np.ndarray, "*b m"]) -> bool:
@@ -47,17 +46,7 @@ def have_similar_lengths(lengths: Float[np.ndarray, "*b m"]) -> bool:
 
 def edge_lengths(points: Float[np.ndarray, "*b m k"]) -> Float[np.ndarray, "*b m"]:
     """Lengths of the edges of a closed polygon."""
-    return np.asarray(norm(following(points) - points))
-
-
-def following(points: Inexact[np.ndarray, "*b m k"]) -> Inexact[np.ndarray, "*b m k"]:
-    """The next point of a closed polygon at each point, as by np.roll, which takes several times as long for few."""
-    return points.take(np.arange(1 - points.shape[-2], 1), axis=-2)
-
-
-def preceding(points: Inexact[np.ndarray, "*b m k"]) -> Inexact[np.ndarray, "*b m k"]:
-    """The last point of a closed polygon before each point."""
-    return points.take(np.arange(-1, points.shape[-2] - 1), axis=-2)
+    return np.asarray(norm(shifted(points, -1, axis=-2) - points))
 
 
 def with_long_edges_divided(
@@ -72,20 +61,20 @@ def with_long_edges_divided(
         return points, np.ones(len(points), dtype=bool)
     length = edge_lengths(points)
     first = _FIRST_PART * _longest_of_three(length)
-    starts, ends = np.roll(first, 2)[long], np.roll(first, -2)[long]
+    starts, ends = shifted(first, 2)[long], shifted(first, -2)[long]
     shares = [
         _graded_shares(*sizes) for sizes in zip(length[long].tolist(), starts.tolist(), ends.tolist(), strict=True)
     ]
     place = np.repeat(long, [len(share) for share in shares])
     share = np.concatenate([np.zeros(0), *shares])[:, None]
-    within = points[place] + share * (np.roll(points, -1, axis=0)[place] - points[place])
+    within = points[place] + share * (shifted(points, -1, axis=0)[place] - points[place])
     is_own = np.insert(np.ones(len(points), dtype=bool), place + 1, False)
     return np.insert(points, place + 1, within, axis=0), is_own
 
 
 def _longest_of_three(length: Float[np.ndarray, "*b m"]) -> Float[np.ndarray, "*b m"]:
     """The longest of each edge and its two neighbours."""
-    return np.asarray(np.maximum(length, np.maximum(np.roll(length, 1, axis=-1), np.roll(length, -1, axis=-1))))
+    return np.asarray(np.maximum(length, np.maximum(shifted(length, 1), shifted(length, -1))))
 
 
 def _graded_shares(length: float, start: float, end: float) -> Float[np.ndarray, " k"]:

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
@@ -140,7 +140,7 @@ def face_components(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:
 
 def linked(pairs: Int[np.ndarray, "k 2"], count: int) -> Int[np.ndarray, " {count}"]:
     """Connected component, from 0, of each of the `count` nodes of a graph with the edges `pairs`."""
-    graph = coo_array((np.ones(len(pairs), dtype=bool), pairs.T), shape=(count, count))
+    graph = csr_array((np.ones(len(pairs)), pairs.T), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
@@ -180,6 +180,8 @@ def near_vertices(
     apart = np.linalg.norm(points[unique[pairs[:, 0]]] - points[unique[pairs[:, 1]]], axis=1)
     within = apart <= reach[unique[pairs]].min(axis=1)
     pairs, apart = pairs[within], apart[within]
+    if not len(pairs):
+        return exact
     labels = linked(pairs, len(unique))
     corners = number[np.zeros((0, 3), dtype=np.int64) if faces is None else faces]
     sides = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])

@@ -15,13 +15,13 @@ from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, relaxed
 from spinor_geom.domain.delaunay import Rims, plane_coordinates
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
 from spinor_geom.domain.plane_domain import Boundary
-from spinor_geom.domain.triangulation import PlaneTriangulation, one_by_one_on_error
-from spinor_geom.errors import DomainError, OptionError, SpinorGeomError, SurfaceError, require_positive, require_type
+from spinor_geom.domain.triangulation import PlaneTriangulation
+from spinor_geom.errors import DomainError, OptionError, SurfaceError, require_positive, require_type
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.mesh.spacing import edge_lengths
 from spinor_geom.meshing.split_edges import edges_far_from_arcs, triangulated_with_split_edges
-from spinor_geom.meshing.triangulate import Piece, is_unit_disk, piece_of, triangulate_pieces
+from spinor_geom.meshing.triangulate import Piece, is_unit_disk, piece_of, triangulate_piece
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.shown import Shown
@@ -108,31 +108,19 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
     """
     takes = "a PlateauSolution, which solve_plateau returns (mesh_surface meshes a SpinorSurface)"
     require_type(solution, PlateauSolution, function="mesh_patch", takes=takes)
-    (patch,) = mesh_patches([solution], target_edge_length)
-    if isinstance(patch, SpinorGeomError):
-        raise patch
-    return patch
-
-
-def mesh_patches(
-    solutions: Sequence[PlateauSolution], target_edge_length: float | Literal["auto"] = "auto"
-) -> list[Patch | SpinorGeomError]:
-    """The results or errors of `mesh_patch` for several surfaces, computed together; bit for bit the same."""
-
-    def made(some: Sequence[PlateauSolution]) -> list[Patch]:
-        planes = triangulate_pieces([_piece(solution, target_edge_length) for solution in some])
-        for solution, plane in zip(some, planes, strict=True):
-            if not is_unit_disk(solution.domain) and len(edges_far_from_arcs(solution.domain, plane)):
-                raise DomainError("the chords between the loop's points in the plane domain run far outside it")
-        return [_patch(solution, plane) for solution, plane in zip(some, planes, strict=True)]
-
     # the order of sums, and therefore the rounding, depends on the number of threads
     with one_thread():
-        patches = one_by_one_on_error(made, solutions)
-        return [
-            _with_split_edges(solution, target_edge_length) if isinstance(patch, DomainError) else patch
-            for solution, patch in zip(solutions, patches, strict=True)
-        ]
+        whole = _piece(solution, target_edge_length)
+        try:
+            plane = triangulate_piece(whole)
+            if not is_unit_disk(solution.domain) and len(edges_far_from_arcs(solution.domain, plane)):
+                raise DomainError("the chords between the loop's points in the plane domain run far outside it")
+            return _patch(solution, plane)
+        except DomainError:
+            plane = triangulated_with_split_edges(
+                solution.rims, solution.domain, lambda polygons: triangulate_piece(replace(whole, rims=polygons))
+            )
+            return _patch(solution, plane)
 
 
 def edge_length_over(loops: Sequence[BoundaryLoop], target: float | Literal["auto"]) -> float:
@@ -141,20 +129,6 @@ def edge_length_over(loops: Sequence[BoundaryLoop], target: float | Literal["aut
         return sum(loop.perimeter for loop in loops) / sum(map(len, loops))
     require_positive("target_edge_length", target, instead="'auto' or ")
     return float(target)
-
-
-def _with_split_edges(
-    solution: PlateauSolution, target_edge_length: float | Literal["auto"]
-) -> Patch | SpinorGeomError:
-    """The mesh of a surface, or its error, if chords between the loop's points in Ω cross."""
-    whole = _piece(solution, target_edge_length)
-    try:
-        plane = triangulated_with_split_edges(
-            solution.rims, solution.domain, lambda polygons: triangulate_pieces([replace(whole, rims=polygons)])[0]
-        )
-        return _patch(solution, plane)
-    except SpinorGeomError as error:
-        return error
 
 
 def _piece(solution: PlateauSolution, target_edge_length: float | Literal["auto"]) -> Piece:
@@ -190,7 +164,7 @@ def mesh_surface(surface: ArraySurface, *, vertices: int = 4000) -> Patch:
     # equilateral triangles, two per vertex
     target = float(np.sqrt(2 * area / (3**0.5 * vertices)))
     rims = [_rim(surface, boundary, target) for boundary in (surface.domain.boundary, *surface.domain.holes)]
-    (plane,) = triangulate_pieces([piece_of(surface, rims, target, area)])
+    plane = triangulate_piece(piece_of(surface, rims, target, area))
     positions = np.asarray(surface.position(plane.points))
     if not np.isfinite(positions).all():
         raise SurfaceError("the surface is not finite inside its domain: p or q has a pole there")
@@ -227,7 +201,7 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
     m, rim = patch.boundary_size, patch.vertices[: patch.boundary_size]
     boundary = _boundary_of_angles(patch, angles)
     piece = Piece(rims=[boundary], samples=boundary, factor=np.ones(m), target=target, area=patch.area)
-    (plan,) = triangulate_pieces([piece])
+    plan = triangulate_piece(piece)
     vertices = harmonic_extension(cotangent_laplacian(plane_coordinates(plan.points), plan.faces), rim)
     return Patch.over(plan, vertices)
 

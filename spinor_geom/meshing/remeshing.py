@@ -19,7 +19,6 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
-from spinor_geom.domain.refinement import AROUND, GOOD_ANGLE, POLISHING_STEPS
 from spinor_geom.domain.sizes import DECAY, GROWTH
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.operators import face_areas, face_normals, internal_angles, vertex_normals
@@ -34,6 +33,9 @@ _THIN = np.radians(10.0)
 _MOST_SPLITS = 30  # rounds of splits
 _FLIPS_BETWEEN = 2
 _MOST_FLIPS, _LEAST_GAIN = 50, 1e-3  # rounds of flips, and the smallest increase of an angle
+_GOOD_ANGLE = np.radians(25.0)  # triangles without smaller angles are kept
+# a vertex of a poor triangle is tried at eight positions around it, at these multiples of the requested edge length
+_POLISHING, _AROUND = (0.3, 0.3, 0.15, 0.15, 0.08, 0.08), np.exp(2j * np.pi * np.arange(8) / 8)
 _CORRECTIONS = 10  # largest number of corrections of a smoothing that turns triangles over
 
 Positions = Float[np.ndarray, "n 3"]
@@ -234,7 +236,7 @@ class _Mesh:
         is_bad = np.zeros(len(vertices), dtype=bool)
         is_bad[faces[turned]] = True
         is_bad[sides[is_wrong]] = True
-        least = np.minimum(_least_angles(self.vertices, self.faces)[edges].min(axis=1), GOOD_ANGLE)
+        least = np.minimum(_least_angles(self.vertices, self.faces)[edges].min(axis=1), _GOOD_ANGLE)
         return np.asarray(~is_bad[edges[:, 0]] & (_least_angles(vertices, faces)[edges[:, 0]] >= least))
 
     def flip(self, rounds: int = _MOST_FLIPS) -> None:
@@ -270,7 +272,7 @@ class _Mesh:
         normals = vertex_normals(x, faces)
         step -= np.einsum("nd,nd->n", step, normals)[:, None] * normals
         step[: self.rim] = 0
-        least = np.minimum(_smallest_angle(x, faces), GOOD_ANGLE)
+        least = np.minimum(_smallest_angle(x, faces), _GOOD_ANGLE)
         for _ in range(_CORRECTIONS):
             wrong = _turned(x, faces, x + step, faces) | (_smallest_angle(x + step, faces) < least)
             if not wrong.any():
@@ -282,9 +284,9 @@ class _Mesh:
 
     def polish(self) -> None:
         """Moves single vertices of triangles with small angles if that increases the smallest angle around them."""
-        enough = min(self._enough, GOOD_ANGLE)
+        enough = min(self._enough, _GOOD_ANGLE)
         # small steps first if a smaller angle is enough, so that vertices move less
-        for share in POLISHING_STEPS if enough == GOOD_ANGLE else POLISHING_STEPS[::-1]:
+        for share in _POLISHING if enough == _GOOD_ANGLE else _POLISHING[::-1]:
             x, faces = self.vertices, self.faces
             least = _least_angles(x, faces)
             ids = self.rim + np.flatnonzero(least[self.rim :] < enough)
@@ -297,7 +299,7 @@ class _Mesh:
             across *= (share * self._sizes[ids] / np.linalg.norm(across, axis=1))[:, None]
             along = np.cross(normals, across)
             best, found = x.copy(), least[ids]
-            for turn in AROUND:
+            for turn in _AROUND:
                 moved = x.copy()
                 moved[ids] += turn.real * across + turn.imag * along
                 is_turned = np.zeros(len(x), dtype=bool)
@@ -330,7 +332,7 @@ class _Mesh:
 
 
 def _graded_size(patch: Patch, target: float) -> Size:
-    """The wanted edge lengths: `target`, and near the rims the lengths of their edges; see `size_bounds`."""
+    """The requested edge lengths: `target`, and near the rims the lengths of their edges, bounded as by `SizeField`."""
     m = patch.boundary_size
     rim, after = patch.vertices[:m], rim_successors(patch.rims)
     edge = np.linalg.norm(rim[after] - rim, axis=1)

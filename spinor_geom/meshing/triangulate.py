@@ -1,17 +1,18 @@
 """Triangulation of parts of Ω with edge lengths that are uniform on the surface."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Complex, Float
 
-from spinor_geom.arrays import TINY
-from spinor_geom.deadline import require_time
+from spinor_geom.arrays import TINY, median, shifted
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.polygons import lattice_inside
-from spinor_geom.domain.sizes import DECAY, GROWTH, NearestPoints, RegionSizes, size_bounds
-from spinor_geom.domain.triangulation import PlaneTriangulation, Seeds, triangulate_regions
+from spinor_geom.domain.sizes import DECAY, SizeField
+from spinor_geom.domain.triangulation import PlaneTriangulation, Seeds, triangulate_polygon
 from spinor_geom.errors import TooManyPointsError
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 from spinor_geom.surface.array_surface import ArraySurface
@@ -57,52 +58,32 @@ def piece_of(surface: ArraySurface, rims: Sequence[Complex[np.ndarray, " _"]], t
     return Piece(rims=rims, samples=mesh.points, factor=factor, target=target, area=area, seeds=seeds)
 
 
-def triangulate_pieces(pieces: Sequence[Piece]) -> list[PlaneTriangulation]:
-    """Triangulates parts of Ω together; bit for bit the same as one by one.
+def triangulate_piece(piece: Piece) -> PlaneTriangulation:
+    """Triangulates a part of Ω.
 
     Raises:
-        TooManyPointsError: an edge length requires too many vertices.
-        DomainError: a boundary is not a simple polygon with holes inside.
+        TooManyPointsError: the edge length requires too many vertices.
+        DomainError: the boundary is not a simple polygon with holes inside.
+        OutOfTimeError: the time limit was reached.
     """
-    most = []
-    for piece in pieces:
-        require_few_points(piece.area, piece.target)
-        triangles = 4 * piece.area / (np.sqrt(3) * piece.target**2)
-        most.append(int(POINTS_PER_VERTEX * sum(map(len, piece.rims)) + POINTS_PER_TRIANGLE * triangles))
-    rims, seeds = [piece.rims for piece in pieces], [piece.seeds for piece in pieces]
-    return triangulate_regions(rims, size_field(pieces), seeds=seeds, max_points=most)
+    require_few_points(piece.area, piece.target)
+    triangles = 4 * piece.area / (np.sqrt(3) * piece.target**2)
+    most = int(POINTS_PER_VERTEX * sum(map(len, piece.rims)) + POINTS_PER_TRIANGLE * triangles)
+    outer, *holes = piece.rims
+    return triangulate_polygon(outer, size_field(piece), holes=holes, seeds=piece.seeds, max_points=most)
 
 
-def size_field(pieces: Sequence[Piece]) -> RegionSizes:
-    """Size function in Ω: about `target` in space, near the boundary the length of the boundary edges.
-
-    h(z) = target/λ(z), bounded by e + 0.35d and e − 0.5d at a distance d from a boundary vertex with edges of mean
-    length e. log λ is averaged over the four nearest samples, weighted by the inverse squared distance. Returns a
-    function of points (k,) of Ω and the indices (k,) of their pieces.
-    """
-    rims = [rim for piece in pieces for rim in piece.rims]
-    owners = [number for number, piece in enumerate(pieces) for _ in piece.rims]
-    bounded = size_bounds(rims, owners, growth=GROWTH, decay=DECAY)
-    target = np.array([piece.target for piece in pieces])
-    sampled = np.repeat(np.arange(len(pieces)), [len(piece.samples) for piece in pieces])
-    tree = NearestPoints(np.concatenate([piece.samples for piece in pieces]), sampled)
-    # the last one is for pieces with fewer samples, with weight 0
-    log_factor = np.concatenate([*(_log_factor(piece.factor) for piece in pieces), [0.0]])
-
-    def size(z: Complex[np.ndarray, " k"], region: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        require_time()  # called before each batch of new points
-        distance, index = tree.query(z, region, count=NEIGHBOURS)
-        weight = 1 / np.maximum(distance, TINY**0.25) ** 2
-        stretch = np.exp((weight * log_factor[index]).sum(axis=1) / weight.sum(axis=1))
-        return bounded(target[region] / stretch, z, region)
-
-    return size
+def size_field(piece: Piece) -> SizeField:
+    """About `target` in space, near the boundary the length of the boundary edges: h = target/λ with bounds."""
+    lengths = piece.target / _bounded_factor(piece.factor)
+    return SizeField(decay=DECAY, samples=piece.samples, lengths=lengths, neighbours=NEIGHBOURS)
 
 
-def _log_factor(factor: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def _bounded_factor(factor: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """λ where it is finite and not nearly 0, as at branch points."""
     finite = np.isfinite(factor)
-    usual = np.median(factor[finite]) if finite.any() else 1.0
-    return np.asarray(np.log(np.maximum(np.where(finite, factor, usual), max(SMALLEST_STRETCH * usual, TINY))))
+    usual = median(factor[finite]) if finite.any() else 1.0
+    return np.asarray(np.maximum(np.where(finite, factor, usual), max(SMALLEST_STRETCH * usual, TINY)))
 
 
 def is_unit_disk(domain: PlaneDomain) -> bool:
@@ -129,7 +110,7 @@ def even_seeds(stretch: Float[np.ndarray, " n"], target: float, area: float) -> 
     powers = np.fft.fft(slope)[:n] / (2 * n)
     rim = np.fft.ifft(np.append(0, powers / np.arange(1, n + 1)), 2 * n) * 2 * n
     circle = np.exp(1j * np.pi * np.arange(2 * n) / n)
-    covered = 0.5 * float((np.conj(rim) * np.roll(rim, -1)).imag.sum())
+    covered = 0.5 * float((np.conj(rim) * shifted(rim, -1)).imag.sum())
     if not covered < _MOST_STRETCHED * area:
         return None
     spacing = target * np.sqrt(covered / area)

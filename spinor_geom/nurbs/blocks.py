@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from spinor_geom.domain.delaunay import ConstrainedDelaunay, cross, rim_successors
+from spinor_geom.domain.delaunay import constrained_delaunay, cross, rim_successors
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.polygons import bound_domain
 from spinor_geom.errors import DomainError
@@ -322,7 +322,7 @@ def _with_triangles(rings: Sequence[_Ring]) -> Blocks:
     """Quadrilaterals of the rings, each halved, and triangles inside, each divided into three quadrilaterals."""
     blocks = _assembled(rings, np.zeros((0, 4), dtype=np.int64))
     inner = np.concatenate([ring.inner for ring in rings])
-    triangles = len(inner) + ConstrainedDelaunay(inner, [blocks.sizes]).triangles
+    triangles = len(inner) + constrained_delaunay(inner, blocks.sizes)
     ring = blocks.quads
     sides = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
     ends, index = np.unique(np.sort(np.concatenate([ring[:, 2:], sides]), axis=1), axis=0, return_inverse=True)

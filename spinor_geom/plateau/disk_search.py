@@ -22,7 +22,7 @@ from spinor_geom.deadline import is_out_of_time, require_time
 from spinor_geom.discrete.area_descent import Disk, descend_area, harmonic_extension
 from spinor_geom.discrete.minimal_surface import FINE_CHANGE, first_disk
 from spinor_geom.domain.delaunay import plane_coordinates
-from spinor_geom.domain.sizes import graded_size
+from spinor_geom.domain.sizes import SizeField
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError, SpinorGeomError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -71,7 +71,7 @@ class ThinnedLoop:
         length = self._edges.sum()
         along = np.append(0.0, np.cumsum(self._edges)[:-1]) / length
         circle = length / (2 * np.pi) * np.exp(2j * np.pi * along)
-        return triangulate_polygon(circle, graded_size(circle, growth=_GROWTH))
+        return triangulate_polygon(circle, SizeField(growth=_GROWTH))
 
     def round_disk(self) -> Disk:
         """The harmonic disk over the round mesh, which has the symmetries of the loop."""
@@ -87,7 +87,7 @@ class ThinnedLoop:
     def domain_mesh(self, solution: PlateauSolution) -> PlaneTriangulation:
         """A mesh of a solution's Ω whose boundary vertices are the rim's points."""
         polygon = solution.loop_points_in_domain()[self.indices]
-        return triangulate_polygon(polygon, graded_size(polygon, growth=_GROWTH))
+        return triangulate_polygon(polygon, SizeField(growth=_GROWTH))
 
     def positions(self, solution: PlateauSolution, mesh: PlaneTriangulation) -> Float[np.ndarray, "n 3"]:
         """A solution's positions at the vertices of a mesh of its Ω; those of the rim at the boundary."""

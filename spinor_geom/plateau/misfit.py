@@ -55,7 +55,7 @@ class Misfit:
     ) -> tuple[Misfit, ...]:
         """The misfits of several boundaries from distances, |Γ′| and local edges; `alone` returns one of the curves."""
         xp = namespace(r)
-        step, chord, ahead = closed_steps(slide), norm(xp.roll(r, -1, axis=1) - r), shifted(speed, -1)
+        step, chord, ahead = closed_steps(slide), norm(shifted(r, -1, axis=1) - r), shifted(speed, -1)
         arc = step * (speed + ahead) / 2
         skipped = step * xp.maximum(speed, ahead) > _SKIPPED * chord + distance
         span = xp.where(skipped, 0.0, xp.maximum(arc, chord))
@@ -172,7 +172,7 @@ def _on_skipped(
     A boundary that skips a finger of Γ can be near Γ at all of its own points.
     """
     xp = namespace(r)
-    start, end, step = r[over], xp.roll(r, -1, axis=0)[over], closed_steps(slide)[over]
+    start, end, step = r[over], shifted(r, -1, axis=0)[over], closed_steps(slide)[over]
     share = (arange(SAMPLES_PER_PIECE, step) + 0.5) / SAMPLES_PER_PIECE
     parameters = (slide[over, None] + step[:, None] * share).reshape(-1)
     point, tangent = curve.point_and_derivative(parameters)

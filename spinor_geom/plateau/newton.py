@@ -163,10 +163,11 @@ def conjugate_gradients(
         image = hessian(search)
         curvature = dots(search, image)
         flat = unfinished & (curvature <= SMALL * scale)
-        downwards |= flat & (curvature < -SMALL * scale)
-        unfinished &= ~flat
-        if step == 0:
-            x = xp.where(flat, search, x)
+        if flat.any():
+            downwards |= flat & (curvature < -SMALL * scale)
+            unfinished &= ~flat
+            if step == 0:
+                x = xp.where(flat, search, x)
         length = xp.where(unfinished, size / curvature, 0.0)
         x = x + length * search
         residual = residual - length * image

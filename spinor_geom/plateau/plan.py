@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from spinor_geom.arrays import shifted
 from spinor_geom.deadline import is_out_of_time, require_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError, SpinorGeomError, SurfaceError
@@ -286,7 +287,7 @@ def _on_divided_sides(problem: PlateauProblem) -> PlateauSolution:
     """The disk over a polygon that is given by its corners; points on the sides are added for the fit."""
     loop = problem.loop
     share = np.arange(PARTS_OF_A_SIDE)[:, None] / PARTS_OF_A_SIDE
-    points = loop.points[:, None] + share * (np.roll(loop.points, -1, axis=0) - loop.points)[:, None]
+    points = loop.points[:, None] + share * (shifted(loop.points, -1, axis=0) - loop.points)[:, None]
     whole = BoundaryLoop.from_points(points.reshape(-1, 3), corners=PARTS_OF_A_SIDE * np.arange(len(loop)))
     finer = replace(PlateauProblem.of([whole], problem.options), steps=problem.steps, parts=PARTS_OF_A_SIDE)
     solution = minimal_disk(finer, plan(finer))

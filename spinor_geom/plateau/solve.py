@@ -5,17 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 import os
-import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, overload
 
 import numpy as np
 
 from spinor_geom import deadline
 from spinor_geom.adapters import Rim, to_rims
-from spinor_geom.discrete.area_descent import Disk
-from spinor_geom.discrete.minimal_surface import first_disks
 from spinor_geom.errors import ArgumentTypeError, OptionError, SpinorGeomError, require_positive
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.harmonic.harmonic_route import BATCH_NODES, FEWEST_NODES, UNIT_DISK, begun_on_unit_disk
@@ -26,16 +22,12 @@ from spinor_geom.plateau.route_result import typed_failures
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.steps import Iteration
 from spinor_geom.plateau.threads import one_thread
-from spinor_geom.plateau.vertices.vertex_route import THROUGH_POINTS
 
 if TYPE_CHECKING:
     import torch
     from typing_extensions import Unpack
 
 _Planned: TypeAlias = tuple[PlateauProblem, tuple[Route, ...]]
-
-# Most points of a rough loop whose first disk is computed in a batch; for longer ones a batch saves no time.
-_SHORT = 500
 
 
 class _Rest(TypedDict, total=False):
@@ -259,26 +251,16 @@ def _planned(problem: PlateauProblem | SpinorGeomError) -> _Planned | SpinorGeom
 
 
 def _begin_together(planned: list[_Planned | SpinorGeomError], seconds: float) -> None:
-    """Computes fits on the unit disk and first discrete disks in batches, and puts them into `planned`."""
-    solvable = [(place, *one) for place, one in enumerate(planned) if not isinstance(one, SpinorGeomError)]
-    smooth = [(place, problem, routes) for place, problem, routes in solvable if routes[0] is UNIT_DISK]
-    rough = [
-        (place, problem, routes)
-        for place, problem, routes in solvable
-        if routes[0] is THROUGH_POINTS and len(problem.loop) <= _SHORT
+    """Computes fits on the unit disk in batches, and puts them into `planned`."""
+    smooth = [
+        (place, *one)
+        for place, one in enumerate(planned)
+        if not isinstance(one, SpinorGeomError) and one[1][0] is UNIT_DISK
     ]
-    with deadline.time_limit(seconds * len(solvable)):
+    with deadline.time_limit(seconds * len(smooth)):
         begun = begun_on_unit_disk([problem for _, problem, _ in smooth])
-        start = time.perf_counter()
-        disks = first_disks([problem.divided_points[0] for _, problem, _ in rough])
-        share = (time.perf_counter() - start) / max(1, len(rough))
-        are_whole = not deadline.is_out_of_time()
     for (place, problem, routes), route in zip(smooth, begun, strict=True):
         planned[place] = problem, (route, *routes[1:])
-    for (place, problem, routes), disk in zip(rough, disks, strict=True):
-        problem.clock.add("first fill", share)
-        # without a disk, or after an interrupted descent, the route computes its own
-        planned[place] = replace(problem, start=disk if are_whole and isinstance(disk, Disk) else None), routes
 
 
 def _solved(problem: PlateauProblem, routes: tuple[Route, ...], seconds: float) -> PlateauSolution | SpinorGeomError:

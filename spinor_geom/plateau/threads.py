@@ -8,7 +8,7 @@ from threading import Lock, local
 from typing import Any
 
 import numpy as np
-from threadpoolctl import OpenBLASController, ThreadpoolController, threadpool_limits
+from threadpoolctl import LibController, OpenBLASController, ThreadpoolController
 
 
 @cache
@@ -35,7 +35,7 @@ class _Limits:
         self.lock = Lock()
         self.inside = 0
         self.torch_threads = 1
-        self.blas: threadpool_limits | None = None
+        self.blas: list[tuple[LibController, int]] = []  # what is limited, and its own number of threads
         self.own = local()
 
     def enter(self) -> int | None:
@@ -43,10 +43,10 @@ class _Limits:
         torch = _torch()
         with self.lock:
             depth, threads = getattr(self.own, "depth", 0), torch.get_num_threads() if torch else None
-            if self.blas is None:
-                OpenBLASController.clear_controlling_thread(force=True)
-                self.blas = _blas().limit(limits=1)
-                OpenBLASController.clear_controlling_thread(force=True)
+            if not self.inside:
+                counts = [(library, library.get_num_threads()) for library in _blas().lib_controllers]
+                self.blas = [(library, count) for library, count in counts if count != 1]
+                _set_threads([(library, 1) for library, _ in self.blas])
                 self.torch_threads = threads or self.torch_threads
             elif threads == 1 and not depth:
                 threads = self.torch_threads
@@ -61,11 +61,17 @@ class _Limits:
             if threads:
                 _torch().set_num_threads(threads)
             self.inside, self.own.depth = self.inside - 1, self.own.depth - 1
-            if self.blas is not None and not self.inside:
-                OpenBLASController.clear_controlling_thread(force=True)
-                self.blas.restore_original_limits()
-                OpenBLASController.clear_controlling_thread(force=True)
-                self.blas = None
+            if not self.inside:
+                _set_threads(self.blas)
+
+
+def _set_threads(numbers: list[tuple[LibController, int]]) -> None:
+    """Sets the numbers of threads of BLAS libraries."""
+    if numbers:
+        OpenBLASController.clear_controlling_thread(force=True)
+        for library, count in numbers:
+            library.set_num_threads(count)
+        OpenBLASController.clear_controlling_thread(force=True)
 
 
 _limits = _Limits()

@@ -50,6 +50,7 @@ class ArraySurface(Shown):
         spinor_map: (2, 2) complex; (p, q) = spinor_map · model.value(z).
         quadrature: name of the rule on each straight piece of a path.
         order: number of its nodes ("gauss") or intervals ("trapezoid", "simpson").
+        rim: ∫ φ dz along ∂Ω, for `positions_inside`, where it is known already and Ω has no holes.
 
     Source: Sun & Chern (2026); the sign conventions are those of `formulas`.
     """
@@ -57,6 +58,7 @@ class ArraySurface(Shown):
     model: Any
     constant: Float[Array, "3"]
     spinor_map: Complex[Array, "2 2"]
+    rim: RimPrimitive | None = None
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self._model_name} over {self.domain!r})"
@@ -132,8 +134,10 @@ class ArraySurface(Shown):
         if self.has_closed_positions or self.domain.holes or len(z) == 0:
             return np.asarray(self.position(z))
         is_inner = self.domain.root >= self.domain.triangulation.boundary_size
-        boundary, ends = self.domain.boundary, np.append(z, self.root) if is_inner else z
-        moved = RimPrimitive.along(boundary, self.null_curve, ORDER, breaks_for(boundary, ends)).inside(ends).real
+        boundary, ends, rim = self.domain.boundary, np.append(z, self.root) if is_inner else z, self.rim
+        if rim is None or not rim.resolves(boundary, ends):
+            rim = RimPrimitive.along(boundary, self.null_curve, ORDER, breaks_for(boundary, ends))
+        moved = rim.inside(ends).real
         constant = to_numpy(self.constant) - moved[-1] if is_inner else self.position(z[0]) - moved[0]
         return np.asarray(moved[: len(z)] + constant)
 
@@ -272,7 +276,9 @@ class ArraySurface(Shown):
     def placed(self: S, scale: float, translation: Vector) -> S:
         """`transform` without a rotation and without a copy of the model, which both surfaces share."""
         shift = place_of(self.constant).put(np.asarray(translation, dtype=np.float64))
-        return self._over(self.model, scale**0.5 * self.spinor_map, scale * self.constant + shift)
+        other = self._over(self.model, scale**0.5 * self.spinor_map, scale * self.constant + shift)
+        other.rim = self.rim and self.rim.scaled(scale)
+        return other
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the surface and its domain to a .safetensors file with a JSON description; overwrites the file.

@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from spinor_geom.arrays import Array, complex_of, namespace, norm, place_of, shifted, unit
+from spinor_geom.arrays import Array, complex_of, cross, namespace, norm, place_of, shifted, unit
 from spinor_geom.errors import OptionError
 from spinor_geom.holomorphic.blocks import require_complex
 
@@ -40,7 +40,7 @@ def phi_from_frames(
     require_complex(direction_in_omega=direction_in_omega)
     along = unit(tangent)
     across = normal - (normal * along).sum(-1)[..., None] * along
-    conormal = namespace(along).linalg.cross(unit(across), along)
+    conormal = cross(unit(across), along)
     factor = scale * direction_in_omega.conj() / abs(direction_in_omega)
     return factor[..., None] * complex_of(along, -conormal)
 
@@ -81,7 +81,7 @@ def loop_invariant(phi: Complex[Array, "n 3"], direction_in_omega: Complex[Array
     """
     tangent = (phi * direction_in_omega[:, None]).real
     xp = namespace(phi)
-    normal = xp.linalg.cross(phi.real, -phi.imag)
+    normal = cross(phi.real, -phi.imag)
     one = xp.ones_like(direction_in_omega)  # with τ = λ = 1 φ is the frame itself
     p, q = spinors_from_phi(phi_from_frames(tangent, normal, one, one.real))
     # the inner product of unit quaternions is the cosine of half the angle between the frames

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import igl
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 from scipy.spatial import cKDTree
 
 from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates
@@ -21,9 +21,9 @@ Places = Complex[np.ndarray, " k"]
 Breaks = Float[np.ndarray, " b"]
 NullCurve = Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, "n 3"]]  # φ
 
-# Gauss-Legendre nodes on a panel, and its largest length relative to the distance of the nearest point, for an error of
-# 1e-10
-ORDER, _LONGEST = 16, 2.5
+# Gauss-Legendre nodes on a panel, and the error of Cauchy's formula
+ORDER, _ERROR = 16, 1e-10
+_SAMPLES = np.linspace(0.0, 1.0, 5)  # parameters on a panel at which the distance of the points is measured
 _HALVINGS = 40  # most halvings of a panel: a point may be on ∂Ω up to rounding
 
 
@@ -64,6 +64,16 @@ class RimPrimitive:
         )
         return self.at_breaks[panel].real + width[:, None] * integrals, values
 
+    def scaled(self, factor: float) -> RimPrimitive:
+        """The integral of the same function times a factor."""
+        parts = {name: factor * getattr(self, name) for name in ("velocity", "primitive", "at_breaks")}
+        return replace(self, **parts)
+
+    def resolves(self, boundary: Boundary, z: Places) -> bool:
+        """Whether `inside` is accurate at points inside the boundary."""
+        tree = cKDTree(plane_coordinates(z))
+        return not _are_long(boundary, self.panels.breaks, tree, self.panels.order).any()
+
     def inside(self, z: Places) -> Complex[np.ndarray, "k 3"]:
         """∫ φ dz from the start to points inside a boundary without holes."""
         # divided by Cauchy's integral of 1, which has nearly the same relative error near ∂Ω
@@ -78,16 +88,22 @@ def breaks_for(boundary: Boundary, z: Places) -> Breaks:
     tree = cKDTree(plane_coordinates(z))
     breaks = panel_breaks(boundary)
     for _ in range(_HALVINGS):
-        middle = (breaks[1:] + breaks[:-1]) / 2
-        ends, halfway = boundary.point(breaks), boundary.point(middle)
-        at_ends, at_middle = (np.asarray(tree.query(plane_coordinates(w))[0]) for w in (ends, halfway))
-        length = np.abs(halfway - ends[:-1]) + np.abs(ends[1:] - halfway)
-        nearest = np.minimum(np.minimum(at_ends[1:], at_ends[:-1]), at_middle)
-        long = length > _LONGEST * nearest
+        long = _are_long(boundary, breaks, tree, ORDER)
         if not long.any():
             break
-        breaks = np.sort(np.append(breaks, middle[long]))
+        breaks = np.sort(np.append(breaks, ((breaks[1:] + breaks[:-1]) / 2)[long]))
     return breaks
+
+
+def _are_long(boundary: Boundary, breaks: Breaks, points: cKDTree, order: int) -> Bool[np.ndarray, " p"]:
+    """Which panels with `order` nodes are too long for Cauchy's formula at points inside the boundary."""
+    # the error at a distance d from a panel of length 2a falls like ρ^(−2·order), d/a = (ρ − 1/ρ)/2
+    rho = _ERROR ** (-1 / (2 * order))
+    t = breaks[:-1, None] + np.diff(breaks)[:, None] * _SAMPLES
+    places = boundary.point(t.ravel())
+    nearest = np.asarray(points.query(plane_coordinates(places))[0]).reshape(t.shape).min(axis=1)
+    length = np.abs(np.diff(places.reshape(t.shape), axis=1)).sum(axis=1)
+    return np.asarray(length > 4 / (rho - 1 / rho) * nearest)
 
 
 def require_finite(z: Complex[np.ndarray, "*pts"]) -> None:

@@ -14,7 +14,6 @@ from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.discrete.strip import discrete_annulus
 from spinor_geom.domain.flattening import DirichletToNeumann, dirichlet_to_neumann, flatten, flatten_boundary, lay_out
 from spinor_geom.domain.polygons import is_simple
-from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import DomainError
 from tests.loops import L_SHAPE, figure_eight, noisy_ellipse, planar, ramp
@@ -23,7 +22,7 @@ from tests.strategies import smooth_loops
 
 
 def operator(matrix):
-    return DirichletToNeumann(csc_array(matrix), len(matrix))
+    return DirichletToNeumann(lambda: csc_array(matrix), len(matrix))
 
 
 FLAT = np.array([1, 1j, 0])
@@ -35,7 +34,7 @@ def circle(n, radius=1.0):
 
 def meshed(polygon, height=None):
     """A triangulated plane polygon as a graph over the plane: vertices, faces, number of boundary vertices."""
-    mesh = triangulate_polygon(polygon, graded_size(polygon))
+    mesh = triangulate_polygon(polygon)
     z = mesh.points
     up = np.zeros(len(z)) if height is None else height(z)
     return np.column_stack([z.real, z.imag, up]), mesh.faces, len(polygon)
@@ -244,7 +243,7 @@ def test_two_holes_are_laid_out_where_they_are(curvature):
     outer = ellipse(2.0, 1.0, 0.0, 40)
     holes = [ellipse(0.3, 0.3, 0.8 + 0.1j, 40)[::-1], ellipse(0.25, 0.4, -0.9 - 0.2j, 40)[::-1]]
     rims = [outer, *holes]
-    plane = triangulate_polygon(outer, graded_size(*rims), holes=holes)
+    plane = triangulate_polygon(outer, holes=holes)
     # a cylinder unrolls as it is
     x, z = plane.points.real, plane.points
     bent = (x, 0 * x) if not curvature else (np.sin(curvature * x) / curvature, np.cos(curvature * x) / curvature)

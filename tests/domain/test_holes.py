@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from spinor_geom.domain import FourierBoundary, PlaneDomain
-from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import DomainError, OptionError
 
@@ -17,7 +16,7 @@ def hole(centre, radius, count=16):
 
 
 def meshed(outer, *holes):
-    return triangulate_polygon(outer, graded_size(outer, *holes), holes=holes)
+    return triangulate_polygon(outer, holes=holes)
 
 
 def shoelace(polygon):

@@ -3,16 +3,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.domain.delaunay import ConstrainedDelaunay
-from spinor_geom.domain.sizes import graded_size, graded_sizes
-from spinor_geom.domain.triangulation import (
-    PlaneTriangulation,
-    Seeds,
-    one_by_one_on_error,
-    triangulate_polygon,
-    triangulate_regions,
-)
-from spinor_geom.errors import DomainError, OptionError
+from spinor_geom.deadline import time_limit
+from spinor_geom.domain.delaunay import constrained_delaunay
+from spinor_geom.domain.sizes import SizeField
+from spinor_geom.domain.triangulation import PlaneTriangulation, Seeds, triangulate_polygon
+from spinor_geom.errors import DomainError, OptionError, OutOfTimeError
+from tests.sizes import constant_size
 
 
 def polygon(corners, n):
@@ -96,7 +92,7 @@ def bridges(result):
 
 @pytest.mark.parametrize("boundary", POLYGONS.values(), ids=POLYGONS)
 def test_polygon_is_filled_with_good_triangles(boundary):
-    result = triangulate_polygon(boundary, graded_size(boundary))
+    result = triangulate_polygon(boundary)
     check_is_a_triangulation(result, boundary)
     assert np.percentile(result.angles.min(axis=1), 1) > 25
     assert result.angles.min() > 20
@@ -105,39 +101,41 @@ def test_polygon_is_filled_with_good_triangles(boundary):
 @pytest.mark.parametrize("boundary", WITH_FORCED_ANGLES.values(), ids=WITH_FORCED_ANGLES)
 def test_polygon_that_forces_small_angles_is_filled(boundary):
     boundary = np.asarray(boundary, dtype=complex)
-    check_is_a_triangulation(triangulate_polygon(boundary, graded_size(boundary)), boundary)
+    check_is_a_triangulation(triangulate_polygon(boundary), boundary)
 
 
 def test_three_vertices_give_one_face():
-    result = triangulate_polygon(np.array([0, 1, 1j]), lambda z: np.full(len(z), 0.01))
+    result = triangulate_polygon(np.array([0, 1, 1j]), constant_size(0.01))
     assert np.array_equal(result.faces, [[0, 1, 2]])
 
 
 def test_four_vertices_give_two_faces():
     boundary = np.array([0, 1, 1 + 1j, 1j])
-    assert len(triangulate_polygon(boundary, graded_size(boundary)).faces) == 2
+    assert len(triangulate_polygon(boundary).faces) == 2
 
 
 def test_strip_one_triangle_wide_needs_no_inner_point():
     boundary = POLYGONS["strip"]
-    assert len(triangulate_polygon(boundary, graded_size(boundary)).points) == len(boundary)
+    assert len(triangulate_polygon(boundary).points) == len(boundary)
 
 
 @pytest.mark.parametrize("name", ["square 8", "square 200", "turned square 80", "L", "comb", "circle 230", "noisy 4"])
 def test_no_edge_bridges_a_polygon_with_room_for_inner_points(name):
-    assert len(bridges(triangulate_polygon(POLYGONS[name], graded_size(POLYGONS[name])))) == 0
+    assert len(bridges(triangulate_polygon(POLYGONS[name]))) == 0
 
 
 def test_collinear_boundary_vertices_form_no_triangle():
     for angle in (0.0, 0.3, 1.1):
         boundary = polygon(SQUARE, 64) * np.exp(1j * angle)
-        result = triangulate_polygon(boundary, lambda z: np.full(len(z), 10.0))
+        result = triangulate_polygon(boundary, constant_size(10.0))
         assert result.angles.max() < 150
 
 
 def test_edges_follow_the_size_function():
     boundary = np.exp(2j * np.pi * np.arange(200) / 200)
-    result = triangulate_polygon(boundary, lambda z: 0.03 + 0.1 * np.abs(z - 1))
+    samples = (np.linspace(0, 1, 60)[:, None] * np.exp(2j * np.pi * np.arange(120) / 120)).ravel()
+    size = SizeField(growth=1e9, samples=samples, lengths=0.03 + 0.1 * np.abs(samples - 1), neighbours=4)
+    result = triangulate_polygon(boundary, size)
     a, b = result.points[result.edges].T
     ratio = np.abs(b - a) / (0.03 + 0.1 * np.abs(0.5 * (a + b) - 1))
     inner = (result.edges >= 200).all(axis=1)
@@ -148,9 +146,9 @@ def test_edges_follow_the_size_function():
 
 def test_fine_size_on_a_coarse_boundary_and_coarse_size_on_a_fine_one():
     boundary = polygon(SQUARE, 40)
-    fine = triangulate_polygon(boundary, lambda z: np.full(len(z), 0.01))
+    fine = triangulate_polygon(boundary, constant_size(0.01))
     check_is_a_triangulation(fine, boundary)
-    coarse = triangulate_polygon(boundary, lambda z: np.full(len(z), 100.0))
+    coarse = triangulate_polygon(boundary, constant_size(100.0))
     check_is_a_triangulation(coarse, boundary)
     assert coarse.angles.min() > 20
     assert len(fine.points) > 5000 > 100 > len(coarse.points)
@@ -158,7 +156,7 @@ def test_fine_size_on_a_coarse_boundary_and_coarse_size_on_a_fine_one():
 
 def test_number_of_points_is_limited():
     boundary = polygon(SQUARE, 40)
-    (result,) = triangulate_regions([[boundary]], lambda z, _: np.full(len(z), 1e-3), max_points=300)
+    result = triangulate_polygon(boundary, constant_size(1e-3), max_points=260)
     check_is_a_triangulation(result, boundary)
     assert len(result.points) <= 320
 
@@ -167,18 +165,18 @@ def test_number_of_points_is_limited():
 def test_scale_and_place_do_not_matter(scale):
     boundary = POLYGONS["noisy 4"]
     moved = scale * (boundary + 3 - 2j)
-    reference = triangulate_polygon(boundary, graded_size(boundary, growth=0.3))
-    result = triangulate_polygon(moved, graded_size(moved, growth=0.3))
+    reference = triangulate_polygon(boundary, SizeField(growth=0.3))
+    result = triangulate_polygon(moved, SizeField(growth=0.3))
     check_is_a_triangulation(result, moved)
     assert len(result.points) == pytest.approx(len(reference.points), rel=0.05)
 
 
-def test_graded_size_is_the_local_edge_at_the_boundary_and_grows():
+def test_size_is_the_local_edge_at_the_boundary_and_grows():
     boundary = np.exp(2j * np.pi * np.arange(60) / 60)
     edge = abs(boundary[1] - boundary[0])
-    size = graded_size(boundary, growth=0.5)
-    assert size(boundary) == pytest.approx(np.full(60, edge))
-    assert size(np.array([0j])) == pytest.approx([edge + 0.5])
+    sizes = SizeField(growth=0.5).over(boundary).sizes
+    assert sizes(boundary) == pytest.approx(np.full(60, edge))
+    assert sizes(np.array([0j])) == pytest.approx([edge + 0.5])
 
 
 @pytest.mark.parametrize(
@@ -197,12 +195,13 @@ def test_graded_size_is_the_local_edge_at_the_boundary_and_grows():
 )
 def test_polygon_that_is_not_simple_is_refused(boundary):
     with pytest.raises(DomainError):
-        triangulate_polygon(np.array(boundary, dtype=complex), lambda z: np.full(len(z), 10.0))
+        triangulate_polygon(np.array(boundary, dtype=complex), constant_size(10.0))
 
 
-def test_size_that_is_not_positive_is_refused():
-    with pytest.raises(OptionError):
-        triangulate_polygon(polygon(SQUARE, 8), lambda z: np.zeros(len(z)))
+@pytest.mark.parametrize("length", [0.0, -1.0, np.nan, np.inf])
+def test_size_that_is_not_positive_and_finite_is_refused(length):
+    with pytest.raises(OptionError, match="positive and finite"):
+        constant_size(length)
 
 
 @settings(max_examples=60, deadline=None)
@@ -211,38 +210,22 @@ def test_star_shaped_polygons(n, seed, roughness):
     rng = np.random.default_rng(seed)
     t = 2 * np.pi * (np.arange(n) + 0.4 * roughness * rng.uniform(-1, 1, n)) / n
     boundary = (1 - roughness * rng.uniform(0, 1, n)) * np.exp(1j * t)
-    check_is_a_triangulation(triangulate_polygon(boundary, graded_size(boundary)), boundary)
+    check_is_a_triangulation(triangulate_polygon(boundary), boundary)
 
 
-@settings(max_examples=3)
-@given(st.permutations([*POLYGONS.values(), *WITH_FORCED_ANGLES.values(), [0, 1, 1j]]))
-def test_regions_are_triangulated_together_as_each_by_itself(boundaries):
-    boundaries = [np.asarray(boundary, dtype=complex) for boundary in boundaries]
-    made = triangulate_regions([[boundary] for boundary in boundaries], graded_sizes(boundaries))
-    for boundary, together in zip(boundaries, made, strict=True):
-        alone = triangulate_polygon(boundary, graded_size(boundary))
-        assert np.array_equal(together.points, alone.points)
-        assert np.array_equal(together.faces, alone.faces)
-
-
-def test_each_region_has_its_own_limit_and_holes():
+def test_limit_holds_with_holes_too():
     square, hole = polygon(SQUARE, 40), 0.5 + 0.5j + 0.2 * np.exp(-2j * np.pi * np.arange(20) / 20)
-    few, holed = triangulate_regions(
-        [[square], [square, hole]], lambda z, _: np.full(len(z), 0.01), max_points=[300, 400]
-    )
+    few = triangulate_polygon(square, constant_size(0.01), max_points=260)
+    holed = triangulate_polygon(square, constant_size(0.01), holes=[hole], max_points=340)
     # corners that a bridge hides get a point beyond it
     assert 300 <= len(few.points) < 310
     assert 400 <= len(holed.points) < 410
     assert (few.rims, holed.rims) == ((40,), (40, 20))
 
 
-def test_what_cannot_be_made_is_an_error_of_its_own():
-    bow_tie = np.array([0, 1 + 1j, 1, 1j])
-    items = [polygon(SQUARE, 8), bow_tie, polygon(SQUARE, 12), bow_tie, polygon(SQUARE, 16)]
-    made = one_by_one_on_error(lambda some: triangulate_regions([[b] for b in some], graded_sizes(some)), items)
-    assert [isinstance(one, DomainError) for one in made] == [False, True, False, True, False]
-    assert [one.boundary_size for one in made[::2]] == [8, 12, 16]
-    assert one_by_one_on_error(lambda some: [], []) == []
+def test_time_limit_ends_a_triangulation():
+    with time_limit(0.01), pytest.raises(OutOfTimeError):
+        triangulate_polygon(polygon(SQUARE, 40), constant_size(1e-3), max_points=10**6)
 
 
 def uneven_polygon(rng, most=60):
@@ -283,22 +266,6 @@ def test_no_inner_point_sees_an_edge_under_more_than_the_largest_angle(count):
     assert done > 0.95 * count
 
 
-@pytest.mark.parametrize("bundles", [40, pytest.param(1500, marks=pytest.mark.slow)])
-def test_uneven_polygons_in_bundles_come_out_as_alone(bundles):
-    rng = np.random.default_rng(11)
-    for _ in range(bundles):
-        boundaries = [uneven_polygon(rng, 24) * 10 ** rng.uniform(-3, 3) for _ in range(int(rng.integers(2, 6)))]
-        alone = one_by_one_on_error(lambda some: [triangulate_polygon(b) for b in some], boundaries)
-        kept = [(b, one) for b, one in zip(boundaries, alone, strict=True) if isinstance(one, PlaneTriangulation)]
-        if not kept:
-            continue
-        polygons = [b for b, _ in kept]
-        together = triangulate_regions([[b] for b in polygons], graded_sizes(polygons))
-        for (_, one), other in zip(kept, together, strict=True):
-            assert np.array_equal(one.points, other.points)
-            assert np.array_equal(one.faces, other.faces)
-
-
 @settings(max_examples=60)
 @given(st.integers(3, 30), st.integers(0, 10**6), st.floats(0.5, 3), st.floats(0.02, 0.3))
 def test_seeds_outside_the_polygon_are_left_out(n, seed, reach, spacing):
@@ -307,28 +274,14 @@ def test_seeds_outside_the_polygon_are_left_out(n, seed, reach, spacing):
     boundary = rng.uniform(0.2, 1.0, n) * np.exp(2j * np.pi * (np.arange(n) + rng.uniform(0, 0.9, n)) / n)
     across = np.arange(-reach, reach, spacing)
     seeds = (across[:, None] + 1j * across).ravel()
-    sizes = graded_sizes([boundary])
-    (result,) = triangulate_regions([[boundary]], sizes, seeds=[Seeds(seeds, np.full(len(seeds), spacing))])
+    result = triangulate_polygon(boundary, seeds=Seeds(seeds, np.full(len(seeds), spacing)))
     check_is_a_triangulation(result, boundary)
-
-
-def test_regions_with_and_without_seeds_are_triangulated_as_if_alone():
-    names = ["square 200", "noisy 4", "L", "circle 230", "strip", "noisy 8"]
-    boundaries = [POLYGONS[name] for name in names]
-    lattice = 0.1 * (np.arange(-30, 30)[:, None] + 1j * np.arange(-30, 30)).ravel()
-    seeds = [None if k % 3 == 2 else Seeds(lattice, np.full(len(lattice), 0.1)) for k in range(len(boundaries))]
-    together = triangulate_regions([[b] for b in boundaries], graded_sizes(boundaries), seeds=seeds)
-    for boundary, own, one in zip(boundaries, seeds, together, strict=True):
-        check_is_a_triangulation(one, boundary)
-        (alone,) = triangulate_regions([[boundary]], graded_sizes([boundary]), seeds=[own])
-        assert np.array_equal(one.points, alone.points)
-        assert np.array_equal(one.faces, alone.faces)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_points_that_are_not_finite_are_refused(bad):
     with pytest.raises(DomainError, match="not finite"):
-        ConstrainedDelaunay(np.array([0, 1, 1 + 1j, 1j, bad + 0.5j]), [(4,)])
+        constrained_delaunay(np.array([0, 1, 1 + 1j, 1j, bad + 0.5j]), (4,))
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.domain.sizes import graded_size
+from spinor_geom.domain.sizes import SizeField
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.fill.attributes import patch_attributes
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -28,7 +28,7 @@ def flat(points: np.ndarray) -> np.ndarray:
 @pytest.fixture(scope="module")
 def disk() -> Patch:
     rim = np.exp(2j * np.pi * np.arange(60) / 60) * (1 + 0.2 * np.cos(6 * np.pi * np.arange(60) / 60))
-    return patch_of(triangulate_polygon(rim, lambda z: np.minimum(graded_size(rim)(z), 0.12)))
+    return patch_of(triangulate_polygon(rim, SizeField(samples=np.zeros(1, dtype=complex), lengths=np.full(1, 0.12))))
 
 
 class FlatSurface:

@@ -14,7 +14,7 @@ from spinor_geom.discrete.first_fill import disk_without_inner_points, minimum_a
 from spinor_geom.errors import FirstFillError, NoAreaError, OutOfTimeError, SurfaceError, TooManyPointsError
 from spinor_geom.fill import discrete_patch as module
 from spinor_geom.fill.discrete_patch import discrete_patch
-from spinor_geom.fill.exact_patches import exact_patches
+from spinor_geom.fill.exact_patches import exact_patch
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.no_holes import require_area
@@ -106,7 +106,7 @@ def test_a_surface_that_misses_its_loop_by_a_tenth_of_an_edge_is_none(missed: fl
     assert isinstance(found, PlateauSolution)
     residual = replace(found.boundary_residual, rms=missed * found.boundary_residual.mean_edge)
     options = FillOptions(target_edge_length="auto", model="auto", tolerance=1e-3)
-    (answer,) = exact_patches([(loop, replace(found, boundary_residual=residual), 0.0)], options)
+    answer = exact_patch(loop, replace(found, boundary_residual=residual), 0.0, options)
     assert isinstance(answer.patch, SurfaceError) != is_usable
 
 

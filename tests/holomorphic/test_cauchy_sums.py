@@ -157,9 +157,10 @@ def test_values_at_many_points_can_be_transformed(transform):
     assert model.value(points).requires_grad
 
 
-def test_what_is_not_finite_goes_the_plain_way(calls):
+def test_points_that_are_not_finite_do_not_change_the_values_at_others():
     module, points = model_and_points()
+    some = points[:2].numpy()
     with np.errstate(all="ignore"):
-        value = module.untracked.value(np.append(points[:2].numpy(), [complex("nan"), complex("inf")]))
+        value = module.untracked.value(np.append(some, [complex("nan"), complex("inf")]))
     assert np.isfinite(value).all(axis=-1).tolist()[:3] == [True, True, False]
-    assert calls == []
+    np.testing.assert_allclose(value[:2], module.untracked.value(some), rtol=1e-14)

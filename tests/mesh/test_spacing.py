@@ -71,16 +71,16 @@ def test_unevenly_sampled_smooth_curves_keep_their_order(seed: int) -> None:
 def test_spacing_scales_with_size_and_ignores_start_and_direction(seed: int, scale: float) -> None:
     random = np.random.default_rng(seed)
     points = random.normal(size=(30, 3)) * 10 ** random.uniform(-3, 0, (30, 1))
-    spacing = graded_spacing(points)
+    spacing = graded_spacing(edge_lengths(points))
     length = edge_lengths(points)
     longest_of_three = np.max([np.roll(length, k) for k in (-1, 0, 1)], axis=0)
     assert (spacing <= np.maximum(longest_of_three, 2 * np.median(length))).all()
     # it may double from an edge to the next
     assert (spacing <= 2 * np.roll(spacing, 1) * (1 + 1e-15)).all()
     # rounding of coordinates of size 1
-    np.testing.assert_allclose(graded_spacing(scale * points), scale * spacing, rtol=1e-9)
-    np.testing.assert_array_equal(graded_spacing(np.roll(points, 7, axis=0)), np.roll(spacing, 7))
-    np.testing.assert_allclose(graded_spacing(points[::-1]), np.roll(spacing[::-1], -1), rtol=1e-9)
+    np.testing.assert_allclose(graded_spacing(edge_lengths(scale * points)), scale * spacing, rtol=1e-9)
+    np.testing.assert_array_equal(graded_spacing(edge_lengths(np.roll(points, 7, axis=0))), np.roll(spacing, 7))
+    np.testing.assert_allclose(graded_spacing(edge_lengths(points[::-1])), np.roll(spacing[::-1], -1), rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", FLAT)
@@ -112,4 +112,4 @@ def test_long_edges_are_those_that_exceed_their_graded_spacing(seed: int, spread
     """Polygons whose edges hardly differ are recognised without the spacing."""
     rng = np.random.default_rng(seed)
     points = np.stack([circle_of(np.exp(rng.normal(scale=spread, size=12))) for _ in range(1 + 2 * several)])
-    assert np.array_equal(are_long(points), edge_lengths(points) > graded_spacing(points))
+    assert np.array_equal(are_long(points), edge_lengths(points) > graded_spacing(edge_lengths(points)))

@@ -5,13 +5,13 @@ from scipy.sparse.csgraph import connected_components
 from threadpoolctl import threadpool_limits
 
 from spinor_geom import BoundaryLoop, solve_plateau
-from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import DomainError, OptionError
 from spinor_geom.measures import discrete_mean_curvature, smallest_angles
 from spinor_geom.mesh.intersections import self_intersections
-from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_patches, over_domain_of_angles
+from spinor_geom.meshing.embed import Patch, mesh_patch, over_domain_of_angles
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
+from tests.sizes import constant_size
 
 
 def check_is_a_patch(patch, solution):
@@ -65,7 +65,7 @@ def test_positions_are_exact_where_the_patch_falls_into_parts():
     t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     rim = 0.8 * np.cos(t) + 1j * np.sin(t) * (0.03 + 0.5 * np.cos(t) ** 2)
     surface = exact_solution(ENNEPER, 60).surface
-    plane = triangulate_polygon(rim, graded_size(rim))
+    plane = triangulate_polygon(rim)
     inner = plane.edges[plane.edges[:, 0] >= 60] - 60
     count = len(plane.points) - 60
     assert connected_components(coo_array((np.ones(len(inner)), inner.T), shape=(count, count)), directed=False)[0] == 2
@@ -161,27 +161,6 @@ def test_loop_points_that_cross_in_the_domain_are_refused():
         mesh_patch(solution)
 
 
-def test_patches_are_made_together_as_each_by_itself():
-    rng = np.random.default_rng(1)
-    t = 2 * np.pi * np.arange(60) / 60
-    ragged = np.stack([np.cos(t), np.sin(t), 0.05 * rng.normal(size=60)], axis=1)
-    solutions = [
-        exact_solution(ENNEPER, 60),
-        solve_plateau(BoundaryLoop.from_points(ragged), between="free"),
-        exact_solution(PLANE, 4),
-        exact_solution(PLANE, 40),
-    ]
-    broken = exact_solution(PLANE, 8)
-    crossing = np.exp(2j * np.pi * np.array([0, 2, 1, 3, 4, 5, 6, 7]) / 8)
-    object.__setattr__(broken.rims[0], "points_in_domain", lambda: crossing)
-    *patches, refused = mesh_patches([*solutions, broken])
-    assert isinstance(refused, DomainError)
-    for solution, patch in zip(solutions, patches, strict=True):
-        alone = mesh_patch(solution)
-        assert np.array_equal(patch.vertices, alone.vertices)
-        assert np.array_equal(patch.faces, alone.faces)
-
-
 def test_patches_are_the_same_on_any_number_of_threads():
     t = 2 * np.pi * np.arange(120) / 120
     points = np.stack([2 * np.cos(t), np.sin(t), 0.3 * np.sin(3 * t)], axis=1)
@@ -197,7 +176,7 @@ def test_a_domain_has_the_given_angles() -> None:
     # a square's rim over a domain whose corners are its own, though the patch is bent
     side = np.arange(8) / 8
     square = np.concatenate([side, 1 + 1j * side, 1 + 1j - side, 1j - 1j * side])
-    plane = triangulate_polygon(square, lambda z: np.full(len(z), 0.12))
+    plane = triangulate_polygon(square, constant_size(0.12))
     height = 0.3 * plane.points.real * (1 - plane.points.real)
     vertices = np.column_stack([plane.points.real, plane.points.imag, height])
     patch = Patch(vertices=vertices, faces=plane.faces, boundary_size=32, points=plane.points)

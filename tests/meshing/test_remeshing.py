@@ -17,12 +17,13 @@ from spinor_geom.mesh.operators import internal_angles
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.remeshing import remesh, remesh_region
+from tests.sizes import constant_size
 
 NONE = np.zeros((0, 2), dtype=np.int64)
 
 
 def disk(count: int = 60) -> Patch:
-    plane = triangulate_polygon(np.exp(2j * np.pi * np.arange(count) / count), lambda z: np.full(len(z), 0.1))
+    plane = triangulate_polygon(np.exp(2j * np.pi * np.arange(count) / count), constant_size(0.1))
     vertices = np.column_stack([plane.points.real, plane.points.imag, np.zeros(len(plane.points))])
     return Patch(vertices=vertices, faces=plane.faces, boundary_size=count, points=plane.points)
 
@@ -54,7 +55,7 @@ def test_a_tiny_edge_length_is_refused() -> None:
 
 def over(polygon: np.ndarray, height: float = 0.0) -> Patch:
     """A patch without inner vertices over a plane polygon, bent over a cylinder of radius 1/height."""
-    plane = triangulate_polygon(polygon, lambda z: np.full(len(z), 100.0))
+    plane = triangulate_polygon(polygon, constant_size(100.0))
     x = polygon.real
     z = np.cos(height * x) / height if height else 0 * x
     inner = plane.points[len(polygon) :]

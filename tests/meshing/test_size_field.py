@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -16,10 +14,7 @@ def patch_size_field(surface, boundary, target):
     piece = Piece(
         rims=[boundary], samples=samples, factor=surface.conformal_factor(samples), target=target, area=surface.area()
     )
-    # between other pieces, which must not affect it
-    other = replace(piece, rims=[0.5 * boundary], target=7 * target)
-    size = size_field([other, piece, other])
-    return lambda z: size(z, np.ones(len(z), dtype=int))
+    return size_field(piece).over(boundary).sizes
 
 
 def test_size_is_target_over_stretch_inside():

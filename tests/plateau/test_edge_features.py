@@ -5,7 +5,7 @@ import pytest
 from jaxtyping import Complex
 
 from spinor_geom.arrays import NUMPY
-from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
+from spinor_geom.holomorphic.arnoldi import arnoldi_basis
 from spinor_geom.holomorphic.cauchy import raw_features
 from spinor_geom.holomorphic.poles import polygon_poles
 from spinor_geom.plateau.vertices.edge_features import EdgeFeatures, nodes_on_edges
@@ -22,8 +22,8 @@ def features() -> tuple[Complex[np.ndarray, " n"], EdgeFeatures, Complex[np.ndar
     t = 2 * np.pi * np.arange(n) / n
     polygon = np.exp(1j * t) * (1 + 0.3 * np.cos(3 * t)) + 0.01 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
     poles, z = polygon_poles(polygon), nodes_on_edges(polygon, NODES)
-    hessenberg = arnoldi_hessenberg(z.ravel(), np.full(z.size, 1 / z.size), 24)
-    some = EdgeFeatures.on(polygon, NODES, hessenberg, poles.positions, poles.scales)
+    hessenberg, polynomials = arnoldi_basis(z.ravel(), np.full(z.size, 1 / z.size), 24)
+    some = EdgeFeatures.on(polygon, polynomials.reshape(n, NODES, -1), poles.positions, poles.scales)
     return polygon, some, raw_features(z, hessenberg, poles.positions, poles.scales)
 
 

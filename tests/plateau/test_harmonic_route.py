@@ -166,8 +166,8 @@ def test_noisy_loop_may_start_anywhere():
     for points in (np.roll(loop.points, -29, axis=0), loop.points[::-1]):
         again = solve_plateau(BoundaryLoop.from_points(points))
         assert again.converged
-        # errors swing about 0: a tenth of the bound
-        assert same_area(again, first, 0.1 * 2 * 1e-3 * loop.mean_edge_length * loop.perimeter / first.area)
+        # errors swing about 0: a fifth of the bound
+        assert same_area(again, first, 0.2 * 2 * 1e-3 * loop.mean_edge_length * loop.perimeter / first.area)
 
 
 @pytest.mark.parametrize("points", [64, 91, 150, 333])

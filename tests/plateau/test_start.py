@@ -12,7 +12,6 @@ from spinor_geom import gallery
 from spinor_geom.arrays import NUMPY
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.domain.sizes import graded_size
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.plateau.initial_spinors import lifted_frames, lifted_spinors
 from spinor_geom.plateau.solve import solve_plateau
@@ -25,7 +24,7 @@ from tests.loops import noisy_ellipse
 
 def test_plane_disk_lifts_to_constant_spinors():
     polygon = np.exp(2j * np.pi * np.arange(40) / 40)
-    mesh = triangulate_polygon(polygon, graded_size(polygon))
+    mesh = triangulate_polygon(polygon)
     vertices = np.column_stack([mesh.points.real, mesh.points.imag, 0 * mesh.points.real])
     spinors = lifted_spinors(vertices, mesh.faces, mesh.points, (40,), NUMPY)
     # n = e₃: p² = 1, q = 0
@@ -106,7 +105,12 @@ def test_signs_are_right_where_frames_turn_so_far_that_neighbours_on_the_boundar
     loop = noisy_ellipse(150, amount=0.35, seed=seed)
     disk = first_disk(loop.points)
     flat = flatten(disk.vertices, disk.faces, len(loop)).boundary
-    frames = spinors_from_phi(lifted_frames(disk.vertices, disk.faces, flat, (len(loop),)))
+    after = np.roll(np.arange(len(loop)), -1)
+    face = [
+        np.flatnonzero((disk.faces == a).any(axis=1) & (disk.faces == b).any(axis=1))[0] for a, b in enumerate(after)
+    ]
+    a, b, c = disk.vertices[disk.faces[face].T]
+    frames = spinors_from_phi(lifted_frames(disk.vertices, np.cross(b - a, c - a), flat, after))
     assert not signs_close_up(*frames)
     solution = solve_plateau(loop, between="free")
     assert solution.route == "vertices"

@@ -10,6 +10,7 @@ from spinor_geom.domain.plane_domain import SplineBoundary
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.surface.spinor_surface import SpinorSurface
+from tests.sizes import constant_size
 
 BOUNDARY = FourierBoundary(np.array([0.1j, 0.6, 0.2, 1.5, 0.1]), 64)
 
@@ -23,7 +24,7 @@ def surface():
 
 @pytest.fixture(scope="module")
 def points():
-    return triangulate_polygon(BOUNDARY.point(np.arange(80) / 80), lambda z: np.full(len(z), 0.1)).points[80:]
+    return triangulate_polygon(BOUNDARY.point(np.arange(80) / 80), constant_size(0.1)).points[80:]
 
 
 def test_positions_are_those_of_the_surface(surface, points):

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.interpolate import CubicSpline
 
-from spinor_geom.arrays import Place
+from spinor_geom.arrays import Place, shifted
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.domain.polygons import is_simple
@@ -78,7 +78,7 @@ class NodeDensity:
 def has_narrow_place(curve: BoundaryCurve, points: int) -> bool:
     """`NodeDensity.is_narrow`; a test on the vertices first excludes most loops in a tenth of the time."""
     vertices = curve.coefficients[-1]
-    lengths = np.linalg.norm(np.roll(vertices, -1, axis=0) - vertices, axis=1)
+    lengths = np.linalg.norm(shifted(vertices, -1, axis=0) - vertices, axis=1)
     along, whole, gap = np.cumsum(lengths) - lengths, float(lengths.sum()), 1.2 * float(lengths.max())
     arc = np.abs(along[:, None] - along)
     arc = np.minimum(arc, whole - arc)
@@ -183,9 +183,9 @@ def resolved_form(boundary: FourierBoundary, n: int, place: Place, *, most: int 
 
 def _steps_across(polygon: Complex[np.ndarray, " n"]) -> float:
     """Least distance between vertices of a closed polygon that face each other, in lengths of their edges."""
-    edge = np.abs(np.roll(polygon, -1) - polygon)
+    edge = np.abs(shifted(polygon, -1) - polygon)
     along = np.cumsum(edge) - edge
-    step = np.maximum(edge, np.roll(edge, 1))
+    step = np.maximum(edge, shifted(edge, 1))
     arc = np.abs(along[:, None] - along)
     arc = np.minimum(arc, edge.sum() - arc)
     distance = np.abs(polygon[:, None] - polygon)

@@ -27,7 +27,7 @@ from spinor_geom.arrays import (
     zeros,
 )
 from spinor_geom.domain.plane_domain import FourierBoundary
-from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials
+from spinor_geom.holomorphic.arnoldi import arnoldi_basis
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.laurent import ROUND_OFF, LaurentSeries, parts_on_circles, sums_on_circles
@@ -144,7 +144,7 @@ class OnCurve:
     def powers(self) -> Complex[Array, "f 1 n"]:
         """Orthonormal polynomials of low degree."""
         z, dz = grid_of(self.boundary, self.nodes, place_of(self.kernel))
-        return arnoldi_polynomials(z, arnoldi_hessenberg(z, abs(dz) / abs(dz).sum(), _DEGREE)).mT[:, None]
+        return arnoldi_basis(z, abs(dz) / abs(dz).sum(), _DEGREE)[1].mT[:, None]
 
     @property
     def powers_at_nodes(self) -> Complex[Array, "f 1 n"]:

@@ -12,9 +12,8 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.arrays import Array, Place, add_at, gram, namespace, place_of, to_numpy, zeros
+from spinor_geom.arrays import Array, Place, add_at, gram, namespace, place_of, shifted, to_numpy, zeros
 from spinor_geom.domain.quadrature import rule
-from spinor_geom.holomorphic.arnoldi import arnoldi_polynomials
 from spinor_geom.holomorphic.cauchy import cauchy_units
 
 # Nodes on each edge for units with poles at least _FAR edge lengths from its middle. Periods around holes are then
@@ -30,7 +29,8 @@ class EdgeFeatures:
 
     polynomials: Complex[Array, "n g d1"]
     few: Complex[Array, "n c m"]  # the units at few nodes
-    near: Complex[Array, "n g q"]  # values of the units with near poles minus their interpolants through few nodes
+    units: Complex[Array, "n g q"]  # the units with near poles
+    near: Complex[Array, "n g q"]  # the same minus their interpolants through few nodes
     index: Int[Array, "n q"]  # which units these are
     between: Complex[Array, "g c"]  # interpolation from the few nodes
 
@@ -38,19 +38,18 @@ class EdgeFeatures:
     def on(
         cls,
         polygon: Complex[Array, " n"],
-        nodes: int,
-        hessenberg: Complex[Array, "d1 d"],
+        polynomials: Complex[Array, "n g d1"],
         poles: Complex[Array, " m"],
         scales: Float[Array, " m"],
     ) -> EdgeFeatures:
-        """The features at `nodes` Gauss-Legendre nodes on the edges of a polygon."""
-        place, xp = place_of(polygon), namespace(polygon)
+        """The features at Gauss-Legendre nodes on the edges of a polygon, from the polynomials there."""
+        place, xp, nodes = place_of(polygon), namespace(polygon), polynomials.shape[1]
         between, z = _interpolation(_FEW, nodes, place) + 0j, nodes_on_edges(polygon, nodes)
         few = cauchy_units(nodes_on_edges(polygon, _FEW), poles, scales)
         index = place.put(_near(to_numpy(polygon), to_numpy(poles)))
         units = scales[index][:, None] / (z[..., None] - poles[index][:, None])
         near = units - between @ xp.take_along_axis(few, index[:, None], axis=2)
-        return cls(polynomials=arnoldi_polynomials(z, hessenberg), few=few, near=near, index=index, between=between)
+        return cls(polynomials=polynomials, few=few, units=units, near=near, index=index, between=between)
 
     @property
     def count(self) -> int:
@@ -61,7 +60,11 @@ class EdgeFeatures:
         """Sums of the features with given coefficients."""
         degrees = self.polynomials.shape[2]
         polynomial, units = readout[:degrees], readout[degrees:]
-        return self.polynomials @ polynomial + self.between @ (self.few @ units) + self.near @ units[self.index]
+        return (
+            _product(self.polynomials, polynomial)
+            + self.between @ _product(self.few, units)
+            + self.near @ namespace(units).take(units, self.index.reshape(-1), axis=0).reshape(*self.index.shape, -1)
+        )
 
     def by_edge(self, weights: Complex[Array, "n r g"]) -> Complex[Array, "n r k"]:
         """Σ w f over the nodes of each edge, for each feature f."""
@@ -98,27 +101,36 @@ class EdgeFeatures:
         whole = xp.broadcast_to(norm[:_LONG_RANGE], (len(shares), _LONG_RANGE, norm.shape[1]))
         long_range = root * self.by_edge(whole)[..., own]
         matrix = gram(xp.reshape(long_range, (-1, long_range.shape[2])))
-        varying = self.near + self.between @ xp.take_along_axis(self.few, self.index[:, None], axis=2)
-        rows = root * (norm[_LONG_RANGE:] @ xp.concat([self.polynomials, varying], axis=2))
-        degrees, size = self.polynomials.shape[2], matrix.shape[0]
+        polynomials, units = (root * (norm[_LONG_RANGE:] @ part) for part in (self.polynomials, self.units))
+        degrees, size = polynomials.shape[2], matrix.shape[0]
         first = place_of(shares).put(np.arange(degrees))
         index = xp.concat([xp.broadcast_to(first, (len(shares), degrees)), degrees + self.index], axis=1) - own.start
         # features of other rims go to one more row and column
         index = xp.where((index >= 0) & (index < size), index, size)
         total = zeros(((size + 1) ** 2,), matrix)
-        add_at(total, index[:, :, None] * (size + 1) + index[:, None], rows.mT.conj() @ rows)
-        return matrix + xp.reshape(total, (size + 1, size + 1))[:size, :size]
+        places = index[:, degrees:, None] * (size + 1) + index[:, None]
+        add_at(total, places, units.mT.conj() @ xp.concat([polynomials, units], axis=2))
+        matrix = matrix + xp.reshape(total, (size + 1, size + 1))[:size, :size]
+        if own.start == 0:
+            matrix[:degrees, :degrees] += gram(xp.reshape(polynomials, (-1, degrees)))
+        return matrix
+
+
+def _product(features: Complex[Array, "n g k"], readout: Complex[Array, "k r"]) -> Complex[Array, "n g r"]:
+    """Sums over features in one product, which for short edges takes half the time of one for each edge."""
+    n, g, k = features.shape
+    return (features.reshape(n * g, k) @ readout).reshape(n, g, -1)
 
 
 def nodes_on_edges(polygon: Complex[Array, " n"], count: int) -> Complex[Array, "n g"]:
     """Gauss-Legendre nodes on the edges of a polygon."""
     share = place_of(polygon).put(rule("gauss", count).nodes)
-    return polygon[:, None] + share * (namespace(polygon).roll(polygon, -1) - polygon)[:, None]
+    return polygon[:, None] + share * (shifted(polygon, -1) - polygon)[:, None]
 
 
 def _near(polygon: Complex[np.ndarray, " n"], poles: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "n q"]:
     """The poles nearest to each edge of a polygon; equally many for each, with all that are near."""
-    after = np.roll(polygon, -1)
+    after = shifted(polygon, -1)
     distance = np.abs((polygon + after)[:, None] / 2 - poles)
     count = int((distance < _FAR * np.abs(after - polygon)[:, None]).sum(axis=1).max())
     return np.asarray(np.argpartition(distance, min(count, len(poles) - 1), axis=1)[:, :count])

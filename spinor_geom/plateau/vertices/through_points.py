@@ -26,18 +26,19 @@ from spinor_geom.arrays import (
     gram,
     namespace,
     place_of,
+    shifted,
     solve_lower,
     square,
     zeros,
 )
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.quadrature import rule
-from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
+from spinor_geom.holomorphic.arnoldi import arnoldi_basis, arnoldi_polynomials
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features, sign_changing
 from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.plateau.steps import STALLED, Steps
 from spinor_geom.plateau.vertices.edge_features import EdgeFeatures, nodes_on_edges
-from spinor_geom.surface.formulas import null_vector, phi
+from spinor_geom.surface.formulas import phi
 
 # Added to the diagonal of the Newton equations, as a share of its mean, because some equations may have no solution.
 # Residuals, in edges: with 1e-7, 3e-3 on 600 points with 30 % noise; with 1.5e-8, 6e-3 on one of sixty rims cut along
@@ -60,16 +61,15 @@ DEGREE = 24  # degree of the polynomials; with 12 two of these rims keep 1e-3 to
 class PointEquations:
     """Linearised distances of n points from their targets, as functions of orthonormal read-outs."""
 
-    by_p: Complex[Array, "k n"]  # conjugates of ∫ 2pf dz to each point for all features f
-    by_q: Complex[Array, "k n"]  # likewise of ∫ 2qf dz
+    rows: Complex[Array, "k n2"]  # conjugates of ∫ 2pf dz to each point for all features f, then of ∫ 2qf dz
     factor: Float[Array, "n3 n3"]  # of the Gram matrix of the 3n functions
 
     @classmethod
     def of(cls, by_p: Complex[Array, "k n"], by_q: Complex[Array, "k n"]) -> PointEquations:
         """The equations with their factor."""
-        n = by_p.shape[1]
-        xp = namespace(by_p)
-        lower = gram(xp.concat([by_p, by_q], axis=1))
+        n, xp = by_p.shape[1], namespace(by_p)
+        rows = xp.concat([by_p, by_q], axis=1)
+        lower = gram(rows)
         pp, qp, qq = lower[:n, :n], lower[n:, :n], lower[n:, n:]
         matrix = zeros((3 * n, 3 * n), lower.real)
         for k in range(3):
@@ -80,21 +80,21 @@ class PointEquations:
         matrix[2 * n :, n : 2 * n] = -(qp + qp.mT.conj()).imag
         own = xp.arange(3 * n)
         add_to_diagonal(matrix, _DAMPING * matrix[own, own].mean())
-        return cls(by_p=by_p, by_q=by_q, factor=definite_cholesky(matrix))
+        return cls(rows=rows, factor=definite_cholesky(matrix))
 
     def step(self, error: Float[Array, "n 3"], away: Complex[Array, "k 2"] | None) -> Complex[Array, "k 2"]:
         """The change of least norm of the read-outs that removes an error.
 
         With `away`, the difference of the read-outs from given ones, the new read-outs are the nearest to those.
         """
-        right, xp = error, namespace(error)
+        right, xp = error.mT, namespace(error)
         if away is not None:
-            (pp, pq), (qp, qq) = (self.by_p.mT.conj() @ away).mT, (self.by_q.mT.conj() @ away).mT
-            right = error - xp.stack([pp - qq, -1j * (pp + qq), qp + pq], axis=1).real
-        x, y, z = cholesky_solve(self.factor, right.mT.reshape(-1, 1)).reshape(3, -1)
+            products = (away.mT.conj() @ self.rows).conj()
+            (pp, qp), (pq, qq) = (products[:, : len(error)], products[:, len(error) :])
+            right = right - xp.stack([(pp - qq).real, (pp + qq).imag, (pq + qp).real])
+        x, y, z = cholesky_solve(self.factor, right.reshape(-1, 1)).reshape(3, -1)
         xy, z = complex_of(x, y), z + 0j
-        p, q = self.by_p, self.by_q
-        change = -xp.stack([p @ xy + q @ z, p @ z - q @ xy.conj()], axis=1)
+        change = self.rows @ xp.stack([xp.concat([-xy, -z]), xp.concat([-z, xy.conj()])], axis=1)
         return change if away is None else change - away
 
 
@@ -119,9 +119,9 @@ class OnRim:
         """Orthonormal read-outs nearest in H¹ to values at the midpoints of the edges, linear between them."""
         share = place_of(spinors).put(rule("gauss", self.sign.shape[1]).nodes)[:, None]
         edge, xp = shares(self.polygon)[:, None, None], namespace(spinors)
-        before, after = xp.roll(spinors, 1, axis=0)[:, None], xp.roll(spinors, -1, axis=0)[:, None]
-        back = xp.clip(0.5 - share, min=0) * edge * 2 / (edge + xp.roll(edge, 1, axis=0))
-        ahead = xp.clip(share - 0.5, min=0) * edge * 2 / (edge + xp.roll(edge, -1, axis=0))
+        before, after = shifted(spinors, 1, axis=0)[:, None], shifted(spinors, -1, axis=0)[:, None]
+        back = xp.clip(0.5 - share, min=0) * edge * 2 / (edge + shifted(edge, 1, axis=0))
+        ahead = xp.clip(share - 0.5, min=0) * edge * 2 / (edge + shifted(edge, -1, axis=0))
         return self.nearest((1 - back - ahead) * spinors[:, None] + back * before + ahead * after)
 
     def values(self, raw: Complex[Array, "k 2"]) -> Complex[Array, "n g 2"]:
@@ -131,7 +131,9 @@ class OnRim:
     def steps(self, spinors: Complex[Array, "n g 2"]) -> Float[Array, "n 3"]:
         """Re ∫ φ dz over each edge."""
         squares = (spinors * self.dz[..., None]).mT @ spinors
-        return null_vector(squares[:, 0, 0], squares[:, 1, 1], squares[:, 0, 1]).real
+        pp, qq, pq = squares[:, 0, 0], squares[:, 1, 1], squares[:, 0, 1]
+        # the real part of `null_vector`
+        return namespace(spinors).stack([(pp - qq).real, (pp + qq).imag, 2 * pq.real], axis=1)
 
     def changes(self, spinors: Complex[Array, "n g 2"]) -> Complex[Array, "2 n k"]:
         """∫ 2pf dz and ∫ 2qf dz over each edge for all features f."""
@@ -170,16 +172,18 @@ class Basis:
         positions = place.put(np.concatenate([each.positions for each in poles]))
         scales = place.put(np.concatenate([each.scales for each in poles]))
         gauss = place.put(rule("gauss", nodes).weights)
-        weight = shares(outer)[:, None] * gauss
-        hessenberg = arnoldi_hessenberg(
-            nodes_on_edges(outer, nodes).reshape(-1), weight.reshape(-1), min(DEGREE, max(2, len(outer) // 2))
-        )
+        weight, degree = shares(outer)[:, None] * gauss, min(DEGREE, max(2, len(outer) // 2))
+        hessenberg, values = arnoldi_basis(nodes_on_edges(outer, nodes).reshape(-1), weight.reshape(-1), degree)
+        polynomials = [
+            values.reshape(len(outer), nodes, -1),
+            *(arnoldi_polynomials(nodes_on_edges(polygon, nodes), hessenberg) for polygon in polygons[1:]),
+        ]
         # polynomials count as features of the outer rim
         ends = [0, *(len(hessenberg) + np.cumsum([len(each.positions) for each in poles])).tolist()]
         rims = []
         for number, polygon in enumerate(polygons):
             require_time()  # for thousands of points each product takes seconds
-            features = EdgeFeatures.on(polygon, nodes, hessenberg, positions, scales)
+            features = EdgeFeatures.on(polygon, polynomials[number], positions, scales)
             require_time()
             own = slice(*ends[number : number + 2])
             matrix = features.gram(_norm_of_edge(nodes, place) + 0j, shares(polygon), own)
@@ -189,7 +193,7 @@ class Basis:
             rims.append(
                 OnRim(
                     polygon=polygon,
-                    dz=(xp.roll(polygon, -1) - polygon)[:, None] * gauss,
+                    dz=(shifted(polygon, -1) - polygon)[:, None] * gauss,
                     sign=sign_changing(nodes_on_edges(polygon, nodes), branches),
                     features=features,
                     own=own,
@@ -370,5 +374,5 @@ def _updated(step: Complex[Array, "k 2"], taken: Sequence[Complex[Array, "k 2"]]
 
 def shares(polygon: Complex[Array, " n"]) -> Float[Array, " n"]:
     """Lengths of a polygon's edges over its perimeter."""
-    edge = abs(namespace(polygon).roll(polygon, -1) - polygon)
+    edge = abs(shifted(polygon, -1) - polygon)
     return edge / edge.sum()

@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.arrays import Array, namespace, place_of, square, to_numpy
+from spinor_geom.arrays import Array, namespace, place_of, shifted, square, to_numpy
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import Flattening, flatten
@@ -58,7 +58,7 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
         OutOfTimeError: time ran out.
     """
     loop, place, allowed = problem.unit, problem.options.place, problem.allowed
-    (points, are_own), clock = problem.divided_points, problem.clock
+    (points, are_own), clock = problem.unit.divided, problem.clock
     with clock.stage("first fill"):
         disk = problem.start or first_disk(points)
     with clock.stage("flattening"):
@@ -93,6 +93,7 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
         root = domain.root
         at_root = rim.at_breaks[root] if root < len(points) else rim.inside(domain.triangulation.points[[root]])[0]
         surface = ArraySurface(network, domain, points[0] + error[0] + at_root.real)
+        surface.rim = rim
         found = _passed(surface, [rim], [points], [error], area=rim.area, near="the discrete one")
         found = replace(found, curves=(replace(found.curves[0], at_points=are_own),))
         bulge = found.curves[0].bulge() / loop.mean_edge_length
@@ -113,7 +114,7 @@ def _fitted(
     (rim,) = basis.rims
     start = rim.nearest_between(spinors)
     readout = start if raw is None else rim.norm.mT.conj() @ raw
-    wanted = place_of(start).put(problem.divided_points[0])
+    wanted = place_of(start).put(problem.unit.divided[0])
     here = Passing(basis=basis, points=(wanted,), raw=basis.raw(readout))
     in_edges = here.distance / problem.unit.mean_edge_length
     if not in_edges <= _FAR * max(1.0, len(wanted) / _SHORT) ** 0.5:
@@ -257,8 +258,8 @@ def _curve_through(
     """
     place = piece_places()
     within = np.einsum("hg,ngk->hnk", cumulative_matrix(velocity.shape[1], tuple(place)), velocity)
-    values = points + within - place[:, None, None] * (np.roll(error, -1, axis=0) - error)
-    chord = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    values = points + within - place[:, None, None] * (shifted(error, -1, axis=0) - error)
+    chord = np.linalg.norm(shifted(points, -1, axis=0) - points, axis=1)
     breaks = np.append(0.0, np.cumsum(chord) / chord.sum())
     breaks[-1] = 1.0
     values[0] = points
@@ -266,15 +267,15 @@ def _curve_through(
     coefficients = through(values, width[:, 0])
     powers = np.arange(len(coefficients) - 1, -1, -1)[:, None, None]
     ends = (coefficients * width**powers).sum(axis=0)
-    coefficients[-2] += (np.roll(points, -1, axis=0) - ends) / width
+    coefficients[-2] += (shifted(points, -1, axis=0) - ends) / width
     return BoundaryCurve(kind="analytic", breaks=breaks, coefficients=coefficients, corners=corners)
 
 
 def _misfit_at_points(curve: BoundaryCurve, error: Float[np.ndarray, "n 3"]) -> Misfit:
     """The misfit of a boundary with given errors at the points, linear between them."""
     points = curve.coefficients[-1]
-    length = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-    after, local_edge = np.roll(error, -1, axis=0), (length + np.roll(length, 1)) / 2
+    length = np.linalg.norm(shifted(points, -1, axis=0) - points, axis=1)
+    after, local_edge = shifted(error, -1, axis=0), (length + shifted(length, 1)) / 2
     distance = np.linalg.norm(error, axis=1)
     squares = (error * error + error * after + after * after).sum(axis=1) / 3
     return Misfit(
@@ -287,7 +288,7 @@ def _misfit_at_points(curve: BoundaryCurve, error: Float[np.ndarray, "n 3"]) -> 
 
 def _polygon_through(vertices: Complex[np.ndarray, " n"]) -> SplineBoundary:
     """The closed polygon through vertices, which are not marked as corners because p and q are regular there."""
-    step = np.roll(vertices, -1) - vertices
+    step = shifted(vertices, -1) - vertices
     if not step.all():
         raise DomainError("two neighbouring points of the flattened disk's boundary coincide", vertices=len(vertices))
     along = np.append(0.0, np.cumsum(np.abs(step)) / np.abs(step).sum())

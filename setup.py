@@ -1,0 +1,39 @@
+"""Compiles the kernel of plane triangulations; everything else is in pyproject.toml."""
+
+import os
+import shutil
+import sys
+
+from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
+
+
+class BuildKernel(build_ext):
+    """Leaves the compiled kernel beside its source too, where Python in the folder of the source looks for it."""
+
+    def run(self) -> None:
+        """Compiles and copies."""
+        super().run()
+        self.copy_extensions_to_source()
+
+    def get_export_symbols(self, ext: Extension) -> list[str]:
+        """What a DLL of Windows exports."""
+        return ["sizes", "refine"]
+
+
+# a C++ compiler that is a Python package, for machines without one
+has_compiler = sys.platform == "win32" or "CC" in os.environ or shutil.which("c++") is not None
+if not has_compiler:
+    os.environ.update(CC=f"{sys.executable} -m ziglang c++", CXX=f"{sys.executable} -m ziglang c++")
+
+# Plain C functions, which ctypes calls: no headers of Python are needed. Fused operations would round differently.
+flags = ["/std:c++17", "/EHsc"] if sys.platform == "win32" else ["-std=c++17", "-O2", "-ffp-contract=off"]
+setup(
+    ext_modules=[
+        Extension(
+            "spinor_geom.domain._kernel", ["spinor_geom/domain/kernel.cpp"], language="c++", extra_compile_args=flags
+        )
+    ],
+    cmdclass={"build_ext": BuildKernel},
+    setup_requires=[] if has_compiler else ["ziglang>=0.13"],
+)
