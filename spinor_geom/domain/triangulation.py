@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.deadline import require_time, seconds_left
+from spinor_geom.deadline import seconds_left
 from spinor_geom.domain.delaunay import Rims, constrained_delaunay, unique_edges
 from spinor_geom.domain.sizes import Polygon, SizeField
 from spinor_geom.errors import DomainError
@@ -67,7 +67,7 @@ def triangulate_polygon(
     Delaunay refinement inserts circumcentres of triangles that are too large or have an angle below 25°, and never
     close to a boundary edge, so no boundary edge is split. Then inner edges between two boundary vertices are split
     where there is room, inner points are smoothed, and points of triangles that are still poor are moved one by one.
-    Small angles that the boundary imposes remain.
+    Small angles that the boundary imposes remain. Refinement ends at the time limit; the triangulation is then coarser.
 
     Args:
         boundary: the polygon, counter-clockwise.
@@ -80,7 +80,6 @@ def triangulate_polygon(
     Raises:
         DomainError: a polygon runs in the wrong direction, has fewer than three vertices, a vertex that is not finite,
             or touches or crosses itself or another one; or a hole is not inside.
-        OutOfTimeError: the time limit was reached.
 
     Source: Ruppert (1995), A Delaunay refinement algorithm for quality 2-dimensional mesh generation, J. Algorithms 18;
     Bowyer (1981) and Watson (1981), Comput. J. 24, for the insertion of points.
@@ -93,7 +92,6 @@ def triangulate_polygon(
     _require_simple(faces, rims)
     # triangles get no inner points
     inner, faces = region.refined(faces, seeds, max_points if len(given) > 3 else 0, seconds_left())
-    require_time()
     points = np.concatenate([given, inner])
     return PlaneTriangulation(points=points, faces=faces, boundary_size=len(given), hole_sizes=rims[1:])
 

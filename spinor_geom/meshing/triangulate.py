@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import TINY, median, shifted
+from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.polygons import lattice_inside
 from spinor_geom.domain.sizes import DECAY, SizeField
@@ -70,7 +71,9 @@ def triangulate_piece(piece: Piece) -> PlaneTriangulation:
     triangles = 4 * piece.area / (np.sqrt(3) * piece.target**2)
     most = int(POINTS_PER_VERTEX * sum(map(len, piece.rims)) + POINTS_PER_TRIANGLE * triangles)
     outer, *holes = piece.rims
-    return triangulate_polygon(outer, size_field(piece), holes=holes, seeds=piece.seeds, max_points=most)
+    plane = triangulate_polygon(outer, size_field(piece), holes=holes, seeds=piece.seeds, max_points=most)
+    require_time()
+    return plane
 
 
 def size_field(piece: Piece) -> SizeField:
