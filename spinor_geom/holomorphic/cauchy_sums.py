@@ -35,7 +35,7 @@ def cauchy_sums(
     """
     if len(sources) > _FEW_SOURCES and len(sources) * len(targets) > _FEW_PAIRS:
         return fast_sums(sources, strengths, targets)
-    return direct_sums(sources, strengths, targets)
+    return np.asarray(direct_sums(sources, strengths, targets))
 
 
 def direct_sums(
