@@ -145,7 +145,7 @@ def closed_steps(s: Float[Array, "*b n"]) -> Float[Array, "*b n"]:
 
 
 def shifted(x: Shaped[Array, "..."], by: int, axis: int = -1) -> Shaped[Array, "..."]:
-    """x_{j − by} on closed curves: `roll`, which takes three times as long for few numbers."""
+    """x_{j − by} on closed curves, as by `roll`, which takes three times as long for few numbers."""
     if not is_numpy(x):
         return namespace(x).roll(x, by, axis=axis)
     count = x.shape[axis]

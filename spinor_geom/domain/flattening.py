@@ -66,7 +66,7 @@ class DirichletToNeumann:
     """
 
     def __init__(self, laplacian: Callable[[], csc_array], boundary_size: int) -> None:
-        """Takes a function that makes the Laplacian of all vertices, the boundary vertices first, on first use."""
+        """`laplacian` computes the Laplacian of all vertices, boundary vertices first; it is called on first use."""
         self.boundary_size = boundary_size
         self._make = laplacian
 
@@ -343,7 +343,7 @@ def lay_out(edge: PerVertex, turning: PerVertex, log_scale: PerVertex) -> Comple
     """Closed polygon of given turning angles with edge lengths nearest to e^u·edge; None if there is none."""
     length = edge * np.exp((log_scale + shifted(log_scale, -1)) / 2)
     direction = cis(turning.cumsum() - turning[0])  # edge j runs after the turns at vertices 1 … j
-    # the lengths change by the least sum of squares per length
+    # the changes of the lengths minimise the sum of their squares per length
     total, gap, double = float(length.sum()), complex(length @ direction), complex(length @ direction**2)
     determinant = total**2 - abs(double) ** 2
     if not determinant > EPS * total**2:
