@@ -1,4 +1,4 @@
-"""Compiles the kernel of plane triangulations; everything else is in pyproject.toml."""
+"""Compiles the kernels of triangulations; everything else is in pyproject.toml."""
 
 import os
 import shutil
@@ -18,7 +18,7 @@ class BuildKernel(build_ext):
 
     def get_export_symbols(self, ext: Extension) -> list[str]:
         """The exported functions of a DLL on Windows."""
-        return ["sizes", "refine"]
+        return ["sizes", "refine", "minimum_area_splits"]
 
 
 # a C++ compiler that is a Python package, for machines without one
@@ -27,11 +27,14 @@ if not has_compiler:
     os.environ.update(CC=f"{sys.executable} -m ziglang c++", CXX=f"{sys.executable} -m ziglang c++")
 
 # Plain C functions, which ctypes calls: no headers of Python are needed. Fused operations would round differently.
-flags = ["/std:c++17", "/EHsc"] if sys.platform == "win32" else ["-std=c++17", "-O2", "-ffp-contract=off"]
+flags = ["/std:c++17", "/EHsc"] if sys.platform == "win32" else ["-std=c++17", "-O3", "-ffp-contract=off"]
 setup(
     ext_modules=[
         Extension(
-            "spinor_geom.domain._kernel", ["spinor_geom/domain/kernel.cpp"], language="c++", extra_compile_args=flags
+            "spinor_geom.domain._kernel",
+            ["spinor_geom/domain/kernel.cpp", "spinor_geom/discrete/first_fill.cpp"],
+            language="c++",
+            extra_compile_args=flags,
         )
     ],
     cmdclass={"build_ext": BuildKernel},

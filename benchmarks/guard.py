@@ -21,9 +21,12 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from spinor_geom.bench.holes import Hole
 
 OURS, PEER, EQUAL = "spinor-fill", "meshlib-nicely", "equal"
 COLUMNS = ("case", "base, ms", "head, ms", "head / base")
@@ -64,9 +67,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def saved(name: str, make: "Case", folder: Path) -> list[Path]:
     """The files of the meshes of a case."""
     files = []
-    for k, mesh in enumerate(make()):
+    for k, hole in enumerate(make()):
         files.append(folder / f"{name} {k}.npz")
-        np.savez(files[-1], **{key: value for key, value in mesh._asdict().items() if value is not None})
+        length = {} if hole.edge_length is None else {"edge_length": hole.edge_length}
+        np.savez(files[-1], vertices=hole.vertices, faces=hole.faces, rim=hole.rim, **length)
     return files
 
 
@@ -163,7 +167,7 @@ def prepared(request: str, file: str) -> tuple[Callable[[], Any], Callable[[Any]
     counts, length, before = mesh.pop("triangles", None), mesh.pop("edge_length", None), len(mesh["faces"])
     hole = Hole(name=file, **mesh)
     if request in (PEER, EQUAL):
-        fill, convert = FILLERS[PEER].prepare(replace(hole, triangles=counts if request == EQUAL else None))
+        fill, convert = FILLERS[PEER].call(replace(hole, triangles=counts if request == EQUAL else None))
         return fill, lambda result: len(convert(result).faces) - before
     options: dict[str, Any] = {"return_report": True}
     if len(hole.rim_indices) < len(hole.loops):
@@ -181,55 +185,44 @@ def triangles_at(rim: np.ndarray, report: Any) -> list[int]:
     return [counts[vertex] for vertex in rim.tolist()]
 
 
-class Mesh(NamedTuple):
-    """A mesh with holes."""
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    rim: np.ndarray  # the vertices of the rims to fill
-    edge_length: float | None = None  # of our patches; by default that of each rim
+Case = Callable[[], list["Hole"]]
 
 
-Case = Callable[[], list[Mesh]]
-
-
-def ragged(names: Sequence[str]) -> list[Mesh]:
+def ragged(names: Sequence[str]) -> list["Hole"]:
     """Cases of the suite "ragged"."""
     from spinor_geom.bench.ragged import ragged_hole
 
-    holes = [ragged_hole(name) for name in names]
-    return [Mesh(hole.vertices, hole.faces, hole.rim) for hole in holes]
+    return [ragged_hole(name) for name in names]
 
 
-def caps() -> list[Mesh]:
+def caps(most: int = 80) -> list["Hole"]:
     """Rims of 24 to 80 points cut along triangles."""
     from spinor_geom.bench.ragged import CUT
 
-    return [mesh for mesh in ragged(CUT) if 24 <= len(mesh.rim) <= 80][::4]
+    return [hole for hole in ragged(CUT) if 24 <= len(hole.rim) <= most]
 
 
-def caps_together(count: int = 20) -> list[Mesh]:
+def caps_together() -> list["Hole"]:
     """Rims of 24 to 76 points cut along triangles, side by side in one mesh."""
-    from spinor_geom.bench.ragged import CUT
+    from spinor_geom.bench.holes import all_rims
 
-    meshes = [mesh for mesh in ragged(CUT) if 24 <= len(mesh.rim) <= 76][:count]
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    vertices = np.concatenate([mesh.vertices + np.array([10.0 * k, 0.0, 0.0]) for k, mesh in enumerate(meshes)])
-    faces, rims = (np.concatenate([mesh[k] + n for mesh, n in zip(meshes, starts, strict=False)]) for k in (1, 2))
-    return [Mesh(vertices, faces, rims)]
+    holes = caps(76)[:20]
+    starts = np.cumsum([0, *(len(hole.vertices) for hole in holes)])
+    vertices = [hole.vertices + np.array([10.0 * k, 0.0, 0.0]) for k, hole in enumerate(holes)]
+    faces = [hole.faces + start for hole, start in zip(holes, starts, strict=False)]
+    rims = [hole.rim + start for hole, start in zip(holes, starts, strict=False)]
+    return [replace(all_rims("", np.concatenate(vertices), np.concatenate(faces)), rim=np.concatenate(rims))]
 
 
-def smooth(points: int, edges: float | None = None) -> list[Mesh]:
+def smooth(points: int, edges: float | None = None) -> list["Hole"]:
     """A strip down from a wavy ellipse; the patch has edges of that many mean edges of the rim."""
-    from spinor_geom.bench.holes import collar
+    from spinor_geom.bench.ragged import wavy_rim
 
-    t = 2 * np.pi * np.arange(points) / points
-    rim = np.column_stack([2 * np.cos(t), np.sin(t), 0.3 * np.sin(2 * t)])
-    hole = collar("", rim, np.column_stack([2.6 * np.cos(t), 1.6 * np.sin(t), np.full(points, -0.8)]))
-    return [Mesh(hole.vertices, hole.faces, hole.rim, edges and edges * hole.mean_edge)]
+    hole = wavy_rim("", points)
+    return [replace(hole, edge_length=edges and edges * hole.mean_edge)]
 
 
-def sphere(subdivisions: int, holes: int) -> list[Mesh]:
+def sphere(subdivisions: int, holes: int) -> list["Hole"]:
     """A bumpy sphere with many holes of different sizes."""
     import trimesh
     from scipy.spatial import cKDTree
@@ -245,28 +238,18 @@ def sphere(subdivisions: int, holes: int) -> list[Mesh]:
     points = ball.vertices * (1 + 0.05 * np.sin(5 * ball.vertices[:, :1]) * np.cos(4 * ball.vertices[:, 1:2]))
     points = points + 0.1 * edge * rng.standard_normal(points.shape)
     cut = cut_hole("", points, ball.faces, removed)
-    hole = all_rims("", cut.vertices, cut.faces)
-    return [Mesh(hole.vertices, hole.faces, hole.rim)]
+    return [all_rims("", cut.vertices, cut.faces)]
 
 
 def whole_meshes(folder: Path) -> Mapping[str, Case]:
     """The mesh files of a folder that have boundary edges; all of their holes are filled."""
-    from spinor_geom.bench.holes import mesh_files
+    from spinor_geom.bench.holes import hole_of_file, mesh_files
 
-    return {file.name: partial(whole_mesh, file) for file in mesh_files(folder)}
-
-
-def whole_mesh(file: Path) -> list[Mesh]:
-    """The mesh of a file."""
-    from spinor_geom.adapters import read_mesh
-    from spinor_geom.bench.holes import all_rims
-
-    mesh = read_mesh(file).mesh
-    return [Mesh(mesh.vertices, mesh.faces, all_rims("", mesh.vertices, mesh.faces).rim)]
+    return {file.name: (lambda file=file: [hole_of_file(file)]) for file in mesh_files(folder)}
 
 
 CASES: Mapping[str, Case] = {
-    "caps of 24 to 80 points": caps,
+    "caps of 24 to 80 points": lambda: caps()[::4],
     "20 caps in one mesh": caps_together,
     **{f"smooth rim of {n:,} points": partial(smooth, n) for n in (64, 256, 1000)},
     # with about as many triangles as MeshLib's defaults; beside 1,000 points short edges need more

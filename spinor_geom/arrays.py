@@ -103,8 +103,9 @@ def cis(angle: Float[Array, "*any"]) -> Complex[Array, "*any"]:
 
 def norm(v: Inexact[Array, "*any k"]) -> Float[Array, "*any"]:
     """Euclidean lengths of the rows."""
-    xp = namespace(v)
-    return xp.sqrt(square(v).sum(-1))
+    if is_numpy(v):  # half the time of a sum over a short axis
+        return np.sqrt(np.vecdot(v, v).real)
+    return namespace(v).sqrt(square(v).sum(-1))
 
 
 def square(v: Inexact[Array, "*any"]) -> Float[Array, "*any"]:
@@ -129,8 +130,10 @@ def cross(u: Float[Array, "*any 3"], v: Float[Array, "*any 3"]) -> Float[Array, 
 
 def median(values: Float[np.ndarray, "*any n"]) -> Float[np.ndarray, "*any"]:
     """Medians of rows; numpy's own function takes three times as long for short rows."""
-    ordered, half = np.sort(values, axis=-1), values.shape[-1] // 2
-    return np.asarray((ordered[..., half] + ordered[..., -1 - half]) / 2)
+    count = values.shape[-1]
+    low, high = (count - 1) // 2, count // 2
+    ordered = np.partition(values, (low, high), axis=-1)
+    return np.asarray((ordered[..., low] + ordered[..., high]) / 2)
 
 
 def unit(v: Float[Array, "*any k"]) -> Float[Array, "*any k"]:

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+import torch
 
-from spinor_geom.arrays import shifted
+from spinor_geom.arrays import cross, median, norm, shifted, solve_lower
 
 
 @pytest.mark.parametrize("by", [1, -1, 3])
@@ -11,3 +12,35 @@ from spinor_geom.arrays import shifted
 def test_rows_are_shifted_around_closed_curves(shape, by):
     x = np.random.default_rng(0).normal(size=shape)
     np.testing.assert_array_equal(shifted(x, by), np.roll(x, by, axis=-1))
+    np.testing.assert_array_equal(shifted(x, by, axis=0), np.roll(x, by, axis=0))
+    np.testing.assert_array_equal(shifted(torch.from_numpy(x), by), np.roll(x, by, axis=-1))
+
+
+def test_nothing_is_shifted_without_numbers():
+    assert shifted(np.zeros((0, 3)), -1, axis=0).shape == (0, 3)
+
+
+@pytest.mark.parametrize("shape", [(1,), (6,), (2, 5)])
+def test_medians_of_rows(shape):
+    x = np.random.default_rng(0).normal(size=shape)
+    np.testing.assert_array_equal(median(x), np.median(x, axis=-1))
+
+
+def test_lengths_and_products_of_rows():
+    rng = np.random.default_rng(0)
+    u, v = rng.normal(size=(2, 4, 5, 3))
+    np.testing.assert_array_equal(cross(u, v), np.cross(u, v))
+    # sums of three squares in another order
+    np.testing.assert_allclose(norm(u + 1j * v), np.linalg.norm(u + 1j * v, axis=-1), rtol=1e-15)
+    np.testing.assert_allclose(norm(torch.from_numpy(u)), norm(u), rtol=1e-15)
+
+
+@pytest.mark.parametrize("adjoint", [False, True])
+@pytest.mark.parametrize("factor", [1.0, 1j])
+def test_triangular_systems(factor, adjoint):
+    rng = np.random.default_rng(0)
+    lower = np.tril(factor * rng.normal(size=(6, 6)), -1) + np.diag(rng.uniform(1, 2, 6))
+    right = factor * rng.normal(size=(6, 2))
+    matrix = lower.conj().T if adjoint else lower
+    # the condition of the matrix is below 1e3
+    np.testing.assert_allclose(matrix @ solve_lower(lower, right, adjoint=adjoint), right, atol=1e-13)

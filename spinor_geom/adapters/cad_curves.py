@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from spinor_geom.adapters.cad_edges import CadEdge, EdgeKind, boundary_edges
 from spinor_geom.adapters.polygon_faces import chained
 from spinor_geom.errors import BranchingEdgesError, NoEdgesError, OpenWireError
 from spinor_geom.mesh.curve import ClosedCurve
-from spinor_geom.mesh.joined_splines import JoinedSplines, RationalSpline
+from spinor_geom.mesh.joined_splines import JoinedSplines
+from spinor_geom.mesh.rational_splines import NurbsCurve
+from spinor_geom.mesh.topology import linked
 
 # Ends of edges at most this far apart are joined, relative to the diagonal of the bounding box of all edges.
 CLOSING = 1e-6
@@ -24,19 +24,13 @@ CLOSING = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CadCurve(ClosedCurve):
-    """A closed curve of edges of a CAD model, by arc length; its points are on the edges, to rounding.
+    """A closed curve of edges of a CAD model, by arc length; its points are on the edges, to rounding."""
 
-    Attributes:
-        length: in units of the model.
-        edges: number of its edges.
-        kind: "edges" that belong to no face, or the "free boundary" of faces.
-        gap: the largest distance between ends of edges that were joined, in units of the model. Both were moved by half
-            of it, and the other points of their edges in proportion.
-    """
-
-    length: float
-    edges: int
-    kind: EdgeKind
+    length: float  # in units of the model
+    edges: int  # number of its edges
+    kind: EdgeKind  # "edges" that belong to no face, or the "free boundary" of faces
+    # the largest distance between ends of edges that were joined, in units of the model. Both were moved by half of it,
+    # and the other points of their edges in proportion.
     gap: float
 
     def __repr__(self) -> str:
@@ -47,31 +41,24 @@ def closed_curves(shapes: Sequence[Any]) -> list[CadCurve]:
     """The closed curves that the `boundary_edges` of shapes form, in the order of their first edges.
 
     Ends of edges are joined if they are at most 1e-6 of the size of all edges apart, or within the tolerance of their
-    vertices. Each curve has the direction of its first edge.
-
-    Args:
-        shapes: `TopoDS_Shape`s of any type.
-
-    Raises:
-        NoEdgesError: there are no such edges.
-        OpenWireError: an end of an edge meets no other one.
-        BranchingEdgesError: more than two ends meet.
-        CurveError: the derivative of a spline is 0 at a point.
+    vertices. Each curve has the direction of its first edge. Raises a NoEdgesError without such edges, an OpenWireError
+    if an end meets no other one, a BranchingEdgesError if more than two meet, and a CurveError if the derivative of a
+    spline is 0 at a point.
     """
     kind, edges = boundary_edges(shapes)
     return [_joined(splines, kind, gap) for splines, gap in _loops(edges)]
 
 
-def _joined(splines: Sequence[RationalSpline], kind: EdgeKind, gap: float) -> CadCurve:
+def _joined(splines: Sequence[NurbsCurve], kind: EdgeKind, gap: float) -> CadCurve:
     whole = JoinedSplines.of(splines)
     return CadCurve(**vars(whole.curve()), length=whole.length, edges=len(splines), kind=kind, gap=gap)
 
 
-def _loops(edges: Sequence[CadEdge]) -> Iterator[tuple[list[RationalSpline], float]]:
+def _loops(edges: Sequence[CadEdge]) -> Iterator[tuple[list[NurbsCurve], float]]:
     """The splines in order around each closed curve, with equal ends, and the largest gap between their ends."""
-    poles = np.concatenate([edge.spline.poles for edge in edges])
+    poles = np.concatenate([edge.spline.control_points for edge in edges])
     closing = CLOSING * float(np.linalg.norm(np.ptp(poles, axis=0)))
-    edges = [edge for edge in edges if np.ptp(edge.spline.poles, axis=0).max() > max(edge.tolerance, closing)]
+    edges = [edge for edge in edges if np.ptp(edge.spline.control_points, axis=0).max() > max(edge.tolerance, closing)]
     if not edges:
         raise NoEdgesError(what="only edges shorter than their tolerance")
     ends = np.concatenate([edge.spline.ends for edge in edges])
@@ -97,8 +84,7 @@ def _nodes(ends: Float[np.ndarray, "n 3"], near: Float[np.ndarray, " n"]) -> Int
     """Numbers, from 0, of the places where ends meet."""
     pairs = cKDTree(ends).query_pairs(float(near.max()), output_type="ndarray")
     pairs = pairs[np.linalg.norm(ends[pairs[:, 0]] - ends[pairs[:, 1]], axis=1) <= near[pairs].max(axis=1)]
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(ends), len(ends)))
-    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+    return linked(pairs, len(ends))
 
 
 def _require_cycles(

@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from spinor_geom.errors import NoEdgesError
-from spinor_geom.mesh.joined_splines import RationalSpline
+from spinor_geom.mesh.rational_splines import NurbsCurve
 
 EdgeKind: TypeAlias = Literal["edges", "free boundary"]
 _SEWING = 1e-6  # Open CASCADE's default: largest distance between edges of two faces that are joined, in model units
@@ -18,30 +18,17 @@ _SEWING = 1e-6  # Open CASCADE's default: largest distance between edges of two 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CadEdge:
-    """An edge of a CAD model.
+    """An edge of a CAD model."""
 
-    Attributes:
-        spline: its curve, exactly, from its first vertex to its last one.
-        tolerance: the largest of its vertices, in units of the model.
-    """
-
-    spline: RationalSpline
-    tolerance: float
+    spline: NurbsCurve  # its curve, exactly, from its first vertex to its last one
+    tolerance: float  # the largest of its vertices, in units of the model
 
 
 def boundary_edges(shapes: Sequence[Any]) -> tuple[EdgeKind, list[CadEdge]]:
-    """The edges of shapes that belong to no face; without any, the free boundary of the faces.
+    """The edges of `TopoDS_Shape`s that belong to no face, all of one degree; without any, the free boundary of faces.
 
-    Edges of a free boundary have the direction of the boundary of a patch that continues the faces.
-
-    Args:
-        shapes: `TopoDS_Shape`s of any type.
-
-    Returns:
-        The kind of the edges, and the edges, all of one degree.
-
-    Raises:
-        NoEdgesError: there are none.
+    Edges of a free boundary have the direction of the boundary of a patch that continues the faces. Raises a
+    NoEdgesError if there are none.
     """
     kind: EdgeKind = "edges"
     loose = {hash(edge): edge for shape in shapes for edge in parts_of(shape, "EDGE", outside="FACE")}
@@ -122,12 +109,12 @@ def _spline_of(edge: Any) -> Any:
     return spline
 
 
-def _as_arrays(curve: Any) -> RationalSpline:
+def _as_arrays(curve: Any) -> NurbsCurve:
     knots = np.array([curve.Knot(i) for i in range(1, curve.NbKnots() + 1)])
     repeats = [curve.Multiplicity(i) for i in range(1, curve.NbKnots() + 1)]
     poles = [curve.Pole(i) for i in range(1, curve.NbPoles() + 1)]
-    return RationalSpline(
+    return NurbsCurve(
         knots=np.repeat((knots - knots[0]) / (knots[-1] - knots[0]), repeats),
-        poles=np.array([[pole.X(), pole.Y(), pole.Z()] for pole in poles]),
+        control_points=np.array([[pole.X(), pole.Y(), pole.Z()] for pole in poles]),
         weights=np.array([curve.Weight(i) for i in range(1, curve.NbPoles() + 1)]),
     )

@@ -16,9 +16,7 @@ def cad_shapes(what: Any) -> list[Any] | None:
     """The `TopoDS_Shape`s of an object of a CAD library, or of a list of such objects; None for anything else.
 
     Objects are shapes of OCP, CadQuery and build123d, `Workplane` and `Sketch` of CadQuery, and builders of build123d.
-
-    Raises:
-        ArgumentTypeError: the object has no shape, or a list also has objects of other types.
+    Raises an ArgumentTypeError if the object has no shape, or a list also has objects of other types.
     """
     if isinstance(what, (list, tuple)):
         are_cad = [_is_cad(one) for one in what]

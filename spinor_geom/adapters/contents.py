@@ -36,6 +36,9 @@ class FileContents:
     face_loops: Int[np.ndarray, " p"] | None = None
     # curves beside faces, of vertex indices; a closed one repeats its first
     polylines: tuple[Int[np.ndarray, " _"], ...] = ()
+    names: tuple[str, ...] = ()  # of objects and groups, as "object/group"
+    polygon_names: Int[np.ndarray, " p"] | None = None  # for each polygon an index into `names`; None without names
+    polyline_names: tuple[str, ...] = ()  # for each curve the name of its first piece
     unit: str = ""  # of lengths, one of `METRES`, if the format has units
     first_nonfinite: str = ""  # the place of the first vertex that is NaN or infinite, as "line 12"; may be empty
     is_text_stl: bool = False  # whether an STL file is to be written as text, with all digits

@@ -120,6 +120,7 @@ class MeshFile(Shown):
             old,
             vertices=np.concatenate([old.vertices, extension.vertices]),
             polygons=old.polygons.followed_by(extension.faces),
+            polygon_names=None,
             face_loops=np.append(old.loop_of_faces, extension.face_loops),
             attributes=append_attributes(old.attributes, extension, vertices=first),
             representatives=np.append(old.representatives, np.arange(first, first + len(extension.vertices))),
@@ -248,24 +249,24 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
 
 def mesh_of_bytes(data: bytes, suffix: str, *, path: Path | None = None) -> MeshFile:
     """The file that `read_mesh` returns for these bytes; errors do not name the file."""
-    require_bytes(data)
-    file = MeshFile.of_contents(FORMATS[suffix].read(data), path=path)
+    return mesh_of_contents(contents_of_bytes(data, suffix), suffix, path=path)
+
+
+def mesh_of_contents(contents: FileContents, suffix: str, *, path: Path | None = None) -> MeshFile:
+    """The file with these contents, the vertices of STL merged; a MeshFileError if it has neither faces nor curves."""
+    file = MeshFile.of_contents(contents, path=path)
     if suffix == ".stl":
         file = file.merged("rounding")
-    require_elements(file.contents)
+    if len(file.polygons) == 0 and not file.polylines:
+        raise malformed("", "has vertices but no faces and no curves", "give a file with faces")
     return file
 
 
-def require_bytes(data: bytes) -> None:
-    """Raises a MeshFileError for an empty file."""
+def contents_of_bytes(data: bytes, suffix: str) -> FileContents:
+    """The contents of a file; a MeshFileError if it is malformed or empty."""
     if not data:
         raise malformed("", "is empty")
-
-
-def require_elements(contents: FileContents) -> None:
-    """Raises a MeshFileError for a file without faces and curves."""
-    if len(contents.polygons) == 0 and not contents.polylines:
-        raise malformed("", "has vertices but no faces and no curves", "give a file with faces")
+    return FORMATS[suffix].read(data)
 
 
 @contextmanager

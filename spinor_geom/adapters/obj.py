@@ -6,12 +6,10 @@ kept as text; files that they refer to are not opened.
 
 from __future__ import annotations
 
-import io
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import compress
-from typing import BinaryIO
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -40,30 +38,14 @@ COLORED = ({6}, {7})  # words after `v` where all lines have colours
 WHOLE_LINE_END = re.compile(rb"(?<!\\)\n")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ObjText:
-    """The elements of an OBJ file, and what is needed to append to it."""
-
-    contents: FileContents  # vertices, polygons, attributes and curves
-    names: tuple[str, ...]  # of objects and groups, as "object/group"; the first is ""
-    face_names: Int[np.ndarray, " p"]  # for each polygon an index into `names`
-    curve_names: tuple[str, ...]  # for each curve the name of its first piece
-    # "uv" and "normal", where the file has one for each vertex: its index, −1 for a vertex in no face
-    corner_indices: dict[str, Int[np.ndarray, " v"]]
-    counts: dict[str, int]  # number of `vt` and `vn` lines, under "uv" and "normal"
-    newline: bytes
-    ending: bytes  # what has to be appended to end the last line, or empty
-
-
-def read_obj_stream(stream: BinaryIO) -> ObjText:
-    """Reads the vertices, faces, curves and names of an OBJ file from the current position of a stream.
+def read_obj(data: bytes) -> FileContents:
+    """The vertices, faces, curves and names of an OBJ file, which can be extended.
 
     Faces are read by their position indices, so that texture and normal seams are no boundaries. `v` lines may have
     colours (three or four numbers after the coordinates; ignored unless all lines have them) or a weight (ignored).
     Texture coordinates and normals become the attributes "uv" and "normal" if each vertex has only one. Pieces of
     curves are joined where two of them meet in a vertex. A MeshFileError names the line that cannot be read.
     """
-    data = stream.read()
     newline = (re.search(rb"\r\n|\n|\r", data) or [NEWLINE])[0]
     text = data.replace(b"\r\n", NEWLINE).replace(b"\r", NEWLINE).removeprefix(BYTE_ORDER_MARK)
     if b"\0" in text:
@@ -81,7 +63,7 @@ def read_obj_stream(stream: BinaryIO) -> ObjText:
         start, line = stop, line + text.count(NEWLINE, start, stop)
     # a backslash at the end of the file would continue the last line
     ending = (not text.endswith(NEWLINE)) + text[-2:].rstrip().endswith(b"\\")
-    return reader.text(newline, newline * ending)
+    return reader.contents(data, newline.decode("ascii"), ending)
 
 
 class _Reader:
@@ -140,8 +122,11 @@ class _Reader:
         """The number of the current object and group."""
         return self.names.setdefault("/".join(filter(None, (self.of_object, self.of_group))), len(self.names))
 
-    def text(self, newline: bytes, ending: bytes) -> ObjText:
-        """The whole file; raises a MeshFileError if there are no vertices, or an index is out of range."""
+    def contents(self, data: bytes, newline: str, ending: int) -> FileContents:
+        """The whole file; a MeshFileError if there are no vertices, or an index is out of range.
+
+        When the file is extended, `ending` line breaks are written after `data`, its bytes.
+        """
         if not self.values[b"v"]:
             raise malformed("", "has no vertices (`v` lines)")
         vertices = np.concatenate([rows[:, :3] for rows in self.values[b"v"]])
@@ -168,24 +153,21 @@ class _Reader:
                 attributes[name] = np.where(own[:, None] >= 0, np.concatenate(self.values[key])[own], 0.0)
         pieces = np.split(curves[0][:, 0], np.cumsum(curves[1])[:-1]) if len(curves[1]) else []
         chains, names = chained(pieces), tuple(self.names)
-        contents = FileContents(
+        count = {"uv": self.counts[b"vt"], "normal": self.counts[b"vn"]}
+        indices = {name: (own, count[name]) for name, own in corner_indices.items()}
+        return FileContents(
             vertices=vertices,
             polygons=Polygons.of_sizes(faces[0][:, 0], faces[1]),
             attributes=attributes,
             color_scale=color_scale_of(attributes.get("color", np.zeros(0))),
             representatives=np.arange(len(vertices)),
             polylines=tuple(curve for _, curve in chains),
-            first_nonfinite=self.first_nonfinite,
-        )
-        return ObjText(
-            contents=contents,
             names=names,
-            face_names=faces[3],
-            curve_names=tuple(names[curves[3][first]] for first, _ in chains),
-            corner_indices=corner_indices,
-            counts={"uv": self.counts[b"vt"], "normal": self.counts[b"vn"]},
-            newline=newline,
-            ending=ending,
+            polygon_names=faces[3],
+            polyline_names=tuple(names[curves[3][first]] for first, _ in chains),
+            first_nonfinite=self.first_nonfinite,
+            suffix=".obj",
+            appended=partial(_appended, data, newline * ending, newline, "color" in attributes, indices),
         )
 
 
@@ -324,30 +306,34 @@ def _index_of_each_vertex(
     return own if (own[positions] == others).all() else None
 
 
-def added_lines(text: ObjText, extension: MeshExtension) -> bytes:
-    """The text to append to the file: vertices with the attributes that the file has, and faces."""
+def _appended(
+    data: bytes,
+    ending: str,
+    newline: str,
+    has_colors: bool,
+    corner_indices: Mapping[str, tuple[Int[np.ndarray, " v"], int]],
+    extension: MeshExtension,
+) -> bytes:
+    """The file with new vertices, with the attributes that it has, and new faces after its last byte.
+
+    `corner_indices` has "uv" and "normal" where the file has one for each vertex: its index, −1 for a vertex in no
+    face, and the number of all.
+    """
     if len(extension.vertices) == 0 and len(extension.faces) == 0:
-        return b""
-    colors = [extension.vertex_attributes["color"]] if "color" in text.contents.attributes else []
-    newline = text.newline.decode("ascii")
+        return data
+    colors = [extension.vertex_attributes["color"]] if has_colors else []
     lines = [_number_lines("v", np.hstack([extension.vertices, *colors]), newline)]
     corners = [extension.faces.ravel() + 1]
     for name, keyword in (("uv", "vt"), ("normal", "vn")):
-        if name in text.corner_indices:
+        if name in corner_indices:
+            own, first = corner_indices[name]
             lines.append(_number_lines(keyword, extension.vertex_attributes[name], newline))
-            first = text.counts[name]
-            indices = np.concatenate([text.corner_indices[name], np.arange(first, first + len(extension.vertices))])
+            indices = np.concatenate([own, np.arange(first, first + len(extension.vertices))])
             # a vertex in no face has no index; any valid number can be written
             corners.append(np.maximum(indices[extension.faces.ravel()], 0) + 1)
-    sizes, has_uv = np.full(len(extension.faces), 3), "uv" in text.corner_indices
+    sizes, has_uv = np.full(len(extension.faces), 3), "uv" in corner_indices
     lines.append(_face_lines(corners, sizes, extension.face_loops, newline, has_uv=has_uv))
-    return text.ending + "".join(lines).encode("ascii")
-
-
-def read_obj(data: bytes) -> FileContents:
-    """The contents of an OBJ file, which can be extended."""
-    text = read_obj_stream(io.BytesIO(data))
-    return replace(text.contents, suffix=".obj", appended=lambda extension: data + added_lines(text, extension))
+    return data + (ending + "".join(lines)).encode("ascii")
 
 
 def encode_obj(contents: FileContents) -> bytes:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.errors import CadFileError, OptionError, require
 from spinor_geom.files import atomic_path
-from spinor_geom.mesh.joined_splines import RationalSpline
+from spinor_geom.mesh.rational_splines import NurbsCurve, NurbsPatch
 
 Unit = Literal["mm", "cm", "m", "in"]
 _MILLIMETRES: dict[Unit, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
@@ -22,27 +22,8 @@ STEP, IGES, BREP = (".step", ".stp"), (".igs", ".iges"), (".brep",)
 CAD_SUFFIXES = (*STEP, *IGES, *BREP)
 # In Open CASCADE points at most 1e-7 apart are equal, in any unit; edges must be much longer
 _LEAST_EDGE = 1e-4
+_PRODUCT_NAME = "write.step.product.name"
 _NETS = "Array2_gp_Pnt", "Array2_double"  # of points and weights
-
-
-class SplinePatch(Protocol):
-    """A rational B-spline surface on the unit square."""
-
-    @property
-    def control_points(self) -> Float[np.ndarray, "n m 3"]:
-        """In rows of the first parameter."""
-
-    @property
-    def weights(self) -> Float[np.ndarray, "n m"]:
-        """Of the control points, positive."""
-
-    @property
-    def degrees(self) -> tuple[int, int]:
-        """Of both parameters."""
-
-    @property
-    def knots(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " l"]]:
-        """Of both parameters, from 0 to 1, each repeated as often as it counts."""
 
 
 def is_cad_file(what: Any) -> bool:
@@ -63,20 +44,11 @@ def require_cad_suffix(path: str | os.PathLike[str]) -> str:
     return suffix
 
 
-def sewn_shell(patches: Iterable[SplinePatch], *, unit: Unit = "mm") -> Any:
-    """The patches as faces of one shell, sewn along equal sides.
+def sewn_shell(patches: Iterable[NurbsPatch], *, unit: Unit = "mm") -> Any:
+    """A `TopoDS_Shape` in millimetres, the shell of patches that are sewn along equal sides; `unit` is theirs.
 
-    Args:
-        patches: neighbours have equal control points along the side that they share.
-        unit: of the control points. The unit of Open CASCADE is the millimetre.
-
-    Returns:
-        A `TopoDS_Shape` that is a shell, in millimetres.
-
-    Raises:
-        OptionError: an unknown unit.
-        CadFileError: sides are too short for Open CASCADE, or the patches do not form one shell.
-        MissingPackageError: OCP is not installed.
+    Raises an OptionError for an unknown unit, a CadFileError if sides are too short for Open CASCADE or the patches do
+    not form one shell, and a MissingPackageError if OCP is not installed.
     """
     require("OCP", extra="cad")
     from OCP.BRep import BRep_Builder
@@ -109,15 +81,15 @@ def sewn_shell(patches: Iterable[SplinePatch], *, unit: Unit = "mm") -> Any:
     return shell
 
 
-def spline_edge(spline: RationalSpline) -> Any:
+def spline_edge(spline: NurbsCurve) -> Any:
     """A `TopoDS_Edge` of a spline in millimetres."""
     require("OCP", extra="cad")
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
     from OCP.Geom import Geom_BSplineCurve
     from OCP.gp import gp_Pnt
 
-    poles = _array_type("Array1_gp_Pnt")(1, len(spline.poles))
-    for i, point in enumerate(spline.poles.tolist(), 1):
+    poles = _array_type("Array1_gp_Pnt")(1, len(spline.control_points))
+    for i, point in enumerate(spline.control_points.tolist(), 1):
         poles.SetValue(i, gp_Pnt(*point))
     values, counts = np.unique(spline.knots, return_counts=True)
     weights, knots = _array("Array1_double", spline.weights), _array("Array1_double", values)
@@ -126,37 +98,36 @@ def spline_edge(spline: RationalSpline) -> Any:
 
 
 def write_shape(shape: Any, path: str | os.PathLike[str], *, name: str = "minimal surface") -> None:
-    """Writes a shape to a STEP, IGES or BREP file, completely or not at all; the suffix selects the format.
+    """Writes a `TopoDS_Shape` in millimetres to a STEP, IGES or BREP file, completely or not at all.
 
-    Args:
-        shape: a `TopoDS_Shape`, in millimetres.
-        path: ends with .step, .stp, .igs, .iges or .brep.
-        name: of the part in a STEP file.
-
-    Raises:
-        CadFileError: an unknown suffix, or the shape cannot be translated.
-        OSError: the file cannot be written.
-        MissingPackageError: OCP is not installed.
+    The suffix selects the format; `name` is that of the part in a STEP file. Raises a CadFileError for an unknown
+    suffix or a shape that cannot be translated, a MissingPackageError without OCP, and an OSError.
     """
     suffix = require_cad_suffix(path)
-    write: Callable[[Any, str], bool]
-    if suffix in STEP:
-        write = _write_step
-    elif suffix in IGES:
-        write = _write_iges
-    else:
-        write = _write_brep
-    with atomic_path(path) as temporary, _parameters({"write.step.product.name": name}), _silent():
-        if not write(shape, str(temporary)):
+    from OCP.BRepTools import BRepTools
+    from OCP.IFSelect import IFSelect_RetDone
+    from OCP.IGESControl import IGESControl_Writer
+    from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
+
+    with atomic_path(path) as temporary, _product_name(name), _silent():
+        target = str(temporary)
+        if suffix in STEP:
+            step = STEPControl_Writer()
+            done = step.Transfer(shape, STEPControl_AsIs) == IFSelect_RetDone and step.Write(target) == IFSelect_RetDone
+        elif suffix in IGES:
+            iges = IGESControl_Writer("MM", 1)  # 1: shells and faces as such, not as loose trimmed surfaces
+            done = iges.AddShape(shape) and iges.Write(target)
+        else:
+            done = BRepTools.Write_s(shape, target)
+        if not done:
             raise CadFileError(f"{os.fspath(path)}: Open CASCADE cannot write the shape")
 
 
 def read_shape(path: str | os.PathLike[str]) -> Any:
     """The shape of a STEP, IGES or BREP file, a `TopoDS_Shape` in millimetres.
 
-    Raises:
-        CadFileError: an unknown suffix, a missing or malformed file, or one without shapes.
-        MissingPackageError: OCP is not installed.
+    Raises a CadFileError for an unknown suffix, a missing or malformed file, or one without shapes, and a
+    MissingPackageError without OCP.
     """
     suffix = require_cad_suffix(path)
     if not Path(path).is_file():
@@ -183,42 +154,19 @@ def read_shape(path: str | os.PathLike[str]) -> Any:
     return shape
 
 
-def _write_step(shape: Any, path: str) -> bool:
-    from OCP.IFSelect import IFSelect_RetDone
-    from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
-
-    writer = STEPControl_Writer()
-    return bool(writer.Transfer(shape, STEPControl_AsIs) == IFSelect_RetDone and writer.Write(path) == IFSelect_RetDone)
-
-
-def _write_iges(shape: Any, path: str) -> bool:
-    from OCP.IGESControl import IGESControl_Writer
-
-    writer = IGESControl_Writer("MM", 1)  # 1: shells and faces as such, not as loose trimmed surfaces
-    return bool(writer.AddShape(shape) and writer.Write(path))
-
-
-def _write_brep(shape: Any, path: str) -> bool:
-    from OCP.BRepTools import BRepTools
-
-    return bool(BRepTools.Write_s(shape, path))
-
-
 @contextmanager
-def _parameters(values: dict[str, str]) -> Iterator[None]:
-    """Sets parameters of Open CASCADE's writers, which are global, while the context is open."""
+def _product_name(name: str) -> Iterator[None]:
+    """Sets the name of the part in STEP files, a global parameter of Open CASCADE, while the context is open."""
     from OCP.Interface import Interface_Static
     from OCP.STEPControl import STEPControl_Controller
 
-    STEPControl_Controller.Init_s()  # defines the parameters
-    before = {name: Interface_Static.CVal_s(name) for name in values}
+    STEPControl_Controller.Init_s()  # defines the parameter
+    before = Interface_Static.CVal_s(_PRODUCT_NAME)
+    Interface_Static.SetCVal_s(_PRODUCT_NAME, name)
     try:
-        for name, value in values.items():
-            Interface_Static.SetCVal_s(name, value)
         yield
     finally:
-        for name, value in before.items():
-            Interface_Static.SetCVal_s(name, value)
+        Interface_Static.SetCVal_s(_PRODUCT_NAME, before)
 
 
 @contextmanager
@@ -243,7 +191,7 @@ def _shortest_side(points: Float[np.ndarray, "n m 3"]) -> float:
     return min(float(np.linalg.norm(np.diff(side, axis=0), axis=1).sum()) for side in sides)
 
 
-def _spline_surface(patch: SplinePatch, points: Float[np.ndarray, "n m 3"]) -> Any:
+def _spline_surface(patch: NurbsPatch, points: Float[np.ndarray, "n m 3"]) -> Any:
     """A `Geom_BSplineSurface`."""
     from OCP.Geom import Geom_BSplineSurface
     from OCP.gp import gp_Pnt

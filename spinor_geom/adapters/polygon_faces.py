@@ -134,10 +134,8 @@ def _least_agreement(vertices: Float[np.ndarray, "v 3"], fans: Int[np.ndarray, "
 def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[tuple[int, Int[np.ndarray, " _"]], ...]:
     """Pieces of polylines (k ≥ 2 vertex indices each) joined at every vertex where exactly two of their ends meet.
 
-    Pieces are reversed where needed. A closed curve begins and ends with the same vertex.
-
-    Returns:
-        For each curve the index of its first piece, which determines its direction, and its vertices.
+    Returns for each curve the index of its first piece, which determines its direction, and its vertices; a closed
+    curve begins and ends with the same one. Other pieces are reversed where needed.
     """
     pieces = [element.tolist() for element in elements]
     ends: dict[int, list[int]] = {}

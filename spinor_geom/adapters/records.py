@@ -57,9 +57,8 @@ class Records:
     def appended(self, columns: Mapping[str, Mapping[str, np.ndarray]]) -> bytes:
         """The file with records added to some elements; of its own bytes only their counts change.
 
-        Args:
-            columns: for each of these elements the new values of its properties, (n,) or (n, k) for lists; lists that
-                are not given are empty.
+        `columns` has for each of these elements the new values of its properties, (n,) or (n, k) for lists; lists that
+        are not given are empty.
         """
         edits = []
         for element in self.elements.values():

@@ -22,19 +22,13 @@ Rim: TypeAlias = BoundaryLoop | ClosedCurve
 def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
     """The closed curves that an argument describes.
 
-    Args:
-        what: a loop, an analytic curve, (m, 3) points of a closed curve, or a sequence of these. A mesh of any
-            supported type or the path of a mesh file: one of its loops. Shapes of a CAD library or the path of a CAD
-            file (see `closed_curves`): all wires, or one free boundary of faces.
-        loop: the index of the loop in `boundary_loops(mesh)`, or of the curve of CAD edges, the longest first; None if
-            a mesh or CAD faces have only one.
+    It is a loop, an analytic curve, (m, 3) points of a closed curve, or a sequence of these; a mesh of any supported
+    type or the path of a mesh file, of which one loop is used; or shapes of a CAD library or the path of a CAD file, of
+    which all wires are used, or one free boundary of faces. `loop` is the index in `boundary_loops(mesh)`, or of the
+    curve of CAD edges, the longest first; None if a mesh or CAD faces have only one.
 
-    Raises:
-        OptionError: `loop` is missing for a mesh or faces with several loops, or given for a curve.
-        LoopIndexError: there is no such loop.
-        LoopError: the points (see `BoundaryLoop.from_points`) or edges (see `closed_curves`) are not a closed curve.
-        UnknownMeshTypeError, MeshError, MeshFileError: as `boundary_loops`.
-        CadFileError: the CAD file cannot be read.
+    Raises an OptionError if `loop` is missing for several loops or given for a curve, a LoopIndexError if there is no
+    such loop, and the errors of `BoundaryLoop.from_points`, `closed_curves`, `boundary_loops` and `read_shape`.
     """
     shapes = [read_shape(what)] if is_cad_file(what) else cad_shapes(what)
     if shapes is not None:

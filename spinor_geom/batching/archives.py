@@ -59,10 +59,8 @@ def is_archive(path: str) -> bool:
 def members(path: Path) -> Iterator[Member]:
     """The files in an archive, in its order. They are safe to use only after the iteration has ended without an error.
 
-    Raises:
-        ArchiveError: the archive is damaged or encrypted, or holds a link, a device, an absolute name, a name with
-            "..", a name or header that is too long, or files that unpack to more than 200 times their size.
-        OSError: it cannot be read.
+    Raises an ArchiveError if the archive is damaged or encrypted, or holds a link, a device, an absolute name, a name
+    with "..", a name or header that is too long, or files that unpack to over 200 times their size; and an OSError.
     """
     with _damage_as_archive_error(path):
         yield from (_zip_members if _is_zip(path) else _tar_members)(path)

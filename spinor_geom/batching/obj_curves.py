@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
-from spinor_geom.adapters.obj import ObjText
+from spinor_geom.adapters.contents import FileContents
 from spinor_geom.adapters.polygon_faces import chained
 from spinor_geom.errors import (
     KnottedLoopError,
@@ -34,16 +34,15 @@ class NamedLoop:
     notes: tuple[str, ...] = ()  # repairs
 
 
-def curve_loops(text: ObjText, *, closing: float) -> list[NamedLoop]:
+def curve_loops(contents: FileContents, *, closing: float) -> list[NamedLoop]:
     """The curves of a file as loops, in its order.
 
     The ends of open curves are joined if they are at most `closing` mean edges apart (of the curve with shorter edges)
     and no third end is as near. A point that is equal to the one before is removed.
     """
-    vertices = text.contents.vertices
     return [
-        _curve_loop(vertices, curve, text.curve_names[first], gap)
-        for first, curve, gap in _joined(vertices, text.contents.polylines, closing)
+        _curve_loop(contents.vertices, curve, contents.polyline_names[first], gap)
+        for first, curve, gap in _joined(contents.vertices, contents.polylines, closing)
     ]
 
 

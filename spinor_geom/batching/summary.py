@@ -12,14 +12,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.adapters.mesh_files import read_mesh
 from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.settings import BatchOptions
 from spinor_geom.batching.store import Store, explanation, failure, log_line, summary
-from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import atomic_path, write_text
-from spinor_geom.mesh.find_loops import find_boundary_loops
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.camera import Camera, upright
 from spinor_geom.render.page import document, table
 from spinor_geom.render.scene import RIM_COLOUR
@@ -60,7 +56,7 @@ def write_summary(store: Store, sources: Iterable[Source], options: BatchOptions
                 log.write(log_line(summary(record)))
             rows.writerows({key: _no_formula(value) for key, value in row.items()} for row in _rows(record))
     settings = {**asdict(options), "seconds": f"{seconds:.1f}", "version": program_version()}
-    write_text(page, _page(content, store, settings))
+    write_text(page, _page(content, settings))
     return path, page
 
 
@@ -126,11 +122,8 @@ class _PageContent:
             self.failed.append(entry)
 
 
-def _page(content: _PageContent, store: Store, settings: dict[str, Any]) -> str:
-    body = [
-        "<h1>spinor-geom batch</h1>",
-        f"<p>All loops: <a href={TABLE}>{TABLE}</a>.</p>",
-    ]
+def _page(content: _PageContent, settings: dict[str, Any]) -> str:
+    body = ["<h1>spinor-geom batch</h1>", f"<p>All loops: <a href={TABLE}>{TABLE}</a>.</p>"]
     for title, columns, rows in (
         ("Files", ("status", "files"), content.files.items()),
         ("Loops", ("status", "loops"), content.loops.items()),
@@ -145,12 +138,12 @@ def _page(content: _PageContent, store: Store, settings: dict[str, Any]) -> str:
         ("First loops", content.first),
     ):
         if loops:
-            figures = "".join(_figure(store, loop) for loop in loops)
+            figures = "".join(_figure(loop) for loop in loops)
             body.append(f"<h2>{title}</h2><div class=loops>{figures}</div>")
     return document("spinor-geom batch", body, style=STYLE)
 
 
-def _figure(store: Store, loop: dict[str, Any]) -> str:
+def _figure(loop: dict[str, Any]) -> str:
     residual = loop.get("residual_rms_per_edge")
     lines = [
         loop["source"],
@@ -159,40 +152,8 @@ def _figure(store: Store, loop: dict[str, Any]) -> str:
         explanation(loop)[:200],
     ]
     caption = "<br>".join(map(escape, filter(None, lines)))
-    return f"<figure>{_picture(store, loop)}<figcaption>{caption}</figcaption></figure>"
-
-
-def _picture(store: Store, loop: dict[str, Any]) -> str:
-    """The outline of a loop's file, else that in its record; "" if there is neither."""
-    names = loop.get("files") or {}
-    name = names.get("patch") or names.get("loop")
-    try:
-        if name is not None:
-            return thumbnail(_outline_in(store.folder(loop["source"]) / name))
-        if loop["outline"]:
-            return thumbnail(np.array(loop["outline"], dtype=np.float64))
-    except (OSError, KeyError, ValueError, SpinorGeomError):
-        return "<p>no picture: the file has changed</p>"
-    return ""
-
-
-def _outline_in(path: Path) -> Float[np.ndarray, "k 3"]:
-    """The boundary of the mesh in a result file, or its curve."""
-    if path.suffix == ".npz":
-        with np.load(path, allow_pickle=False) as arrays:
-            if "faces" not in arrays:
-                return _closed(arrays["points"])
-            mesh = TriangleMesh(arrays["vertices"], arrays["faces"])
-    else:
-        file = read_mesh(path)
-        mesh = file.mesh
-        if not len(mesh.faces):
-            return np.asarray(mesh.vertices[file.polylines[0]])
-    return _closed(find_boundary_loops(mesh)[0].points)
-
-
-def _closed(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "k 3"]:
-    return np.concatenate([points, points[:1]])
+    picture = thumbnail(np.array(loop["outline"])) if loop["outline"] else ""
+    return f"<figure>{picture}<figcaption>{caption}</figcaption></figure>"
 
 
 def thumbnail(points: Float[np.ndarray, "n 3"]) -> str:

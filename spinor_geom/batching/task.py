@@ -1,6 +1,5 @@
 """One mesh file of a batch: its loops, and the record and result files that follow from the patches of the loops."""
 
-import io
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -15,12 +14,10 @@ from spinor_geom.adapters.contents import FileContents
 from spinor_geom.adapters.mesh_files import (
     FORMATS,
     MeshFile,
+    contents_of_bytes,
     known_suffix,
-    mesh_of_bytes,
-    require_bytes,
-    require_elements,
+    mesh_of_contents,
 )
-from spinor_geom.adapters.obj import ObjText, added_lines, read_obj_stream
 from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.obj_curves import NamedLoop, curve_loops
@@ -40,7 +37,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.triangle_mesh import TriangleMesh, require_faces
 from spinor_geom.plateau.solution import PlateauSolution
 
-OUTLINE_POINTS = 48  # of a failed loop in a record: enough for a thumbnail
+OUTLINE_POINTS = 48  # of a loop in a record: enough for a thumbnail
 LONGEST_LABEL = 60  # characters of a loop's name in the name of a file
 
 
@@ -64,34 +61,27 @@ class FileTask:
         if options.format not in (None, "npz"):
             known_suffix(Path(f"filled.{options.format}"))
         self._format = options.format or ("obj" if options.what == "loops" else suffix[1:])
-        text: ObjText | None = None
-        self.curves: list[NamedLoop] = []
-        if suffix == ".obj":
-            require_bytes(data)
-            text = read_obj_stream(io.BytesIO(data))
-            require_elements(text.contents)
-            self.curves = curve_loops(text, closing=options.closing)
+        self._curve_contents = contents_of_bytes(data, suffix)
+        self.curves = curve_loops(self._curve_contents, closing=options.closing)
         self.filling: Filling | None = None
         self.problem = ""
         try:
-            mesh = mesh_of_bytes(data, suffix) if text is None else _obj_mesh(data, text)
-            self._curve_contents = mesh.contents
-            mesh = merged(mesh, options.merge)
+            mesh = merged(mesh_of_contents(self._curve_contents, suffix), options.merge)
             self._clock.lap("read")
             if len(mesh.mesh.faces) or not self.curves:
                 require_faces(mesh.mesh)
                 self.filling = Filling(mesh.mesh, options, fill_options)
         except SpinorGeomError as error:
-            if text is None or not self.curves:
+            if not self.curves:
                 raise
             # the curves can be used without the mesh
-            self.problem = str(error) if len(text.contents.polygons) else ""
-            vertices = text.contents.vertices
+            self.problem = str(error) if len(self._curve_contents.polygons) else ""
+            vertices = self._curve_contents.vertices
             usable = np.isfinite(vertices).all(axis=1)
             self._curve_contents = FileContents.without_faces(np.where(usable[:, None], vertices, 0.0))
             mesh = MeshFile.of_contents(self._curve_contents, path=None)
         self._mesh = mesh
-        self.hole_names = [] if self.filling is None else list(_hole_names(self.filling, mesh, text))
+        self.hole_names = [] if self.filling is None else list(_hole_names(self.filling, mesh))
         self._clock.lap("loops")
         is_solved = options.what != "loops"
         self.rims = self.filling.rims if self.filling is not None and is_solved else []
@@ -174,8 +164,7 @@ class FileTask:
             **figures,
             "comparison": None,
             "files": {},
-            # for the picture of a failed loop in the summary, because it has no file
-            "outline": [[float(f"{x:.6g}") for x in p] for p in outline.tolist()] if status == "failed" else None,
+            "outline": [[float(f"{x:.6g}") for x in p] for p in outline.tolist()],  # for the summary
         }
 
     def _entry(
@@ -188,7 +177,8 @@ class FileTask:
             "corners": int(loop.corners.sum()),
             "route": None if solution is None else solution.route,
         }
-        entry = self._with_figures(figures, name, origin, _status(outcome, strict=self._options.strict), loop.points)
+        status, closed = _status(outcome, strict=self._options.strict), np.vstack([loop.points, loop.points[:1]])
+        entry = self._with_figures(figures, name, origin, status, closed)
         if patch is None:
             return entry
         self._add_file(entry, "patch", self._format, partial(_write, _patch_contents(contents, patch)))
@@ -215,21 +205,16 @@ class FileTask:
         self._files[name] = write
 
 
-def _obj_mesh(data: bytes, text: ObjText) -> MeshFile:
-    contents = replace(text.contents, suffix=".obj", appended=lambda extension: data + added_lines(text, extension))
-    return MeshFile.of_contents(contents, path=None)
-
-
-def _hole_names(filling: Filling, mesh: MeshFile, text: ObjText | None) -> Iterator[str]:
+def _hole_names(filling: Filling, mesh: MeshFile) -> Iterator[str]:
     """The most frequent name of the faces at each hole; "" without names, or if merging removed faces."""
-    has_names = text is not None and len(text.names) > 1 and len(text.face_names) == len(mesh.polygons)
+    names, of_polygons = mesh.contents.names, mesh.contents.polygon_names
     for loop in filling.loops:
-        if text is None or not has_names:
+        if of_polygons is None or len(names) < 2 or len(of_polygons) != len(mesh.polygons):
             yield ""
             continue
         faces = filling.patched.faces_at(loop.vertex_ids)
         beside = faces[np.isin(mesh.mesh.faces[faces], loop.vertex_ids).sum(axis=1) > 1]
-        yield text.names[int(np.bincount(text.face_names[mesh.face_polygons[beside]]).argmax())]
+        yield names[int(np.bincount(of_polygons[mesh.face_polygons[beside]]).argmax())]
 
 
 def _status(outcome: LoopOutcome, *, strict: bool) -> str:

@@ -85,8 +85,7 @@ def _cluster_workers(scheduler: str | Cluster | Client, token: str) -> Iterator[
 def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
     """Runs a job of `solver.work` within the limits. Every source gets a record, even if it ends the process.
 
-    Returns:
-        "finished": a summary for each source; "stop": why the batch cannot continue, or "".
+    Returns "finished", a summary for each source, and "stop", why the batch cannot continue, or "".
     """
     done: list[dict[str, Any]] = []
     deaths: Counter[str] = Counter()

@@ -1,9 +1,10 @@
 """Methods that compute surfaces over loops, and tools that fill holes, by name, with suitable options."""
 
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -34,13 +35,17 @@ Surface: TypeAlias = PlateauSolution | DiscreteMinimalSurface
 Mesh: TypeAlias = Patch | DiscreteMinimalSurface
 
 
-@dataclass(frozen=True)
-class LoopMethod:
-    """Computes a surface over a loop and its mesh; more than `most_points` points take minutes."""
+Call = TypeVar("Call", bound=Callable[..., Any])
 
-    options: str
-    most_points: int
-    span: Callable[[BoundaryLoop], tuple[Surface, Mesh]]
+
+@dataclass(frozen=True)
+class Tool(Generic[Call]):
+    """A method or tool that is measured."""
+
+    package: str
+    options: str  # a description
+    call: Call  # on a loop, a hole or the edges of a frame
+    most_points: int = sys.maxsize  # of a loop; more take minutes
 
 
 def _solved(loop: BoundaryLoop) -> tuple[Surface, Mesh]:
@@ -54,13 +59,14 @@ def _discrete(loop: BoundaryLoop, *, uniform: bool = True, **options: Any) -> tu
     return surface, surface
 
 
+_SOLVED = "solve_plateau with its defaults, then mesh_patch with the loop's mean edge"
 _GRADED = "discrete_minimal_surface with its defaults: edges as the loop's at the rim, longer inside"
 _MESHLAB = "discrete_minimal_surface(method='pymeshlab') with the loop's mean edge"
-LOOP_METHODS: Mapping[str, LoopMethod] = {
-    "spinor": LoopMethod("solve_plateau with its defaults, then mesh_patch with the loop's mean edge", 5000, _solved),
-    "libigl": LoopMethod(_GRADED, 1024, partial(_discrete, uniform=False)),
-    "libigl-uniform": LoopMethod("the same with the loop's mean edge everywhere", 512, _discrete),
-    "pymeshlab": LoopMethod(_MESHLAB, 128, partial(_discrete, method="pymeshlab")),
+LOOP_METHODS: Mapping[str, Tool[Callable[[BoundaryLoop], tuple[Surface, Mesh]]]] = {
+    "spinor": Tool("spinor_geom", _SOLVED, _solved, 5000),
+    "libigl": Tool("spinor_geom", _GRADED, partial(_discrete, uniform=False), 1024),
+    "libigl-uniform": Tool("spinor_geom", "the same with the loop's mean edge everywhere", _discrete, 512),
+    "pymeshlab": Tool("spinor_geom", _MESHLAB, partial(_discrete, method="pymeshlab"), 128),
 }
 
 
@@ -81,13 +87,7 @@ class Filled:
 Prepared: TypeAlias = tuple[Callable[[], Any], Callable[[Any], Filled]]
 
 
-@dataclass(frozen=True)
-class Filler:
-    """A tool that fills holes: its package, a description of its options, and the function that prepares a call."""
-
-    package: str
-    options: str
-    prepare: Callable[[Hole], Prepared]
+Filler: TypeAlias = Tool[Callable[[Hole], Prepared]]
 
 
 def _filled(vertices: Any, faces: Any, **more: Any) -> Filled:
@@ -99,7 +99,7 @@ def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
     # if all loops are rims, none is selected, and `fill_hole` leaves borders of sheets open
     some = {} if len(hole.rim_indices) == len(hole.loops) else {"loop": hole.rim_indices}
     options: dict[str, Any] = {"bridge": hole.rim_indices} if hole.facing else some
-    options |= {"islands": "join", "continuity": continuity, "return_report": True}
+    options |= {"target_edge_length": hole.edge_length or "auto", "islands": "join", "continuity": continuity}
 
     def convert(result: Any) -> Filled:
         mesh, report = result
@@ -123,7 +123,7 @@ def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
             },
         )
 
-    return lambda: fill_hole((hole.vertices, hole.faces), **options), convert
+    return lambda: fill_hole((hole.vertices, hole.faces), **options, return_report=True), convert
 
 
 def _meshlab(hole: Hole, *, refine: bool, smooth: bool = False) -> Prepared:
@@ -296,7 +296,7 @@ def _trimesh(hole: Hole, *, stitch: bool) -> Prepared:
 
 
 def _tool(package: str, options: str, prepare: Callable[..., Prepared], **settings: Any) -> Filler:
-    return Filler(package, options, partial(prepare, **settings))
+    return Tool(package, options, partial(prepare, **settings))
 
 
 _WHOLE = "fill_hole, islands joined, facing rims bridged; the time includes finding loops, meshing and stitching"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -18,9 +17,10 @@ from spinor_geom.adapters import to_rims
 from spinor_geom.adapters.cad_edges import parts_of, used_once
 from spinor_geom.adapters.open_cascade import read_shape, spline_edge, write_shape
 from spinor_geom.bench.cases import Case
+from spinor_geom.bench.fillers import Tool
 from spinor_geom.bench.machine import Record
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
-from spinor_geom.mesh.joined_splines import RationalSpline
+from spinor_geom.mesh.rational_splines import NurbsCurve
 from spinor_geom.plateau.solve import solve_plateau
 
 FRAMES = ("enneper-0.8", "tennis-seam", "twisted-circle", "schwarz-d-quad", "schwarz-d-hexagon", "plane-l")
@@ -29,15 +29,6 @@ CAD = "spinor-cad"  # our method
 _DEGREE, _ARCS = 3, 4  # of the trigonometric polynomials, and the edges of each
 _RIM_SAMPLES = 100  # of each edge
 _AREA_ERROR = 1e-12  # relative, of Open CASCADE's quadrature
-
-
-@dataclass(frozen=True)
-class FrameMethod:
-    """A method that makes a shape over edges: its package, a description of its options, and the function."""
-
-    package: str
-    options: str
-    span: Callable[[Sequence[Any]], Any]
 
 
 def _solved(edges: Sequence[Any]) -> Any:
@@ -57,10 +48,10 @@ def _filled(options: Mapping[str, float], edges: Sequence[Any]) -> Any:
 
 
 _FINE = {"Degree": 5, "NbPtsOnCur": 40, "NbIter": 5, "MaxDeg": 14, "MaxSegments": 30, "Tol3d": 1e-6}
-FRAME_METHODS: Mapping[str, FrameMethod] = {
-    CAD: FrameMethod("spinor_geom", "solve_plateau(edges, tolerance=1e-6), to_nurbs with its defaults", _solved),
-    "occ-filling": FrameMethod("OCP", "BRepOffsetAPI_MakeFilling with its defaults", partial(_filled, {})),
-    "occ-filling-fine": FrameMethod(
+FRAME_METHODS: Mapping[str, Tool[Callable[[Sequence[Any]], Any]]] = {
+    CAD: Tool("spinor_geom", "solve_plateau(edges, tolerance=1e-6), to_nurbs with its defaults", _solved),
+    "occ-filling": Tool("OCP", "BRepOffsetAPI_MakeFilling with its defaults", partial(_filled, {})),
+    "occ-filling-fine": Tool(
         "OCP", f"the same with {', '.join(f'{k}={v:g}' for k, v in _FINE.items())}", partial(_filled, _FINE)
     ),
 }
@@ -74,10 +65,10 @@ def frame_edges(case: Case) -> list[Any]:
     corners = loop.points[loop.corners]
     line = np.array([0.0, 0.0, 1.0, 1.0])
     sides = pairwise([*corners, corners[0]])
-    return [spline_edge(RationalSpline(knots=line, poles=np.array(ends), weights=np.ones(2))) for ends in sides]
+    return [spline_edge(NurbsCurve(control_points=np.array(ends), weights=np.ones(2), knots=line)) for ends in sides]
 
 
-def trigonometric_arcs(points: Float[np.ndarray, "n 3"]) -> list[RationalSpline]:
+def trigonometric_arcs(points: Float[np.ndarray, "n 3"]) -> list[NurbsCurve]:
     """The trigonometric polynomial of degree 3 through points at equal steps, as rational Bézier curves of degree 6.
 
     With t = t₀ + 2 atan u, the products of (1 + u²)³ and the curve are polynomials of degree 6 in u.
@@ -93,9 +84,8 @@ def trigonometric_arcs(points: Float[np.ndarray, "n 3"]) -> list[RationalSpline]
     for middle in 2 * np.pi * (np.arange(_ARCS) + 0.5) / _ARCS:
         waves = np.exp(1j * np.arange(_DEGREE + 1) * (middle + 2 * np.arctan(u))[:, None])
         values = (1 + u**2)[:, None] ** _DEGREE * (waves @ series).real
-        arcs.append(
-            RationalSpline(knots=knots, poles=np.linalg.solve(bernstein, values) / weights[:, None], weights=weights)
-        )
+        points = np.linalg.solve(bernstein, values) / weights[:, None]
+        arcs.append(NurbsCurve(control_points=points, weights=weights, knots=knots))
     return arcs
 
 

@@ -38,6 +38,7 @@ class Hole:
     area: float | None = None  # of the minimal surface over the rims, if known
     # wanted number of new triangles in the hole at each vertex of `rim`, 0 to leave it open; MeshLib only
     triangles: Int[np.ndarray, " r"] | None = None
+    edge_length: float | None = None  # of our patches; None for the mean edge of each rim
 
     @cached_property
     def edges(self) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, "o 2"]]:
@@ -145,6 +146,12 @@ def cut_hole(
     used, rest = np.unique(faces[~removed], return_inverse=True)
     rim = np.flatnonzero(np.isin(used, faces[removed]))
     return Hole(name=name, vertices=vertices[used], faces=rest.reshape(-1, 3), rim=rim, **known)
+
+
+def hole_of_file(path: str | Path) -> Hole:
+    """The mesh of a file; all of its boundary loops are rims."""
+    mesh = read_mesh(path).mesh
+    return all_rims(Path(path).name, mesh.vertices, mesh.faces)
 
 
 def mesh_files(folder: Path, patterns: Sequence[str] = ()) -> list[Path]:

@@ -205,8 +205,7 @@ def _cut_outs(done: list[Record]) -> Iterator[Promise]:
         yield from at_most(suite, case, "distance / that of the best other filler", ratios, most)
     flat = [r["surface_distance"] for r in ours if r["kind"] == "flat"]
     yield from at_most(suite, "plane-window", "distance from the plane, per diameter", flat, 1e-12)
-    bends = [r["bend"] / r["removed_bend"] for r in ours if r["bend"] is not None and r["removed_bend"]]
-    yield from at_most(suite, suite, "bend across the rim / that of the removed piece", bends, 1.3)
+    yield from at_most(suite, suite, "bend across the rim / that of the removed piece", bend_ratios(ours), 1.3)
     mine, theirs = ([r for r in some if r["kind"] == "scan"] for some in (ours, others))
     if mine and theirs:
         won = [r["distance"] <= least.get(r["case"], math.inf) for r in mine]
@@ -216,9 +215,14 @@ def _cut_outs(done: list[Record]) -> Iterator[Promise]:
         yield from at_most(suite, "scans", "median distance / that of the best other filler", [ratio], 0.6)
 
 
+def bend_ratios(records: Iterable[Record]) -> list[float]:
+    """Ratios of the bends across rims to those of the removed pieces."""
+    return [r["bend"] / r["removed_bend"] for r in records if r["bend"] is not None and r["removed_bend"]]
+
+
 def _ragged(ours: list[Record]) -> Iterator[Promise]:
     rims = [r for r in ours if r["case"] in CUT]
-    yield from share("ragged", "cut", "no patch crosses anything", [not _crossings(r) for r in rims])
+    yield from share("ragged", "cut", "no patch crosses anything", [not crossings(r) for r in rims])
     for name, sharp, least in (("milder rims", False, 0.95), ("sharper rims", True, 0.6)):
         residuals = [r.get("residual_per_edge") for r in rims if (r["sharpness"] >= _SHARP) == sharp]
         near = [residual is not None and residual <= _WITHIN for residual in residuals]
@@ -236,16 +240,17 @@ def _ragged(ours: list[Record]) -> Iterator[Promise]:
 def _reports(done: list[Record]) -> Iterator[Promise]:
     for method in OUR_FILLERS:
         here = [r for r in done if r["method"] == method]
-        clear = {r["case"] for r in done if r["method"] in CLEAREST and _closed(r) and not _crossings(r)}
+        clear = {r["case"] for r in done if r["method"] in CLEAREST and _closed(r) and not crossings(r)}
         text = "no patch crosses anything if a patch of CGAL or PyMeshFix does not"
-        yield from share("reports", method, text, [not _crossings(r) for r in here if r["case"] in clear])
+        yield from share("reports", method, text, [not crossings(r) for r in here if r["case"] in clear])
         steep = [_closed(r) for r in here if r["case"].startswith(("bowl", "tube"))]
         yield from share("reports", method, "every bowl and tube is closed, the mesh is kept, bit for bit", steep)
         kept = [not r.get("patches") for r in here if r["case"] in NOTHING_MISSING]
         yield from share("reports", method, "no patch over loops that are not holes", kept)
 
 
-def _crossings(record: Record) -> int:
+def crossings(record: Record) -> int:
+    """Pairs of crossing triangles, of patches and of patches and the mesh."""
     return (record.get("crossings") or 0) + (record.get("mesh_crossings") or 0)
 
 

@@ -111,6 +111,11 @@ def ragged_hole(name: str) -> Hole:
     if name not in NOISY:
         return replace(_cut_rims()[CUT.index(name)], name=name)
     noise, points = NOISY[name]
+    return wavy_rim(name, points, noise)
+
+
+def wavy_rim(name: str, points: int, noise: float = 0.0) -> Hole:
+    """A strip down from a wavy ellipse, whose points have noise in mean edges."""
     t = 2 * np.pi * np.arange(points) / points
     rim = np.column_stack([2 * np.cos(t), np.sin(t), 0.3 * np.sin(2 * t)])
     edge = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1).mean()

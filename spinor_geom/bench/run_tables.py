@@ -11,12 +11,11 @@ from textwrap import shorten
 
 import numpy as np
 
-from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, SMOOTH
-from spinor_geom.bench.frames import FRAME_METHODS
+from spinor_geom.bench.fillers import FILLERS, SMOOTH
 from spinor_geom.bench.machine import Record, is_older, machine_text
 from spinor_geom.bench.measured import DISTANCE, REMOVED
-from spinor_geom.bench.promises import Promise, is_whole, names, promises
-from spinor_geom.bench.runner import VIEWS, Run
+from spinor_geom.bench.promises import Promise, bend_ratios, crossings, is_whole, names, promises
+from spinor_geom.bench.runner import METHODS, VIEWS, Run
 from spinor_geom.files import write_text
 from spinor_geom.render.page import Views, cell, document
 from spinor_geom.render.scene import Faces, Scale, Scene
@@ -173,10 +172,10 @@ def _odd_cell(record: Record) -> str:
     patches, left = record.get("patches") or 0, left_open(record)
     if not patches and record["succeeded"] is False:
         return "refused"
-    crossings = (record.get("crossings") or 0) + (record.get("mesh_crossings") or 0)
+    crossing = crossings(record)
     parts = [
         f"{patches} patches" if patches > 1 else "" if left else "closed" if patches else "doubled",
-        f"{crossings} ×" if crossings else "",
+        f"{crossing} ×" if crossing else "",
         left,
         *((f"{record['max_angle']:.0f}°", f"{record['seconds']:.2g} s") if patches else ()),
     ]
@@ -196,7 +195,6 @@ def filler_table(records: Sequence[Record]) -> Table:
     rows = []
     for method in names(records, "method"):
         here, mine = [r for r in records if r["method"] == method], [r for r in whole if r["method"] == method]
-        bends = [r["bend"] / r["removed_bend"] for r in mine if r["bend"] is not None and r["removed_bend"]]
         scans = [r for r in mine if r["kind"] == "scan"]
         medians = []
         for by_method in kinds.values():
@@ -207,12 +205,12 @@ def filler_table(records: Sequence[Record]) -> Table:
             (
                 method_name(here[0]),
                 f"{len(mine)} of {len(here)}",
-                str(sum(bool(r.get("crossings") or r.get("mesh_crossings")) for r in mine)),
+                str(sum(crossings(r) > 0 for r in mine)),
                 str(sum(r["old_faces_kept"] for r in mine)),
                 _share([r["method"] == method for r in nearest]),
                 _share([r["method"] == method for r in nearest if r["kind"] == "scan"]),
                 _share([smooth[r["case"]] < r["distance"] for r in scans if r["case"] in smooth and method != SMOOTH]),
-                _median(bends, ".2f"),
+                _median(bend_ratios(mine), ".2f"),
                 _median([r["seconds"] for r in mine], ".3f"),
                 _median([r["distance"] for r in scans], ".3g"),
                 *medians,
@@ -256,7 +254,5 @@ def trouble_table(records: Sequence[Record]) -> Table:
 
 def option_table() -> Table:
     """The options of every method and tool."""
-    rows = [(name, "spinor_geom", method.options) for name, method in LOOP_METHODS.items()]
-    rows += [(name, filler.package, filler.options) for name, filler in FILLERS.items()]
-    rows += [(name, method.package, method.options) for name, method in FRAME_METHODS.items()]
+    rows = [(name, tool.package, tool.options) for name, tool in METHODS.items()]
     return Table(title="Methods and tools", columns=("name", "package", "options"), rows=rows)

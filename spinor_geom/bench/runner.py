@@ -16,7 +16,7 @@ from typing import Any
 from spinor_geom.bench.batches import BATCHES
 from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind
 from spinor_geom.bench.cut_outs import CAPS, WINDOWS, scan_names
-from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, OURS, REPORTED, SMOOTHEST
+from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, OURS, REPORTED, SMOOTHEST, Tool
 from spinor_geom.bench.frames import FRAME_METHODS, FRAMES
 from spinor_geom.bench.holes import mesh_files
 from spinor_geom.bench.machine import Record, Task, machine, stamp
@@ -34,7 +34,7 @@ RECORDS, DESCRIPTION, VIEWS = "records.jsonl", "run.json", "views"
 TASKS = "spinor_geom.bench.tasks"
 # cut-outs for which the page shows the removed piece and each filler's patch
 PICTURED = ("icosphere-4-0.3", "torus-outside-0.4", "bunny_scan-02", "demosthenes_low_res-03")
-METHODS = (*LOOP_METHODS, *FILLERS, *FRAME_METHODS)
+METHODS: Mapping[str, Tool[Any]] = {**LOOP_METHODS, **FILLERS, **FRAME_METHODS}
 _QUICK = ("enneper-0.8", "tennis-seam", "random-1", "random-1@even", "random-1@uneven", "plane-l", "schwarz-d-quad")
 _QUICK_SHARE = 0.03  # of a batch's files
 _SLOW = ("pymeshlab",)  # methods that the short run measures on two cases only
@@ -171,14 +171,10 @@ def case_name(task: Task) -> str:
 
 
 def chosen_tasks(settings: Settings) -> list[Task]:
-    """All tasks of a run, sorted by method.
-
-    Raises:
-        OptionError: A suite, case, method or folder does not exist, or no task is left.
-    """
+    """All tasks of a run, sorted by method; an OptionError names a suite, case, method or folder that is unknown."""
     if settings.data is not None and not settings.data.is_dir():
         raise OptionError(f"{settings.data} is not a folder; name a folder of mesh files")
-    for kind, names, known in (("suite", settings.suites, tuple(SUITES)), ("method", settings.methods, METHODS)):
+    for kind, names, known in (("suite", settings.suites, tuple(SUITES)), ("method", settings.methods, tuple(METHODS))):
         for name in names:
             if name not in known:
                 raise OptionError(f"there is no {kind} {name!r}; choose from: {', '.join(known)}")
@@ -197,7 +193,7 @@ def chosen_tasks(settings: Settings) -> list[Task]:
         chosen = [task for task in chosen if any(fnmatchcase(case_name(task), p) for p in settings.cases)]
     if not chosen:
         raise OptionError("none of the chosen methods applies to the chosen cases; choose others")
-    return sorted(chosen, key=lambda task: METHODS.index(task["method"]))
+    return sorted(chosen, key=lambda task: list(METHODS).index(task["method"]))
 
 
 def measure(
@@ -205,10 +201,8 @@ def measure(
 ) -> Run:
     """Runs all tasks whose records are not yet in the folder.
 
-    `on_record` is called after each task, with the numbers of finished tasks and of all.
-
-    Raises:
-        OptionError: See `chosen_tasks`; or the folder has a run on another machine or with other package versions.
+    `on_record` is called after each task, with the numbers of finished tasks and of all. Raises an OptionError as
+    `chosen_tasks`, or if the folder has a run on another machine or with other package versions.
     """
     place, tasks = Path(folder), chosen_tasks(settings)
     place.mkdir(parents=True, exist_ok=True)

@@ -12,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.adapters import read_mesh
 from spinor_geom.bench.cases import known_case, points_limit
 from spinor_geom.bench.cut_outs import CutOut, named_cut_out
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
 from spinor_geom.bench.frames import FRAME_METHODS, frame_edges, frame_figures
-from spinor_geom.bench.holes import Hole, all_rims, hole_over
+from spinor_geom.bench.holes import Hole, hole_of_file, hole_over
 from spinor_geom.bench.machine import Record, Task
 from spinor_geom.bench.measured import cut_out_figures, disk_figures, hole_figures, save_views, solve_figures
 from spinor_geom.bench.odd_holes import odd_holes
 from spinor_geom.bench.promises import LEAST_POINTS
 from spinor_geom.bench.ragged import ragged_hole, reported_holes
+from spinor_geom.bench.runner import METHODS
 from spinor_geom.bench.solves import solves
 from spinor_geom.bench.starts import start_figures
 from spinor_geom.errors import SpinorGeomError
@@ -39,8 +39,7 @@ def run(task: Task) -> Record:
     gc.freeze()  # later collections skip what is imported and cached by now
     forget_peak_memory()
     measure = _fill if task["method"] in FILLERS else _MEASURES.get(task["suite"], _solve)
-    tool = FILLERS.get(task["method"]) or FRAME_METHODS.get(task["method"])
-    package = "spinor_geom" if tool is None else tool.package
+    package = METHODS[task["method"]].package
     try:
         importlib.import_module(package)
         return {"status": "done", **measure(task)}
@@ -72,9 +71,9 @@ def _solve(task: Task) -> Record:
 
 
 def _disk(task: Task) -> Record:
-    case, method = known_case(task["case"]), LOOP_METHODS[task["method"]]
+    case = known_case(task["case"])
     loop = case.loop(task["n"])
-    timed, (surface, mesh) = _timed(lambda: (partial(method.span, loop), _same), task["repeat"])
+    timed, (surface, mesh) = _timed(lambda: (partial(LOOP_METHODS[task["method"]].call, loop), _same), task["repeat"])
     figures = disk_figures(surface, mesh, loop, case)
     if task["method"] == "spinor" and case.kind == "smooth" and task["n"] >= LEAST_POINTS:
         figures["limit_error"] = points_limit(case, task["n"])
@@ -84,7 +83,7 @@ def _disk(task: Task) -> Record:
 def _frame(task: Task) -> Record:
     case = known_case(task["case"])
     edges = frame_edges(case)
-    timed, shape = _timed(lambda: (partial(FRAME_METHODS[task["method"]].span, edges), _same), task["repeat"])
+    timed, shape = _timed(lambda: (partial(FRAME_METHODS[task["method"]].call, edges), _same), task["repeat"])
     return {**timed, **frame_figures(shape, edges, case)}
 
 
@@ -98,7 +97,7 @@ _MEASURES: Mapping[str, Callable[[Task], Record]] = {
 
 def _fill(task: Task) -> Record:
     hole = _HOLES[task["suite"]](task)
-    timed, filled = _timed(lambda: FILLERS[task["method"]].prepare(hole), task["repeat"])
+    timed, filled = _timed(lambda: FILLERS[task["method"]].call(hole), task["repeat"])
     if task["suite"] == "cut-outs":
         figures = cut_out_figures(filled, _cut_out(task))
         if task["view"]:
@@ -116,11 +115,6 @@ def _known_hole(task: Task) -> Hole:
     return hole_over(task["case"], case.loop(task["n"]), case.area)
 
 
-def _mesh_file(task: Task) -> Hole:
-    mesh = read_mesh(task["case"]).mesh
-    return all_rims(Path(task["case"]).name, mesh.vertices, mesh.faces)
-
-
 def _cut_out(task: Task) -> CutOut:
     return named_cut_out(task["case"], None if task["data"] is None else Path(task["data"]))
 
@@ -129,7 +123,7 @@ _HOLES: Mapping[str, Callable[[Task], Hole]] = {
     "fills": _known_hole,
     "odd": lambda task: odd_holes()[task["case"]],
     "cut-outs": lambda task: _cut_out(task).hole,
-    "meshes": _mesh_file,
+    "meshes": lambda task: hole_of_file(task["case"]),
     "ragged": lambda task: ragged_hole(task["case"]),
     "reports": lambda task: reported_holes()[task["case"]],
 }
@@ -138,9 +132,7 @@ _HOLES: Mapping[str, Callable[[Task], Hole]] = {
 def _timed(prepare: Callable[[], tuple[Callable[[], Any], Callable[[Any], Any]]], repeat: int) -> tuple[Record, Any]:
     """Times a call, and up to `repeat` more until they take 5 s together; the first one counts only without others.
 
-    Returns:
-        The median seconds, all of them, the median seconds of the processor, and the peak memory; the converted result
-        of the last call.
+    Returns the figures, and the converted result of the last call.
     """
     seconds: list[float] = []
     cpu_seconds: list[float] = []

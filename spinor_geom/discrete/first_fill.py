@@ -9,6 +9,7 @@ from scipy.sparse import csc_array
 
 from spinor_geom.arrays import cross, norm, shifted
 from spinor_geom.domain.flattening import DirichletToNeumann, flatten_boundary
+from spinor_geom.domain.kernel import library
 from spinor_geom.errors import DomainError, FirstFillError
 from spinor_geom.mesh.operators import intrinsic_angles, intrinsic_laplacian
 from spinor_geom.mesh.spacing import edge_lengths
@@ -65,54 +66,27 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
 
     Source: Barequet & Sharir, "Filling gaps in the boundary of a polyhedron", CAGD 12 (1995).
     """
-    n = len(points)
-    distance = norm(points[:, None] - points)
-    index = np.arange(n)
-    # chord i to i + l is ahead[i, l] and behind[i + l, l]: the loop below then needs slices only
-    ahead = distance[index[:, None], (index[:, None] + index) % n]
-    behind = distance[index[:, None], (index[:, None] - index) % n]
-    squares = ahead * ahead
-    weighted = 4 * _DIAGONAL_WEIGHT * squares
-    # four times the costs
-    cost_ahead, cost_behind = np.zeros((n, n)), np.zeros((n, n))
-    split = np.zeros((n, n), dtype=np.int64)
-    for d in range(2, n):
-        count = n - d
-        a, b = ahead[:count, 1:d], behind[d:, d - 1 : 0 : -1]
-        c = squares[:count, d : d + 1]
-        # Heron: 16·area² = ((a + b)² − c²)(c² − (a − b)²)
-        cost, factor = a + b, a - b
-        cost *= cost
-        cost -= c
-        factor *= factor
-        np.subtract(c, factor, out=factor)
-        cost *= factor
-        np.maximum(cost, 0.0, out=cost)
-        np.sqrt(cost, out=cost)
-        cost += cost_ahead[:count, 1:d]
-        cost += cost_behind[d:, d - 1 : 0 : -1]
-        best = split[:count, d] = cost.argmin(axis=1)
-        cost_ahead[:count, d] = cost_behind[d:, d] = cost[index[:count], best] + weighted[:count, d]
-    return triangles_of(split + index[:, None] + 1)
+    split = np.zeros((len(points), len(points)), dtype=np.int64)
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    library().minimum_area_splits(len(points), points.ctypes.data, _DIAGONAL_WEIGHT, split.ctypes.data)
+    return triangles_of(split)
 
 
 def triangles_of(split: Int[np.ndarray, "n n"]) -> Int[np.ndarray, "t 3"]:
     """Triangles (i, j, k), i < j < k, over a closed curve; `split[i, l]` is the apex over the chord i to i + l."""
-    triangles = np.empty((max(0, len(split) - 2), 3), dtype=np.int64)
-    chords, count = np.array([[0, len(split) - 1]]), 0
-    while len(chords):
-        first, last = chords.T
-        new = triangles[count : count + len(chords)]
-        new[:, 0], new[:, 1], new[:, 2] = first, split[first, last - first], last
-        chords = np.concatenate([new[:, :2], new[:, 1:]])
-        chords = chords[chords[:, 1] - chords[:, 0] > 1]
-        count += len(new)
-    return triangles
+    triangles, chords = [], [(0, len(split) - 1)]
+    for first, last in chords:  # a few hundred at most; arrays for each generation take several times as long
+        middle = split.item(first, last - first)
+        triangles.append((first, middle, last))
+        chords += [chord for chord in ((first, middle), (middle, last)) if chord[1] - chord[0] > 1]
+    return np.array(triangles)
 
 
 def disk_without_inner_points(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "t 3"]:
     """Faces of about the least area over a closed curve; long curves are divided at every k-th point."""
     m = len(points)
+    if m == 3:  # most parts of long curves
+        return np.array([[0, 1, 2]])
     if m <= LONGEST:
         return minimum_area_triangulation(points)
     kept = np.arange(0, m, math.ceil(m / LONGEST))

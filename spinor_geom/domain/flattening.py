@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
 
-from spinor_geom.arrays import EPS, cis, shifted
+from spinor_geom.arrays import EPS, cis, norm, shifted
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.polygons import bound_domain, outer_clearance, untangled
 from spinor_geom.errors import DomainError, SingularMatrixError
@@ -150,7 +150,7 @@ def flatten(
     """
     neumann, turning = dirichlet_to_neumann(vertices, faces, boundary_size)
     after = rim_successors((boundary_size - sum(holes), *holes))
-    edge = np.linalg.norm(vertices[after] - vertices[:boundary_size], axis=1)
+    edge = norm(vertices[after] - vertices[:boundary_size])
     return flatten_boundary(edge, turning, neumann, holes=holes, drawn=drawn)
 
 

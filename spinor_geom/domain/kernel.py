@@ -82,7 +82,7 @@ class KernelRegion:
     def sizes(self, points: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """Wanted edge lengths at points."""
         places, lengths = self._scaled(points), np.empty(len(points))
-        _library().sizes(ctypes.byref(self._struct), len(points), places.ctypes.data, lengths.ctypes.data)
+        library().sizes(ctypes.byref(self._struct), len(points), places.ctypes.data, lengths.ctypes.data)
         return lengths * self.scale
 
     def refined(
@@ -106,20 +106,21 @@ class KernelRegion:
         if seeds is not None:
             places, spacing = self._scaled(seeds[0]), np.ascontiguousarray(seeds[1] / self.scale)
             start = _Seeds(len(places), places.ctypes.data, spacing.ctypes.data)
-        _library().refine(ctypes.byref(self._struct), ctypes.byref(start), ctypes.byref(output))
+        library().refine(ctypes.byref(self._struct), ctypes.byref(start), ctypes.byref(output))
         inner = points[m : output.point_count] * self.scale + self.centre
         return inner, made[: output.face_count].copy()
 
 
 @cache
-def _library() -> ctypes.CDLL:
+def library() -> ctypes.CDLL:
+    """The compiled part of the package."""
     for suffix in EXTENSION_SUFFIXES:
         file = Path(__file__).with_name(f"_kernel{suffix}")
         if file.exists():
-            library = ctypes.CDLL(str(file))
-            library.sizes.argtypes = (_ADDRESS, _INTEGER, _ADDRESS, _ADDRESS)
-            library.sizes.restype = library.refine.restype = None
-            return library
-    raise SpinorGeomError(
-        "the compiled part of spinor_geom is missing; run `pip install .` in the folder of its source"
-    )
+            found = ctypes.CDLL(str(file))
+            found.sizes.argtypes = (_ADDRESS, _INTEGER, _ADDRESS, _ADDRESS)
+            found.minimum_area_splits.argtypes = (_INTEGER, _ADDRESS, _NUMBER, _ADDRESS)
+            for function in (found.sizes, found.refine, found.minimum_area_splits):
+                function.restype = None
+            return found
+    raise SpinorGeomError("the compiled part of spinor_geom is missing; run `pip install .` in its source folder")

@@ -114,8 +114,9 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"], most: float) -> float:
     local = (edge + shifted(edge, 1)) / 2
     along = np.cumsum(edge) - edge
     coordinates = plane_coordinates(polygon)
-    near = cKDTree(coordinates).query_ball_point(coordinates, most * local)
-    i, j = np.repeat(np.arange(len(polygon)), [len(some) for some in near]), np.concatenate(near).astype(np.int64)
+    near = cKDTree(coordinates).query_ball_point(coordinates, most * local, return_sorted=False)
+    i = np.repeat(np.arange(len(polygon)), [len(some) for some in near])
+    j = np.fromiter(itertools.chain.from_iterable(near), dtype=np.int64, count=len(i))
     gap, longer = np.abs(polygon[i] - polygon[j]), np.maximum(local[i], local[j])
     distance = np.abs(along[i] - along[j])
     once = (i < j) | (gap > most * local[j])  # most pairs are found from both ends

@@ -62,14 +62,7 @@ def surfaces(
 ) -> Figure:
     """Pictures of surfaces by title, `across` in a row, with a colour bar for the first field of each.
 
-    Args:
-        portraits: the surfaces with their boundaries.
-        curves: Γ(t) for each, on which its boundary should lie; drawn in red.
-        across: pictures in a row.
-
-    Raises:
-        MissingPackageError: pyvista is not installed.
-        RenderError: the drawing failed.
+    `curves` has Γ(t) for each, on which its boundary should lie; drawn in red. Raises as `drawn`.
     """
     scenes = []
     for title, portrait in portraits.items():

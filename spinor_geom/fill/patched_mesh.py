@@ -171,22 +171,23 @@ class PatchedMesh:
         is_new = np.ones(len(faces), dtype=bool)
         is_new[numbers[numbers >= 0]] = False
         new = _Piece(patch.vertices, faces[is_new], self.face_count + np.flatnonzero(is_new))
-        own = NO_PAIRS
-        # for a few new faces the general test is faster
-        if patch.hole_sizes or len(numbers) or not is_graph(patch.vertices, faces, patch.boundary_size):
-            among = new.numbers[self_intersections(patch.vertices, new.faces)]
-            near = np.flatnonzero(~is_new)
-            near = near[meeting_box(patch.vertices, faces[near], new.low, new.high)]
-            old = _Piece(patch.vertices, faces[near], self.face_count + near)
-            between = np.sort(new.crossings(old), axis=1)
-            one, other = np.sort(faces[between - self.face_count], axis=2).swapaxes(0, 1)
-            # like `self_intersections`, without pairs of faces with the same vertices
-            between = between[(one != other).any(axis=1)]
-            own = np.concatenate([self._carried(before.own, numbers, 2), among, between])
         boxes = self._boxes[: len(self._patches)].T
-        patches = [new.crossings(self._patches[k]) for k in overlapping(boxes[:3], boxes[3:], new.low, new.high)]
-        mesh = np.concatenate([self._carried(before.mesh, numbers, 1), new.crossings(self._mesh_piece)])
-        others = np.concatenate([self._carried(before.patches, numbers, 1), *patches])
+        near = [self._mesh_piece, *(self._patches[k] for k in overlapping(boxes[:3], boxes[3:], new.low, new.high))]
+        own = NO_PAIRS
+        if len(numbers):
+            near += [_Piece(patch.vertices, faces, self.face_count + np.arange(len(faces)))]
+        elif patch.hole_sizes or not is_graph(patch.vertices, faces, patch.boundary_size):
+            own = self.face_count + self_intersections(patch.vertices, faces)
+        pairs = new.crossings(near)
+        if len(numbers):
+            among = np.sort(pairs[pairs[:, 1] >= self.face_count], axis=1)
+            # like `self_intersections`, without pairs of faces with the same vertices
+            one, other = np.sort(faces[among - self.face_count], axis=2).swapaxes(0, 1)
+            own = np.concatenate([self._carried(before.own, numbers, 2), among[(one != other).any(axis=1)]])
+        is_mesh = pairs[:, 1] < len(self.mesh.faces)
+        mesh = np.concatenate([self._carried(before.mesh, numbers, 1), pairs[is_mesh]])
+        is_patch = ~is_mesh & (pairs[:, 1] < self.face_count)
+        others = np.concatenate([self._carried(before.patches, numbers, 1), pairs[is_patch]])
         own, mesh, others = map(sorted_pairs, (own, mesh, others))
         found = (("itself", own), ("the mesh", mesh), ("patches of other loops", others))
         notes = tuple(self._note(what, pairs, patch) for what, pairs in found if len(pairs))
@@ -209,6 +210,16 @@ class PatchedMesh:
             f"the patch crosses {what} in {len(pairs)} {'pair' if len(pairs) == 1 else 'pairs'} of faces, first "
             f"{first} of the filled mesh, near ({', '.join(f'{x:.6g}' for x in where)})"
         )
+
+    def corners(self, numbers: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 3 3"]:
+        """The corners of faces of the mesh and of patches, by their numbers in the filled mesh."""
+        pieces = [self._mesh_piece, *self._patches]
+        place = np.searchsorted([piece.numbers[0] for piece in pieces], numbers, side="right") - 1
+        found = np.empty((len(numbers), 3, 3))
+        for k in np.unique(place):
+            piece, here = pieces[k], place == k
+            found[here] = piece.vertices[piece.faces[numbers[here] - piece.numbers[0]]]
+        return found
 
     def join(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> int:
         """Adds a patch with the boundary vertices `rim` of the mesh; returns the number of its first face."""
@@ -253,28 +264,20 @@ class _Piece:
         faces = faces[: np.searchsorted(faces, len(self.faces))]
         return np.asarray(faces[overlapping(self._lows[:, faces], self._highs[:, faces], other.low, other.high)])
 
-    def crossings(self, other: _Piece) -> Int[np.ndarray, "k 2"]:
-        """Intersecting pairs of a face of this piece and a face of another."""
-        near = other.meeting(self)
-        corners = other.vertices[other.faces[near]].reshape(-1, 3)
-        pairs = intersections_between(self.vertices, self.faces, corners, np.arange(len(corners)).reshape(-1, 3))
-        return np.stack([self.numbers[pairs[:, 0]], other.numbers[near[pairs[:, 1]]]], axis=1)
-
-
-def meeting_box(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "f 3"],
-    low: Float[np.ndarray, "3"],
-    high: Float[np.ndarray, "3"],
-) -> Int[np.ndarray, " _"]:
-    """The faces whose bounding boxes overlap a box."""
-    found = np.arange(len(faces))
-    for axis in range(3):
-        corners = faces[found]
-        a, b, c = (vertices[:, axis] < low[axis])[corners].T
-        d, e, f = (vertices[:, axis] > high[axis])[corners].T
-        found = found[~(a & b & c | d & e & f)]
-    return found
+    def crossings(self, others: Sequence[_Piece]) -> Int[np.ndarray, "k 2"]:
+        """Intersecting pairs of a face of this piece and a face of others, or of itself; each pair once."""
+        near = [other.meeting(self) for other in others]
+        corners = np.concatenate([one.vertices[one.faces[at]] for one, at in zip(others, near, strict=True)])
+        numbers = np.concatenate([one.numbers[at] for one, at in zip(others, near, strict=True)])
+        soup = corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
+        is_own = np.isin(numbers, self.numbers)
+        pairs = intersections_between(
+            self.vertices,
+            self.faces,
+            *soup,
+            wanted=lambda one, other: ~is_own[other] | (self.numbers[one] < numbers[other]),
+        )
+        return np.stack([self.numbers[pairs[:, 0]], numbers[pairs[:, 1]]], axis=1)
 
 
 def overlapping(

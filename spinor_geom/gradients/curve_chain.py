@@ -27,8 +27,7 @@ def by_points(
 ) -> Float[np.ndarray, "m 3"]:
     """The gradient in the points of a curve's loop, from that in Γ(s), which is normal to Γ′.
 
-    Raises:
-        NotDifferentiableError: the shape of the curve is not a function of points.
+    Raises a NotDifferentiableError if the shape of the curve is not a function of points.
     """
     if curve.slopes is not None:
         raise NotDifferentiableError("the curve is given by a formula; solve over points of the curve instead")

@@ -44,11 +44,7 @@ class JacobiFields:
 
     solution: PlateauSolution
     z: Complex[np.ndarray, " v"]  # inside Ω
-
-    @cached_property
-    def rims(self) -> list[RimNodes]:
-        """The nodes on ∂Ω."""
-        return RimNodes.all_of(self.solution)
+    rims: list[RimNodes]  # the nodes on ∂Ω
 
     def by_boundary(self, by_u: Float[np.ndarray, " v"]) -> list[Float[np.ndarray, "_ 3"]]:
         """Weights of δΓ at the nodes of each rim, from weights of u at the points inside."""

@@ -17,6 +17,7 @@ from spinor_geom.gradients.area import as_given
 from spinor_geom.gradients.curve_chain import by_points
 from spinor_geom.gradients.jacobi import JacobiFields
 from spinor_geom.gradients.minimal_area import Corners, as_rims, require_first_order, solved
+from spinor_geom.gradients.rim_nodes import RimNodes
 from spinor_geom.gradients.slide_adjoint import SlideAdjoint
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.options import Model
@@ -105,8 +106,7 @@ def nearest_on_surface(
 def nearest(solution: PlateauSolution, places: Float[np.ndarray, "k 3"]) -> Complex[np.ndarray, " k"]:
     """Points of Ω where the surface is nearest to given places, by Newton's method from vertices of its triangulation.
 
-    Raises:
-        OptionError: a place is nearest to the boundary of the surface.
+    Raises an OptionError for a place that is nearest to the boundary of the surface.
     """
     surface, domain = solution.array_surface, solution.domain
     start = domain.triangulation.points
@@ -126,11 +126,8 @@ def nearest(solution: PlateauSolution, places: Float[np.ndarray, "k 3"]) -> Comp
 def require_isolated(solution: PlateauSolution) -> None:
     """Checks that a solution depends smoothly on its boundary: its second variation has no eigenvalue near 0.
 
-    Raises:
-        NotDifferentiableError: the surface is unstable, or nearly so.
-
-    Warns:
-        UncertainGradientWarning: the stability is undecided, or follows only from a total curvature just below 2π.
+    Raises a NotDifferentiableError if the surface is unstable, or nearly so; warns with an UncertainGradientWarning if
+    the stability is undecided, or follows only from a total curvature just below 2π.
     """
     stability = solution.stability
     if stability.verdict == "unstable":
@@ -182,7 +179,7 @@ class _Positions(torch.autograd.Function):
 def normal_fields(solution: PlateauSolution, z: Complex[np.ndarray, " v"]) -> SlideAdjoint | JacobiFields:
     """Normal displacements at points inside Ω: by `SlideAdjoint` if ∂Ω consists of circles, else by least squares."""
     on_circles = solution.route in ("disk", "annulus", "circles")
-    return SlideAdjoint(solution=solution, z=z) if on_circles else JacobiFields(solution=solution, z=z)
+    return (SlideAdjoint if on_circles else JacobiFields)(solution=solution, z=z, rims=RimNodes.all_of(solution))
 
 
 def position_gradient(
@@ -190,8 +187,7 @@ def position_gradient(
 ) -> tuple[Float[np.ndarray, "_ 3"], ...]:
     """The gradients in the points of each given loop, from that in positions inside Ω, which move along the normal.
 
-    Raises:
-        NotDifferentiableError: see `require_isolated`; or a position is a branch point.
+    Raises a NotDifferentiableError as `require_isolated`, or if a position is a branch point.
     """
     require_isolated(solution)
     by_u = (by_positions * np.asarray(solution.array_surface.normal(z))).sum(axis=1)

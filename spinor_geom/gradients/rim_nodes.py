@@ -33,20 +33,13 @@ class RimNodes:
     """Quadrature nodes along a rim of a surface, in the direction of ∂Ω.
 
     They are at equal steps where ∂Ω is analytic, and on panels where it is a spline.
-
-    Attributes:
-        z: the nodes.
-        steps: weights of ∮ f dz.
-        panels: None at equal steps.
-        velocity: φ dz, with the weights.
-        places: parameters of the nearest points of Γ.
     """
 
-    z: Complex[np.ndarray, " k"]
-    steps: Complex[np.ndarray, " k"]
-    panels: Panels | None
-    velocity: Complex[np.ndarray, "k 3"]
-    places: Float[np.ndarray, " k"]
+    z: Complex[np.ndarray, " k"]  # the nodes
+    steps: Complex[np.ndarray, " k"]  # weights of ∮ f dz
+    panels: Panels | None  # None at equal steps
+    velocity: Complex[np.ndarray, "k 3"]  # φ dz, with the weights
+    places: Float[np.ndarray, " k"]  # parameters of the nearest points of Γ
 
     @classmethod
     def all_of(cls, solution: PlateauSolution) -> list[RimNodes]:

@@ -39,17 +39,12 @@ class SlideAdjoint:
 
     solution: PlateauSolution
     z: Complex[np.ndarray, " v"]  # inside Ω
-
-    @cached_property
-    def rims(self) -> list[RimNodes]:
-        """The nodes on ∂Ω."""
-        return RimNodes.all_of(self.solution)
+    rims: list[RimNodes]  # the nodes on ∂Ω
 
     def by_boundary(self, by_u: Float[np.ndarray, " v"]) -> list[Float[np.ndarray, "_ 3"]]:
         """Weights of δΓ at the nodes of each rim, from weights of u at the points inside.
 
-        Raises:
-            NotDifferentiableError: the equations are singular or nearly so.
+        Raises a NotDifferentiableError if the equations are singular or nearly so.
         """
         surface, newton = self.solution.array_surface, self._newton
         by_values = self._by_values(by_u[:, None] * np.asarray(surface.normal(self.z)))

@@ -49,21 +49,13 @@ class _Equations(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SplineSystem:
-    """The equations of a closed interpolating spline of M pieces.
+    """The equations of a closed interpolating spline of M pieces."""
 
-    Attributes:
-        widths: h, up to a factor for each side.
-        powers: a_ir, lowest power first.
-        corners: whether the spline may have a kink at the start of each piece.
-        degrees: degrees of the pieces; odd, at least 3, and equal on a side.
-        natural: whether the second derivative of a piece is 0 at the end of a side.
-    """
-
-    widths: Float[np.ndarray, " m"]
-    powers: Float[np.ndarray, "d m 3"]
-    corners: Bool[np.ndarray, " m"]
-    degrees: Int[np.ndarray, " m"]
-    natural: Bool[np.ndarray, " m"]
+    widths: Float[np.ndarray, " m"]  # h, up to a factor for each side
+    powers: Float[np.ndarray, "d m 3"]  # a_ir, lowest power first
+    corners: Bool[np.ndarray, " m"]  # whether the spline may have a kink at the start of each piece
+    degrees: Int[np.ndarray, " m"]  # degrees of the pieces; odd, at least 3, and equal on a side
+    natural: Bool[np.ndarray, " m"]  # whether the second derivative of a piece is 0 at the end of a side
 
     def by_points(
         self, by_powers: Float[np.ndarray, "d m 3"]
@@ -84,11 +76,7 @@ class SplineSystem:
         return np.roll(by_steps, 1, axis=0) - by_steps, by_piece - np.roll(by_piece, 1)
 
     def _adjoint(self, by_powers: Float[np.ndarray, "d m 3"]) -> Float[np.ndarray, "md 3"]:
-        """The solution of the transposed equations, one multiplier for each row of K.
-
-        Raises:
-            LinAlgError: K is singular.
-        """
+        """The solution of the transposed equations, a multiplier for each row of K; a LinAlgError if K is singular."""
         d, m, _ = by_powers.shape
         jumps, (row, column, value), near = self._equations
         after, ratio = self._after

@@ -20,8 +20,8 @@ _SOURCES_PER_LEAF = 8
 _CELL_SIDE, _FEWEST_IN_CELL = 0.3, 4
 _MOST_HALVINGS = 40
 # numbers of sources, and of pairs of sources and targets, up to which direct sums are faster; number of pairs that fit
-# the cache
-_FEW_SOURCES, _FEW_PAIRS, _AT_ONCE = 1 << 10, 1 << 23, 1 << 14
+# the cache, and of targets below which products are narrow
+_FEW_SOURCES, _FEW_PAIRS, _AT_ONCE, _FEWEST_AT_ONCE = 1 << 10, 1 << 23, 1 << 14, 16
 _PAIRS = 1 << 10  # pairs of clusters, or sources, whose series fit the cache
 _BINOMIALS = comb(np.add.outer(np.arange(_TERMS), np.arange(_TERMS)), np.arange(_TERMS)[:, None])
 
@@ -44,7 +44,7 @@ def direct_sums(
     """`cauchy_sums` to rounding, of arrays or tensors; the sources need no order."""
     if not is_numpy(targets):
         return (1 / (sources - targets[:, None])) @ strengths
-    step = max(1, _AT_ONCE // max(1, len(sources)))
+    step = max(_FEWEST_AT_ONCE, _AT_ONCE // max(1, len(sources)))
     starts = range(0, max(1, len(targets)), step)
     # real numbers, since complex division takes twice as long; one row per sum, since BLAS is slow on narrow columns
     by_x, by_y = (np.concatenate([g.real, g.imag], axis=1).T.copy() for g in (strengths, -1j * strengths))

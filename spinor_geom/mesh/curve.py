@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.spatial import cKDTree
 
-from spinor_geom.arrays import TINY, shifted
+from spinor_geom.arrays import TINY, norm, shifted
 from spinor_geom.errors import CurveError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
 from spinor_geom.mesh.interpolation import (
@@ -156,7 +156,7 @@ class BoundaryCurve:
             between = breaks[:-1, None] + np.diff(breaks)[:, None] * FORMULA_CHECKS
             extent = np.ptp(coefficients[-1], axis=0).max()
             size = max(extent, np.abs(coefficients[-1]).max())  # far from the origin coordinates have larger errors
-            error = np.linalg.norm(fitted.point(between) - curve.point(between), axis=2)
+            error = norm(fitted.point(between) - curve.point(between))
             if not np.isfinite(error).all():
                 raise CurveError(reason="is not finite", parameter=float(between[~np.isfinite(error)][0]))
             if error.max() <= FORMULA_ERROR * size:
@@ -177,7 +177,7 @@ class BoundaryCurve:
             allowed = DERIVATIVE_ERROR * max(np.abs(own).max(), extent)
             checks.append((f"has a derivative that differs from {name}=", between, own - given, allowed))
         for reason, at, difference, allowed in checks:
-            error = np.nan_to_num(np.linalg.norm(difference, axis=-1), nan=np.inf)
+            error = np.nan_to_num(norm(difference), nan=np.inf)
             if error.max() > allowed:
                 raise CurveError(reason=reason, parameter=float(at.flat[int(error.argmax())]))
         fitted = replace(fitted, slopes=_formula_coefficients(curve.derivative, breaks))
@@ -279,14 +279,14 @@ class BoundaryCurve:
         edge = shifted(vertices, -1, axis=0) - vertices
         away = self.point(self.breaks[:-1] + share[:, None] * np.diff(self.breaks)) - vertices
         along = np.clip((away * edge).sum(axis=2) / (edge**2).sum(axis=1), 0, 1)
-        return float(np.linalg.norm(away - along[:, :, None] * edge, axis=2).max())
+        return float(norm(away - along[:, :, None] * edge).max())
 
     def length(self) -> float:
         """Length of Γ in mesh units, by 16-point Gauss–Legendre quadrature on every piece."""
         nodes, weights = gauss_nodes(LENGTH_NODES)
         widths = np.diff(self.breaks)[:, None]
         s = self.breaks[:-1, None] + widths * (nodes + 1) / 2
-        speed = np.linalg.norm(self.derivative(s), axis=-1)
+        speed = norm(self.derivative(s))
         return float((speed * weights * widths).sum() / 2)
 
     def length_share(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
@@ -300,7 +300,7 @@ class BoundaryCurve:
     def _length_shares(self) -> CubicSpline:
         n = SAMPLES_PER_PIECE * len(self.corners)
         grid = np.arange(n + 1) / n
-        length = CubicSpline(grid, np.linalg.norm(self.derivative(grid), axis=1)).antiderivative()(grid)
+        length = CubicSpline(grid, norm(self.derivative(grid))).antiderivative()(grid)
         return CubicSpline(grid, length / length[-1])
 
     def nearest(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
@@ -326,7 +326,7 @@ class BoundaryCurve:
             before, s = s, np.clip(s - step, low, high)
             if np.abs(s - before).max(initial=0.0) <= NEWTON_STEP_TOLERANCE:
                 break
-        best = np.argmin(np.linalg.norm(self.point(s) - points[:, None, :], axis=-1), axis=1)
+        best = np.argmin(norm(self.point(s) - points[:, None, :]), axis=1)
         return np.asarray(np.round(s[np.arange(len(s)), best], 15) % 1.0)  # rounded: 1 is 0
 
     @cached_property
@@ -368,7 +368,7 @@ def _formula_coefficients(function: CurveFunction, breaks: Breaks) -> Coefficien
 def _require_speed(curve: BoundaryCurve, s: Float[np.ndarray, "m k"]) -> None:
     """Raises a CurveError if Γ′ is 0 somewhere, so that the curve has no tangent there."""
     s = np.concatenate([curve.breaks[:-1], s.ravel()])
-    speed = np.linalg.norm(curve.derivative(s), axis=1)
+    speed = norm(curve.derivative(s))
     largest, reach = speed.max(), np.diff(curve.breaks).max()
     s = s[speed < SLOW * largest]
     start = s
@@ -377,6 +377,6 @@ def _require_speed(curve: BoundaryCurve, s: Float[np.ndarray, "m k"]) -> None:
         slope, bend = curve.derivative(s), curve.second_derivative(s)
         size = np.maximum((bend * bend).sum(axis=1), TINY)
         s = np.clip(s - (slope * bend).sum(axis=1) / size, start - reach, start + reach)
-    speed = np.linalg.norm(curve.derivative(s), axis=1)
+    speed = norm(curve.derivative(s))
     if (speed < STANDSTILL * largest).any():
         raise CurveError(reason="has a derivative of 0", parameter=float(s[speed.argmin()] % 1.0))

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
 from scipy.linalg import solve_banded
 from scipy.linalg.lapack import dposv, dtrtri
 
-from spinor_geom.arrays import shifted
+from spinor_geom.arrays import norm, shifted
 from spinor_geom.mesh.array_checks import shared
 from spinor_geom.mesh.spacing import are_long, edge_lengths, graded_spacing
 
@@ -85,7 +85,7 @@ def _leaves_long_edges(points: Vertices, curve: Pieces) -> bool:
     share = np.arange(1, SAMPLES_OF_LONG_EDGE)[:, None] / SAMPLES_OF_LONG_EDGE
     edge = (shifted(points, -1, axis=0) - points)[long]
     on_curve = PPoly(curve.coefficients, curve.breaks)(curve.breaks[long] + share * np.diff(curve.breaks)[long])
-    distance = np.linalg.norm(on_curve - points[long] - share[..., None] * edge, axis=2)
+    distance = norm(on_curve - points[long] - share[..., None] * edge)
     return bool((distance > spacing[long] / 4).any())
 
 
@@ -225,7 +225,7 @@ def _arc_shares(breaks: ManyBreaks, coefficients: Float[np.ndarray, "*b d_plus_1
     derivative = np.zeros(())
     for place in range(degree):
         derivative = derivative * h + (degree - place) * coefficients[..., place, :, None, :]
-    return _shares(width * (np.linalg.norm(derivative, axis=-1) * weights).sum(axis=-1))
+    return _shares(width * (norm(derivative) * weights).sum(axis=-1))
 
 
 @cache

@@ -51,17 +51,29 @@ def self_intersections(vertices: Points, faces: Faces) -> Pairs:
 
 
 def intersections_between(
-    vertices: Points, faces: Faces, other_vertices: Float[np.ndarray, "l 3"], other_faces: Faces
+    vertices: Points,
+    faces: Faces,
+    other_vertices: Float[np.ndarray, "l 3"],
+    other_faces: Faces,
+    *,
+    wanted: Callable[[Numbers, Numbers], Bool[np.ndarray, " _"]] | None = None,
 ) -> Pairs:
-    """Pairs of a face of one mesh and a face of another that cross, as in `self_intersections`."""
+    """Pairs of a face of one mesh and a face of another that cross, as in `self_intersections`.
+
+    With `wanted` only the pairs for which it is True are tested.
+    """
     if not len(faces) or not len(other_faces):
         return np.zeros((0, 2), dtype=np.int64)
-    if len(faces) > len(other_faces):  # igl builds a tree over the first mesh, which takes longer than a query
-        return sorted_pairs(intersections_between(other_vertices, other_faces, vertices, faces)[:, ::-1])
     corners, indices = igl_arrays(vertices, faces)
     other_corners, other_indices = igl_arrays(other_vertices, other_faces)
-    _, pairs, _ = igl.predicates.find_intersections(corners, indices, other_corners, other_indices)
-    pairs = pairs.astype(np.int64)
+    if len(faces) > len(other_faces):  # igl builds a tree over the first mesh, which takes longer than a query
+        _, pairs, _ = igl.predicates.find_intersections(other_corners, other_indices, corners, indices)
+        pairs = pairs[:, ::-1].astype(np.int64)
+    else:
+        _, pairs, _ = igl.predicates.find_intersections(corners, indices, other_corners, other_indices)
+        pairs = pairs.astype(np.int64)
+    if wanted is not None:
+        pairs = pairs[wanted(pairs[:, 0], pairs[:, 1])]
     f, g = corners[indices[pairs[:, 0]]], other_corners[other_indices[pairs[:, 1]]]
     left = np.flatnonzero(~_are_separated(f, g))
     return sorted_pairs(pairs[left[_insides_meet(f[left], g[left])]])
@@ -213,6 +225,14 @@ def _insides_meet(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:
     if len(in_plane):
         meet[in_plane] = _overlap_in_plane(f[in_plane], g[in_plane])
     return meet
+
+
+def edges_through(starts: Points, ends: Points, triangles: Triangles) -> Bool[np.ndarray, " k"]:
+    """Whether an edge, in each of k pairs, meets the inside of a triangle without lying in its plane."""
+    a, b, c = (triangles[:, corner] for corner in range(3))
+    around = np.stack([_side(starts, ends, p, q) for p, q in ((a, b), (b, c), (c, a))], axis=1)
+    sides = np.stack([_side(a, b, c, points) for points in (starts, ends)], axis=1)
+    return np.asarray((np.abs(around.sum(axis=1)) == 3) & (sides.prod(axis=1) <= 0) & sides.any(axis=1))
 
 
 def _side(a: Points, b: Points, c: Points, d: Points) -> Numbers:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import comb
 
@@ -14,6 +14,7 @@ from scipy.interpolate import BSpline, PPoly
 from spinor_geom.errors import CurveError
 from spinor_geom.mesh.curve import MAX_NEWTON_STEPS, NEWTON_STEP_TOLERANCE, SMOOTH_TURN, ClosedCurve
 from spinor_geom.mesh.interpolation import piece_places, through
+from spinor_geom.mesh.rational_splines import NurbsCurve, homogeneous
 
 # Relative error of the polynomials that interpolate the speed; it affects s only, all points are on the splines.
 SPEED_ERROR = 1e-12
@@ -22,68 +23,23 @@ CHECKS = np.array([0.13, 0.47, 0.81])  # where on each part the error is measure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RationalSpline:
-    """A rational B-spline curve in space, on t from 0 to 1.
-
-    Attributes:
-        knots: (n + d + 1,) increasing; 0 and 1 are knots of multiplicity d + 1.
-        poles: (n, 3) control points, in mesh units.
-        weights: (n,) their positive weights.
-    """
-
-    knots: Float[np.ndarray, " k"]
-    poles: Float[np.ndarray, "n 3"]
-    weights: Float[np.ndarray, " n"]
-
-    @property
-    def degree(self) -> int:
-        """Degree d."""
-        return len(self.knots) - len(self.poles) - 1
-
-    @property
-    def ends(self) -> Float[np.ndarray, "2 3"]:
-        """First and last point."""
-        return self.poles[[0, -1]]
-
-    def reversed(self) -> RationalSpline:
-        """The spline with the opposite direction."""
-        return replace(self, knots=1 - self.knots[::-1], poles=self.poles[::-1], weights=self.weights[::-1])
-
-    def between(self, ends: Float[np.ndarray, "2 3"]) -> RationalSpline:
-        """The spline with its ends moved to given points, and its other control points in proportion."""
-        # Greville's abscissae, so that a straight spline of constant speed stays one
-        share = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], self.degree).mean(axis=1)[:, None]
-        first, last = ends - self.ends
-        return replace(self, poles=self.poles + (1 - share) * first + share * last)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class JoinedSplines:
-    """Rational B-splines of one degree, each of which begins where the one before ends, the first where the last ends.
+    """Rational B-splines of one degree; each begins where the one before ends, the first where the last ends."""
 
-    Attributes:
-        spline: number k on k ≤ t < k + 1, in homogeneous coordinates (w·x, w·y, w·z, w) relative to `origin`.
-        origin: a point of Γ, in mesh units; derivatives far from 0 would lose digits.
-    """
-
-    spline: BSpline
-    origin: Float[np.ndarray, " 3"]
+    spline: BSpline  # number k on k ≤ t < k + 1, in homogeneous coordinates (w·x, w·y, w·z, w) relative to `origin`
+    origin: Float[np.ndarray, " 3"]  # a point of Γ, in mesh units; derivatives far from 0 would lose digits
 
     @classmethod
-    def of(cls, splines: Sequence[RationalSpline]) -> JoinedSplines:
+    def of(cls, splines: Sequence[NurbsCurve]) -> JoinedSplines:
         """The curve of splines of one degree whose ends are equal, bit for bit."""
-        degree, origin = splines[0].degree, splines[0].poles[0]
+        degree, origin = splines[0].degree, splines[0].control_points[0]
         knots = [number + one.knots[: -degree - 1] for number, one in enumerate(splines)]
-        poles = [np.column_stack([one.weights[:, None] * (one.poles - origin), one.weights]) for one in splines]
+        poles = [homogeneous(one.control_points - origin, one.weights) for one in splines]
         last = np.full(degree + 1, float(len(splines)))
         return cls(spline=BSpline(np.concatenate([*knots, last]), np.concatenate(poles), degree), origin=origin)
 
     def curve(self) -> ClosedCurve:
-        """Γ(s), s the share of the length.
-
-        Raises:
-            CurveError: the derivative of a spline is 0 or not finite somewhere.
-        """
+        """Γ(s), s the share of the length; a CurveError if the derivative of a spline is 0 or not finite somewhere."""
         at_knots = self._share(self._knots)
         return ClosedCurve(
             point=self.point,

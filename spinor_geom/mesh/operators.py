@@ -60,7 +60,9 @@ def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Faces) -> csc_
 
 def mollified_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
     """`cotangent_laplacian` of the `mollified_edge_lengths`: finite for any faces."""
-    return intrinsic_laplacian(mollified_edge_lengths(vertices, faces), faces)
+    laplacian = intrinsic_laplacian(mollified_edge_lengths(vertices, faces), faces)
+    laplacian.resize((len(vertices), len(vertices)))  # the last vertices may be unused
+    return laplacian
 
 
 def intrinsic_angles(lengths: Float[np.ndarray, "*f 3"]) -> Float[np.ndarray, "*f 3"]:
@@ -142,7 +144,6 @@ class Bending:
         """The bending of a mesh; 0 at unused vertices."""
         n, flat = len(vertices), faces.ravel()
         laplacian = mollified_laplacian(vertices, faces)
-        laplacian.resize((n, n))  # the last vertices may be unused
         x = vertices - vertices.mean(axis=0)  # about the origin, because the areas are differences of squares
         gradient = laplacian @ x
         along = np.einsum("ik,ik->i", x, gradient)

@@ -11,6 +11,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from spinor_geom.arrays import norm
+
 # Vertices farther apart than this share of their edges are not merged, so fine parts of large meshes are unchanged.
 SHARE_OF_EDGE = 1e-2
 
@@ -122,15 +124,24 @@ def is_watertight_with(
 
 
 def is_disk(faces: Int[np.ndarray, "f 3"]) -> bool:
-    """Whether faces form a disk: a cone over the boundary then closes it to a sphere."""
-    if not len(faces):
-        return False
-    start, end = boundary_edges(faces).T
-    closed = np.concatenate([faces, np.stack([end, start, np.full(len(start), faces.max() + 1)], axis=1)])
-    half_edges = HalfEdges.of(closed)
+    """Whether faces form one disk."""
+    found = disks(HalfEdges.of(faces)) if len(faces) else np.zeros(0, dtype=bool)
+    return len(found) == 1 and bool(found[0])
+
+
+def disks(half_edges: HalfEdges) -> Bool[np.ndarray, " components"]:
+    """Which components of faces are disks: a cone over the boundary closes each of these to a sphere."""
+    component, sides = half_edges.components, half_edges.boundary
+    count, beside = int(component.max()) + 1, component[sides // 3]
+    apex = half_edges.origin.max() + 1 + beside
+    cones = np.stack([half_edges.target[sides], half_edges.origin[sides], apex], axis=1)
+    faces = np.concatenate([half_edges.origin.reshape(-1, 3), cones])
+    component = np.concatenate([component, beside])
+    vertices = np.unique(np.repeat(component, 3) * (int(faces.max()) + 1) + faces.ravel()) // (int(faces.max()) + 1)
     # Euler's formula for triangles without a boundary
-    is_sphere = 2 * len(np.unique(closed)) - len(closed) == 4 and half_edges.is_closed
-    return len(start) > 0 and is_sphere and not half_edges.components.any()
+    is_sphere = 2 * np.bincount(vertices, minlength=count) - np.bincount(component, minlength=count) == 4
+    is_sphere[np.repeat(component, 3)[HalfEdges.of(faces).is_open]] = False
+    return np.asarray(is_sphere & (np.bincount(beside, minlength=count) > 0))
 
 
 def face_components(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:
@@ -177,7 +188,7 @@ def near_vertices(
     if limit == 0.0:
         return exact
     pairs = cKDTree(points[unique], balanced_tree=False).query_pairs(limit, output_type="ndarray")
-    apart = np.linalg.norm(points[unique[pairs[:, 0]]] - points[unique[pairs[:, 1]]], axis=1)
+    apart = norm(points[unique[pairs[:, 0]]] - points[unique[pairs[:, 1]]])
     within = apart <= reach[unique[pairs]].min(axis=1)
     pairs, apart = pairs[within], apart[within]
     if not len(pairs):
@@ -201,7 +212,7 @@ def longest_sides(points: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"
     """Length of the longest edge of the faces at each vertex, 0 for unused vertices, (n,) float64."""
     longest = np.zeros(len(points))
     for start, end in ((0, 1), (1, 2), (2, 0)):
-        lengths = np.linalg.norm(points[faces[:, start]] - points[faces[:, end]], axis=1)
+        lengths = norm(points[faces[:, start]] - points[faces[:, end]])
         np.maximum.at(longest, faces[:, start], lengths)
         np.maximum.at(longest, faces[:, end], lengths)
     return longest

@@ -31,7 +31,6 @@ _TURN = 1.65
 _EVEN = 0.1  # least ratio of smallest to largest thickness of a quadrilateral
 _LONGEST = 8.0  # largest ratio of length to depth before neighbours are joined
 _MOST_CORNERS = 100  # of a polygon that is divided into quadrilaterals: the time grows with the fourth power
-_TRIES = 12  # attempts to fill the inside with quadrilaterals, each with two more sides
 _ROUNDS = 10  # largest number of rounds that halve sides on ∂Ω
 
 
@@ -41,25 +40,19 @@ class Blocks:
 
     The first ones form rings along the boundaries, in order. The side from the first to the second corner of such a
     quadrilateral is a part of ∂Ω. All other sides are straight.
-
-    Attributes:
-        points: the corners of all quadrilaterals.
-        quads: indices of the corners of each.
-        parts: parameters, as in `Rim`, of both ends of each side on ∂Ω, increasing; the last may exceed 1.
-        sizes: numbers of quadrilaterals along each boundary.
     """
 
-    points: Complex[np.ndarray, " n"]
-    quads: Int[np.ndarray, "q 4"]
+    points: Complex[np.ndarray, " n"]  # the corners of all quadrilaterals
+    quads: Int[np.ndarray, "q 4"]  # indices of the corners of each
+    # parameters, as in `Rim`, of both ends of each side on ∂Ω, increasing; the last may exceed 1
     parts: Float[np.ndarray, "r 2"]
-    sizes: tuple[int, ...]
+    sizes: tuple[int, ...]  # numbers of quadrilaterals along each boundary
 
     @classmethod
     def of(cls, domain: PlaneDomain, rims: Sequence[Rim]) -> Blocks:
         """Quadrilaterals with corners at all corners of ∂Ω, whose sides on ∂Ω are halved until none is folded.
 
-        Raises:
-            DomainError: a part of Ω is too narrow, or the boundary of the surface runs back and forth along Γ.
+        Raises a DomainError if a part of Ω is too narrow, or the boundary of the surface runs back and forth along Γ.
         """
         rings = [_Ring.along(domain, rim) for rim in rims]
         for _ in range(_ROUNDS):
@@ -75,19 +68,13 @@ class Blocks:
                 "too far from its curve; solve with a smaller tolerance"
             )
         rings = _shortened(domain, rings)
-        fewer = [ring.coarser() for ring in rings]
-        while sum(map(len, fewer)) < sum(map(len, rings)) and _bounds_region(fewer):
-            joined = _joined(rings) if sum(map(len, rings)) <= _MOST_CORNERS else None
-            if joined is not None:
-                return _assembled(*joined)
-            rings, fewer = fewer, [ring.coarser() for ring in fewer]
-        finer = rings = _longest_halved(domain, rings) if sum(map(len, rings)) % 2 else rings
-        for _ in range(_TRIES):
-            quads = _inside(finer)
-            if quads is not None:
-                return _assembled(finer, quads)
-            finer = _longest_halved(domain, _longest_halved(domain, finer))
-        return _with_triangles(rings)
+        while (found := _filled(rings)) is None:
+            fewer = [ring.coarser() for ring in rings]
+            if sum(map(len, fewer)) == sum(map(len, rings)) or not _bounds_region(fewer):
+                found = _filled(_longest_halved(domain, rings)) if sum(map(len, rings)) % 2 else None
+                return _with_triangles(rings) if found is None else _assembled(*found)
+            rings = fewer
+        return _assembled(*found)
 
     def rim_of(self, quad: int) -> int:
         """The number of the boundary on which the first side of a quadrilateral lies."""
@@ -96,13 +83,9 @@ class Blocks:
     def grid(
         self, quad: int, u: Float[np.ndarray, " n"], v: Float[np.ndarray, " m"], first: Complex[np.ndarray, " n"] | None
     ) -> Complex[np.ndarray, "n m"]:
-        """Points of a quadrilateral at all pairs of parameters in [0, 1].
+        """Points of a quadrilateral at all pairs of parameters in [0, 1]: u along its first side, v away from it.
 
-        Args:
-            quad: its number.
-            u: along its first side.
-            v: away from it.
-            first: points of its first side at u; None for a straight one.
+        `first` has the points of its first side at u; None for a straight one.
         """
         a, b, c, d = self.points[self.quads[quad]]
         side = a + u * (b - a) if first is None else first
@@ -117,9 +100,7 @@ class _Ring:
     marks: Float[np.ndarray, " k"]  # parameters of their corners, increasing
     outer: Complex[np.ndarray, " k"]  # the corners on ∂Ω
     depth: Float[np.ndarray, " k"]  # distances of the inner corners from the outer ones
-    inwards: Complex[
-        np.ndarray, " k"
-    ]  # unit vectors from outer to inner corners, along the bisectors of the angles of ∂Ω
+    inwards: Complex[np.ndarray, " k"]  # unit vectors from outer to inner corners, bisectors of the angles of ∂Ω
     fixed: Bool[np.ndarray, " k"]  # which marks are corners of ∂Ω
 
     def __len__(self) -> int:
@@ -277,20 +258,11 @@ def _shortened(domain: PlaneDomain, rings: Sequence[_Ring]) -> list[_Ring]:
     return list(rings)
 
 
-def _inside(rings: Sequence[_Ring]) -> Int[np.ndarray, "q 4"] | None:
-    """Quadrilaterals that fill the region inside the rings, as indices of inner corners; None if none are found."""
-    inner = np.concatenate([ring.inner for ring in rings])
-    polygon = cut_open(inner, tuple(map(len, rings)))
-    if len(polygon) > _MOST_CORNERS:
-        return None
-    sides = np.stack([np.arange(len(polygon)), np.roll(np.arange(len(polygon)), -1)], axis=1)
-    quads = quadrangulated(inner[polygon], sides)
-    return None if quads is None else polygon[quads]
-
-
-def _joined(rings: Sequence[_Ring]) -> tuple[list[_Ring], Int[np.ndarray, "q 4"]] | None:
+def _filled(rings: Sequence[_Ring]) -> tuple[list[_Ring], Int[np.ndarray, "q 4"]] | None:
     """The rings with some neighbours joined, and the quadrilaterals inside, of least cost; None if none are found."""
     sizes = tuple(map(len, rings))
+    if sum(sizes) > _MOST_CORNERS:
+        return None
     inner = np.concatenate([ring.inner for ring in rings])
     polygon = cut_open(inner, sizes)
     joins = [ring.joins() for ring in rings]

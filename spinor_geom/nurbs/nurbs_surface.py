@@ -14,8 +14,8 @@ from jaxtyping import Float
 from spinor_geom.adapters.cad_objects import cad_object
 from spinor_geom.adapters.open_cascade import Unit, require_cad_suffix, sewn_shell, write_shape
 from spinor_geom.errors import OptionError, require_positive
+from spinor_geom.mesh.rational_splines import NurbsCurve, NurbsPatch, homogeneous
 from spinor_geom.nurbs.blocks import Blocks
-from spinor_geom.nurbs.nurbs_patch import NurbsCurve, NurbsPatch, homogeneous
 from spinor_geom.nurbs.polynomial_disk import QUADS, PolynomialDisk
 from spinor_geom.nurbs.rims import Rim
 from spinor_geom.nurbs.samples import Samples
@@ -174,12 +174,7 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
         mesh = QuadMesh(quads=blocks.quads, ring=len(blocks.parts))
         fit = fitted(mesh, samples.on, tolerance * diagonal)
         patches = tuple(
-            NurbsPatch(
-                control_points=net,
-                weights=np.ones(net.shape[:2]),
-                degrees=(u.degree, v.degree),
-                knots=(u.knots, v.knots),
-            )
+            NurbsPatch(control_points=net, weights=np.ones(net.shape[:2]), knots=(u.knots, v.knots))
             for net, (u, v) in zip(fit.nets, fit.spaces, strict=True)
         )
         seams = _seams(mesh)

@@ -12,7 +12,7 @@ from scipy.special import comb
 from spinor_geom.arrays import to_numpy
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.nurbs.nurbs_patch import NurbsPatch
+from spinor_geom.mesh.rational_splines import NurbsPatch
 from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.formulas import null_vector
 
@@ -28,17 +28,11 @@ QUADS = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [7, 4,
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PolynomialDisk:
-    """A surface r = Re Σ c_k w^k over the unit disk |w| < 1, z = centre + scale·w.
+    """A surface r = Re Σ c_k w^k over the unit disk |w| < 1, z = centre + scale·w."""
 
-    Attributes:
-        coefficients: c_0 … c_d.
-        centre: of the disk in Ω.
-        scale: its radius, times the direction of the boundary's first point.
-    """
-
-    coefficients: Complex[np.ndarray, "d1 3"]
-    centre: complex
-    scale: complex
+    coefficients: Complex[np.ndarray, "d1 3"]  # c_0 … c_d
+    centre: complex  # of the disk in Ω
+    scale: complex  # its radius, times the direction of the boundary's first point
 
     @classmethod
     def of(cls, surface: ArraySurface) -> PolynomialDisk | None:
@@ -140,8 +134,7 @@ def _binomials(shape: tuple[int, ...]) -> Float[np.ndarray, "i j"]:
 def _bezier_patch(points: Float[np.ndarray, "i j 3"], weights: Float[np.ndarray, "i j"]) -> NurbsPatch:
     """A patch without inner knots."""
     u, v = (np.repeat([0.0, 1.0], n) for n in weights.shape)
-    degrees = (weights.shape[0] - 1, weights.shape[1] - 1)
-    return NurbsPatch(control_points=points, weights=weights, degrees=degrees, knots=(u, v))
+    return NurbsPatch(control_points=points, weights=weights, knots=(u, v))
 
 
 _MAPS = _maps()

@@ -20,18 +20,12 @@ CANDIDATES, CHECKS = ((1 - np.cos(np.pi * (np.arange(n) + 0.5) / n)) / 2 for n i
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class QuadPolynomials:
-    """Polynomials of z that interpolate a holomorphic function on quadrilaterals.
+    """Polynomials of z that interpolate a holomorphic function on quadrilaterals."""
 
-    Attributes:
-        function: with values of three components.
-        nodes: points of interpolation, on the outline of each quadrilateral.
-        strengths: weights of the barycentric formula times the values, and the weights.
-        is_accurate: whether the error is small enough on the outline, where it is largest by the maximum principle.
-    """
-
-    function: Function
-    nodes: Complex[np.ndarray, "q m"]
-    strengths: Complex[np.ndarray, "q m 4"]
+    function: Function  # with values of three components
+    nodes: Complex[np.ndarray, "q m"]  # points of interpolation, on the outline of each quadrilateral
+    strengths: Complex[np.ndarray, "q m 4"]  # weights of the barycentric formula times the values, and the weights
+    # whether the error is small enough on the outline, where it is largest by the maximum principle
     is_accurate: Bool[np.ndarray, " q"]
 
     @classmethod

@@ -34,10 +34,7 @@ def sides_of(
 ) -> Int[np.ndarray, "s 2"]:
     """Pairs of positions in the polygon: ends of its sides, and of joins of sides that contain no end of a cut.
 
-    Args:
-        polygon: indices of its corners.
-        joins: indices of the corners at both ends of each join.
-        steps: number of sides in each join.
+    `joins` has the indices of the corners at both ends of each join, `steps` the number of its sides.
     """
     m = len(polygon)
     places = np.zeros((2, int(polygon.max()) + 1), dtype=np.int64)  # first and last position: ends of cuts occur twice
@@ -54,12 +51,9 @@ def sides_of(
 def quadrangulated(z: Complex[np.ndarray, " m"], sides: Int[np.ndarray, "s 2"]) -> Int[np.ndarray, "q 4"] | None:
     """Convex quadrilaterals that fill a polygon, with the least total cost; None if none do.
 
-    The cost of a quadrilateral is the largest 1/sin of its angles. The division is found by dynamic programming over
-    the chords of the polygon.
-
-    Args:
-        z: the corners, counter-clockwise; equal points may occur twice.
-        sides: pairs of corners that a side may connect; the corners between them are skipped.
+    The corners z are counter-clockwise; equal points may occur twice. `sides` has the pairs of corners that a side may
+    connect; the corners between them are skipped. The cost of a quadrilateral is the largest 1/sin of its angles. The
+    division is found by dynamic programming over the chords of the polygon.
     """
     m = len(z)
     with np.errstate(invalid="ignore"):

@@ -37,19 +37,14 @@ _EXACT, _LEAST = 1e3, 1e-5  # weight of the end of a side in the fit; least coef
 class Rim:
     """A boundary of Ω as a curve z(x), where x is the parameter s of Γ except beside opened corners.
 
-    As functions of s, positions on ∂Ω are as smooth as Γ; equal steps of the parameter t of ∂Ω may be very uneven in
-    space. At opened corners (`domain.opening`) s grows like a power of the distance in Ω. On sides that end there, s is
-    a polynomial of x, so that the surface is smooth in x too.
-
-    Attributes:
-        match: the boundary and Γ.
-        start: position of the boundary's first point.
-        primitive: ∫ φ dz along the boundary.
+    As functions of s, positions on ∂Ω are as smooth as Γ; equal steps of the parameter t of ∂Ω may be uneven in space.
+    At opened corners (`domain.opening`) s grows like a power of the distance in Ω. On sides that end there s is a
+    polynomial of x, so that the surface is smooth in x too.
     """
 
-    match: RimMatch
-    start: Float[np.ndarray, "3"]
-    primitive: RimPrimitive | SmoothPrimitive
+    match: RimMatch  # the boundary and Γ
+    start: Float[np.ndarray, "3"]  # position of the boundary's first point
+    primitive: RimPrimitive | SmoothPrimitive  # ∫ φ dz along the boundary
 
     @classmethod
     def all_of(cls, solution: PlateauSolution) -> tuple[Rim, ...]:

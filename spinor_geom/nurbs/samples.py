@@ -45,15 +45,12 @@ class Samples:
     If positions have no closed form, ∫ φ dz over a disk with a smooth boundary is a polynomial on each quadrilateral
     through values by Cauchy's formula. If ∂Ω is not smooth or Ω has holes, positions in a ring are integrals of φ
     along straight lines from ∂Ω. Those inside a disk follow from Cauchy's formula, with the same nodes on ∂Ω for all.
-
-    Attributes:
-        accuracy: of the polynomials, as a share of the size of the surface.
     """
 
     surface: ArraySurface
     rims: tuple[Rim, ...]
     blocks: Blocks
-    accuracy: float
+    accuracy: float  # of the polynomials, as a share of the size of the surface
 
     def on(self, grids: Sequence[Grid]) -> list[tuple[Values, Values]]:
         """For each grid the positions of the minimal surface, and those moved so that the rims are Γ."""

@@ -20,19 +20,13 @@ _DEGREE, _FINER = 7, 4
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SmoothPrimitive:
-    """∫ φ dz along an analytic boundary of Ω, at equal steps of its parameter t.
+    """∫ φ dz along an analytic boundary of Ω, at equal steps of its parameter t."""
 
-    Attributes:
-        z: the nodes on ∂Ω.
-        dz: dz/dt there.
-        values: ∫ φ dz from the first node.
-        accuracy: bound of the coefficients of the upper quarter of the frequencies, relative to the largest one; the
-            relative error is about as large.
-    """
-
-    z: Complex[np.ndarray, " n"]
-    dz: Complex[np.ndarray, " n"]
-    values: Complex[np.ndarray, "n 3"]
+    z: Complex[np.ndarray, " n"]  # the nodes on ∂Ω
+    dz: Complex[np.ndarray, " n"]  # dz/dt there
+    values: Complex[np.ndarray, "n 3"]  # ∫ φ dz from the first node
+    # bound of the coefficients of the upper quarter of the frequencies, relative to the largest one; the relative error
+    # is about as large
     accuracy: float
 
     @classmethod

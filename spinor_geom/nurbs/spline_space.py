@@ -15,15 +15,10 @@ _ROUNDS, _SAMPLES = 6, 24
 
 @dataclass(frozen=True, eq=False)
 class SplineSpace:
-    """Splines of degree d with simple inner knots, d − 1 times continuously differentiable.
-
-    Attributes:
-        degree: d.
-        breaks: the knots from 0 to 1, each once.
-    """
+    """Splines of degree d with simple inner knots, d − 1 times continuously differentiable."""
 
     degree: int
-    breaks: tuple[float, ...]
+    breaks: tuple[float, ...]  # the knots from 0 to 1, each once
 
     @classmethod
     @lru_cache(maxsize=256)
@@ -41,9 +36,9 @@ class SplineSpace:
         """The knot vector: both ends are repeated d + 1 times."""
         return np.concatenate([np.zeros(self.degree), self.breaks, np.ones(self.degree)])
 
-    def basis(self, x: Float[np.ndarray, " n"], derivative: int = 0) -> Float[np.ndarray, "n k"]:
-        """The B-splines at points, or their derivatives."""
-        return np.asarray(BSpline(self.knots, np.eye(self.dimension), self.degree)(x, nu=derivative))
+    def basis(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n k"]:
+        """The B-splines at points."""
+        return np.asarray(BSpline(self.knots, np.eye(self.dimension), self.degree)(x))
 
     @cached_property
     def nodes(self) -> Float[np.ndarray, " k"]:

@@ -31,14 +31,10 @@ class QuadMesh:
 
     Sides 0 to 3 of a quadrilateral lie at v = 0, u = 1, v = 1 and u = 0: sides 0 and 2 run with u, sides 1 and 3 with
     v. A strip is a row of quadrilaterals that are neighbours along opposite sides; all have the same knots across it.
-
-    Attributes:
-        quads: the corners of each, counter-clockwise from u = v = 0.
-        ring: number of the quadrilaterals whose side 0 lies on a rim; they come first.
     """
 
-    quads: Int[np.ndarray, "q 4"]
-    ring: int
+    quads: Int[np.ndarray, "q 4"]  # the corners of each, counter-clockwise from u = v = 0
+    ring: int  # number of the quadrilaterals whose side 0 lies on a rim; they come first
 
     @cached_property
     def _sides(self) -> Int[np.ndarray, "q 4 2"]:
@@ -84,17 +80,11 @@ class QuadMesh:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
-    """B-spline patches on the quadrilaterals of a mesh.
+    """B-spline patches on the quadrilaterals of a mesh."""
 
-    Attributes:
-        spaces: the splines in u and v of each.
-        nets: their control points; neighbours have equal ones along the side that they share.
-        error: an estimate of the largest distance of the patches from the positions to interpolate.
-    """
-
-    spaces: tuple[tuple[SplineSpace, SplineSpace], ...]
-    nets: tuple[Values, ...]
-    error: float
+    spaces: tuple[tuple[SplineSpace, SplineSpace], ...]  # the splines in u and v of each
+    nets: tuple[Values, ...]  # their control points; neighbours have equal ones along the side that they share
+    error: float  # an estimate of the largest distance of the patches from the positions to interpolate
 
     @property
     def points(self) -> int:
@@ -105,14 +95,10 @@ class Fit:
 def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float) -> Fit:
     """Patches of the least degree without inner knots, or of degree `DEGREE` with the knots that a tolerance needs.
 
-    Positions are interpolated at the nodes. The error is measured halfway between nodes, along u and along v, for the
-    surface itself and for the rims. Pieces of a strip where it exceeds half of the tolerance are halved. Pieces whose
-    error is below the displacement of the rim, by the boundary residual of the solution, are not halved.
-
-    Args:
-        mesh: the quadrilaterals.
-        sample: returns positions of the surface, and those moved near the rims; the latter are interpolated.
-        tolerance: in mesh units.
+    `sample` returns positions of the surface, and those moved near the rims, which are interpolated at the nodes. The
+    error is measured halfway between nodes, along u and along v, for the surface itself and for the rims. Pieces of a
+    strip where it exceeds half of the tolerance, in mesh units, are halved. Pieces whose error is below the
+    displacement of the rim, by the boundary residual of the solution, are not halved.
     """
     strip, against = mesh.strips
     breaks: list[Breaks] = [(0.0, 1.0)] * (int(strip.max()) + 1)
@@ -229,11 +215,8 @@ class _Sampled:
         to_low = high.basis(low.nodes) @ high.interpolation
         back = low.basis(high.nodes) @ low.interpolation @ to_low - np.eye(high.dimension)
         lost = max(
-            max(
-                np.abs(np.tensordot(back, values, axes=1)).max(),
-                np.abs(back @ values).max(),
-            )
-            for values in (each.at_nodes for each in self.values.values())
+            max(np.abs(np.tensordot(back, each.at_nodes, axes=1)).max(), np.abs(back @ each.at_nodes).max())
+            for each in self.values.values()
         )
         return float(lost) + self.error
 

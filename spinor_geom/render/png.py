@@ -34,9 +34,7 @@ _WITHOUT_WINDOW = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
 def write_png(scenes: Sequence[Scene], path: str | os.PathLike[str], *, size: tuple[int, int] = SIZE) -> None:
     """Draws scenes side by side; the file is replaced as a whole.
 
-    Raises:
-        MissingPackageError: pyvista is not installed.
-        RenderError: the suffix is not .png, or the drawing failed.
+    Raises a RenderError if the suffix is not .png or the drawing failed, and a MissingPackageError without pyvista.
     """
     require_png(path)
     with drawn(scenes, size=size) as (picture,), atomic_path(path) as target:

@@ -97,15 +97,10 @@ def surface_layers(
 ) -> tuple[Faces, Lines, Lines]:
     """A surface with its Gauss curvature as a field, the image of a square grid in Ω, and the boundary.
 
-    With `family` the layers also have the conjugate surface. Its combinations with the surface are the associate
-    family, φ replaced by e^{iθ}φ: isometric surfaces with the same normals and Gauss curvature.
-
-    Returns:
-        Layers on the same vertices, those of the boundary first.
-
-    Raises:
-        PeriodError: the conjugate surface does not close: ∮ φ dz ≠ 0 around ∂Ω or a hole, as around poles of p or q.
-        SurfaceError: the surface is not finite on its domain.
+    The layers have the same vertices, those of the boundary first. With `family` they have the conjugate surface too.
+    Its combinations with the surface are the associate family, φ replaced by e^{iθ}φ: isometric surfaces with the same
+    normals and Gauss curvature. Raises a PeriodError if the conjugate surface does not close: ∮ φ dz ≠ 0 around ∂Ω or a
+    hole, as around poles of p or q; and a SurfaceError if the surface is not finite on its domain.
     """
     if family:
         _require_closed_conjugate(surface)

@@ -84,10 +84,8 @@ class Shape:
 def shape_of(shown: Any) -> Shape:
     """The triangles of a surface, a solution, a patch or a fill (its filled mesh), or of any mesh `fill_hole` takes.
 
-    Raises:
-        SurfaceError: the surface is not finite on its domain.
-        DomainError: the solution cannot be meshed.
-        UnknownMeshTypeError: no adapter supports the type.
+    Raises a SurfaceError for a surface that is not finite on its domain, a DomainError for a solution that cannot be
+    meshed, and an UnknownMeshTypeError for other types.
     """
     if isinstance(shown, ArraySurface):
         return _minimal(mesh_surface(shown), shown)

@@ -12,21 +12,13 @@ from spinor_geom.render import page
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table of text; cells may be bold, with Markdown's `**` around them.
+    """A table of text; cells may be bold, with Markdown's `**` around them."""
 
-    Attributes:
-        title: The heading; none if empty.
-        columns: The column names.
-        rows: One text for each column.
-        note: A paragraph below the heading.
-        marked: Indices of rows that a page shows in red.
-    """
-
-    title: str = ""
-    columns: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    note: str = ""
-    marked: frozenset[int] = frozenset()
+    title: str = ""  # The heading; none if empty
+    columns: Sequence[str]  # The column names
+    rows: Sequence[Sequence[str]]  # One text for each column
+    note: str = ""  # A paragraph below the heading
+    marked: frozenset[int] = frozenset()  # Indices of rows that a page shows in red
 
     @classmethod
     def of_records(cls, records: Sequence[Mapping[str, Any]]) -> Table:

@@ -333,10 +333,6 @@ def test_rim_of_another_node_and_loose_patches_are_written_in_scene_coordinates(
 GOOD = glb_file([CUBE])
 
 
-def primitive_of(tree: dict) -> dict:
-    return tree["meshes"][0]["primitives"][0]
-
-
 def nested(levels: int) -> list:
     value: list = []
     for _ in range(levels - 1):

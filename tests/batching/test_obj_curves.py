@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
 import pytest
 
-from spinor_geom.adapters.obj import read_obj_stream
+from spinor_geom.adapters.obj import read_obj
 from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.obj_curves import NamedLoop, curve_loops
 from spinor_geom.batching.settings import BatchOptions
@@ -25,7 +23,7 @@ from tests.mesh.test_knots import torus_knot
 
 
 def loops(text: str, *, closing: float = 1e-3) -> list[NamedLoop]:
-    return curve_loops(read_obj_stream(io.BytesIO(text.encode())), closing=closing)
+    return curve_loops(read_obj(text.encode()), closing=closing)
 
 
 def opened(text: str) -> FileTask:

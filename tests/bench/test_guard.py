@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spinor_geom.bench.holes import all_rims
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -39,7 +41,7 @@ class Clock:
     ids=["always", "twice", "never"],
 )
 def test_slower_means_slower_in_every_turn(guard, tmp_path, head, is_slower):
-    mesh = guard.Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]), np.arange(3))
+    mesh = all_rims("", np.zeros((3, 3)), [[0, 1, 2]])
     workers = [Clock(1.0, 2.0, 1.0), Clock(*head), Clock(0.5), Clock(0.25)]
     ((name, row, slower, beside),) = guard.measured({"two": lambda: [mesh, mesh]}, workers, tmp_path, 3)
     assert (name, slower) == ("two", is_slower)
@@ -68,7 +70,8 @@ def test_every_case_is_a_mesh_with_rims_to_fill(guard):
 def test_triangles_are_counted_by_hole(guard, tmp_path):
     from spinor_geom.fill.fill_hole import fill_hole
 
-    ((vertices, faces, rim, _),) = guard.smooth(24)
+    (hole,) = guard.smooth(24)
+    vertices, faces, rim = hole.vertices, hole.faces, hole.rim
     (open_faces, report) = fill_hole((vertices, faces), loop=1, return_report=True)
     counts = guard.triangles_at(np.arange(len(vertices)), report)
     added = len(open_faces[1]) - len(faces)
@@ -80,5 +83,5 @@ def test_whole_meshes_of_a_folder_have_all_their_rims(guard):
     cases = guard.whole_meshes(ROOT / "data")
     assert "plane_holes.obj" in cases
     assert "squiggle_on_sphere.obj" not in cases  # a curve
-    ((_, _, rim, length),) = cases["trimesh_reference.obj"]()
-    assert (len(rim), length) == (80, None)
+    (hole,) = cases["trimesh_reference.obj"]()
+    assert (len(hole.rim), hole.edge_length) == (80, None)

@@ -61,7 +61,7 @@ def test_an_untouched_hole_is_open_and_our_fill_closes_it():
     assert open_["open_rim_edges"] == 40
     assert open_["triangles"] == 0
     assert open_["outer_kept_open"]
-    fill, finish = FILLERS[OURS].prepare(hole)
+    fill, finish = FILLERS[OURS].call(hole)
     filled = finish(fill())
     figures = hole_figures(filled, hole, case)
     assert (figures["open_rim_edges"], figures["new_open_edges"], figures["nonmanifold_edges"]) == (0, 0, 0)
@@ -87,7 +87,7 @@ def test_an_untouched_hole_is_open_and_our_fill_closes_it():
 )
 def test_our_fill_joins_islands_and_facing_rims_where_a_surface_does(name, patches, says):
     hole = odd_holes()[name]
-    fill, finish = FILLERS[OURS].prepare(hole)
+    fill, finish = FILLERS[OURS].call(hole)
     filled = finish(fill())
     figures = hole_figures(filled, hole, None)
     assert figures.get("patches", 0) == patches
@@ -124,7 +124,7 @@ def test_a_peer_that_is_missing_is_skipped_or_required_and_a_broken_one_fails(tm
 def test_meshlib_stitches_facing_rims():
     require_peer("meshlib")
     hole = odd_holes()["facing-0.5"]
-    fill, finish = FILLERS["meshlib-nicely"].prepare(hole)
+    fill, finish = FILLERS["meshlib-nicely"].call(hole)
     figures = hole_figures(finish(fill()), hole, None)
     assert (figures["patches"], figures["open_rim_edges"]) == (1, 0)
 
@@ -133,7 +133,7 @@ def test_meshlib_stitches_facing_rims():
 def test_meshlib_fills_with_the_wanted_number_of_triangles(wanted, made):
     require_peer("meshlib")
     hole = hole_over("plane", known_case("plane-square").loop(16))
-    fill, finish = FILLERS["meshlib-nicely"].prepare(replace(hole, triangles=np.full(16, wanted)))
+    fill, finish = FILLERS["meshlib-nicely"].call(replace(hole, triangles=np.full(16, wanted)))
     fill()
     # at least those of a triangulation without inner vertices, and two more for each of these
     assert len(finish(None).faces) - len(hole.faces) == made
@@ -144,7 +144,7 @@ def test_every_peer_that_is_installed_takes_a_mesh_and_gives_one_back(name):
     tool = FILLERS[name]
     require_peer(tool.package)
     hole = hole_over("plane", (case := known_case("plane-square")).loop(16), case.area)
-    fill, finish = tool.prepare(hole)
+    fill, finish = tool.call(hole)
     filled = finish(fill())
     # not views of what goes with the tool's mesh
     assert filled.vertices.flags.owndata

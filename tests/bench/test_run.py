@@ -229,7 +229,7 @@ def test_limits_are_kept_or_missed():
 def test_a_tool_that_is_broken_here_is_missing_and_has_not_failed(tmp_path, monkeypatch):
     (tmp_path / "broken_peer.py").write_text("import no_such_dependency\n")
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setitem(FILLERS, "open3d", replace(FILLERS["open3d"], package="broken_peer"))
+    monkeypatch.setitem(runner.METHODS, "open3d", replace(runner.METHODS["open3d"], package="broken_peer"))
     record = run_task({"suite": "odd", "case": "knot", "method": "open3d", "repeat": 0})
     assert record["status"] == "missing"
     assert "cannot be imported here: No module named 'no_such_dependency'" in record["reason"]

@@ -1,54 +1,60 @@
-"""The triangulation of a curve that bends least, with triangles that are not allowed."""
+"""The triangulation of a curve that bends least, with charged triangles and edges that are not allowed."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.discrete.flattest_triangulation import flattest_triangulation
+from spinor_geom.discrete.flattest_triangulation import FlattestTriangulation
 from spinor_geom.mesh.operators import face_areas, face_normals
 from tests.discrete.test_first_fill import triangulations
 from tests.loops import CONVEX, L_SHAPE, polygon_area
 from tests.strategies import SEEDS
 
 
-def flattest(points, around=None, chords=(), triangles=()):
+def flattest(points, around=None, chords=(), charges=None):
     n = len(points)
-    forbidden_chords, forbidden = np.zeros((n, n), dtype=bool), np.zeros((n, n, n), dtype=bool)
+    forbidden_chords = np.zeros((n, n), dtype=bool)
     for i, j in chords:
         forbidden_chords[i, j] = True
-    for corners in triangles:
-        forbidden[corners] = True
     around = np.full((n, 3), np.nan) if around is None else around
-    return flattest_triangulation(points, around, forbidden_chords, forbidden)
+    triangulation = FlattestTriangulation(points, around, forbidden_chords)
+    if charges:
+        triangulation.triangles()  # charges may come later
+        triangulation.charge(np.array(list(charges)), np.array(list(charges.values())))
+    return triangulation, triangulation.triangles()
 
 
 @settings(max_examples=40)
 @given(n=st.integers(3, 8), share=st.floats(0, 0.8), seed=SEEDS)
-def test_no_triangle_is_forbidden_and_none_is_found_only_where_there_is_none(n, share, seed):
+def test_the_sum_of_charges_is_the_least_without_forbidden_edges(n, share, seed):
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(n, 3))
     inner = [(i, j) for i in range(n) for j in range(i + 2, n) if (i, j) != (0, n - 1)]
     chords = {pair for pair in inner if rng.uniform() < share / 2}
     every = [(i, k, j) for i in range(n) for k in range(i + 1, n) for j in range(k + 1, n)]
-    triangles = {corners for corners in every if rng.uniform() < share / 2}
+    charges = {corners: int(rng.integers(0, 4)) for corners in every if rng.uniform() < share}
 
-    def is_allowed(found):
-        sides = {pair for i, k, j in found for pair in ((i, k), (k, j), (i, j))}
-        return not sides & chords and not set(found) & triangles
+    def is_allowed(some):
+        return not {pair for i, k, j in some for pair in ((i, k), (k, j), (i, j))} & chords
 
-    found = flattest(points, chords=chords, triangles=triangles)
+    def charge(some):
+        return sum(charges.get(corners, 0) for corners in some)
+
+    triangulation, found = flattest(points, chords=chords, charges=charges)
     allowed = [some for some in triangulations(0, n - 1) if is_allowed(some)]
     if found is None:
         assert not allowed
     else:
-        assert {tuple(corners) for corners in found.tolist()} in [set(some) for some in allowed]
+        corners = {tuple(corners) for corners in found.tolist()}
+        assert corners in [set(some) for some in allowed]
+        assert triangulation.least == charge(corners) == min(map(charge, allowed))
 
 
 @pytest.mark.parametrize("corners", [CONVEX, L_SHAPE], ids=["convex", "L"])
 def test_plane_polygons_are_not_folded(corners):
     points = np.column_stack([corners, np.zeros(len(corners))])
-    triangles = flattest(points)
+    _, triangles = flattest(points)
     assert (face_normals(points, triangles)[:, 2] > 0).all()
     assert face_areas(points, triangles).sum() == pytest.approx(polygon_area(corners))
 
@@ -61,4 +67,4 @@ def test_faces_around_the_curve_count_as_neighbours():
         steep = 3 * normals - 2 * normals[::-1]  # each turned on about the diagonal, by more than the bend there
         steep /= np.linalg.norm(steep, axis=1)[:, None]
         around = np.array([steep[[k in t and (k + 1) % 4 in t for t in triangles].index(True)] for k in range(4)])
-        assert sorted(flattest(points, around).tolist()) == triangles
+        assert sorted(flattest(points, around)[1].tolist()) == triangles

@@ -10,7 +10,7 @@ import pytest
 
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.ragged import BALLS, bowl, reported_bowls
-from spinor_geom.fill import retriangulation
+from spinor_geom.discrete.flattest_triangulation import FlattestTriangulation
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import PatchedMesh
@@ -62,19 +62,24 @@ def test_no_face_and_no_edge_of_the_mesh_is_repeated(hole: Hole) -> None:
     assert (HalfEdges.of(faces).counts == 2).all()
 
 
-def test_only_outlines_that_changed_are_triangulated_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    triangulate, seen = retriangulation.flattest_triangulation, set()
+def test_only_outlines_with_other_charges_are_triangulated_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    charged: dict[object, list[bool]] = {}  # for each outline, whether triangles were charged before each run
+    triangles, charge = FlattestTriangulation.triangles, FlattestTriangulation.charge
 
-    def counted(points, around, chords, triangles):
-        key = points.tobytes() + chords.tobytes() + triangles.tobytes()
-        assert key not in seen
-        seen.add(key)
-        return triangulate(points, around, chords, triangles)
+    def triangulated(self):
+        charged.setdefault(self, [True]).append(False)
+        return triangles(self)
 
-    monkeypatch.setattr(retriangulation, "flattest_triangulation", counted)
-    hole = RAGGED[2]
+    def charging(self, some, charges):
+        charged[self][-1] |= bool(charges.any())
+        charge(self, some, charges)
+
+    monkeypatch.setattr(FlattestTriangulation, "triangles", triangulated)
+    monkeypatch.setattr(FlattestTriangulation, "charge", charging)
+    hole = NOISY[1]
     fill_hole((hole.vertices, hole.faces), 0, return_report=True)
-    assert len(seen) > 10
+    assert sum(map(len, charged.values())) > 5
+    assert all(all(before[:-1]) for before in charged.values())
 
 
 def test_no_edge_of_the_patch_s_other_faces_is_repeated() -> None:

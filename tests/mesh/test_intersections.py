@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.mesh.intersections import (
+    edges_through,
     intersections_between,
     is_graph,
     is_star,
@@ -423,3 +424,23 @@ def test_two_fans_at_a_vertex_and_faces_on_one_side_of_an_edge_cross() -> None:
     # faces (0, 1, 2) and (0, 3, 2) on one side of the edge 0 to 2, both counter-clockwise
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0.5, 0]])
     assert self_intersections(vertices, np.array([[0, 1, 2], [0, 3, 2]])).tolist() == [[0, 1]]
+
+
+@pytest.mark.parametrize("turn", range(3))
+def test_edges_through_triangles(turn):
+    triangle = np.roll(np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0]]), turn, axis=0)
+    cases = [
+        ([1, 1, -1], [1, 1, 1], True),
+        ([1, 1, 0], [1, 1, 1], True),  # an end inside
+        ([1, 1, 1], [1, 1, 2], False),
+        ([3, 3, -1], [3, 3, 1], False),
+        ([2, 0, -1], [2, 0, 1], False),  # through a side
+        ([0, 0, -1], [0, 0, 1], False),  # through a corner
+        ([-1, 1, 0], [5, 1, 0], False),  # in the plane
+        ([0, 0, 0], [1, 1, 1], False),
+    ]
+    starts, ends, meets = zip(*cases, strict=True)
+    starts, ends = np.array(starts, dtype=float), np.array(ends, dtype=float)
+    triangles = np.broadcast_to(triangle, (len(cases), 3, 3))
+    for one, other in ((starts, ends), (ends, starts)):
+        assert edges_through(one, other, triangles).tolist() == list(meets)

@@ -1,4 +1,4 @@
-"""JoinedSplines: arc length, corners and joints of rational splines; RationalSpline: direction, moved ends."""
+"""JoinedSplines: arc length, corners and joints of rational splines; NurbsCurve: direction, moved ends."""
 
 from __future__ import annotations
 
@@ -6,27 +6,27 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.interpolate import BSpline
 
 from spinor_geom.errors import CurveError
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.joined_splines import JoinedSplines, RationalSpline
+from spinor_geom.mesh.joined_splines import JoinedSplines
+from spinor_geom.mesh.rational_splines import NurbsCurve
 from tests.strategies import SEEDS, RigidMotion, rigid_motions
 
 
-def full_circle(radius: float = 1.0) -> RationalSpline:
+def full_circle(radius: float = 1.0) -> NurbsCurve:
     """A circle of three rational parabolas."""
     angle, is_between = 2 * np.pi * np.arange(7) / 6, np.arange(7) % 2 == 1
     poles = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(7)], axis=1)
     poles[is_between] *= 2
     knots = np.array([0, 0, 0, 1, 1, 2, 2, 3, 3, 3]) / 3
-    return RationalSpline(knots=knots, poles=poles, weights=np.where(is_between, 0.5, 1.0))
+    return NurbsCurve(knots=knots, control_points=poles, weights=np.where(is_between, 0.5, 1.0))
 
 
-def line(first: np.ndarray, last: np.ndarray, degree: int = 1) -> RationalSpline:
+def line(first: np.ndarray, last: np.ndarray, degree: int = 1) -> NurbsCurve:
     share = np.linspace(0, 1, degree + 1)[:, None]
     knots = np.repeat([0.0, 1.0], degree + 1)
-    return RationalSpline(knots=knots, poles=(1 - share) * first + share * last, weights=np.ones(degree + 1))
+    return NurbsCurve(knots=knots, control_points=(1 - share) * first + share * last, weights=np.ones(degree + 1))
 
 
 def polygon(*points: tuple[float, float, float]) -> JoinedSplines:
@@ -34,7 +34,7 @@ def polygon(*points: tuple[float, float, float]) -> JoinedSplines:
     return JoinedSplines.of([line(a, b) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])
 
 
-def random_spline(seed: int, degree: int, spans: int) -> RationalSpline:
+def random_spline(seed: int, degree: int, spans: int) -> NurbsCurve:
     """An open rational spline with uneven knots and weights."""
     random = np.random.default_rng(seed)
     inner = np.cumsum(random.uniform(0.5, 2, size=spans))
@@ -42,13 +42,7 @@ def random_spline(seed: int, degree: int, spans: int) -> RationalSpline:
     count = spans + degree
     # no bend is much sharper than the splines between two knots are long
     poles = np.cumsum(random.uniform([0.3, -0.7, -0.7], [1.7, 0.7, 0.7], size=(count, 3)), axis=0)
-    return RationalSpline(knots=knots, poles=poles, weights=random.uniform(0.5, 2, size=count))
-
-
-def values(spline: RationalSpline, t: np.ndarray) -> np.ndarray:
-    weighted = np.column_stack([spline.weights[:, None] * spline.poles, spline.weights])
-    homogeneous = BSpline(spline.knots, weighted, spline.degree)(t)
-    return homogeneous[:, :3] / homogeneous[:, 3:]
+    return NurbsCurve(knots=knots, control_points=poles, weights=random.uniform(0.5, 2, size=count))
 
 
 def test_circle_has_the_parameter_of_its_angle() -> None:
@@ -78,7 +72,7 @@ def test_polygon_has_a_corner_at_each_vertex_and_straight_sides() -> None:
 def test_knots_where_the_direction_jumps_are_corners_of_one_spline() -> None:
     """A polygon as one spline of degree 1, as other programs write it."""
     points = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [0, 0, 0]], dtype=float)
-    spline = RationalSpline(knots=np.array([0, 0, 1, 2, 3, 4, 4]) / 4, poles=points, weights=np.ones(5))
+    spline = NurbsCurve(knots=np.array([0, 0, 1, 2, 3, 4, 4]) / 4, control_points=points, weights=np.ones(5))
     curve = JoinedSplines.of([spline]).curve()
     assert len(curve.corners) == 3
     assert len(curve.joints) == 1  # on the straight side
@@ -104,7 +98,7 @@ def test_random_splines_have_unit_speed_and_pass_their_own_points(seed: int, deg
     # SPEED_ERROR = 1e-12 of the largest speed; the slowest is hundreds of times slower
     np.testing.assert_allclose(np.linalg.norm(curve.derivative(s), axis=1), joined.length, rtol=1e-8)
     fitted = BoundaryCurve.from_formula(curve)  # compares the derivatives with those of the points
-    own = values(first, np.linspace(0, 1, 40))
+    own = first.point(np.linspace(0, 1, 40))
     distance = np.linalg.norm(fitted.point(fitted.nearest(own)) - own, axis=1)
     assert distance.max() < 1e-12 * np.ptp(own)
     np.testing.assert_allclose(fitted.length(), joined.length, rtol=1e-10)
@@ -115,7 +109,7 @@ def test_random_splines_have_unit_speed_and_pass_their_own_points(seed: int, deg
 def test_curves_move_with_their_poles(motion: RigidMotion, seed: int) -> None:
     """Far from the origin too, where coordinates have larger rounding errors."""
     spline = random_spline(seed, 3, 4)
-    moved = RationalSpline(knots=spline.knots, poles=motion(spline.poles), weights=spline.weights)
+    moved = NurbsCurve(knots=spline.knots, control_points=motion(spline.control_points), weights=spline.weights)
     one, other = (
         BoundaryCurve.from_formula(JoinedSplines.of([each, line(each.ends[1], each.ends[0], 3)]).curve())
         for each in (spline, moved)
@@ -127,15 +121,15 @@ def test_curves_move_with_their_poles(motion: RigidMotion, seed: int) -> None:
 def test_reversed_is_the_same_curve_backwards() -> None:
     spline = random_spline(3, 3, 4)
     t = np.linspace(0, 1, 30)
-    np.testing.assert_allclose(values(spline.reversed(), t), values(spline, 1 - t), atol=1e-13)
+    np.testing.assert_allclose(spline.reversed().point(t), spline.point(1 - t), atol=1e-13)
 
 
 def test_moved_ends_keep_straight_lines_straight() -> None:
     moved = line(np.zeros(3), np.array([1.0, 0, 0]), 3).between(np.array([[0, 0.1, 0], [1, 0, 0.2]]))
     t = np.linspace(0, 1, 7)[:, None]
-    np.testing.assert_allclose(values(moved, t[:, 0]), (1 - t) * [0, 0.1, 0] + t * [1, 0, 0.2], atol=1e-15)
+    np.testing.assert_allclose(moved.point(t[:, 0]), (1 - t) * [0, 0.1, 0] + t * [1, 0, 0.2], atol=1e-15)
     whole = full_circle().between(full_circle().ends + np.array([[0, 0, 1e-6], [0, 0, 0]]))
-    away = np.linalg.norm(values(whole, t[:, 0]) - values(full_circle(), t[:, 0]), axis=1)
+    away = np.linalg.norm(whole.point(t[:, 0]) - full_circle().point(t[:, 0]), axis=1)
     assert away.max() <= 1e-6
 
 
@@ -145,6 +139,6 @@ def test_a_spline_that_turns_back_is_refused(at: float) -> None:
     v, w = np.array([1.0, 2, 0]), np.array([1.0, -1, 0])
     steps = np.array([-at * v, (v - at * w) / 2 - at * v, w + v - at * w - at * v])
     poles = np.concatenate([np.zeros((1, 3)), np.cumsum(steps / 3, axis=0)])
-    cusp = RationalSpline(knots=np.repeat([0.0, 1.0], 4), poles=poles, weights=np.ones(4))
+    cusp = NurbsCurve(knots=np.repeat([0.0, 1.0], 4), control_points=poles, weights=np.ones(4))
     with pytest.raises(CurveError, match=r"kink|derivative of its spline is 0"):
         BoundaryCurve.from_formula(JoinedSplines.of([cusp, line(cusp.ends[1], cusp.ends[0], 3)]).curve())

@@ -18,6 +18,7 @@ from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.vertices.through_points import NODES, Basis
 from spinor_geom.plateau.vertices.vertex_route import disk_through_points
+from spinor_geom.surface.array_surface import ArraySurface
 
 
 def cap(subdivisions: int, height: float) -> tuple[np.ndarray, np.ndarray]:
@@ -44,6 +45,21 @@ def distance_of_points(solution: sg.PlateauSolution) -> np.ndarray:
     """Distances of the loop's points from the surface at their points of Ω, in mean edges, by public methods."""
     found = np.asarray(solution.surface.position(solution.loop_points_in_domain()))
     return np.linalg.norm(found - solution.loop.points, axis=1) / solution.loop.mean_edge_length
+
+
+@pytest.mark.parametrize("depth", [1.0, 0.3, 1e-3])
+def test_positions_inside_a_rough_rim_are_exact(depth: float) -> None:
+    solution = sg.solve_plateau(zigzag(30, teeth=0.3), between="free")
+    surface, boundary = solution.array_surface, solution.domain.boundary
+    # beside the middles of the edges, at a share of the distance to the root
+    edges = boundary.point((boundary.parameters[1:] + boundary.parameters[:-1]) / 2)
+    z = edges + depth * 0.5 * (surface.root - edges)
+    z = z[solution.domain.contains(z)]
+    # by quadrature with twice as many nodes, along other paths
+    fine = ArraySurface(surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, order=32)
+    # points so near to ∂Ω need panels of their own, for errors of 1e-10 of Cauchy's formula and 1e-7 of their nodes
+    tolerance = 1e-12 if depth > 0.1 else 1e-7
+    assert np.abs(surface.positions_inside(z) - fine.position(z)).max() < tolerance * solution.loop.diagonal
 
 
 @pytest.mark.parametrize(("subdivisions", "height"), [(2, 0.5), (3, 0.7), (3, 0.5), (4, 0.85), (4, 0.7)])

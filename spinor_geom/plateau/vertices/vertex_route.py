@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.arrays import Array, namespace, place_of, shifted, square, to_numpy
+from spinor_geom.arrays import Array, namespace, norm, place_of, shifted, square, to_numpy
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import Flattening, flatten
@@ -259,7 +259,7 @@ def _curve_through(
     place = piece_places()
     within = np.einsum("hg,ngk->hnk", cumulative_matrix(velocity.shape[1], tuple(place)), velocity)
     values = points + within - place[:, None, None] * (shifted(error, -1, axis=0) - error)
-    chord = np.linalg.norm(shifted(points, -1, axis=0) - points, axis=1)
+    chord = norm(shifted(points, -1, axis=0) - points)
     breaks = np.append(0.0, np.cumsum(chord) / chord.sum())
     breaks[-1] = 1.0
     values[0] = points
@@ -274,9 +274,9 @@ def _curve_through(
 def _misfit_at_points(curve: BoundaryCurve, error: Float[np.ndarray, "n 3"]) -> Misfit:
     """The misfit of a boundary with given errors at the points, linear between them."""
     points = curve.coefficients[-1]
-    length = np.linalg.norm(shifted(points, -1, axis=0) - points, axis=1)
+    length = norm(shifted(points, -1, axis=0) - points)
     after, local_edge = shifted(error, -1, axis=0), (length + shifted(length, 1)) / 2
-    distance = np.linalg.norm(error, axis=1)
+    distance = norm(error)
     squares = (error * error + error * after + after * after).sum(axis=1) / 3
     return Misfit(
         rms=float(np.sqrt(length @ squares / length.sum())),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from math import comb
 
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import BSpline
 
-from spinor_geom.domain.quadrature import rule
+from spinor_geom.mesh.interpolation import gauss_nodes
 
 _MORE_NODES = 16  # Gauss nodes above the degree: areas of rational patches are then exact to rounding
 
@@ -21,23 +21,43 @@ class NurbsCurve:
 
     Attributes:
         control_points: in mesh units.
-        weights: of the control points; all are 1 unless p and q are polynomials on a disk.
-        degree: of the polynomials.
-        knots: the knot vector, with repetitions, from 0 to 1.
+        weights: of the control points, positive.
+        knots: the knot vector, with repetitions, from 0 to 1; both ends are repeated once more than the degree.
     """
 
     control_points: Float[np.ndarray, "n 3"]
     weights: Float[np.ndarray, " n"]
-    degree: int
     knots: Float[np.ndarray, " k"]
 
     def __repr__(self) -> str:
         return f"NurbsCurve({len(self.control_points)} control points, degree {self.degree})"
 
+    @property
+    def degree(self) -> int:
+        """Degree of the polynomials."""
+        return len(self.knots) - len(self.control_points) - 1
+
+    @property
+    def ends(self) -> Float[np.ndarray, "2 3"]:
+        """First and last point."""
+        return self.control_points[[0, -1]]
+
     def point(self, u: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m 3"]:
         """Points of the curve."""
         values = BSpline(self.knots, homogeneous(self.control_points, self.weights), self.degree)(u)
         return np.asarray(values[:, :3] / values[:, 3:])
+
+    def reversed(self) -> NurbsCurve:
+        """The curve with the opposite direction."""
+        back = self.control_points[::-1]
+        return NurbsCurve(control_points=back, weights=self.weights[::-1], knots=1 - self.knots[::-1])
+
+    def between(self, ends: Float[np.ndarray, "2 3"]) -> NurbsCurve:
+        """The curve with its ends moved to given points, and its other control points in proportion."""
+        # Greville's abscissae: a straight spline at constant speed keeps both properties
+        share = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], self.degree).mean(axis=1)[:, None]
+        first, last = ends - self.ends
+        return replace(self, control_points=self.control_points + (1 - share) * first + share * last)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,18 +70,22 @@ class NurbsPatch:
     Attributes:
         control_points: in mesh units, in rows of equal u.
         weights: of the control points; all are 1 unless p and q are polynomials on a disk.
-        degrees: in u and in v.
-        knots: the knot vectors of u and v, with repetitions, from 0 to 1.
+        knots: the knot vectors of u and v, as in `NurbsCurve`.
     """
 
     control_points: Float[np.ndarray, "n m 3"]
     weights: Float[np.ndarray, "n m"]
-    degrees: tuple[int, int]
     knots: tuple[Float[np.ndarray, " k"], Float[np.ndarray, " l"]]
 
     def __repr__(self) -> str:
         n, m, _ = self.control_points.shape
         return f"NurbsPatch({n} × {m} control points, degrees {self.degrees})"
+
+    @property
+    def degrees(self) -> tuple[int, int]:
+        """Degrees in u and in v."""
+        (n, m), (u, v) = self.weights.shape, self.knots
+        return len(u) - n - 1, len(v) - m - 1
 
     def grid(
         self, u: Float[np.ndarray, " a"], v: Float[np.ndarray, " b"], *, derivatives: tuple[int, int] = (0, 0)
@@ -86,13 +110,8 @@ class NurbsPatch:
     def side(self, number: int) -> NurbsCurve:
         """One of the four sides as a curve."""
         place = ((slice(None), 0), (-1, slice(None)), (slice(None), -1), (0, slice(None)))[number]
-        axis = number % 2
-        return NurbsCurve(
-            control_points=self.control_points[place],
-            weights=self.weights[place],
-            degree=self.degrees[axis],
-            knots=self.knots[axis],
-        )
+        points, weights = self.control_points[place], self.weights[place]
+        return NurbsCurve(control_points=points, weights=weights, knots=self.knots[number % 2])
 
     def normals_on(self, number: int, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Normals of the patch at points of a side, not of unit length."""
@@ -119,6 +138,6 @@ def _nodes(
     knots: Float[np.ndarray, " k"], degree: int, more: int
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Gauss-Legendre nodes and weights on all pieces: degree + `more` of them on each."""
-    gauss, ends = rule("gauss", degree + more), np.unique(knots)
-    width = np.diff(ends)[:, None]
-    return (ends[:-1, None] + width * gauss.nodes).ravel(), (width * gauss.weights).ravel()
+    (nodes, weights), ends = gauss_nodes(degree + more), np.unique(knots)
+    half = np.diff(ends)[:, None] / 2
+    return (ends[:-1, None] + half * (nodes + 1)).ravel(), (half * weights).ravel()
