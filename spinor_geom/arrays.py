@@ -185,9 +185,9 @@ def add_at(total: Inexact[Array, " n"], index: Int[Array, "*any"], values: Inexa
 def cholesky(matrix: Inexact[Array, "n n"]) -> Inexact[Array, "n n"] | None:
     """The lower Cholesky factor; reads only the lower triangle. None if the matrix is not positive definite."""
     if is_numpy(matrix):
-        from scipy.linalg.lapack import dpotrf, zpotrf
+        from scipy.linalg.lapack import cpotrf, dpotrf, spotrf, zpotrf
 
-        factor, info = (dpotrf if is_real(matrix) else zpotrf)(matrix, lower=True)
+        factor, info = {"f": spotrf, "d": dpotrf, "F": cpotrf, "D": zpotrf}[matrix.dtype.char](matrix, lower=True)
         return None if info else factor
     import torch
 
@@ -206,9 +206,10 @@ def definite_cholesky(matrix: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]:
 def cholesky_solve(factor: Inexact[Array, "n n"], right: Inexact[Array, "n k"]) -> Inexact[Array, "n k"]:
     """The solution x of LLᴴ x = right from a lower factor L."""
     if is_numpy(factor):
-        from scipy.linalg.lapack import dpotrs, zpotrs
+        from scipy.linalg.lapack import cpotrs, dpotrs, spotrs, zpotrs
 
-        return (dpotrs if is_real(factor) else zpotrs)(factor, right, lower=True)[0]
+        solve = {"f": spotrs, "d": dpotrs, "F": cpotrs, "D": zpotrs}[factor.dtype.char]
+        return solve(factor, right, lower=True)[0]
     import torch
 
     return torch.cholesky_solve(right, factor)
@@ -219,9 +220,11 @@ def solve_lower(
 ) -> Inexact[Array, "n k"]:
     """The solution x of L x = right, or of Lᴴ x = right, for a lower triangle L."""
     if is_numpy(factor):
-        from scipy.linalg.lapack import dtrtrs, ztrtrs
+        from scipy.linalg.blas import ctrsm, dtrsm, strsm, ztrsm
 
-        return (dtrtrs if is_real(factor) else ztrtrs)(factor, right, lower=True, trans=2 if adjoint else 0)[0]
+        # scipy.linalg.solve_triangular takes several times as long for small matrices
+        solve = {"f": strsm, "d": dtrsm, "F": ctrsm, "D": ztrsm}[factor.dtype.char]
+        return solve(1.0, factor, right, lower=1, trans_a=2 if adjoint else 0)
     import torch
 
     matrix = factor.mH if adjoint else factor
@@ -233,11 +236,13 @@ def gram(rows: Inexact[Array, "m k"]) -> Inexact[Array, "k k"]:
     place = place_of(rows)
     if place.device is not None and place.device.type != "cpu":
         return rows.mT.conj() @ rows
-    from scipy.linalg.blas import dsyrk, zherk
+    from scipy.linalg.blas import cherk, dsyrk, ssyrk, zherk
 
+    array = to_numpy(rows)
+    product: Any = {"f": ssyrk, "d": dsyrk, "F": cherk, "D": zherk}[array.dtype.char]
     # BLAS computes one triangle only: the upper one by columns, which is the lower one by rows
-    product = dsyrk if is_real(rows) else zherk
-    lower = product(1.0, to_numpy(rows).T).T
+    by_columns = not array.flags.c_contiguous and array.flags.f_contiguous
+    lower = product(1.0, array, trans=1 if is_real(array) else 2, lower=1) if by_columns else product(1.0, array.T).T
     return lower if place.device is None else place.put(lower)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from spinor_geom.arrays import cross, median, norm, shifted, solve_lower
+from spinor_geom.arrays import cholesky, cholesky_solve, cross, gram, median, norm, shifted, solve_lower
 
 
 @pytest.mark.parametrize("by", [1, -1, 3])
@@ -44,3 +44,27 @@ def test_triangular_systems(factor, adjoint):
     matrix = lower.conj().T if adjoint else lower
     # the condition of the matrix is below 1e3
     np.testing.assert_allclose(matrix @ solve_lower(lower, right, adjoint=adjoint), right, atol=1e-13)
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.complex64, np.complex128])
+def test_triangular_factors_keep_the_precision_and_solve(dtype, order):
+    rng = np.random.default_rng(0)
+    rows = np.array(
+        (rng.normal(size=(9, 5, 2)) @ [1, 1j]).astype(dtype)
+        if np.dtype(dtype).kind == "c"
+        else rng.normal(size=(9, 5)),
+        dtype=dtype,
+        order=order,
+    )
+    matrix, right = rows.conj().T @ rows, rows[:5, :2]
+    tolerance = 1e3 * np.finfo(dtype).eps  # the condition number of the matrix is below 1e2
+    lower = gram(rows)
+    assert lower.dtype == dtype
+    np.testing.assert_allclose(np.tril(lower), np.tril(matrix), atol=tolerance)
+    factor = cholesky(lower)
+    assert factor.dtype == dtype
+    np.testing.assert_allclose(matrix @ cholesky_solve(factor, right), right, atol=tolerance)
+    np.testing.assert_allclose(factor @ solve_lower(factor, right), right, atol=tolerance)
+    np.testing.assert_allclose(factor.conj().T @ solve_lower(factor, right, adjoint=True), right, atol=tolerance)
+    assert cholesky(-lower) is None

@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 
+import numpy as np
 from jaxtyping import Complex, Shaped
 
-from spinor_geom.arrays import Array, is_real, namespace, place_of
+from spinor_geom.arrays import Array, is_numpy, is_real, namespace, place_of
 from spinor_geom.errors import DtypeError
 
 # temporary entries per block: on the CPU a block fits the cache, on other devices few large blocks save kernel launches
@@ -20,8 +21,17 @@ def in_blocks(function: Callable[..., Array], *points: Complex[Array, "*pts"], w
     entries = _ENTRIES if device is None or device.type == "cpu" else _ENTRIES_ON_DEVICES
     flat, step = [z.reshape(-1) for z in points], max(1, entries // max(1, width))
     starts = range(0, max(1, len(flat[0])), step)
-    parts = [function(*(z[start : start + step] for z in flat)) for start in starts]
-    values = parts[0] if len(parts) == 1 else namespace(parts[0]).concat(parts)
+    parts = (function(*(z[start : start + step] for z in flat)) for start in starts)
+    if len(starts) == 1:
+        values = next(parts)
+    elif is_numpy(flat[0]):  # without a list of parts, which are large together
+        first = next(parts)
+        values = np.empty((len(flat[0]), *first.shape[1:]), dtype=first.dtype)
+        values[:step] = first
+        for start, part in zip(starts[1:], parts, strict=True):
+            values[start : start + step] = part
+    else:
+        values = namespace(flat[0]).concat(list(parts))
     return values.reshape(*points[0].shape, *values.shape[1:])
 
 

@@ -214,20 +214,6 @@ class BoundaryCurve:
             kind="cubic", breaks=self.breaks, coefficients=spline.c, corners=np.zeros(count, dtype=bool)
         )
 
-    def towards(self, other: BoundaryCurve, share: float) -> BoundaryCurve:
-        """The curve (1 − share)·self + share·other, for equal breaks; the corners are those of `other`."""
-        degree = max(self.degree, other.degree)
-        first, last = (
-            np.concatenate([np.zeros((degree - c.degree, *c.coefficients.shape[1:])), c.coefficients])
-            for c in (self, other)
-        )
-        return BoundaryCurve(
-            kind=other.kind if other.degree == degree else self.kind,
-            breaks=self.breaks,
-            coefficients=(1 - share) * first + share * last,
-            corners=other.corners,
-        )
-
     def placed(self, points: Float[np.ndarray, "m 3"], scale: float) -> BoundaryCurve:
         """The curve scaled by `scale` and moved so that it passes through its loop's points, bit for bit."""
         coefficients, own = scale * self.coefficients, slice(None) if self.at_points is None else self.at_points

@@ -15,7 +15,9 @@ from spinor_geom.plateau.curve_tensors import CurveTensors
 # Largest allowed distance in local edges, as a multiple of the tolerance: 0.1 for a tolerance of 1e-3. Good fits of
 # noisy and narrow loops stay below half of it; where the boundary skips a finger of Γ the distance is several edges.
 LOCAL_TOLERANCES = 100.0
-_SKIPPED = 1.5  # the boundary skips a piece of Γ that is longer than this multiple of its own step there
+# The boundary skips a piece of Γ that is longer than this multiple of its own step there. With 0.75 every piece counts,
+# from 1.1 on only those of fingers and notches.
+_SKIPPED = 1.5
 
 
 @dataclass(frozen=True, kw_only=True)

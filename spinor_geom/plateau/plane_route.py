@@ -21,8 +21,6 @@ from spinor_geom.plateau.route_result import RimsResult, RouteResult
 from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.frames import spinors_from_phi
 
-_FLOAT32 = float(np.finfo(np.float32).epsneg)
-
 
 def lie_in_plane(loops: Sequence[BoundaryLoop], *, allowed: float) -> bool:
     """Whether loops are coplanar to rounding error.
@@ -35,7 +33,7 @@ def lie_in_plane(loops: Sequence[BoundaryLoop], *, allowed: float) -> bool:
         plane = first.plane
         diagonal = float(np.linalg.norm(np.ptp(np.concatenate([loop.points for loop in loops]), axis=0)))
         away += [np.sqrt(np.mean(((loop.points - plane.centroid) @ plane.normal) ** 2)) for loop in others]
-    return bool(max(away) <= max(MEETING_PER_DIAGONAL, min(_FLOAT32, allowed)) * diagonal)
+    return bool(max(away) <= max(MEETING_PER_DIAGONAL, min(np.finfo(np.float32).epsneg, allowed)) * diagonal)
 
 
 def plane_region(problem: PlateauProblem) -> RouteResult:

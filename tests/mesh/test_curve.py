@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -474,21 +472,6 @@ class TestAverages:
         # in its own parameter; at its vertices, between which the spline may swing where breaks are uneven
         perimeter = np.linalg.norm(np.diff(smooth.point(curve.breaks), axis=0), axis=1).sum()
         assert perimeter < curve.length()
-
-    @pytest.mark.parametrize(("first", "second"), [(3, 7), (7, 3), (5, 5)])
-    def test_curves_between_two(self, first: int, second: int, monkeypatch: pytest.MonkeyPatch) -> None:
-        curves = []
-        for degree, points in ((first, wave(80)), (second, 2 * wave(80))):
-            force_degree(degree, monkeypatch)
-            curves.append(curve_of(points, []))
-        one, other = curves
-        other = replace(other, breaks=one.breaks)
-        s = np.linspace(0, 1, 77)
-        for share in (0.0, 0.3, 1.0):
-            between = one.towards(other, share)
-            expected = (1 - share) * one.point(s) + share * other.point(s)
-            np.testing.assert_allclose(between.point(s), expected, atol=1e-13)
-        np.testing.assert_array_equal(one.towards(other, 1.0).point(one.breaks[:-1]), 2 * wave(80))
 
 
 class TestInvariance:

@@ -136,13 +136,6 @@ def test_networks_far_from_their_loop_are_not_refined(monkeypatch: pytest.Monkey
     assert max(features) < 150
 
 
-def test_a_second_start_is_not_tried_after_much_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(network_route, "_MOST_WORK", 1)
-    monkeypatch.setattr(network_route, "finer_disk", lambda *_: pytest.fail("a second start"))
-    solution = solve_plateau(wavy(64), model="cauchy")
-    assert not solution.converged
-
-
 def test_poles_at_many_corners_are_no_more_than_features_are_allowed() -> None:
     loop = BoundaryLoop.from_points(star(32, 0).points, corners=range(32))
     network = solve_plateau(loop, model=Cauchy(degree=4), max_iterations=1).array_surface.model

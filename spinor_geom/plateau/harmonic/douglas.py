@@ -33,9 +33,8 @@ from spinor_geom.plateau.newton import SMALL, Rows, conjugate_gradients, dots, s
 from spinor_geom.plateau.stability import AMPLITUDES
 
 # Largest spacing of neighbouring nodes on Γ, over the mean spacing; if it is exceeded, the other nodes are crowded.
+# Without this limit such solves take twice as many steps, and end elsewhere.
 CROWDED = 40.0
-# Stiffness against conformal maps of Ω onto itself, which do not change the energy, where Ω is not the disk.
-_GAUGE_STIFFNESS = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,9 +60,8 @@ def minimise_dirichlet_energies(
     """Harmonic disks of stationary slides of several curves on one Ω, by Newton's method; None if time ran out.
 
     The energy E(s) = π/n Σ Γ(s)·ΛΓ(s) is evaluated by fast Fourier transforms. Conformal maps of Ω onto itself (the
-    gauge) do not change it. On the disk, steps are orthogonal to the gauge; on other Ω a small stiffness against slow
-    displacements keeps the Hessian regular and does not change the solution. Steps scale the increments of s, so that
-    s stays increasing.
+    gauge) do not change it. On the disk, steps are orthogonal to the gauge; on other Ω conjugate gradients hardly move
+    along it. Steps scale the increments of s, so that s stays increasing.
 
     Args:
         curves: b curves.
@@ -147,7 +145,9 @@ class Slides:
         # contiguous, unlike an array from an index
         vectors = {name: namespace(which).take(getattr(self, name), which, axis=1) for name in _VECTORS}
         selected = Slides(curves=self.curves.at(which), form=self.form, **parts, **vectors)
-        selected.__dict__.update({name: self.__dict__[name][which] for name in _CACHED if name in self.__dict__})
+        # what a step needs again after others have finished
+        cached = {"speed", "gauge", "gradient", "size"} & self.__dict__.keys()
+        selected.__dict__.update({name: self.__dict__[name][which] for name in cached})
         return selected
 
     def replaced(self, which: Int[Array, " k"], other: Slides) -> Slides:
@@ -186,22 +186,17 @@ class Slides:
 
     @cached_property
     def gauge(self) -> Float[Array, "b 3 n"]:
-        """Orthonormal displacements along Γ of infinitesimal conformal maps of Ω; approximate if Ω is not the disk."""
-        xp, fields = namespace(self.slide), _first_harmonics(self.slide.shape[1], place_of(self.slide))
-        if not self.form.is_disk:
-            fields = xp.broadcast_to(fields, (len(self.slide), *fields.shape))
-        else:
-            fields = (self.speed * (self._increments + shifted(self._increments, 1)))[:, None] * fields
-        return _orthonormal(fields)
-
-    def _in_gauge(self, u: Float[Array, "b n"]) -> Float[Array, "b n"]:
-        # scalar products of rows take less time than a product with a transposed matrix
-        shares = namespace(u).linalg.vecdot(self.gauge, u[:, None])
-        return (shares[:, None] @ self.gauge)[:, 0]
+        """Orthonormal displacements along Γ of infinitesimal conformal maps of the disk."""
+        fields = _first_harmonics(self.slide.shape[1], place_of(self.slide))
+        return _orthonormal((self.speed * (self._increments + shifted(self._increments, 1)))[:, None] * fields)
 
     def without_gauge(self, u: Float[Array, "b n"]) -> Float[Array, "b n"]:
         """Displacements along Γ less those of conformal maps, on the disk."""
-        return u - self._in_gauge(u) if self.form.is_disk else u
+        if not self.form.is_disk:
+            return u
+        # scalar products of rows take less time than a product with a transposed matrix
+        shares = namespace(u).linalg.vecdot(self.gauge, u[:, None])
+        return u - (shares[:, None] @ self.gauge)[:, 0]
 
     def hessian(self, damping: Float[Array, " b"] | None) -> Rows:
         """The Hessian of the energy in arc length, as a map of rows; with damping, negative `bend`s are reflected."""
@@ -210,7 +205,7 @@ class Slides:
 
         def applied(u: Float[Array, "b n"]) -> Float[Array, "b n"]:
             image = (unit * self.form.on_rows(unit * u)).sum(0) + bend * u
-            return self.without_gauge(image) if self.form.is_disk else image + _GAUGE_STIFFNESS * self._in_gauge(u)
+            return self.without_gauge(image)
 
         return applied
 
@@ -230,7 +225,6 @@ class Slides:
 
 
 _SCALARS, _VECTORS = ("slide", "bend", "energy"), ("points", "tangent", "normal")
-_CACHED = ("speed", "gauge", "gradient", "size")  # values that a step needs again after other slides have finished
 
 
 def reflected(bends: Float[Array, "b n"], damping: Float[Array, " #b"] | None) -> Float[Array, "b n"]:

@@ -17,7 +17,7 @@ from jaxtyping import Complex, Float
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
-from spinor_geom.arrays import EPS, TINY, Array, namespace, norm, place_of, square, to_numpy
+from spinor_geom.arrays import TINY, Array, namespace, norm, place_of, square, to_numpy
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks
 from spinor_geom.domain.quadrature import Panels
@@ -31,7 +31,6 @@ from spinor_geom.plateau.network.network_problem import NetworkProblem, path_acr
 # Largest number of features, with four real unknowns each. With 300 a step takes a quarter of a second; the time grows
 # with the cube.
 _MAX_FEATURES = 420
-_PROJECTIONS = 5  # largest number of Gauss-Newton steps to the nearest point of Γ
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -254,15 +253,10 @@ def independent_residual(
 def projected(
     r: Float[Array, "n 3"], slide: Float[Array, " n"], curve: CurveTensors, *, limit: float
 ) -> Float[Array, " n"]:
-    """Parameters of the points of Γ nearest to given points, by Gauss-Newton steps of at most `limit` from a start."""
-    for _ in range(_PROJECTIONS):
-        point, tangent = curve.point_and_derivative(slide)
-        move = ((r - point) * tangent).sum(1) / square(tangent).sum(1)
-        slide = slide + namespace(move).clip(move, -limit, limit)
-        # quadratic convergence: the next step is rounding error
-        if float(abs(move).max()) < EPS**0.5:
-            break
-    return slide
+    """Parameters of the points of Γ nearest to given points: from near ones a Gauss-Newton step of at most `limit`."""
+    point, tangent = curve.point_and_derivative(slide)
+    move = ((r - point) * tangent).sum(1) / square(tangent).sum(1)
+    return slide + namespace(move).clip(move, -limit, limit)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from spinor_geom.arrays import Array, namespace, place_of, square
+from spinor_geom.arrays import EPS, Array, namespace, place_of, square
 from spinor_geom.deadline import require_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
@@ -36,7 +36,7 @@ from spinor_geom.plateau.problem import PlateauProblem, Route, start_indices
 from spinor_geom.plateau.roughness import is_rough, roughness
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
 from spinor_geom.plateau.steps import SPENT, STALLED
-from spinor_geom.plateau.vertices.through_points import PointEquations
+from spinor_geom.plateau.vertices.point_equations import PointEquations
 from spinor_geom.surface.array_surface import PATH_ORDER, ArraySurface
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up
@@ -45,12 +45,9 @@ _NEGLIGIBLE_MOVE = 0.01  # displacement of Ω treated as 0, over the residual; w
 # Number of pieces per side of polygons given by their corners alone: with 8 the residual of the tetrahedron's
 # quadrilateral is 1e-6 of a side, undivided 1e-2.
 PARTS_OF_A_SIDE = 8
-# Work of a fit, its steps times the cube of their features, beyond which no second start is tried: a second.
-_MOST_WORK = 1e8
 # Distance of a first fit from Γ, in edges, from which it is not refined: of 20 random loops the 5 beyond it stay beyond
 # a tenth of an edge; those within come to 0.02 and less.
 _LOST = 0.2
-_ASIDE = 1e-9  # distance of one-sided derivatives from a corner
 _PARTS = 4  # pieces per edge of ∂Ω in the test for self-crossings, and where integration paths leave Ω
 
 
@@ -69,7 +66,7 @@ class _Side:
     def angles(self) -> Float[np.ndarray, " c"]:
         """Angles between Γ and its continuation back at the corners, at most π."""
         at = self.knots[:-1][self.corners]
-        before, after = (self.curve.derivative(at + side) for side in (-_ASIDE, _ASIDE))
+        before, after = (self.curve.derivative(at + side) for side in (-(EPS**0.5), EPS**0.5))
         sine, cosine = np.linalg.norm(np.cross(before, after), axis=1), (before * after).sum(axis=1)
         return np.asarray(np.pi - np.arctan2(sine, cosine))
 
@@ -133,10 +130,6 @@ class NetworkSolver:
         """The minimal surface fitted from the problem's start, or from a first discrete surface."""
         start = self.problem.start or self.first_surface
         fitted = self._fitted_from(start)
-        # loops that are not rough may be improved from a finer disk; with corners, its moduli are more accurate
-        may_improve = self.problem.is_disk and self._is_missed(fitted) and not self._is_rough
-        if may_improve and (fitted.stage.has_moduli or fitted.work < _MOST_WORK):
-            fitted = self._improved(fitted, start)
         if self.problem.is_disk and self._is_missed(fitted):
             fitted = self._opened(fitted, start)
         with self.problem.clock.stage("surface"):
@@ -161,15 +154,6 @@ class NetworkSolver:
             limit=self._limit(fitted),
             rims_result=rims_result,
         )
-
-    def _improved(self, fitted: Fitted, disk: Disk) -> Fitted:
-        """The better of a fit and a fit from a finer disk; the first one if the second fails."""
-        try:
-            with self.problem.clock.stage("first fill"):
-                finer = finer_disk(disk, *self._sizes)
-            return min(fitted, self._fitted_from(finer), key=lambda one: one.misfit.rms)
-        except (DomainError, SingularMatrixError, OutOfTimeError):
-            return fitted
 
     def _opened(self, fitted: Fitted, disk: Disk) -> Fitted:
         """The better of a fit and a fit over Ω with opened corners; the first one if the second fails."""
@@ -235,25 +219,21 @@ class NetworkSolver:
         """The best of several rounds of Gauss-Newton, each with more poles where the last residual was large."""
         # the moduli of a flattened mesh are inexact, and a fit may then be near Γ at its nodes only
         begin = self._with_right_moduli if stage.has_moduli else self._fitted
-        left = self.problem.steps.left
         best = begin(stage, readout, slide)
-        work = (left - self.problem.steps.left) * best.features**3
         while self._is_missed(best) and not self._is_lost(best):
             finer = best.stage.refined(best.energy, best.misfit.rms / self.problem.excess(best.misfit))
             if finer is None:
                 break
-            left = self.problem.steps.left
             try:
                 again = self._fitted(finer, *finer.transferred(best.stage, best.fit))
             except OutOfTimeError:  # keep the rounds so far
                 break
-            work += (left - self.problem.steps.left) * again.features**3
             if not again.misfit.rms < best.misfit.rms:
                 break
             before, best = best, replace(again, rounds=best.rounds + 1, folds=best.folds)
             if not self._may_meet(before, best):
                 break
-        return replace(best, work=work)
+        return best
 
     def _is_lost(self, fitted: Fitted) -> bool:
         """Whether the disk over a smooth loop is too far from Γ for more features to help."""
@@ -346,7 +326,6 @@ class Fitted:
     energy: Float[np.ndarray, " panels"]  # squared distance from Γ on each panel
     rounds: int = 1  # number of rounds so far
     folds: bool = False  # whether Ω folds before it reaches the right conformal moduli
-    work: int = 0  # steps of all rounds times the cube of their features
 
     @property
     def features(self) -> int:

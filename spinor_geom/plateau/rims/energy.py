@@ -36,10 +36,16 @@ from spinor_geom.plateau.harmonic.douglas import CROWDED, reflected, resampled, 
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, Rows, conjugate_gradients, factored, stationary
 
 MOST_MODULUS = 20.0  # above it, rims influence each other by less than 1e-9: there is no connected surface
-DENSE = 512  # number of nodes on all rims up to which matrices are factored
+# Number of nodes on all rims up to which matrices are factored. With twice or half as many, pairs of rims take an
+# eighth longer.
+DENSE = 512
 
-_LARGEST_STEP = 0.5  # largest step of a log modulus, or of a centre in widths of the gap
-_LARGE_PART = 0.5  # largest spacing of nodes, as a share of the curve; stricter than `CROWDED` for few nodes
+# Largest step of a log modulus, or of a centre in widths of the gap. Without it Newton's method finds a surface of more
+# area than a 5-noid.
+_LARGEST_STEP = 0.5
+# Largest spacing of nodes, as a share of the curve; stricter than `CROWDED` for few nodes. With 1 no surface is found
+# between a long rim and a small one near its end.
+_LARGE_PART = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -18,7 +18,7 @@ from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
-from spinor_geom.plateau.harmonic.harmonic_route import even, points_of_domain
+from spinor_geom.plateau.harmonic.harmonic_route import FEWEST_POINTS, even, points_of_domain
 from spinor_geom.plateau.harmonic.lift import WORTHWHILE, Lift, lifted_between
 from spinor_geom.plateau.harmonic.lifted_surface import circles_of, domain_of, surface_of
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, SMALL
@@ -33,14 +33,17 @@ from spinor_geom.plateau.route_result import NoConnectedSurfaceError, RimsResult
 from spinor_geom.plateau.steps import SPENT
 from spinor_geom.plateau.vertices.vertex_route import surface_through
 
-_FEWEST_NODES, _MOST_NODES = 32, 1 << 13  # smallest and largest number of nodes on each rim
-_PER_EDGE = 6  # first number of nodes for each edge of rough rims
-_NEGLIGIBLE_POWER = 1e-8  # over rough rims powers below this on other circles are omitted
+_MOST_NODES = 1 << 13  # largest number of nodes on each rim
+_PER_EDGE = 6  # first number of nodes for each edge of rough rims; with 3 solves take 7 % more steps
+# Over rough rims powers below this on other circles are omitted. With `ROUND_OFF` Λ takes four times as long.
+_NEGLIGIBLE_POWER = 1e-8
 _WELL_BELOW = 1e-3  # share of the allowed distance to reach while matrices are factored
-_RIVAL = 1.3  # starts with up to this multiple of the least energy are tried
-_SETTLED = 1e-3  # largest relative gradient of a critical point
-# Width of the smoothing of a noisy curve, as a share of the loop; number of curves from the smooth one to it.
-_AVERAGE, _DEFORMATIONS = 0.03, 4
+# Largest relative gradient of a critical point. With 1e-4 rims of a cube with noise get more nodes than their averages
+# need, and the surface bulges.
+_SETTLED = 1e-3
+# Width of the smoothing of noisy curves, as a share of the loop. With half of it solves take half as many steps more;
+# with twice as much rims of squares are rounded, and areas differ by 2 %.
+_AVERAGE = 0.03
 
 
 def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> str | None:
@@ -113,7 +116,7 @@ class RimsSolver:
             smooth = _lifted(oriented.surface, problem.curves, allowed=self.problem.allowed)
             circles = self._circles(oriented, oriented.surface.domain)
         points, starts = [], []
-        loops, averages = oriented.as_directed(self.problem.units), oriented.as_directed(self._continuation[0])
+        loops, averages = oriented.as_directed(self.problem.units), oriented.as_directed(self._averages)
         for loop, average, slide, circle in zip(loops, averages, smooth.slides, circles, strict=True):
             match = RimMatch(loop=loop, curve=average, boundary=circle, matching=_matching(slide))
             points.append(loop.points)
@@ -126,12 +129,10 @@ class RimsSolver:
 
     @cached_property
     def _descended(self) -> OrientedSurface | None:
-        """The least minimum of the energy from the starts; None if all surfaces degenerate."""
+        """The first minimum of the energy from the starts, least energy first; None if all surfaces degenerate."""
         with self.problem.clock.stage("slides"):
-            least = min((start.surface.dirichlet_energy for start in self._starts), default=0.0)
-            rivals = [start for start in self._starts if start.surface.dirichlet_energy <= _RIVAL * least]
-            found = [lower for start in rivals if (lower := self._lower(start)) is not None]
-            best = min(found, key=lambda lower: lower.surface.dirichlet_energy, default=None)
+            starts = sorted(self._starts, key=lambda start: start.surface.dirichlet_energy)
+            best = next((lower for start in starts if (lower := self._lower(start)) is not None), None)
             while best is not None:
                 problem, nodes = self._problem(best), 2 * best.surface.slides.shape[1]
                 fine = problem.stationary(problem.resampled(best.surface, nodes), saddles=True)
@@ -163,19 +164,22 @@ class RimsSolver:
         """The starts; two for two rims, with the second one as given and reversed."""
         rims = self._rims[0]
         if len(rims) == 2:
-            return tuple(start_between(*rims, _FEWEST_NODES, backward=backward) for backward in (False, True))
-        return tuple(projected_starts(rims, _FEWEST_NODES))
+            return tuple(start_between(*rims, FEWEST_POINTS, backward=backward) for backward in (False, True))
+        return tuple(projected_starts(rims, FEWEST_POINTS))
 
     @cached_property
-    def _continuation(self) -> tuple[tuple[BoundaryCurve, ...], ...]:
-        """The curves of the loops, for noisy loops preceded by curves of a continuation from smooth averages.
+    def _averages(self) -> tuple[BoundaryCurve, ...]:
+        """For noisy loops smooth averages of the curves, with which the search starts; else the curves.
 
-        On curves with many sharp bends Newton's method does not converge from a smooth start.
+        2A − A², with A the average, does not shrink features much longer than its width.
         """
         if not self._is_noisy:
-            return (self.problem.curves,)
-        continuations = [_from_average(curve) for curve in self.problem.curves]
-        return tuple(zip(*continuations, strict=True))
+            return self.problem.curves
+        once = [curve.smoothed(_AVERAGE) for curve in self.problem.curves]
+        return tuple(
+            replace(curve, coefficients=2 * curve.coefficients - curve.smoothed(_AVERAGE).coefficients)
+            for curve in once
+        )
 
     @cached_property
     def _is_noisy(self) -> bool:
@@ -186,23 +190,22 @@ class RimsSolver:
 
     @cached_property
     def _rims(self) -> tuple[tuple[Rim, ...], ...]:
-        """The rims at each step of the continuation."""
+        """The rims with the averages, and with the loops' own curves."""
         place = self.problem.options.place
         return tuple(
             tuple(
                 Rim(number=k, directions=(CurveTensors.of(curve, place), CurveTensors.of(curve.reversed(), place)))
                 for k, curve in enumerate(curves)
             )
-            for curves in self._continuation
+            for curves in (self._averages, self.problem.curves)
         )
 
-    def _problem(self, oriented: OrientedSurface, step: int = 0) -> RimsProblem:
-        rims = self._rims[step]
+    def _problem(self, oriented: OrientedSurface, *, averaged: bool = True) -> RimsProblem:
+        rims = self._rims[not averaged]
         curves = [rims[rim.number].directions[flip] for rim, flip in zip(oriented.rims, oriented.backward, strict=True)]
-        negligible = _NEGLIGIBLE_POWER if self._is_noisy else ROUND_OFF
         return RimsProblem(
             curves=CurveTensors.batch(curves),
-            negligible=negligible,
+            negligible=_NEGLIGIBLE_POWER if self._is_noisy else ROUND_OFF,
             on_step=partial(self.problem.steps.take, "Douglas-Newton"),
         )
 
@@ -220,7 +223,7 @@ class RimsSolver:
         with self.problem.clock.stage("moduli"):
             problem = self._problem(start)
             # half of the nodes: an eighth of the cost
-            coarse = problem.resampled(start.surface, max(_FEWEST_NODES, n // 2))
+            coarse = problem.resampled(start.surface, max(FEWEST_POINTS, n // 2))
             # for two rims only the slides; `all_on_path` then varies the moduli
             start_of_path = problem.stationary(
                 replace(coarse, fixed_moduli=is_two), tolerance=SMALL, saddles=not is_two
@@ -235,7 +238,7 @@ class RimsSolver:
 
     def fitted(self, oriented: OrientedSurface) -> RouteResult:
         """The minimal surface near a harmonic one, with enough nodes to meet the tolerance."""
-        problem, saddles = self._problem(oriented, -1), oriented.surface.index > 0
+        problem, saddles = self._problem(oriented, averaged=False), oriented.surface.index > 0
         tried: list[tuple[Lift, HarmonicSurface]] = []
         limit, before = "more nodes on the rims do not help", math.inf
         for finer in self._finer(oriented, saddles=saddles):
@@ -272,12 +275,11 @@ class RimsSolver:
 
     def _finer(self, oriented: OrientedSurface, *, saddles: bool) -> Iterator[HarmonicSurface]:
         """Harmonic surfaces on the loops' own curves, with increasing numbers of nodes."""
-        problem, surface = self._problem(oriented, -1), oriented.surface
+        problem, surface = self._problem(oriented, averaged=False), oriented.surface
         if self._is_noisy:
             n = even(_PER_EDGE * max(map(len, self.problem.units)))
             with self.problem.clock.stage("slides"):
-                for step in range(1, len(self._continuation)):
-                    surface = self._stationary(self._problem(oriented, step), surface, n, saddles=saddles)
+                surface = self._stationary(problem, surface, n, saddles=saddles)
         while True:
             yield surface
             n = even(2 * surface.slides.shape[1])
@@ -312,17 +314,6 @@ def _rims_result(oriented: OrientedSurface, antiperiodic: tuple[bool, ...], peri
         antiperiodic=antiperiodic,
         period=period,
     )
-
-
-def _from_average(curve: BoundaryCurve) -> list[BoundaryCurve]:
-    """Curves of a continuation from a smoothed curve to the curve itself.
-
-    2A − A², with A the average, does not shrink features much longer than its width.
-    """
-    once = curve.smoothed(_AVERAGE)
-    average = once.towards(once.smoothed(_AVERAGE), -1.0)
-    shares = np.arange(1, _DEFORMATIONS + 1) / _DEFORMATIONS
-    return [average, *(average.towards(curve, share) for share in shares)]
 
 
 def _matching(slide: Float[Array, " n"]) -> Float[np.ndarray, "n 2"]:

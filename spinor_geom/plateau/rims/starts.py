@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Complex, Float
 
-from spinor_geom.arrays import Array, Place, cis, namespace, norm, place_of, to_numpy, unit
+from spinor_geom.arrays import EPS, Array, Place, cis, namespace, norm, place_of, to_numpy, unit
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -23,12 +23,10 @@ from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic.dirichlet import multipliers
 from spinor_geom.plateau.rims.energy import MOST_MODULUS, HarmonicSurface
 
-_STEP = 0.05  # step of the logarithm of a modulus
 _KEPT = 2  # number of starts returned; one is not enough for noisy rims on the sides of a cube
-_VIEW_DISTANCES = (0.5, 2.0)  # of view points from the centre, over the largest distance of the rims from it
-_NARROWEST = 0.9999  # largest cosine of the angular radius of a circle
-_SHRINKINGS = 20  # largest number of rounds of shrinking circles that cross
-
+# Distances of view points from the centre, over the largest distance of the rims from it. With the first alone there is
+# no start between a rim and five islands, with the second alone rims around a centre take three times as long.
+_VIEW_DISTANCES = (0.5, 2.0)
 
 _LoopOrCurve = TypeVar("_LoopOrCurve", BoundaryLoop, BoundaryCurve)
 
@@ -97,7 +95,7 @@ def start_between(first: Rim, second: Rim, n: int, *, backward: bool) -> Oriente
     weight[0] = weight[-1] = 1.0
     square = weight * (np.abs(spectrum) ** 2).sum(axis=(0, 2)) / n
     cross = (spectrum[0] * spectrum[1]).sum(-1)
-    moduli = np.exp(np.arange(math.log(2 * math.pi / n), math.log(MOST_MODULUS), _STEP))
+    moduli = np.geomspace(2 * math.pi / n, MOST_MODULUS, 2 * n)
     own, other = multipliers(moduli, n)
     # for all shifts of the second curve by j steps; a row for each modulus
     energies = 0.5 * (own @ square)[:, None] + np.fft.irfft(other * cross, n=n)
@@ -112,8 +110,8 @@ def start_between(first: Rim, second: Rim, n: int, *, backward: bool) -> Oriente
 def projected_starts(rims: Sequence[Rim], n: int) -> list[OrientedSurface]:
     """Starts of three rims or more, projected onto spheres around view points; n is even.
 
-    In the projection from their centre, rims of a junction do not overlap; in that from above, rims of a hole with
-    islands do not. Circles that cross are shrunk.
+    Rims of a junction do not overlap in the projection from their centre; those of a hole with islands do not in one
+    from above. Projections in which circles cross are left out.
     """
     samples = np.stack([rim.samples(n) for rim in rims])
     middle = samples.mean(axis=1).mean(axis=0)
@@ -138,7 +136,7 @@ def _projected(
     side = np.einsum("kni,mi->mkn", away, axis) - height[:, None, None]
     side[np.arange(m), np.arange(m)] = 0
     sign = -np.sign(side.sum(axis=(1, 2)))
-    axis, width = sign[:, None] * axis, np.arccos(np.clip(sign * height, -_NARROWEST, _NARROWEST))
+    axis, width = sign[:, None] * axis, np.arccos(np.clip(sign * height, EPS - 1, 1 - EPS))
     # the widest circle is the outer one, the one opposite to it surrounds 0
     opposite = axis @ axis[width.argmax()]
     opposite[width.argmax()] = -math.inf
@@ -162,15 +160,8 @@ def _circles_on_sphere(
 ) -> tuple[CircularDomain, Complex[np.ndarray, "m k"]] | None:
     """Ω between circles on a sphere, the first one outer and the second one around 0, and images of points in Ω.
 
-    None if circles still cross after shrinking.
+    None if circles cross.
     """
-    distance = np.arccos(np.clip(axis @ axis.T, -1, 1))
-    np.fill_diagonal(distance, math.inf)
-    for _ in range(_SHRINKINGS):
-        excess = np.maximum((width[:, None] + width - distance).max(axis=1), 0)
-        if not excess.any():
-            break
-        width = np.maximum(width - excess, width / 2)
     basis = np.linalg.qr(axis[:1].T, mode="complete")[0]
     frame = np.stack([basis[:, 1], np.cross(axis[0], basis[:, 1]), axis[0]])
     # stereographic projection from the pole of the first circle, which becomes the unit circle

@@ -1,8 +1,4 @@
-"""Newton's method for surfaces through given points: features of p and q, integrals along polygons in Ω.
-
-p and q are sums of features. Since δr = Re ∫ (2pδp − 2qδq, −2i(pδp + qδq), 2(qδp + pδq)) dz, the derivatives of all
-points follow from two complex matrices, ∫ 2pf dz and ∫ 2qf dz for all features f.
-"""
+"""Newton's method for surfaces through given points: features of p and q, integrals along polygons in Ω."""
 
 from __future__ import annotations
 
@@ -20,16 +16,12 @@ from spinor_geom.arrays import (
     Array,
     Place,
     add_to_diagonal,
-    cholesky_solve,
-    complex_of,
     definite_cholesky,
-    gram,
     namespace,
     place_of,
     shifted,
     solve_lower,
     square,
-    zeros,
 )
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.quadrature import rule
@@ -38,64 +30,20 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features, sign_cha
 from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.plateau.steps import STALLED, Steps
 from spinor_geom.plateau.vertices.edge_features import EdgeFeatures, nodes_on_edges
+from spinor_geom.plateau.vertices.point_equations import PointEquations
 from spinor_geom.surface.formulas import phi
 
-# Added to the diagonal of the Newton equations, as a share of its mean, because some equations may have no solution.
-# Residuals, in edges: with 1e-7, 3e-3 on 600 points with 30 % noise; with 1.5e-8, 6e-3 on one of sixty rims cut along
-# triangles; with 1e-9, 1e-3 on teeth of 10°.
-_DAMPING = 5e-9
 # Gauss-Legendre nodes on each edge. The distance is measured with twice as many; if it is too large the solve is
 # repeated with them: for 1 in 25 rims cut along triangles, with 10 nodes for every third.
 NODES = 14
-# Step lengths to try after a new linearisation. Without the last one three of sixty rims cut along triangles keep a
-# residual of 1e-3 of an edge; shorter steps improve none.
+# Step lengths to try. Without the last one three of sixty rims cut along triangles keep a residual of 1e-3 of an edge;
+# shorter steps improve none. With an old linearisation they are much cheaper than a new one on long rims.
 _LENGTHS = (1.0, 0.5, 0.25)
 # A linearisation takes as long as one step for every 30 points. Before the next linearisation, one slow step, which
 # does not halve the distance, is allowed for every 100 points. For short rims a linearisation takes little time and
 # leads to closer solutions: with slow steps three of sixty rims cut along triangles keep a residual of 1e-3 of an edge.
 _POINTS_PER_SLOW_STEP = 100
 DEGREE = 24  # degree of the polynomials; with 12 two of these rims keep 1e-3 to 3e-3 of an edge, 48 improves none
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PointEquations:
-    """Linearised distances of n points from their targets, as functions of orthonormal read-outs."""
-
-    rows: Complex[Array, "k n2"]  # conjugates of ∫ 2pf dz to each point for all features f, then of ∫ 2qf dz
-    factor: Float[Array, "n3 n3"]  # of the Gram matrix of the 3n functions
-
-    @classmethod
-    def of(cls, by_p: Complex[Array, "k n"], by_q: Complex[Array, "k n"]) -> PointEquations:
-        """The equations with their factor."""
-        n, xp = by_p.shape[1], namespace(by_p)
-        rows = xp.concat([by_p, by_q], axis=1)
-        lower = gram(rows)
-        pp, qp, qq = lower[:n, :n], lower[n:, :n], lower[n:, n:]
-        matrix = zeros((3 * n, 3 * n), lower.real)
-        for k in range(3):
-            matrix[k * n : (k + 1) * n, k * n : (k + 1) * n] = (pp + qq).real
-        difference = xp.tril((pp - qq).imag)
-        matrix[n : 2 * n, :n] = difference - difference.mT
-        matrix[2 * n :, :n] = (qp - qp.mT.conj()).real
-        matrix[2 * n :, n : 2 * n] = -(qp + qp.mT.conj()).imag
-        own = xp.arange(3 * n)
-        add_to_diagonal(matrix, _DAMPING * matrix[own, own].mean())
-        return cls(rows=rows, factor=definite_cholesky(matrix))
-
-    def step(self, error: Float[Array, "n 3"], away: Complex[Array, "k 2"] | None) -> Complex[Array, "k 2"]:
-        """The change of least norm of the read-outs that removes an error.
-
-        With `away`, the difference of the read-outs from given ones, the new read-outs are the nearest to those.
-        """
-        right, xp = error.mT, namespace(error)
-        if away is not None:
-            products = (away.mT.conj() @ self.rows).conj()
-            (pp, qp), (pq, qq) = (products[:, : len(error)], products[:, len(error) :])
-            right = right - xp.stack([(pp - qq).real, (pp + qq).imag, (pq + qp).real])
-        x, y, z = cholesky_solve(self.factor, right.reshape(-1, 1)).reshape(3, -1)
-        xy, z = complex_of(x, y), z + 0j
-        change = self.rows @ xp.stack([xp.concat([-xy, -z]), xp.concat([-z, xy.conj()])], axis=1)
-        return change if away is None else change - away
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -264,19 +212,35 @@ class Passing:
         return tuple(path @ self.raw for path, _ in self.basis.paths)
 
     @cached_property
+    def _starts(self) -> list[Float[Array, "3"]]:
+        """Differences of the first point of each rim from the given one, without a common constant."""
+        path = [
+            (phi(*each.mT) * dz[:, None]).sum(0).real
+            for each, (_, dz) in zip(self._on_paths, self.basis.paths, strict=True)
+        ]
+        return [(path[k] if path else 0.0) - points[0] for k, points in enumerate(self.points)]
+
+    @cached_property
     def error(self) -> Float[Array, "n 3"]:
-        """Differences from the points, with mean 0, followed by the periods of r around each hole."""
-        rows = [step.cumsum(0) - step - points for step, points in zip(self._steps, self.points, strict=True)]
-        for row, values, (_, steps) in zip(rows, self._on_paths, self.basis.paths, strict=False):
-            row += (phi(*values.mT) * steps[:, None]).sum(0).real
+        """Differences of Re ∫ φ dz over each edge from its vector, then those between the starts of two rims."""
         xp = namespace(self.raw)
-        error = xp.concat(rows)
-        return xp.concat([error - error.mean(0), *(gap[None] for gap in self._gaps)])
+        edges = [
+            step - (shifted(points, -1, axis=0) - points) for step, points in zip(self._steps, self.points, strict=True)
+        ]
+        first, *others = self._starts
+        return xp.concat([*edges, *((other - first)[None] for other in others)])
 
     @cached_property
     def distance(self) -> float:
-        """Root mean square of the error."""
-        return math.sqrt(square(self.error).sum(1).mean())
+        """Root mean square of the distances of the points, with mean 0, and of the periods of r around each hole."""
+        xp = namespace(self.raw)
+        rows = [
+            step.cumsum(0) - step - (points - points[0]) + start
+            for step, points, start in zip(self._steps, self.points, self._starts, strict=True)
+        ]
+        away = xp.concat(rows)
+        away = xp.concat([away - away.mean(0), *(gap[None] for gap in self._gaps)])
+        return math.sqrt(square(away).sum(1).mean())
 
     def at(self, readout: Complex[Array, "k 2"]) -> Passing:
         """The surface with other read-outs."""
@@ -284,16 +248,19 @@ class Passing:
 
     def linearised(self) -> PointEquations:
         """The derivative of the error with respect to the read-outs."""
-        by_points, by_gaps = [], []
-        for over_edge in self._changes:
-            by_points.append(over_edge.cumsum(1) - over_edge)
-            by_gaps.append(over_edge.sum(1)[:, None])
-        for changes, values, (path, steps) in zip(by_points, self._on_paths, self.basis.paths, strict=False):
-            changes += (2 * (values * steps[:, None]).mT @ path)[:, None]
-        rows = namespace(self.raw).concat([*by_points, *by_gaps[1:]], axis=1)
-        points = rows[:, : sum(map(len, self.points))]
-        points -= points.mean(1)[:, None]
-        return PointEquations.of(*map(self.basis.orthonormal, rows))
+        on_paths = [
+            2 * (values * dz[:, None]).mT @ path
+            for values, (path, dz) in zip(self._on_paths, self.basis.paths, strict=True)
+        ]
+        between = [(other - on_paths[0])[:, None] for other in on_paths[1:]]
+        rows = namespace(self.raw).concat([*self._changes, *between], axis=1)
+        starts = np.cumsum([0, *map(len, self.points)])
+        before = [
+            start + np.roll(np.arange(len(points)), 1) for start, points in zip(starts, self.points, strict=False)
+        ]
+        before.append(np.arange(starts[-1], rows.shape[1]))
+        by_p, by_q = map(self.basis.orthonormal, rows)
+        return PointEquations.of(by_p, by_q, np.concatenate(before))
 
     def closed(self, readout: Complex[Array, "k 2"]) -> Complex[Array, "k 2"]:
         """The nearest read-outs whose periods are 0, to first order."""
@@ -337,7 +304,7 @@ def nearest_through(
         step = linear.step(here.error, readout - start if fresh else None)
         if slow:
             step = _updated(step, taken)
-        for length in _LENGTHS if fresh else _LENGTHS[:1]:
+        for length in _LENGTHS:
             there = here.at(readout + length * step)
             if there.distance < here.distance:
                 break

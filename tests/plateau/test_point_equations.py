@@ -1,0 +1,95 @@
+"""Newton's equations for integrals along paths: solutions of least norm, in double and in single precision."""
+
+import numpy as np
+import pytest
+
+import spinor_geom as sg
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.plateau.vertices import point_equations
+from spinor_geom.plateau.vertices.point_equations import PointEquations
+from spinor_geom.surface.formulas import null_vector
+
+
+def random_complex(rng: np.random.Generator, *shape: int) -> np.ndarray:
+    return rng.normal(size=(*shape, 2)) @ [1, 1j]
+
+
+def equations(paths: int, features: int = 90) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Random functions, of very different sizes, for paths around a rim, and right sides."""
+    rng = np.random.default_rng(0)
+    sizes = np.geomspace(1, 1e-3, features)[:, None]
+    by_p, by_q = (sizes * random_complex(rng, features, paths) for _ in range(2))
+    return by_p, by_q, rng.normal(size=(paths, 3))
+
+
+def changes(by_p: np.ndarray, by_q: np.ndarray, readout: np.ndarray) -> np.ndarray:
+    """Re of the null vectors of 2pδp, 2qδq and pδq + qδp, integrated."""
+    pp, pq = (by_p.conj().T @ readout).T / 2
+    qp, qq = (by_q.conj().T @ readout).T / 2
+    return 2 * null_vector(pp, qq, (pq + qp) / 2).real
+
+
+def test_steps_remove_the_error_with_the_least_norm() -> None:
+    by_p, by_q, error = equations(20)
+    step = PointEquations.of(by_p, by_q, np.roll(np.arange(20), 1)).step(error, None)
+    # the damping leaves its share of the error, times the condition number 1e4 of the functions
+    assert np.abs(changes(by_p, by_q, step) + error).max() < 1e-4
+    # orthogonal to all changes that keep the integrals
+    rng = np.random.default_rng(1)
+    other = random_complex(rng, 90, 2)
+    free = other + PointEquations.of(by_p, by_q).step(changes(by_p, by_q, other), None)
+    assert abs((step.conj() * free).real.sum()) < 1e-3 * np.linalg.norm(step) * np.linalg.norm(free)
+
+
+def test_the_new_readouts_are_the_nearest_to_given_ones() -> None:
+    by_p, by_q, error = equations(20)
+    linear = PointEquations.of(by_p, by_q)
+    away = random_complex(np.random.default_rng(2), 90, 2)
+    step = linear.step(error, away)
+    assert np.abs(changes(by_p, by_q, step) + error).max() < 1e-4  # as above
+    # from the given ones they differ by what the equations require
+    np.testing.assert_allclose(step + away, linear.step(error - changes(by_p, by_q, away), None), atol=1e-9)
+
+
+def test_single_precision_is_corrected(monkeypatch: pytest.MonkeyPatch) -> None:
+    by_p, by_q, error = equations(60, features=120)
+    before = np.roll(np.arange(60), 1)
+    double = PointEquations.of(by_p, by_q, before)
+    monkeypatch.setattr(point_equations, "_MANY", 0)
+    single = PointEquations.of(by_p, by_q, before)
+    assert single.factor.dtype == np.float32
+    for factor in (1.0, -2.0):
+        left = changes(by_p, by_q, single.step(factor * error, None)) + factor * error
+        exactly = changes(by_p, by_q, double.step(factor * error, None)) + factor * error
+        assert np.linalg.norm(left - exactly) < 2e-3 * np.linalg.norm(factor * error)  # twice the accuracy asked for
+        assert single.directions
+    # the second right side is solved with the directions of the first
+    count = len(single.directions)
+    single.step(error, None)
+    assert len(single.directions) == count
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.3])
+def test_rough_rims_are_met_alike_in_both_precisions(noise: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    t, rng = 2 * np.pi * np.arange(120) / 120, np.random.default_rng(3)
+    points = np.column_stack([2 * np.cos(t), np.sin(t), 0.3 * np.sin(2 * t)]) + 0.08 * noise * rng.normal(size=(120, 3))
+    loop = BoundaryLoop.from_points(points, corners=[])
+    double = sg.solve_plateau(loop, between="free")
+    monkeypatch.setattr(point_equations, "_MANY", 0)
+    single = sg.solve_plateau(loop, between="free")
+    assert double.converged
+    assert single.converged
+    assert single.route == double.route == "vertices"
+    # both are within 1e-3 of an edge of the points, and as near to the start
+    assert single.area == pytest.approx(double.area, rel=1e-4)
+
+
+def test_saw_teeth_are_met() -> None:
+    """Of 20°, on a wavy circle: damping of the edges alone keeps half an edge."""
+    n = 100
+    t = 2 * np.pi * np.arange(n) / n
+    r = 1 + 0.5 * (-1.0) ** np.arange(n) * np.pi / n / np.tan(np.radians(10))
+    points = np.column_stack([r * np.cos(t), r * np.sin(t), 0.3 * np.sin(2 * t)])
+    solution = sg.solve_plateau(BoundaryLoop.from_points(points, corners=[]), between="free")
+    assert solution.route == "vertices"
+    assert solution.boundary_residual.rms_per_edge < 1e-2  # ten times the tolerance, for other machines' rounding
