@@ -9,7 +9,7 @@ from setuptools.command.build_ext import build_ext
 
 
 class BuildKernel(build_ext):
-    """Leaves the compiled kernel beside its source too, where Python in the folder of the source looks for it."""
+    """Also copies the compiled kernel to the source folder, so that Python finds it when run from the source."""
 
     def run(self) -> None:
         """Compiles and copies."""
@@ -17,7 +17,7 @@ class BuildKernel(build_ext):
         self.copy_extensions_to_source()
 
     def get_export_symbols(self, ext: Extension) -> list[str]:
-        """What a DLL of Windows exports."""
+        """The exported functions of a DLL on Windows."""
         return ["sizes", "refine", "minimum_area_splits"]
 
 

@@ -137,7 +137,7 @@ def page_tables(records: Sequence[Record]) -> list[Table]:
             title="Suites",
             columns=("suite", "measured", "commits", "dates", "loads", "older", "promises kept", "times kept"),
             rows=[suite_row(suite, records, found) for suite in SUITES],
-            note="Older: those of ours whose code has changed since their commit; marked † below.",
+            note="Older: measurements of our methods whose code has changed since their commit; marked † below.",
         ),
         Table(title="Promises missed", columns=("suite", "case", "promise", "measured"), rows=rows),
         disk_table([r for r in records if r["suite"] == "disks"]),
@@ -147,7 +147,7 @@ def page_tables(records: Sequence[Record]) -> list[Table]:
 
 
 def suite_row(suite: str, records: Sequence[Record], found: Sequence[Promise]) -> tuple[str, ...]:
-    """The number of records, when and at which loads they were measured, and the promises that are kept."""
+    """The number of records, their dates and loads, and the numbers of promises that are kept."""
     here = [r for r in records if r["suite"] == suite]
     commits = dict.fromkeys(str(r["commit"]).rpartition("+g")[2] for r in here)
     loads = [r["load"] for r in here if r.get("load") is not None]
@@ -185,8 +185,8 @@ def disk_table(disks: Sequence[Record]) -> Table:
         title=f"Disks over smooth curves of {POINTS} points",
         columns=("case", "area error", "limit error", "surface distance max", *meshed),
         rows=rows,
-        note="Of our surface: points at the formula's steps / equally far apart / at edges of random lengths. "
-        "Of meshes, at the formula's steps: ours / libigl-uniform's.",
+        note="Columns of our surface: points at the formula's steps / equally far apart / at edges of random lengths. "
+        "Columns of meshes, with points at the formula's steps: ours / that of libigl-uniform.",
     )
 
 
@@ -218,7 +218,7 @@ def _numbers(records: Sequence[Record], name: str) -> str:
 
 
 def draw(folders: Sequence[Path]) -> None:
-    """Draws one line for each cut-out: the removed piece and the fillers' patches, the most distant parts yellow."""
+    """Draws a row for each cut-out: the removed piece and the patches, coloured by distance (yellow: far)."""
     side, strips = 220, []
     with tempfile.TemporaryDirectory() as place:
         for folder in folders:

@@ -1,7 +1,7 @@
-"""One code for numpy arrays and torch tensors: namespaces, devices, and operations that the array API lacks.
+"""Common functions for numpy arrays and torch tensors: namespaces, devices, and operations missing in the array API.
 
-Everything is computed with numpy unless the caller asks for a torch device or for gradients. Only then is torch
-imported, so importing this module does not import it. Functions that may be differentiated do not write into arrays.
+Everything is computed with numpy unless the caller asks for a torch device or for gradients. torch is imported only
+then, not by this module. Differentiable functions do not write into arrays.
 
 Source: the Python array API standard, which numpy implements; `array_api_compat` adds it to torch.
 """
@@ -43,13 +43,13 @@ def namespace(x: Array) -> Any:
 
 @dataclass(frozen=True)
 class Place:
-    """Where arrays are stored: as numpy arrays, or as tensors on a torch device."""
+    """The kind and device of arrays: numpy arrays, or tensors on a torch device."""
 
     device: torch.device | None = None  # None for numpy
 
     @property
     def xp(self) -> Any:
-        """The array API module for arrays in this place."""
+        """The array API module for arrays of this place."""
         if self.device is None:
             return np
         import array_api_compat.torch
@@ -148,7 +148,7 @@ def closed_steps(s: Float[Array, "*b n"]) -> Float[Array, "*b n"]:
 
 
 def shifted(x: Shaped[Array, "..."], by: int, axis: int = -1) -> Shaped[Array, "..."]:
-    """x_{j − by} on closed curves: `roll`, which takes three times as long for few numbers."""
+    """x_{j − by} on closed curves, as by `roll`, which takes three times as long for few numbers."""
     if not is_numpy(x):
         return namespace(x).roll(x, by, axis=axis)
     count = x.shape[axis]

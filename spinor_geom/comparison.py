@@ -49,7 +49,7 @@ class Comparison:
     because their boundaries are chords of the loops: compare their areas with each other.
     """
 
-    method: str  # what made the baseline
+    method: str  # the method that made the baseline
     patch_to_surface: HausdorffDistance  # forward: from the patch to the exact surface
     baseline_to_surface: HausdorffDistance  # forward: from the baseline to the exact surface
     hausdorff: HausdorffDistance  # forward: from the patch to the baseline
@@ -126,12 +126,12 @@ def compare(
     """Measures the distances, areas and curvatures of an exact minimal surface, its mesh and a second mesh.
 
     Args:
-        surface: a `PlateauSolution`, or what to solve first: a loop, a curve, (n, 3) points, a mesh of any known type
-            or the path of a mesh file; a sequence of loops for a surface between several loops. A loop of a mesh is
-            solved as by `fill_hole`.
-        baseline: a `DiscreteMinimalSurface`, a `Patch`, or a mesh of any known type whose boundary is the same loop,
-            without the mesh around it. None computes the `discrete_minimal_surface` of the same loop, with the patch's
-            edge length; between two loops its edges grow inwards, and between more it is `Patch.relaxed`.
+        surface: a `PlateauSolution`. For a loop, a curve, (n, 3) points, a mesh of any supported type or the path of a
+            mesh file, or a sequence of loops, Plateau's problem is solved first. A loop of a mesh is solved as by
+            `fill_hole`.
+        baseline: a `DiscreteMinimalSurface`, a `Patch`, or a mesh of any supported type whose boundary is the same
+            loop, without the mesh around it. None computes the `discrete_minimal_surface` of the same loop, with the
+            patch's edge length; between two loops its edges grow inwards, and between more it is `Patch.relaxed`.
         loop: index of a mesh's loop, as in `boundary_loops`; required if a mesh has several.
         target_edge_length: of the patch, as in `mesh_patch`, and of the baseline made here.
         patch: the solution's mesh of that edge length, if it exists already.
@@ -139,7 +139,7 @@ def compare(
     Raises:
         OptionError: the edge length is not a positive number, or `loop` is missing or does not apply.
         LoopIndexError: the mesh has no such loop.
-        UnknownMeshTypeError: `surface` or `baseline` is of no known type.
+        UnknownMeshTypeError: the type of `surface` or `baseline` is not supported.
         ForeignRimError: the baseline's boundary is not that of the surface.
         DomainError: the solution cannot be meshed, or its two loops have no discrete annulus.
         SurfaceError: no connected minimal surface spans the loops.

@@ -11,7 +11,7 @@ from typing import Any
 class SpinorGeomError(Exception):
     """Base of all errors that the package raises on purpose; indices and numbers are attributes.
 
-    A type with a single message has it as `sentence`, a format string of its attributes, which is its docstring, too.
+    If a type has a single message, `sentence` is its format string, with the attributes, and its docstring.
     """
 
     sentence = ""
@@ -59,7 +59,7 @@ class NonFiniteVertexError(MeshError):
 
 
 class NoFacesError(MeshError):
-    sentence = "the mesh has {vertices} vertices but no faces; add faces, or span a curve with solve_plateau"
+    sentence = "the mesh has {vertices} vertices but no faces; add faces, or pass a curve to solve_plateau"
 
 
 class MeshExtentError(MeshError):
@@ -121,14 +121,14 @@ class ZeroWidthSlitError(LoopError):
 class SeamError(LoopError):
     sentence = (
         "{count} edges of the loop and of another loop are {apart}, first {edge}: a seam between pieces that do not "
-        "share their vertices, not only a hole; merge the vertices ({advice}), or give its index in loop= (--loop)"
+        "share their vertices; merge the vertices ({advice}), or fill the loop by its index in loop= (--loop)"
     )
 
 
 class TJunctionError(LoopError):
     sentence = (
-        "the loop is a seam with T-junctions, not only a hole: {count} boundary vertices lie on boundary edges, first "
-        "vertex {vertex} on edge {edge}, {apart}; split those edges there, or give its index in loop= (--loop)"
+        "the loop is a seam with T-junctions: {count} boundary vertices lie on boundary edges, first vertex {vertex} "
+        "on edge {edge}, {apart}; split those edges there, or fill the loop by its index in loop= (--loop)"
     )
 
 
@@ -145,7 +145,7 @@ class ForeignLoopError(LoopError):
 
 
 class ForeignRimError(LoopError):
-    sentence = "the mesh to compare with has another boundary than the surface: {boundary}; give the patch alone"
+    sentence = "the mesh to compare with has another boundary than the surface: {boundary}; give only the patch"
 
 
 class SelfCrossingLoopError(LoopError):
@@ -171,19 +171,19 @@ class OpenWireError(LoopError):
 
 
 class BranchingEdgesError(LoopError):
-    sentence = "{count} ends of edges meet at {point}, in a closed wire two; give only the edges of the boundary"
+    sentence = "{count} ends of edges meet at {point}, but two do in a closed wire; give only edges of the boundary"
 
 
 class NoEdgesError(LoopError):
-    sentence = "there is no boundary to span, but {what}; give edges or wires, or faces with a hole"
+    sentence = "there is no boundary curve ({what}); give edges or wires, or faces with a hole"
 
 
 class KnottedLoopError(LoopError):
-    sentence = "the loop is knotted (determinant {determinant:.0f}), so every disk over it intersects itself; cut it up"
+    sentence = "the loop is knotted (determinant {determinant:.0f}), so every disk over it intersects itself; divide it"
 
 
 class TooManyRimsError(LoopError):
-    sentence = "discrete minimal surfaces span one loop or join two, got loops of {sizes} vertices; give one or two"
+    sentence = "a discrete minimal surface needs one or two loops, got loops of {sizes} vertices; use solve_plateau"
 
 
 class SeveralRimsError(LoopError):
@@ -223,7 +223,7 @@ class OutOfTimeError(SpinorGeomError):
 
 
 class SurfaceError(SpinorGeomError):
-    """A surface has no finite value where one is needed."""
+    """No surface was found, or it is not finite."""
 
 
 class PeriodError(SurfaceError):
@@ -234,7 +234,7 @@ class PeriodError(SurfaceError):
 
 
 class NotDifferentiableError(SurfaceError):
-    """An area or positions are not differentiable by the points of the curve."""
+    """An area or positions are not differentiable in the points of the curve."""
 
 
 class SingularMatrixError(SpinorGeomError, ValueError):
@@ -296,7 +296,7 @@ class MeshFileError(SpinorGeomError, ValueError):
 
 
 class CadFileError(SpinorGeomError, ValueError):
-    """A CAD file has an unknown format, cannot be read, or cannot hold the surface."""
+    """A CAD file has an unknown format or cannot be read, or the surface cannot be converted."""
 
 
 class ArchiveError(SpinorGeomError, ValueError):

@@ -1,4 +1,4 @@
-"""Worker processes with limits of time and memory: a crash, a hang or a memory leak costs one job only.
+"""Worker processes with limits of time and memory: a crash, a hang or a memory leak affects one job only.
 
 The processes exchange lines of JSON: jobs on the worker's standard input, events on its standard output. A worker exits
 when its input ends, so it does not outlive the process that started it.
@@ -53,7 +53,7 @@ class FaultError(Exception):
 
 
 class Process:
-    """A process that runs a module whose main program calls `serve`. Starts when needed, and again after a fault."""
+    """A process that runs a module whose main program calls `serve`. It starts on first use and after a fault."""
 
     def __init__(self, module: str, environment: Mapping[str, str] | None = None) -> None:
         """The module to run; `environment` is added to the environment variables of this process."""
@@ -72,7 +72,7 @@ class Process:
         """Runs a job and returns the end of its standard output and error.
 
         Args:
-            job: JSON-ready.
+            job: values that JSON can store.
             on_event: is called with each event of the process.
             seconds: largest time between two events.
             memory: limit of resident memory, in bytes. Needs psutil: Python cannot read it on Windows and macOS.
@@ -120,7 +120,7 @@ class Process:
         if self._process is not None and self._process.poll() is None:
             return self._process
         self.end()
-        # a file, since a pipe would block the process when it is full
+        # a file, because a full pipe would block the process
         self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
         self._begin, self._next_check = 0, 0.0
         self._process = subprocess.Popen(

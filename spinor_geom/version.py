@@ -23,6 +23,6 @@ def program_version() -> str:
     command = ["git", "-C", str(root), "describe", "--always", "--dirty=.dirty", "--abbrev=9", "--tags", "--match", tag]
     try:
         described = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):  # no git, or a clone of another user, which git refuses to read
+    except (OSError, subprocess.CalledProcessError):  # no git, or a clone of another user, which git does not read
         return f"{RELEASE}.dev0+unknown"
     return RELEASE if described == tag else f"{RELEASE}.dev0+g{described.rpartition('-g')[2]}"

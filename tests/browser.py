@@ -1,6 +1,6 @@
 """A real browser for the tests of pages and pictures: Chromium, through playwright.
 
-Where there is none a test is skipped and says so; with SPINOR_GEOM_BROWSER=required it fails instead.
+Without a browser a test is skipped with a reason; with SPINOR_GEOM_BROWSER=required it fails instead.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class Visit:
 
     Attributes:
         page: playwright's page.
-        errors: what the page complained of: exceptions, console errors, requests that failed.
-        foreign: addresses outside this machine that it asked for; they are not answered.
+        errors: the errors of the page: exceptions, console errors, requests that failed.
+        foreign: requested addresses outside this machine; the requests are not answered.
     """
 
     page: Any
@@ -62,7 +62,7 @@ def browser() -> Iterator[Any]:
 
 @contextmanager
 def visit(browser: Any, address: str, *, ready: bool = False) -> Iterator[Visit]:
-    """Opens an address, follows what the page does, and keeps it from the network.
+    """Opens an address, records the errors and requests of the page, and blocks the network.
 
     Args:
         browser: from `browser`, or a context of it.
@@ -85,7 +85,7 @@ def visit(browser: Any, address: str, *, ready: bool = False) -> Iterator[Visit]
 
     page.route("**/*", answer)
     page.on("pageerror", lambda error: opened.errors.append(str(error)))
-    page.on("console", lambda said: opened.errors.append(said.text) if said.type == "error" else None)
+    page.on("console", lambda message: opened.errors.append(message.text) if message.type == "error" else None)
     page.on("requestfailed", lambda request: opened.errors.append(f"{request.url}: {request.failure}"))
     try:
         page.goto(address, wait_until="load")

@@ -1,4 +1,4 @@
-"""Whether two pictures show the same, whatever their sizes, colour tables and the machine that drew them."""
+"""Whether two pictures show the same, independently of size, colour table and machine."""
 
 from __future__ import annotations
 

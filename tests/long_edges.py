@@ -1,4 +1,4 @@
-"""Rims with edges of unlike length, in the plane: what lies inside is known but for the bulge of short edges."""
+"""Plane rims with edges of very different lengths: their areas are known up to the bulges over short edges."""
 
 import numpy as np
 

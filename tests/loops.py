@@ -1,4 +1,4 @@
-"""Loops whose fills are known, for tests of the discrete and the exact solver."""
+"""Loops whose minimal surfaces are known, for tests of the discrete and the exact solver."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ _test = 0  # number of the test that runs
 
 
 def pytest_configure() -> None:
-    """Before any module of the package is imported."""
+    """Runs before any module of the package is imported."""
     sys.meta_path.insert(0, _Finder())
 
 

@@ -108,7 +108,7 @@ def holed_disks(draw: st.DrawFn, max_holes: int = 5) -> HoledDisk:
 
 @st.composite
 def ragged_meshes(draw: st.DrawFn) -> TriangleMesh:
-    """What is left of a triangulated disk when random faces are taken away: bow-ties, islands, loose vertices."""
+    """A triangulated disk from which random faces were removed: bow-ties, islands, loose vertices."""
     faces, points = _planar_triangulation(draw, min_points=8, max_points=60)
     random = np.random.default_rng(draw(SEEDS))
     kept = random.uniform(size=len(faces)) > draw(st.floats(0.0, 0.7))

@@ -1,4 +1,4 @@
-"""Marks of tests: those that not every system can run, each with its reason, and those of many of a kind."""
+"""Marks for tests that not every system can run, each with its reason, and for long lists of parameters."""
 
 import os
 import sys
@@ -16,5 +16,5 @@ undecodable = pytest.mark.skipif(
 
 
 def every_second(values: Iterable[Any]) -> list[Any]:
-    """Parameters of a test of many of a kind; every second one is slow."""
+    """Parameters of a test with many similar ones; every second one is marked slow."""
     return [pytest.param(value, marks=pytest.mark.slow if k % 2 else ()) for k, value in enumerate(values)]

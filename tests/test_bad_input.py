@@ -141,12 +141,12 @@ def test_a_broken_mesh_is_refused_by_name(broken: Callable[[], Pair], error: typ
         (with_three_faces_at_a_rim_edge, r"edge \(17, 0\) has the faces", ["minimal", "minimal", "None"]),
     ],
 )
-def test_faces_that_do_not_fit_at_a_rim_are_told_with_its_patch(
+def test_faces_that_do_not_fit_at_a_rim_are_reported_with_its_patch(
     broken: Callable[[], Pair], words: str, kinds: list[str]
 ) -> None:
     _, report = fill_hole(broken(), return_report=True)
     assert sorted(map(str, (outcome.kind for outcome in report.loops)), reverse=True) == kinds
-    assert any(re.search(words, said) for said in report.shortcomings), report.shortcomings
+    assert any(re.search(words, sentence) for sentence in report.shortcomings), report.shortcomings
     assert not report.watertight
     with pytest.warns(ImperfectFillWarning, match=words):
         fill_hole(broken())
@@ -167,12 +167,12 @@ def test_unreferenced_vertices_do_no_harm() -> None:
     assert not np.isin([48, 49], new_faces).any()
 
 
-def test_a_rim_in_one_point_is_named_and_nothing_else_said() -> None:
+def test_a_rim_in_one_point_is_the_only_shortcoming_reported() -> None:
     vertices, faces = tube()
     vertices[:16] = vertices[0]
     _, report = fill_hole((vertices, faces), return_report=True)
     assert sorted(outcome.filled for outcome in report.loops) == [False, True]
-    assert any("encloses no area" in said for said in report.shortcomings)
+    assert any("encloses no area" in sentence for sentence in report.shortcomings)
 
 
 @pytest.mark.parametrize("scale", [1e-65, 1e-12, 1e12, 1e65])
@@ -184,7 +184,7 @@ def test_the_unit_of_length_does_not_matter(scale: float) -> None:
     assert np.array(scaled) / scale**2 == pytest.approx(own, rel=1e-12)
 
 
-def test_point_clouds_of_any_library_are_told_what_to_do() -> None:
+def test_point_clouds_of_any_library_are_refused_with_advice() -> None:
     for library in ("trimesh", "open3d"):
         cloud = type("PointCloud", (), {"__module__": library})()
         with pytest.raises(UnknownMeshTypeError, match="points have no holes"):
@@ -290,12 +290,12 @@ def test_a_bad_file_gives_one_sentence_and_status_2(
     path = tmp_path / name if name.startswith("missing") else write(tmp_path / name, content)
     output = tmp_path / "out" / "filled.obj"
     status = main([command, str(path), *(["-o", str(output)] if command == "fill" else [])])
-    said = capsys.readouterr()
+    printed = capsys.readouterr()
     assert status == 2
-    assert said.out == ""
-    assert said.err.startswith("spinor-geom: ")
-    assert said.err.count("\n") == 1
-    assert "Traceback" not in said.err
+    assert printed.out == ""
+    assert printed.err.startswith("spinor-geom: ")
+    assert printed.err.count("\n") == 1
+    assert "Traceback" not in printed.err
     assert not output.parent.exists()
 
 
@@ -336,9 +336,9 @@ def test_an_output_that_cannot_be_written_gives_status_2(
     path = write(tmp_path / "tube.obj", obj_text(tube()))
     outputs = {"-o": tmp_path / "o.obj", option: path / "below.obj"}
     assert main(["fill", str(path), *(str(word) for pair in outputs.items() for word in pair)]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("spinor-geom: ")
-    assert os.fspath(path) in said
+    printed = capsys.readouterr().err
+    assert printed.startswith("spinor-geom: ")
+    assert os.fspath(path) in printed
 
 
 @pytest.mark.parametrize("option", ["--report", "--html", "--picture"])
@@ -348,7 +348,7 @@ def test_a_file_that_is_named_twice_is_not_lost(
 ) -> None:
     path = write(tmp_path / "tube.obj", obj_text(tube()))
     assert main(["fill", str(path), "-o", str(tmp_path / "o.obj"), option, str(tmp_path / "x" / ".." / name)]) == 2
-    assert f"{name}: is given twice" in capsys.readouterr().err
+    assert f"{name} is given twice" in capsys.readouterr().err
     assert path.read_text() == obj_text(tube())
     if option == "--picture":
         assert main(["loops", str(path), option, str(path)]) == 2
@@ -380,7 +380,7 @@ WRONG_TYPES = {
 
 
 @pytest.mark.parametrize("call", WRONG_TYPES.values(), ids=WRONG_TYPES)
-def test_what_a_function_does_not_take_is_said_with_what_it_takes(call: Callable[[], object]) -> None:
+def test_wrong_argument_types_are_refused_with_the_right_ones(call: Callable[[], object]) -> None:
     with pytest.raises(ArgumentTypeError, match=r"takes .*, not "):
         call()
 

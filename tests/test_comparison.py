@@ -189,7 +189,7 @@ def test_two_rims_are_compared_with_a_strip_of_mine() -> None:
         compare([circle - 4 * half, circle + 4 * half])
 
 
-def test_what_cannot_be_compared_is_said_in_a_sentence(known: Any) -> None:
+def test_what_cannot_be_compared_is_refused_with_a_sentence(known: Any) -> None:
     rim = known.rim(24)
     vertices, faces = fan(rim.points)
     two = TriangleMesh(np.vstack([vertices, vertices + 5]), np.concatenate([faces, faces + 25]))

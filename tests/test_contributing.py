@@ -1,4 +1,4 @@
-"""What CONTRIBUTING.md and CITATION.cff say is so."""
+"""The statements of CONTRIBUTING.md and CITATION.cff are correct."""
 
 from __future__ import annotations
 

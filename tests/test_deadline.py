@@ -1,4 +1,4 @@
-"""A budget of seconds is looked at inside its block only, and the earlier of two ends counts."""
+"""A time limit holds inside its block only, and the earlier of two nested limits holds."""
 
 from __future__ import annotations
 

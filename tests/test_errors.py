@@ -1,4 +1,4 @@
-"""Every error can say its sentence wherever it is raised."""
+"""Every error has a message, wherever it is raised."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SENTENCES = {
 }
 
 
-def test_errors_are_given_what_their_sentences_speak_of():
+def test_errors_have_the_fields_that_their_messages_use():
     raised = 0
     for path in Path(spinor_geom.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

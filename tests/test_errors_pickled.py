@@ -1,4 +1,4 @@
-"""Errors reach another process as they are: the same type, sentence and fields."""
+"""Errors that are pickled keep their type, message and fields."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OWN = {  # what types with an `__init__` of their own are made of
 
 
 class Value(int):
-    """A number that every sentence can show: its digits, and as a pair."""
+    """A number that can be formatted by every message, also as a pair."""
 
     def __getitem__(self, _: object) -> Value:
         return self

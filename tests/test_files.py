@@ -15,7 +15,7 @@ def names(folder: Path) -> list[str]:
     return sorted(entry.name for entry in folder.iterdir())
 
 
-def test_new_file_appears_with_what_was_written(tmp_path: Path) -> None:
+def test_a_new_file_has_the_written_contents(tmp_path: Path) -> None:
     target = tmp_path / "mesh.obj"
     with atomic_path(target) as temporary:
         assert temporary.parent == tmp_path

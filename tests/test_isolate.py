@@ -1,4 +1,4 @@
-"""Processes that are watched: what ends them, and what they leave of it."""
+"""Monitored processes: the ways in which they end, and the errors that report it."""
 
 from __future__ import annotations
 
@@ -56,10 +56,10 @@ def fault_of(process: Process, job: Event, **limits: float) -> FaultError:
 
 
 def test_one_process_does_one_job_after_the_other(process: Process) -> None:
-    told: list[Event] = []
+    events: list[Event] = []
     for _ in range(2):
-        assert process.run({}, told.append, seconds=30.0) == "a word\nand another"
-    assert told[0] == told[1]
+        assert process.run({}, events.append, seconds=30.0) == "a word\nand another"
+    assert events[0] == events[1]
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_one_process_does_one_job_after_the_other(process: Process) -> None:
         ({"status": 3}, "its process died with status 3: and another"),
     ],
 )
-def test_a_death_is_told_with_the_last_words(process: Process, job: Event, reason: str) -> None:
+def test_the_end_of_a_process_is_reported_with_its_last_output(process: Process, job: Event, reason: str) -> None:
     fault = fault_of(process, job)
     assert (str(fault), fault.kind, fault.output) == (reason, "death", "a word\nand another")
     assert fault.last.keys() == {"begun"}
@@ -93,7 +93,7 @@ def test_a_death_is_told_with_the_last_words(process: Process, job: Event, reaso
         ),
     ],
 )
-def test_limits_hold_however_much_a_process_tells(
+def test_limits_hold_however_much_a_process_sends(
     process: Process, job: Event, limits: dict[str, float], kind: str, reason: str
 ) -> None:
     fault = fault_of(process, job, **limits)
@@ -142,19 +142,19 @@ def test_the_memory_is_that_of_the_process_that_works(process: Process, monkeypa
     process.run(job, lambda _: None, seconds=30.0, memory=100 << 20)
 
 
-def test_a_module_that_cannot_be_imported_is_told_as_such(process: Process) -> None:
+def test_a_module_that_cannot_be_imported_is_reported(process: Process) -> None:
     fault = fault_of(Process("no_such_module"), {})
     assert (fault.kind, "No module named no_such_module" in str(fault)) == ("start", True)
 
 
 def test_a_caller_that_stops_listening_ends_the_process(process: Process) -> None:
-    told: list[Event] = []
+    events: list[Event] = []
 
     def interrupted(event: Event) -> None:
-        told.append(event)
+        events.append(event)
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         process.run({"talk": 1}, interrupted, seconds=30.0)
-    process.run({}, told.append, seconds=30.0)
-    assert told[0] != told[1]
+    process.run({}, events.append, seconds=30.0)
+    assert events[0] != events[1]

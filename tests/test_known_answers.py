@@ -1,4 +1,4 @@
-"""Figures known to 12 digits and more, each by two ways: what the gallery says, and closed form or quadrature here."""
+"""Figures known to 12 digits and more, computed by the gallery, and here in closed form or by quadrature."""
 
 import math
 

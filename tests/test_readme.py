@@ -52,7 +52,7 @@ def test_the_first_command_leaves_mesh_report_and_picture(clone: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_picture_is_what_the_program_makes(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_picture_is_that_of_the_program(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     import pictures
 

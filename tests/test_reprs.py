@@ -1,4 +1,4 @@
-"""Every public object describes itself in a line."""
+"""The repr of every public object is one line."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def objects() -> Mapping[str, tuple[Any, tuple[str, ...]]]:
     return described()
 
 
-def test_descriptions_are_short_and_say_what_one_wants_to_know(
+def test_descriptions_are_short_and_have_the_main_facts(
     objects: Mapping[str, tuple[Any, tuple[str, ...]]],
 ) -> None:
     for name, (one, words) in objects.items():

@@ -1,4 +1,4 @@
-"""The plugin that checks the shapes in annotations finds false ones."""
+"""The plugin that checks the shapes in annotations finds wrong ones."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_what_does_not_fit_is_an_error(call, what: str) -> None:
         call()
 
 
-def test_a_function_may_refuse_what_does_not_fit() -> None:
+def test_a_function_may_refuse_arguments() -> None:
     with pytest.raises(ValueError, match="no sizes"):
         joined(ONES.T, sizes=[])
 

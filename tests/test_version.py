@@ -1,4 +1,4 @@
-"""The version tells the commit wherever there is one, and else what was built."""
+"""The version has the commit of a clone, or else that of the build."""
 
 from __future__ import annotations
 
@@ -26,52 +26,52 @@ def git(folder: Path, *arguments: str) -> str:
 
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
-    """A folder with a package in which the version is asked for."""
+    """A folder with a package whose version is determined."""
     (tmp_path / "spinor_geom").mkdir()
     (tmp_path / "spinor_geom" / "__init__.py").touch()
     shutil.copy(SOURCE, tmp_path / "spinor_geom")
     return tmp_path
 
 
-def told(root: Path) -> str:
-    """By a process of its own in that folder, which knows of no other."""
+def version_in(root: Path) -> str:
+    """The version that a new process finds in that folder."""
     program = "from spinor_geom.version import program_version; print(program_version())"
     command = [sys.executable, "-B", "-c", program]
     environment = {"PATH": os.environ["PATH"]}
-    said = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=True)
-    return said.stdout.strip()
+    output = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=True)
+    return output.stdout.strip()
 
 
-def test_a_clone_tells_its_commit_and_whether_files_differ(root: Path) -> None:
+def test_a_clone_reports_its_commit_and_whether_files_differ(root: Path) -> None:
     git(root, "init", "-q")
     git(root, "add", ".")
     git(root, "commit", "-qm", "first")
     commit = git(root, "rev-parse", "--short=9", "HEAD")
-    assert told(root) == f"{RELEASE}.dev0+g{commit}"
+    assert version_in(root) == f"{RELEASE}.dev0+g{commit}"
     (root / "spinor_geom" / "__init__.py").write_text("# changed\n")
-    assert told(root) == f"{RELEASE}.dev0+g{commit}.dirty"
+    assert version_in(root) == f"{RELEASE}.dev0+g{commit}.dirty"
     git(root, "tag", f"v{RELEASE}")
     git(root, "checkout", "-q", ".")
-    assert told(root) == RELEASE
+    assert version_in(root) == RELEASE
     git(root, "commit", "-q", "--allow-empty", "-m", "second")
     commit = git(root, "rev-parse", "--short=9", "HEAD")
-    assert told(root) == f"{RELEASE}.dev0+g{commit}"
+    assert version_in(root) == f"{RELEASE}.dev0+g{commit}"
 
 
-def test_a_clone_that_git_does_not_open_says_so(root: Path) -> None:
+def test_a_clone_that_git_does_not_open_is_reported(root: Path) -> None:
     (root / ".git").touch()
-    assert told(root) == f"{RELEASE}.dev0+unknown"
+    assert version_in(root) == f"{RELEASE}.dev0+unknown"
 
 
-def test_an_installed_package_tells_what_was_built_and_bare_files_the_release(root: Path) -> None:
-    assert told(root) == RELEASE
+def test_an_installed_package_reports_its_commit_and_bare_files_the_release(root: Path) -> None:
+    assert version_in(root) == RELEASE
     metadata = root / "spinor_geom-7.dist-info" / "METADATA"
     metadata.parent.mkdir()
     metadata.write_text("Metadata-Version: 2.1\nName: spinor-geom\nVersion: 7.0+gabc\n")
-    assert told(root) == "7.0+gabc"
+    assert version_in(root) == "7.0+gabc"
 
 
-def test_everything_tells_the_same_version(capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_outputs_have_the_same_version(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--version"])
     assert capsys.readouterr().out == f"spinor-geom {program_version()}\n"

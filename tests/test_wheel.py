@@ -1,4 +1,4 @@
-"""What the wheel holds, and that it works where the source is not."""
+"""The contents of the wheel, and that it works without the source."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[1]
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy to build from: building leaves folders behind, and takes stale ones in."""
+    """A copy to build from, because a build leaves folders behind and includes those of earlier builds."""
     source = tmp_path_factory.mktemp("source")
     shutil.copytree(ROOT / "spinor_geom", source / "spinor_geom", ignore=shutil.ignore_patterns("__pycache__", "*.so"))
     for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE", "MANIFEST.in"):
@@ -62,7 +62,7 @@ def unpacked(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def built(source: Path, target: Path, kind: str) -> Path:
-    """What setuptools' hook of this name builds."""
+    """The file that the setuptools hook of this name builds."""
     program = f"import sys; from setuptools import build_meta; build_meta.build_{kind}(sys.argv[1])"
     subprocess.run(
         [sys.executable, "-c", program, str(target)], cwd=source, check=True, timeout=120, capture_output=True
@@ -85,7 +85,7 @@ IMPORT = "import spinor_geom.adapters, spinor_geom; print(spinor_geom.adapters._
 
 
 def imported(program: str, place: Path, *arguments: object, options: Sequence[str] = ()) -> Path:
-    """Where a program finds the adapters that prints them, in a folder that it stands in."""
+    """The path from which a program in a given folder imports the adapters; the program prints it."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     command = [sys.executable, *options, "-c", program, *map(str, arguments)]
     done = subprocess.run(command, cwd=place, env=environment, timeout=120, check=True, capture_output=True, text=True)
@@ -182,7 +182,7 @@ def test_the_wheel_works_away_from_the_source(unpacked: Path, tmp_path: Path) ->
     mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\nf 1 4 2\n")
     environment = {**os.environ, "PYTHONPATH": str(unpacked)}
     program = "import sys; from spinor_geom.cli.main import main; sys.exit(main(sys.argv[1:]))"
-    said = [
+    outputs = [
         subprocess.run(
             [sys.executable, "-c", program, *arguments],
             cwd=tmp_path,
@@ -194,17 +194,17 @@ def test_the_wheel_works_away_from_the_source(unpacked: Path, tmp_path: Path) ->
         ).stdout
         for arguments in (["loops", str(mesh)], ["--version"])
     ]
-    assert [line.split("\t")[:2] for line in said[0].splitlines()[1:]] == [["0", "3"]]
-    assert said[1] == "spinor-geom 0.1.0\n"
+    assert [line.split("\t")[:2] for line in outputs[0].splitlines()[1:]] == [["0", "3"]]
+    assert outputs[1] == "spinor-geom 0.1.0\n"
 
 
 def test_pyvista_finds_the_accessor_of_an_installed_package(unpacked: Path, tmp_path: Path) -> None:
     program = "import pyvista; print(type(pyvista.Sphere().spinor).__module__)"
     environment = {**os.environ, "PYTHONPATH": str(unpacked)}
-    told = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", program], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
     )
-    assert told.stdout == "spinor_geom.fill.pyvista_accessor\n"
+    assert process.stdout == "spinor_geom.fill.pyvista_accessor\n"
 
 
 def test_python_in_the_clone_s_root_finds_every_part_of_the_package() -> None:

@@ -37,8 +37,9 @@ class TriangleMeshAdapter:
 class PairAdapter:
     """A tuple or list (V, F) of numpy arrays or of torch tensors: positions (V, 3) and vertex indices (F, 3).
 
-    Results are tuples or lists of new members of the same dtypes, on the same devices. A dtype that cannot hold the
-    new rows is replaced: integer positions become float64, too narrow indices int64. Gradients flow to old positions.
+    Results are tuples or lists of new members of the same dtypes, on the same devices. A dtype that cannot represent
+    the new rows is replaced: integer positions by float64, too narrow indices by int64. Results are differentiable in
+    old positions.
     """
 
     name = "a pair (V, F) of numpy arrays, or of torch tensors"

@@ -40,10 +40,10 @@ class CadCurve(ClosedCurve):
 def closed_curves(shapes: Sequence[Any]) -> list[CadCurve]:
     """The closed curves that the `boundary_edges` of shapes form, in the order of their first edges.
 
-    Ends of edges are joined that are at most 1e-6 of the size of all edges apart, or within the tolerance of their
+    Ends of edges are joined if they are at most 1e-6 of the size of all edges apart, or within the tolerance of their
     vertices. Each curve has the direction of its first edge. Raises a NoEdgesError without such edges, an OpenWireError
-    where an end meets no other one, a BranchingEdgesError where more than two meet, and a CurveError for a spline that
-    stands still at a point.
+    if an end meets no other one, a BranchingEdgesError if more than two meet, and a CurveError if the derivative of a
+    spline is 0 at a point.
     """
     kind, edges = boundary_edges(shapes)
     return [_joined(splines, kind, gap) for splines, gap in _loops(edges)]
@@ -68,7 +68,7 @@ def _loops(edges: Sequence[CadEdge]) -> Iterator[tuple[list[NurbsCurve], float]]
     _require_cycles(ends, nodes, count, float(near.max()))
     places = np.stack([np.bincount(nodes, weights=x) for x in ends.T], axis=1) / count[:, None]
     gaps = 2 * np.linalg.norm(ends - places[nodes], axis=1).reshape(-1, 2).max(axis=1)
-    # each piece has a number of its own between its ends, by which it is recognised in a chain
+    # each piece has a number of its own between the numbers of its ends, which identifies it in a chain
     pieces = [np.array([first, len(count) + number, last]) for number, (first, last) in enumerate(links.tolist())]
     for _, chain in chained(pieces):
         numbers = chain[1::2] - len(count)

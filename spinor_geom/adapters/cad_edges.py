@@ -13,7 +13,7 @@ from spinor_geom.errors import NoEdgesError
 from spinor_geom.mesh.rational_splines import NurbsCurve
 
 EdgeKind: TypeAlias = Literal["edges", "free boundary"]
-_SEWING = 1e-6  # Open CASCADE's default: largest distance of two edges of faces that are one, in units of the model
+_SEWING = 1e-6  # Open CASCADE's default: largest distance between edges of two faces that are joined, in model units
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,7 +55,7 @@ def parts_of(shape: Any, kind: str, outside: str = "SHAPE") -> Iterator[Any]:
 
 
 def _free_boundary(shapes: Iterable[Any]) -> list[Any]:
-    """Edges of only one face each, after equal edges of different faces were made one."""
+    """The edges that belong to one face only, after equal edges of different faces were identified."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_Sewing
 
     sewing = BRepBuilderAPI_Sewing(_SEWING)
@@ -66,7 +66,7 @@ def _free_boundary(shapes: Iterable[Any]) -> list[Any]:
 
 
 def used_once(shape: Any) -> list[tuple[Any, Any]]:
-    """The edges of a shape that only one face has, only once, each after its face."""
+    """Pairs of a face and an edge that occurs only once in the faces of a shape."""
     uses = [(face, edge) for face in parts_of(shape, "FACE") for edge in parts_of(face, "EDGE")]
     count = Counter(hash(edge) for _, edge in uses)  # a hash is that of the edge in both directions
     return [(face, edge) for face, edge in uses if count[hash(edge)] == 1]

@@ -1,4 +1,4 @@
-"""Shapes of Open CASCADE in objects of CadQuery, build123d and OCP, which are recognised by name, and back."""
+"""Shapes of Open CASCADE from objects of CadQuery, build123d and OCP, which are recognised by name, and back."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def cad_shapes(what: Any) -> list[Any] | None:
     """The `TopoDS_Shape`s of an object of a CAD library, or of a list of such objects; None for anything else.
 
     Objects are shapes of OCP, CadQuery and build123d, `Workplane` and `Sketch` of CadQuery, and builders of build123d.
-    Raises an ArgumentTypeError if the object has no shape, or a list has objects of other types, too.
+    Raises an ArgumentTypeError if the object has no shape, or a list also has objects of other types.
     """
     if isinstance(what, (list, tuple)):
         are_cad = [_is_cad(one) for one in what]
@@ -24,13 +24,13 @@ def cad_shapes(what: Any) -> list[Any] | None:
             return None
         if not all(are_cad):
             found = f"a list with a {type(what[are_cad.index(False)]).__name__}"
-            raise ArgumentTypeError(function="solve_plateau", takes="CAD wires and edges in a list alone", found=found)
+            raise ArgumentTypeError(function="solve_plateau", takes="lists of CAD wires and edges only", found=found)
         return [shape for one in what for shape in _shapes_of(one)]
     return _shapes_of(what) if _is_cad(what) else None
 
 
 def cad_object(shape: Any, library: Literal["build123d", "cadquery"]) -> Any:
-    """A `TopoDS_Shape` as an object of a CAD library, such as its `Shell`; a MissingLibraryError without it."""
+    """A `TopoDS_Shape` as an object of a CAD library, such as its `Shell`; raises a MissingLibraryError without it."""
     if importlib.util.find_spec(library) is None:
         raise MissingLibraryError(package=library)
     return importlib.import_module(library).Shape.cast(shape)

@@ -25,14 +25,14 @@ class FileContents:
     """The contents of a mesh file."""
 
     vertices: Float[np.ndarray, "v 3"]  # in the file's order
-    polygons: Polygons  # the faces as the file has them, over the file's own vertices
+    polygons: Polygons  # the faces of the file, as indices of its own vertices
     # "color" in the file's own scale, "normal", "uv" (origin at the lower left), others by their names in the file
     attributes: Mapping[str, Float[np.ndarray, "v _"]] = field(default_factory=dict)
     labels: frozenset[str] = frozenset()  # names of the attributes whose values are classes
     color_scale: float = 1.0  # full intensity in "color": 1, 255 or 65535
     # the vertex that represents the position of each: itself, except at texture and normal seams
     representatives: Int[np.ndarray, " v"]
-    # the index of the loop that each polygon fills, −1 for those that were read; None where none was added
+    # the index of the loop that each polygon fills, −1 for those that were read; None if none was added
     face_loops: Int[np.ndarray, " p"] | None = None
     # curves beside faces, of vertex indices; a closed one repeats its first
     polylines: tuple[Int[np.ndarray, " _"], ...] = ()
@@ -42,7 +42,7 @@ class FileContents:
     unit: str = ""  # of lengths, one of `METRES`, if the format has units
     first_nonfinite: str = ""  # the place of the first vertex that is NaN or infinite, as "line 12"; may be empty
     is_text_stl: bool = False  # whether an STL file is to be written as text, with all digits
-    notes: tuple[str, ...] = ()  # what was changed after reading, a sentence each
+    notes: tuple[str, ...] = ()  # sentences on changes after reading
     suffix: str = ""  # the format that was read, as ".obj"; "" where the contents were changed
     # the bytes of the file that was read, with new elements after its own
     appended: Callable[[MeshExtension], bytes] | None = None
@@ -83,7 +83,7 @@ def color_scale_of(values: np.ndarray) -> float:
 
 
 def real_numbers(words: Sequence[bytes]) -> list[float]:
-    """Words as numbers; a ValueError if one is not a number, or has underscores (which `float` allows)."""
+    """Words as numbers; raises a ValueError if one is not a number, or has underscores (which `float` allows)."""
     if b"_" in b"".join(words):
         raise ValueError("underscore")
     return list(map(float, words))
@@ -116,7 +116,7 @@ def first_unreadable(items: Sequence[Value], convert: Callable[[list[Value]], ob
 
 
 def single_precision(values: np.ndarray) -> np.ndarray:
-    """Finite numbers rounded to float32, for formats that hold no others; a MeshFileError if one is too large."""
+    """Finite numbers rounded to float32, for formats without float64; raises a MeshFileError if one is too large."""
     largest = float(np.abs(values).max(initial=0.0))
     if largest > float(np.finfo(np.float32).max):
         raise MeshFileError(

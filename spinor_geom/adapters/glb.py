@@ -32,10 +32,10 @@ NAMES = {"COLOR_0": "color", "NORMAL": "normal", "TEXCOORD_0": "uv"}
 def read_glb(data: bytes) -> FileContents:
     """All triangles of a GLB file's scene, in the scene's coordinates.
 
-    Primitives are in the order of the nodes. A mesh that several nodes use is read once for each, up to `MOST_ROWS`
-    rows in all. Skinned meshes are in their rest pose. Edges along which any attribute differs, and those between the
-    primitives of one node (which differ in material), are seams and are closed; nodes are not joined. Not supported:
-    Draco, meshopt, sparse arrays, strips, morph targets, data outside the file.
+    Primitives are in the order of the nodes. A mesh that several nodes use is read once for each node, up to
+    `MOST_ROWS` rows in total. Skinned meshes are in their rest pose. Edges along which any attribute differs, and those
+    between the primitives of one node (which differ in material), are seams and are closed; nodes are not joined.
+    Draco, meshopt, sparse arrays, strips, morph targets and data outside the file are not supported.
     """
     try:
         pieces = scene_pieces(GlbContainer.read(data))
@@ -122,7 +122,7 @@ def names_in_glb(contents: FileContents) -> dict[str, str]:
 
 
 def encode_glb(contents: FileContents) -> bytes:
-    """A new GLB file with one mesh: positions as float32, in metres if the unit is known, and what attributes fit."""
+    """A new GLB file with one mesh: positions as float32, in metres if the unit is known, and supported attributes."""
     scale = METRES.get(contents.unit, 1.0)
     rows = {"POSITION": single_precision(contents.vertices * scale)}
     for name, semantic in names_in_glb(contents).items():
@@ -251,7 +251,7 @@ def scene_pieces(container: GlbContainer) -> list[PlacedPrimitive]:
                 pieces.append(piece)
                 rows_left -= len(piece.faces) + sum(map(len, piece.rows.values()))
             if rows_left < 0:
-                problem = f"up to it the scene has over {MOST_ROWS:,} rows of arrays, as nodes use meshes repeatedly"
+                problem = f"with it the scene has over {MOST_ROWS:,} rows of arrays, because nodes share meshes"
                 raise malformed(f"node {number}", problem, "write each mesh to its own file")
     return pieces
 

@@ -37,7 +37,7 @@ class GlbContainer:
 
     @classmethod
     def read(cls, data: bytes) -> GlbContainer:
-        """Opens a file; a MeshFileError if it is not binary glTF 2, shorter than it declares, or has malformed JSON."""
+        """Opens a file; raises a MeshFileError if it is not binary glTF 2, incomplete, or has malformed JSON."""
         tree, binary, chunks = _chunks(data)
         container = cls(tree=tree, views=[], chunks=chunks)
         for name in LISTS:
@@ -56,7 +56,7 @@ class GlbContainer:
         return container
 
     def item(self, name: str, number: Any) -> Json:
-        """An entry of one of the JSON's lists; a MeshFileError if there is none of that number."""
+        """An entry of one of the JSON's lists; raises a MeshFileError if there is none of that number."""
         items: list[Json] = self.tree.get(name, [])
         if type(number) is not int or not 0 <= number < len(items):
             raise malformed("JSON", f"refers to number {number} of its {len(items)} {name}")
@@ -79,7 +79,7 @@ class GlbContainer:
         return struct.pack("<4sII", b"glTF", 2, 12 + len(body) + len(self.chunks)) + body + self.chunks
 
     def values(self, accessor: int) -> np.ndarray:
-        """The rows of an accessor, (n, k), in the file's dtype; a MeshFileError if the file does not hold them."""
+        """The rows of an accessor, (n, k), in the file's dtype; raises a MeshFileError if they are not in the file."""
         item = self.item("accessors", accessor)
         dtype: np.dtype[Any] = np.dtype(COMPONENTS[item["componentType"]])
         count, width, offset = item["count"], WIDTHS[item["type"]], item.get("byteOffset", 0)

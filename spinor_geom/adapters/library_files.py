@@ -52,7 +52,7 @@ def read_vtk(data: bytes, *, suffix: str) -> FileContents:
 
 
 def read_3mf(data: bytes) -> FileContents:
-    """All meshes of a 3MF file at all places of its build; colours and materials are not read."""
+    """All meshes of a 3MF file, at all positions in its build; colours and materials are not read."""
     import trimesh
 
     try:
@@ -80,7 +80,7 @@ def read_3mf(data: bytes) -> FileContents:
 
 
 def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
-    """A new .vtp or .vtk (binary) file with faces whole, curves as lines and all attributes as point data."""
+    """A new .vtp or .vtk (binary) file with undivided faces, curves as lines and all attributes as point data."""
     import pyvista
 
     polygons = contents.polygons
@@ -103,7 +103,7 @@ def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
 
 
 def encode_3mf(contents: FileContents) -> bytes:
-    """A new 3MF file of one mesh: positions and triangles alone, in millimetres where the unit is not known."""
+    """A new 3MF file of one mesh: positions and triangles only, in millimetres if the unit is not known."""
     import trimesh
 
     triangles, _ = contents.polygons.triangulated(contents.vertices)

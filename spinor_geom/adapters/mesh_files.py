@@ -60,14 +60,14 @@ FORMATS = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshFile(Shown):
-    """A mesh file in memory: its contents, its triangles, and what was appended to it.
+    """A mesh file in memory: its contents, its triangles, and appended elements.
 
-    Written in the format it was read from, a file keeps all its bytes (GLB: every element; VTK's formats and 3MF: what
-    their libraries read), and new elements follow the old ones. Written in another format it keeps vertices, faces,
-    curves and those attributes that the format can hold.
+    If it is written in the format that was read, all bytes are kept (GLB: all elements; VTK's formats and 3MF: what
+    their libraries read), and new elements follow the old ones. In another format, vertices, faces, curves and the
+    attributes that the format supports are kept.
 
     Attributes:
-        path: where it was read from, or None.
+        path: the file that was read, or None.
         contents: vertices, polygons, attributes and curves, old and new.
         mesh: the triangles: polygons split, and closed along texture and normal seams.
         face_polygons: (F,) int64, the index of the polygon of each triangle of `mesh`.
@@ -104,7 +104,7 @@ class MeshFile(Shown):
 
     @property
     def polygons(self) -> Polygons:
-        """The faces as the file has them, quads and polygons whole."""
+        """The faces of the file, with undivided quads and polygons."""
         return self.contents.polygons
 
     @property
@@ -129,15 +129,15 @@ class MeshFile(Shown):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was changed after reading, a sentence each."""
+        """Sentences on changes after reading."""
         return self.contents.notes
 
     def merged(self, within: Within = 0.0) -> MeshFile:
-        """A new file with vertices of equal position merged, as files without shared vertices need.
+        """A new file with vertices of equal position merged, for files whose faces do not share vertices.
 
-        Of each group the vertex of lowest index stays, with its attributes. Polygons lose corners that now repeat the
-        one before; those of fewer than three corners are left out; curves stay whole. `notes` counts both. The new file
-        is written without materials and whatever else is not in `contents`.
+        Of each group the vertex of lowest index is kept, with its attributes. Corners of polygons that are equal to the
+        one before are removed, and so are polygons of fewer than three corners; `notes` has their numbers. Curves do
+        not change. Materials and other data outside `contents` are not written.
 
         Args:
             within: the largest distance of merged vertices, as for `TriangleMesh.merged`.
@@ -168,7 +168,7 @@ class MeshFile(Shown):
         return MeshFile.of_contents(contents, path=self.path)
 
     def write(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Writes the file, in the format that the suffix of `path` names.
+        """Writes the file in the format of the suffix of `path`.
 
         After an error an old file of that name is unchanged.
 
@@ -194,7 +194,7 @@ class MeshFile(Shown):
         if suffix not in FORMATS or self._follows(suffix):
             return ()
         kept = FORMATS[suffix].names(self.contents)
-        why = f"left out: {suffix} files cannot store it, its name, or so many columns"
+        why = f"left out: {suffix} files do not support it, its name, or its number of columns"
         return tuple(f"the attribute {name!r} is {why}" for name in self.contents.attributes if name not in kept)
 
     def _follows(self, suffix: str) -> bool:
@@ -289,7 +289,7 @@ class MeshFileAdapter:
     types = ("spinor_geom.MeshFile", "pathlib.PurePath", "builtins.str")
 
     def to_mesh(self, obj: MeshFile | str | os.PathLike[str]) -> TriangleMesh:
-        """The triangles of the file; a MeshFileError if it is missing or malformed."""
+        """The triangles of the file; raises a MeshFileError if it is missing or malformed."""
         return _opened(obj).mesh
 
     def extend(self, obj: Any, extension: MeshExtension) -> MeshFile:

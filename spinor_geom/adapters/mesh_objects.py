@@ -37,7 +37,7 @@ class Open3DAdapter:
     types = ("open3d.TriangleMesh",)
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
-        """The triangles; a MeshShapeError if the mesh is one of tensors."""
+        """The triangles; raises a MeshShapeError if the mesh is one of tensors."""
         arrays = self._arrays(obj)
         return without_seams(triangles_of(np.asarray(obj.vertices), np.asarray(obj.triangles), arrays))
 
@@ -64,7 +64,7 @@ class Open3DAdapter:
         return made
 
     def merged(self, obj: Any, within: Within) -> Any:
-        """A new mesh with vertices merged; what belongs to triangles is copied."""
+        """A new mesh with vertices merged; data of triangles are copied."""
         kept, new_index = self.to_mesh(obj).merge_map(within)
         attributes = {name: values[kept] for name, values in self._arrays(obj).items()}
         return self._copy(obj, np.asarray(obj.vertices)[kept], new_index[np.asarray(obj.triangles)], attributes)
@@ -105,7 +105,7 @@ class MeshioAdapter:
     def to_mesh(self, obj: meshio.Mesh) -> TriangleMesh:
         """The triangles, quads and polygons split, block after block.
 
-        A plane mesh (two coordinates a point), or cells other than faces, points and lines, are a MeshShapeError.
+        Raises a MeshShapeError for plane meshes (two coordinates a point) and cells other than faces, points and lines.
         """
         points, polygons = self._points_and_polygons(obj)
         vertices = points.astype(np.float64)
@@ -114,8 +114,8 @@ class MeshioAdapter:
     def extend(self, obj: meshio.Mesh, extension: MeshExtension) -> meshio.Mesh:
         """A new mesh with the extension appended: its faces are a block of triangles of their own.
 
-        Point sets, cell sets and field data are copied. New cells get the most frequent cell data of faces; point data
-        that are no real numbers get zeros or empty entries at new points.
+        Point sets, cell sets and field data are copied. New cells get the most frequent cell data of faces. Point data
+        that are not real numbers get zeros or empty entries at new points.
         """
         import meshio
 
@@ -168,14 +168,14 @@ class MeshSetAdapter:
     """The current mesh of a `pymeshlab.MeshSet`, with its vertex colours, scalars and texture coordinates.
 
     The attributes are called "color" (RGBA, 0 to 1), "scalar" and "uv". Positions are those before the mesh's
-    transform. MeshLab holds triangles only, and computes normals anew for every mesh: they are not copied.
+    transform. MeshLab stores triangles only, and computes normals for every mesh, so normals are not copied.
     """
 
     name = "pymeshlab.MeshSet"
     types = ("pymeshlab.MeshSet",)
 
     def to_mesh(self, obj: pymeshlab.MeshSet) -> TriangleMesh:
-        """The triangles of the current mesh; a MeshShapeError if the set holds none."""
+        """The triangles of the current mesh; raises a MeshShapeError if the set holds none."""
         mesh = self._current(obj)
         return TriangleMesh(mesh.vertex_matrix(), mesh.face_matrix(), vertex_attributes=self._arrays(mesh))
 

@@ -1,7 +1,7 @@
 """Wavefront OBJ: read in blocks, and extended without changing the bytes that were read.
 
-The lines `v`, `vt`, `vn`, `f`, `l`, `o` and `g` are read, in capitals too. Others, such as `mtllib`, stay in the file
-as text; no file that they name is opened.
+The lines `v`, `vt`, `vn`, `f`, `l`, `o` and `g` are read, in lower or upper case. Other lines, such as `mtllib`, are
+kept as text; files that they refer to are not opened.
 """
 
 from __future__ import annotations
@@ -61,13 +61,13 @@ def read_obj(data: bytes) -> FileContents:
             raise malformed("", problem, "check that this is an OBJ file, or write it in several pieces")
         reader.add(_Block(text[start:stop], first_line=line))
         start, line = stop, line + text.count(NEWLINE, start, stop)
-    # a backslash at the very end would continue the last line into what follows
+    # a backslash at the end of the file would continue the last line
     ending = (not text.endswith(NEWLINE)) + text[-2:].rstrip().endswith(b"\\")
     return reader.contents(data, newline.decode("ascii"), ending)
 
 
 class _Reader:
-    """Collects what the blocks of a file hold."""
+    """Collects the contents of the blocks of a file."""
 
     def __init__(self) -> None:
         self.counts = dict.fromkeys(NUMBERS, 0)
@@ -210,7 +210,7 @@ class _Block:
         return set(np.unique(self.sizes[self.lines[key]]).tolist())
 
     def _text(self, key: bytes) -> bytes:
-        """What follows the keyword on all of its lines."""
+        """The text after the keyword on all of its lines."""
         lines = self.lines[key]
         after_gap = np.flatnonzero(np.diff(lines, prepend=-2) > 1)
         last = np.append(lines[after_gap[1:] - 1], lines[-1:])
@@ -260,7 +260,7 @@ class _Block:
             before = [counts[name] + np.searchsorted(self.lines[name], line_of) for name in NUMBERS]
             resolved = corners + np.stack(before, axis=1) + 1
             corners = np.where((corners < 0) & (resolved > 0), resolved, corners)
-            # an index before the file's first element must not pass for "not given"
+            # an index before the file's first element is not the same as "not given"
             corners[:, 1:] = np.where(corners[:, 1:] < 0, np.iinfo(np.int64).max, corners[:, 1:])
         return corners - 1
 
@@ -329,7 +329,7 @@ def _appended(
             own, first = corner_indices[name]
             lines.append(_number_lines(keyword, extension.vertex_attributes[name], newline))
             indices = np.concatenate([own, np.arange(first, first + len(extension.vertices))])
-            # a vertex in no face has none: any valid number will do
+            # a vertex in no face has no index; any valid number can be written
             corners.append(np.maximum(indices[extension.faces.ravel()], 0) + 1)
     sizes, has_uv = np.full(len(extension.faces), 3), "uv" in corner_indices
     lines.append(_face_lines(corners, sizes, extension.face_loops, newline, has_uv=has_uv))

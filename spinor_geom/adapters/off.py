@@ -23,7 +23,7 @@ def read_off(data: bytes) -> FileContents:
     """The vertices, with colours, normals and texture coordinates, and the faces of an OFF file.
 
     Each vertex and each face has a line; colours of faces are kept in the file but not read. Files without colours,
-    normals and texture coordinates may have other line breaks, and are then written anew.
+    normals and texture coordinates may have other line breaks; such files are rewritten with standard line breaks.
     """
     if b"\0" in data:
         raise malformed(f"byte {data.index(0)}", "has a zero byte, so it is not a text file", "binary OFF is not read")

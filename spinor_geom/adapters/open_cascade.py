@@ -20,7 +20,7 @@ Unit = Literal["mm", "cm", "m", "in"]
 _MILLIMETRES: dict[Unit, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 STEP, IGES, BREP = (".step", ".stp"), (".igs", ".iges"), (".brep",)
 CAD_SUFFIXES = (*STEP, *IGES, *BREP)
-# Open CASCADE takes points at most 1e-7 apart as equal, whatever the unit; edges must be much longer
+# In Open CASCADE points at most 1e-7 apart are equal, in any unit; edges must be much longer
 _LEAST_EDGE = 1e-4
 _PRODUCT_NAME = "write.step.product.name"
 _NETS = "Array2_gp_Pnt", "Array2_double"  # of points and weights
@@ -32,11 +32,14 @@ def is_cad_file(what: Any) -> bool:
 
 
 def require_cad_suffix(path: str | os.PathLike[str]) -> str:
-    """The suffix of a CAD file in lower case; a CadFileError if it is unknown, a MissingPackageError without OCP."""
+    """The suffix of a CAD file in lower case.
+
+    Raises a CadFileError if it is unknown, and a MissingPackageError if OCP is not installed.
+    """
     suffix = Path(path).suffix.lower()
     if suffix not in CAD_SUFFIXES:
         known = ", ".join(CAD_SUFFIXES)
-        raise CadFileError(f"{os.fspath(path)}: '{Path(path).suffix}' is no CAD format; use one of {known}")
+        raise CadFileError(f"{os.fspath(path)}: '{Path(path).suffix}' is not a CAD format; use one of {known}")
     require("OCP", extra="cad")
     return suffix
 
@@ -59,8 +62,8 @@ def sewn_shell(patches: Iterable[NurbsPatch], *, unit: Unit = "mm") -> Any:
     shortest = min(_shortest_side(points) for _, points in nets)
     if not shortest > _LEAST_EDGE:
         raise CadFileError(
-            f"a side of {shortest:.1e} mm is too short for CAD, whose kernels take points 1e-7 mm apart as equal; "
-            "scale the curve, or give its unit"
+            f"a side of {shortest:.1e} mm is too short for CAD, where points 1e-7 mm apart are equal; scale the curve, "
+            "or give its unit"
         )
     sewing = BRepBuilderAPI_Sewing(_LEAST_EDGE / 100)
     faces = [BRepBuilderAPI_MakeFace(_spline_surface(patch, points), 1e-7).Face() for patch, points in nets]

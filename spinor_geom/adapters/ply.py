@@ -60,7 +60,7 @@ def _read_header(data: bytes) -> tuple[int, Records]:
     end = re.search(rb"(?:^|[\r\n])end_header[ \t]*(\r\n|\n|\r)", data)
     if end is None:
         raise malformed("header", "has no line 'end_header'")
-    # "\r" before binary data that begins with "\n" is ambiguous: the first line of the file decides
+    # "\r" before binary data that begins with "\n" is ambiguous; the first line of the file decides
     newline = b"\r\n" if data[start + 3 : start + 5] == b"\r\n" else data[start + 3 : start + 4]
     size = end.start(1) + len(newline) if end[1].startswith(newline) else end.end()
     lines = [(line.start(), line[0].decode("latin-1").rstrip()) for line in LINE.finditer(data, start, size)]
@@ -159,7 +159,7 @@ def _appended(
     count = len(extension.faces)
     own = records.elements["face"]
     faces: dict[str, np.ndarray] = {}
-    # of a colour all together: the most frequent red and the most frequent green may be of different colours
+    # a colour as a whole, because the most frequent red and the most frequent green may be of different colours
     for names in (*_attribute_groups(own).values(), *((name,) for name in "xyz" if name in own.values)):
         row = most_frequent_row(_table(own, names))
         faces |= dict(zip(names, np.repeat(row, count, axis=0).T, strict=True))

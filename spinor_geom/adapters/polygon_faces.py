@@ -107,7 +107,7 @@ def _best_fans(vertices: Float[np.ndarray, "v 3"], corners: Int[np.ndarray, "m n
     if size == 3:
         return corners[:, None]
     best = _fans(corners, 0)
-    with np.errstate(over="ignore", invalid="ignore"):  # huge coordinates: any fan is right for the topology
+    with np.errstate(over="ignore", invalid="ignore"):  # for huge coordinates any fan has the right topology
         quality = _least_agreement(vertices, best)
         for start in range(1, size if size > 4 else 2) if size <= LARGEST_SEARCHED else ():
             fans = _fans(corners, start)
@@ -149,9 +149,9 @@ def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[tuple[int, Int[n
             continue
         unused.discard(number)
         curve = list(first)
-        for _ in range(2):  # beyond its last vertex, then, turned round, beyond its first
+        for _ in range(2):  # beyond its last vertex; then, reversed, beyond its first
             while curve[0] != curve[-1] and len(ends[curve[-1]]) == 2:
-                # one of the two is the curve's own last piece; were the other used, the curve would be closed
+                # one of the two is the last piece of the curve; the other is unused, because the curve is not closed
                 follower = next(piece for piece in ends[curve[-1]] if piece in unused)
                 unused.discard(follower)
                 added = pieces[follower]
@@ -167,9 +167,9 @@ def seam_representatives(
     """For every vertex the one that represents its position: along a seam the lowest index, elsewhere itself.
 
     A seam is a pair of boundary edges with equal ends in opposite directions, and no third one there. Each end is a
-    shared vertex, or vertices at its position differ in `appearance`, values (V, k) that a renderer keeps at each
-    vertex. So pieces that merely touch are not joined, nor are vertices that are equal in everything, as these may
-    be separate on purpose.
+    shared vertex, or vertices at its position differ in `appearance`, values (V, k) that a renderer stores at each
+    vertex. Pieces that only touch are not joined, nor are vertices without a difference, which may be separate on
+    purpose.
     """
     place = coincident_vertices(vertices)
     differs = np.zeros(len(vertices), dtype=bool)
@@ -202,7 +202,7 @@ def _edge_pairs(edges: Int[np.ndarray, "b 2"]) -> tuple[Int[np.ndarray, " p"], I
 def close_seams(
     faces: Int[np.ndarray, "f 3"], representatives: Int[np.ndarray, " v"]
 ) -> tuple[Int[np.ndarray, "g 3"], Bool[np.ndarray, " f"]]:
-    """The triangles over the vertices that represent their positions, and which of the given ones these are, (F,) bool.
+    """The triangles over the vertices that represent their positions, and a mask of those that are kept, (F,) bool.
 
     A triangle of which two vertices become one (as at the poles of a textured globe) has no area and is left out.
     """
@@ -212,7 +212,7 @@ def close_seams(
 
 
 def appearance_of(attributes: Mapping[str, Float[np.ndarray, "v _"]]) -> list[Float[np.ndarray, "v _"]]:
-    """The attributes of a mesh that a renderer keeps at each vertex."""
+    """The attributes of a mesh that a renderer stores at each vertex."""
     return [attributes[name] for name in ("uv", "normal", "color") if name in attributes]
 
 

@@ -25,7 +25,7 @@ class PyVistaAdapter:
     """`pyvista.PolyData`, and a `pyvista.UnstructuredGrid` of triangles, quads and polygons, with their point data.
 
     The active normals are called "normal", the active texture coordinates "uv", the first array of three or four bytes
-    a point "color" (0 to 255), others as in `point_data`; one of these that clashes gets the prefix "attribute ".
+    per point "color" (0 to 255), others as in `point_data`, with the prefix "attribute " if the name clashes.
     Edges along which normals, texture coordinates or colours differ are seams, and closed.
     """
 
@@ -33,15 +33,15 @@ class PyVistaAdapter:
     types = ("pyvista.PolyData", "pyvista.UnstructuredGrid")
 
     def to_mesh(self, obj: Mesh) -> TriangleMesh:
-        """The triangles, quads split, closed along seams; a MeshShapeError for cells of other types."""
+        """The triangles, quads split, closed along seams; raises a MeshShapeError for cells of other types."""
         vertices = np.asarray(obj.points, dtype=np.float64)
         return without_seams(triangles_of(vertices, polygons_of(obj).triangulated(vertices)[0], _arrays(obj)))
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
         """A new mesh of the same type with the extension appended: its cells after the old ones, as triangles.
 
-        Field data, and which arrays are active, are copied. New cells get the most frequent cell data; point data that
-        are no real numbers get zeros or empty entries at new points.
+        Field data are copied, and the same arrays are active. New cells get the most frequent cell data; point data
+        that are not real numbers get zeros or empty entries at new points.
         """
         import pyvista
 
@@ -86,7 +86,7 @@ class PyVistaAdapter:
 
 
 def polygons_of(mesh: Mesh) -> Polygons:
-    """The faces of a mesh, quads and polygons whole; raises as `PyVistaAdapter.to_mesh`."""
+    """The faces of a mesh, with undivided quads and polygons; raises as `PyVistaAdapter.to_mesh`."""
     import pyvista
 
     if isinstance(mesh, pyvista.UnstructuredGrid):

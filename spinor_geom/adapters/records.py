@@ -101,7 +101,7 @@ def _tables(
 
 
 def read_binary(data: bytes, position: int, element: Element) -> Element:
-    """An element with the records that begin at byte `position`; a MeshFileError if the file ends before they do."""
+    """An element with the records that begin at byte `position`; raises a MeshFileError if the file ends too early."""
     records = _equal_records(data, position, element)
     if records is None:
         return _ragged_records(data, position, element)
@@ -194,7 +194,7 @@ def split_rows(
 
 
 def parse_rows(rows: list[list[bytes]], element: Element) -> Element:
-    """An element with the records in some rows of words; a MeshFileError names the line that cannot be read."""
+    """An element with the records in rows of words; raises a MeshFileError with the first line that cannot be read."""
     try:
         return _of_words(rows, element)
     except (ValueError, OverflowError) as error:

@@ -26,7 +26,7 @@ class Adapter(Protocol):
         """
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
-        """The triangles of `obj`, with all its vertices in their order; a MeshError if its arrays are no mesh."""
+        """The triangles of `obj`, with all its vertices in their order; raises a MeshError for invalid arrays."""
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
         """A new object of the type of `obj`: the contents of `obj`, unchanged, followed by the extension.
@@ -47,12 +47,12 @@ def register(adapter: Adapter) -> None:
 
 
 def to_mesh(obj: Any) -> TriangleMesh:
-    """The triangles of any known mesh object or mesh file.
+    """The triangles of any supported mesh object or mesh file.
 
     The result has all vertices of `obj` in their order, so that indices of loops and extensions are those of `obj`.
-    Quads and larger polygons are split into triangles. Where a renderer's format splits vertices along texture or
-    normal seams, faces have the vertex of lowest index at each position, so that a seam is not a boundary. Nothing else
-    is merged, cleaned or reordered.
+    Quads and larger polygons are split into triangles. If the format has several vertices at one position along texture
+    or normal seams, faces use the one of lowest index, so that a seam is not a boundary. Nothing else is merged,
+    cleaned or reordered.
 
     Args:
         obj: a `TriangleMesh`, a pair (vertices, faces) of numpy arrays or torch tensors, a `trimesh.Trimesh` or
@@ -72,7 +72,7 @@ def extend(obj: Any, extension: MeshExtension) -> Any:
     """A new object of the type of `obj`, with new vertices and faces appended.
 
     Vertices (bit for bit), faces (quads and polygons too), attributes and metadata of `obj` come first in the result,
-    unchanged. `obj` itself is not changed. A path gives a `MeshFile`, which is not written yet.
+    unchanged. `obj` itself is not changed. For a path, the result is a `MeshFile`, which is not written.
 
     Args:
         obj: as for `to_mesh`.
@@ -88,8 +88,8 @@ def extend(obj: Any, extension: MeshExtension) -> Any:
 def merged(obj: Any, within: Within) -> Any:
     """A new object of the type of `obj` with vertices at most `within` apart merged, in mesh units.
 
-    Of each group the vertex of lowest index stays, with its attributes, also where texture coordinates or normals
-    differ. Two corners of a face at different positions are never merged. A path gives a `MeshFile`.
+    Of each group the vertex of lowest index is kept, with its attributes, even if texture coordinates or normals
+    differ. Two corners of a face at different positions are never merged. For a path, the result is a `MeshFile`.
 
     Raises:
         UnknownMeshTypeError, MeshError, MeshFileError: as for `to_mesh`.
@@ -121,7 +121,7 @@ def _adapter_of(obj: Any) -> Adapter:
     found, known = _description(obj), known_types()
     advice = f"give one of: {', '.join(known)}"
     if found.endswith(".PointCloud"):
-        advice = "points have no holes: reconstruct faces first, or span a closed curve of points with solve_plateau"
+        advice = "points have no holes: reconstruct faces first, or pass points of a closed curve to solve_plateau"
     raise UnknownMeshTypeError(found=found, known=known, advice=advice)
 
 

@@ -22,9 +22,9 @@ Rim: TypeAlias = BoundaryLoop | ClosedCurve
 def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
     """The closed curves that an argument describes.
 
-    It is a loop, an analytic curve, (m, 3) points of a closed curve, or a sequence of these; a mesh of any known type
-    or the path of a mesh file, of which one loop is taken; or shapes of a CAD library or the path of a CAD file, of
-    which wires are all taken, and one free boundary of faces. `loop` is the index in `boundary_loops(mesh)`, or of the
+    It is a loop, an analytic curve, (m, 3) points of a closed curve, or a sequence of these; a mesh of any supported
+    type or the path of a mesh file, of which one loop is used; or shapes of a CAD library or the path of a CAD file, of
+    which all wires are used, or one free boundary of faces. `loop` is the index in `boundary_loops(mesh)`, or of the
     curve of CAD edges, the longest first; None if a mesh or CAD faces have only one.
 
     Raises an OptionError if `loop` is missing for several loops or given for a curve, a LoopIndexError if there is no
@@ -36,7 +36,7 @@ def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
     if is_mesh(what):
         return [_loop_of_mesh(what, loop)]
     if loop is not None:
-        raise OptionError("loop selects a boundary loop of a mesh, but a curve was given; leave loop out")
+        raise OptionError("loop selects a boundary loop of a mesh, but a curve was given; remove loop=")
     if isinstance(what, (BoundaryLoop, ClosedCurve)):
         return [what]
     if not isinstance(what, np.ndarray) and all(isinstance(one, Rim) or np.ndim(one) == 2 for one in what):
@@ -60,7 +60,7 @@ def _loop_of_mesh(what: Any, loop: int | None) -> BoundaryLoop:
     require_faces(mesh)
     loops = find_boundary_loops(mesh)
     if loop is None and len(loops) != 1:
-        raise OptionError(f"the mesh has {len(loops)} boundary loops, not one; pass one of boundary_loops(mesh)")
+        raise OptionError(f"the mesh has {len(loops)} boundary loops, not one; give one of boundary_loops(mesh)")
     place = 0 if loop is None else loop
     if not 0 <= place < len(loops):
         raise LoopIndexError(index=place, loops=len(loops))
@@ -74,7 +74,5 @@ def _of_cad(curves: list[CadCurve], loop: int | None) -> list[Rim]:
             raise LoopIndexError(index=loop, loops=len(curves))
         return [sorted(curves, key=lambda curve: -curve.length)[loop]]
     if len(curves) > 1 and curves[0].kind == "free boundary":
-        raise OptionError(
-            f"the faces have {len(curves)} free boundaries, not one; choose one by its number, or give wires"
-        )
+        raise OptionError(f"the faces have {len(curves)} free boundaries; choose one by its index, or give wires")
     return [*curves]

@@ -1,4 +1,4 @@
-"""STL, text and binary: triangles with three vertices of their own each."""
+"""STL, text and binary: each triangle has three vertices of its own."""
 
 import re
 import struct
@@ -59,7 +59,7 @@ def encode_stl(contents: FileContents) -> bytes:
     """An STL file of the triangles of all faces: text if `is_text_stl`, else binary and rounded to float32."""
     faces, _ = contents.polygons.triangulated(contents.vertices)
     corners = contents.vertices[faces]
-    # scaled to size 1, since products of very large or small edges overflow or underflow
+    # scaled to size 1, because products of very large or small edges overflow or underflow
     size = np.abs(corners).max(axis=(1, 2), keepdims=True, initial=0.0)
     a, b, c = np.moveaxis(np.divide(corners, size, out=np.zeros_like(corners), where=size > 0), 1, 0)
     normals = unit_vectors(np.cross(b - a, c - a))

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 class TrimeshAdapter:
     """`trimesh.Trimesh`, with its vertex colours, texture coordinates, normals and vertex attributes.
 
-    The attributes are called "color" (0 to 255), "uv", "normal" (where normals were given or have been computed) and
-    by the names in `vertex_attributes`; one of these that clashes gets the prefix "attribute ". On a mesh with a
-    texture (`TextureVisuals`) edges along which texture coordinates, normals or colours differ are seams, and closed.
+    The attributes are called "color" (0 to 255), "uv", "normal" (if normals were given or have been computed) and by
+    the names in `vertex_attributes`; one whose name clashes gets the prefix "attribute ". On a mesh with a texture
+    (`TextureVisuals`) edges along which texture coordinates, normals or colours differ are seams, and closed.
     """
 
     name = "trimesh.Trimesh"
@@ -44,15 +44,15 @@ class TrimeshAdapter:
     def extend(self, obj: trimesh.Trimesh, extension: MeshExtension) -> trimesh.Trimesh:
         """A new `Trimesh` with the extension appended; material, metadata and attributes are copied.
 
-        New faces get the most frequent face colour and face attributes. Attributes that are no real numbers get zeros
-        or empty entries at new vertices. Normals are kept only if the extension has them, else trimesh computes them
-        when they are read.
+        New faces get the most frequent face colour and face attributes. Attributes that are not real numbers get zeros
+        or empty entries at new vertices. Normals are kept only if the extension has them; otherwise trimesh computes
+        them when they are read.
         """
         import trimesh
 
         arrays = _arrays(obj)
         if "normal" not in extension.vertex_attributes:
-            # trimesh caches normals whenever it computes them: they may have come after to_mesh
+            # trimesh caches normals when it computes them, which may have been after to_mesh
             arrays.pop("normal", None)
         attributes = append_attributes(arrays, extension, vertices=len(obj.vertices))
         new_faces = len(extension.faces)
@@ -145,11 +145,11 @@ class _Part:
 
 
 class SceneAdapter:
-    """`trimesh.Scene`: every `Trimesh` in it once, in the scene's coordinates; points and paths are kept as they are.
+    """`trimesh.Scene`: every `Trimesh` in it once, in the scene's coordinates; points and paths are not changed.
 
-    A geometry that several nodes use has the position of the first of them. Attributes are those of `trimesh.Trimesh`;
-    where two geometries have different ones of one name, those of the later get its own name as a prefix. At vertices
-    of geometries that lack an attribute it is 0.
+    A geometry that several nodes use has the position of the first of them. Attributes are those of `trimesh.Trimesh`.
+    If two geometries have different attributes of one name, that of the later one gets the geometry's name as a prefix.
+    An attribute is 0 at vertices of geometries that do not have it.
     """
 
     name = "trimesh.Scene"
@@ -173,7 +173,7 @@ class SceneAdapter:
         return TriangleMesh(vertices, np.concatenate([none, *faces]), vertex_attributes=attributes, labels=labels)
 
     def extend(self, obj: trimesh.Scene, extension: MeshExtension) -> trimesh.Scene:
-        """A new `Scene` whose geometries are extended; faces that join two of them are a MeshShapeError too."""
+        """A new `Scene` whose geometries are extended; raises a MeshShapeError for faces that join two of them."""
         parts = _parts(obj)
         extended = obj.copy()
         old = sum(len(part.mesh.vertices) for part in parts)

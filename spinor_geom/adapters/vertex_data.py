@@ -72,7 +72,7 @@ def cast_values(values: Real[np.ndarray, "k c"], dtype: np.dtype[Any]) -> np.nda
     if dtype.kind not in "iu":
         return values.astype(dtype)
     limits = np.iinfo(dtype)
-    # 2**63 - 1 is no float64, and its neighbour 2**63 no int64: the largest float64 below the limit bounds instead
+    # 2**63 - 1 is not a float64, and 2**63 not an int64; the bound is the largest float64 below the limit
     highest = np.nextafter(float(limits.max), 0.0) if float(limits.max) > limits.max else float(limits.max)
     return np.asarray(np.clip(np.rint(np.nan_to_num(values)), float(limits.min), highest), dtype=dtype)
 
@@ -98,7 +98,7 @@ def unit_vectors(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
 
 
 def parts_of_faces(extension: MeshExtension, starts: Sequence[int], vertices: int) -> Int[np.ndarray, "t parts"]:
-    """For each new face how many vertices of each part of a mesh its patch has; part i begins at vertex starts[i]."""
+    """The number of vertices of each part of a mesh in the patch of each new face; part i begins at starts[i]."""
     faces = extension.faces
     labels = linked(np.concatenate([faces[:, :2], faces[:, 1:]]), vertices + len(extension.vertices))
     patches, patch_of_face = np.unique(labels[faces[:, 0]], return_inverse=True)

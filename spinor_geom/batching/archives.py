@@ -1,6 +1,6 @@
-"""Tar and zip archives: listed without being unpacked, and refused as a whole if any member is unsafe.
+"""Tar and zip archives: their members are listed without unpacking; an unsafe member is an error of the whole archive.
 
-Run as a program, this module is the process that lists archives for `inputs`.
+As a program, this module is the process that lists archives for `inputs`.
 """
 
 import errno
@@ -57,7 +57,7 @@ def is_archive(path: str) -> bool:
 
 
 def members(path: Path) -> Iterator[Member]:
-    """The files in an archive, in its order. Use none of them before the iteration has ended without an error.
+    """The files in an archive, in its order. They are safe to use only after the iteration has ended without an error.
 
     Raises an ArchiveError if the archive is damaged or encrypted, or holds a link, a device, an absolute name, a name
     with "..", a name or header that is too long, or files that unpack to over 200 times their size; and an OSError.
@@ -80,7 +80,7 @@ def _damage_as_archive_error(path: Path, name: str = "") -> Iterator[None]:
 
 
 class ArchiveReader:
-    """Reads members of archives. The last archive stays open, since a batch reads its members one after the other."""
+    """Reads members of archives. The last archive stays open, because members are read one after the other."""
 
     def __init__(self) -> None:
         self._key: tuple[Path, int, int] | None = None

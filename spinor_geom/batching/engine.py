@@ -39,7 +39,7 @@ class BatchProgress:
 
     Attributes:
         files: finished sources, including those that were complete before a resumed run.
-        files_failed: those of them for which `spinor-geom fill` would not exit with 0.
+        files_failed: the finished sources for which `spinor-geom fill` would not exit with 0.
         files_total: all sources.
         files_before: sources that were complete before a resumed run.
         loops: loops of the finished sources.
@@ -112,10 +112,11 @@ def batch(
 ) -> BatchResult:
     """Fills the holes of many mesh files as `fill_hole` does, and writes the results to a folder.
 
-    Closed curves of OBJ files (`l` elements) are spanned, too. A file that cannot be filled, or that crashes its
-    process, does not stop the batch: its record, the table and the log give the reason. An interrupted run continues
-    with `resume=True`. The results do not depend on interruptions or on the number of workers: the files are equal byte
-    for byte, the records except for timings (on one kind of processor, and unless a loop reaches the time limit).
+    Surfaces over closed curves of OBJ files (`l` elements) are computed too. A file that cannot be filled, or that
+    crashes its process, does not stop the batch: its record, the table and the log have the reason. An interrupted run
+    continues with `resume=True`. The results do not depend on interruptions or on the number of workers: files are
+    equal byte for byte, records except for timings (on one kind of processor, and unless a loop reaches the time
+    limit).
 
     Args:
         inputs: mesh files of every format that `read_mesh` reads, folders (with all subfolders), patterns, manifests
@@ -123,9 +124,9 @@ def batch(
             being unpacked. All are listed before the first is solved, in a temporary file.
         output: the folder to write to, new or empty unless a run is resumed.
         what: "fill" writes the triangulation of each loop and, for files with faces, the filled mesh; "surface" writes
-            the triangulation and the spinor surface, for `SpinorSurface.load`; "loops" writes the loops alone.
+            the triangulation and the spinor surface, for `SpinorSurface.load`; "loops" writes the loops only.
         format: of the meshes: "obj", "ply", "stl", "off", "glb", "vtp", "vtk", "3mf" or "npz"; None for the format of
-            each input ("obj" for loops alone).
+            each input ("obj" for "loops").
         loop: as for `fill_hole`, for every file. A file without such a loop fails.
         bridge: as for `fill_hole`, for every file.
         islands: as for `fill_hole`.
@@ -136,7 +137,7 @@ def batch(
         edge_length: `target_edge_length` of `fill_hole`.
         tolerance: as for `fill_hole`.
         time_limit: as for `fill_hole`, in seconds. A process that solves or lists an archive is ended, and its file
-            fails, if it reports nothing for a minute plus ten times this limit.
+            fails, if it sends no message for a minute plus ten times this limit.
         strict: counts a file as not done if a loop has no exact surface within the tolerance.
         closing: the ends of open curves are joined if the gap is at most this many mean edge lengths.
         compare: also compares each surface with a discrete minimal surface.
@@ -186,7 +187,7 @@ def batch(
     if retries < 0:
         raise OptionError(f"retries must be at least 0, not {retries}")
     if scheduler is not None and workers is not None:
-        raise OptionError("the number of workers is that of the cluster; give either workers or scheduler")
+        raise OptionError("a cluster has its own number of workers; give either workers or scheduler")
     if workers is not None and workers < 1:
         raise OptionError(f"workers must be at least 1, not {workers}")
     limits = Limits(seconds=SILENCE + STAGES * float(time_limit), memory=int(memory_limit), retries=retries)
@@ -250,7 +251,7 @@ class _Run:
                     again.extend(self._retries(block))
                     continue
                 except CancelledError:
-                    problem = "the connection to the cluster was lost; finished files are kept: resume the batch"
+                    problem = "the connection to the cluster was lost; resume the batch, finished files are kept"
                     raise BatchError(problem) from None
                 except Exception as error:
                     problem = f"a worker failed ({error}); check that the same version is installed there"
@@ -268,7 +269,7 @@ class _Run:
             if summary is not None:
                 self._count(summary)
             elif len(block) == 1:
-                self._count(self.store.fail(source, "every worker that tried it was killed; check their logs"))
+                self._count(self.store.fail(source, "all workers that tried this file were killed; check their logs"))
             else:
                 tries.append([source])
         return tries
@@ -289,7 +290,7 @@ class _Run:
 
 
 def _blocks(sources: Iterator[Source], counts: Counter[str], pool: Workers) -> Iterator[list[Source]]:
-    """Blocks of sources to be solved together; shorter near the end, so that all workers finish at about one time."""
+    """Blocks of sources to be solved together; smaller near the end, so that all workers finish almost together."""
     block: list[Source] = []
     submitted = most = 0
     for source in sources:

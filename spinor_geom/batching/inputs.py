@@ -32,7 +32,7 @@ class Source:
     key: str  # a safe relative path, unique in the batch; also names the folder of its results
     path: str  # the file, or the archive that holds it
     member: str = ""  # its name in the archive, if any
-    place: int = 0  # its place in the archive, as in `Member`
+    place: int = 0  # its position in the archive, as in `Member`
     size: int = 0  # in bytes
     modified: int = 0  # in nanoseconds
     problem: str = ""  # why it cannot be used, if that is known before it is read

@@ -16,7 +16,7 @@ from spinor_geom.errors import (
     OpenCurveError,
     SpinorGeomError,
 )
-from spinor_geom.fill.no_holes import refuse_empty
+from spinor_geom.fill.no_holes import require_area
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.intersections import require_simple
 from spinor_geom.mesh.knots import knot_determinant
@@ -27,9 +27,9 @@ from spinor_geom.mesh.triangle_mesh import require_extent
 class NamedLoop:
     """A curve of a file as a loop, or the error that prevents a surface over it."""
 
-    name: str  # of its object and group; "" where the file has none
+    name: str  # of its object and group; "" if the file has none
     points: Float[np.ndarray, "k 3"]  # of the loop, or the finite points of the curve
-    loop: BoundaryLoop | None  # None where it cannot be made
+    loop: BoundaryLoop | None  # None if it cannot be made
     error: SpinorGeomError | None = None
     notes: tuple[str, ...] = ()  # repairs
 
@@ -38,7 +38,7 @@ def curve_loops(contents: FileContents, *, closing: float) -> list[NamedLoop]:
     """The curves of a file as loops, in its order.
 
     The ends of open curves are joined if they are at most `closing` mean edges apart (of the curve with shorter edges)
-    and no third end is as near. A point that equals its predecessor is dropped.
+    and no third end is as near. A point that is equal to the one before is removed.
     """
     return [
         _curve_loop(contents.vertices, curve, contents.polyline_names[first], gap)
@@ -110,7 +110,7 @@ def _curve_loop(vertices: Float[np.ndarray, "v 3"], curve: Int[np.ndarray, " _"]
             raise LoopTooShortError(points=len(points))
         require_extent(points)
         loop = BoundaryLoop(points=points, vertex_ids=ids, corners=detect_corners(points))
-        refuse_empty(loop, loop.diagonal / loop.elongation)
+        require_area(loop, loop.diagonal / loop.elongation)
         require_simple(loop)
         if (determinant := knot_determinant(loop.points)) is not None:
             raise KnottedLoopError(determinant=determinant)

@@ -1,4 +1,4 @@
-"""Options of a batch and limits for each file; quick to import, and sent as JSON to the processes that solve."""
+"""Options of a batch and limits for each file. Importing takes little time; processes that solve get them as JSON."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def _work(sources: Sequence[Source], options: BatchOptions, store: Store, archiv
         tolerance=options.tolerance,
         time_limit=options.time_limit,
         continuity=options.continuity,
-        on_stage=lambda place, stage: send({"solving": ""}),
+        on_stage=lambda index, stage: send({"solving": ""}),
     )
     tasks: list[FileTask] = []
     for source in sources:
@@ -91,7 +91,7 @@ def _bytes_of(source: Source, archives: ArchiveReader) -> bytes:
 def _patches(
     loops: list[Any], fill_options: FillOptions, options: BatchOptions, send: Send, *, is_rim: bool = True
 ) -> Iterator[SolvedLoop]:
-    """The patch of each loop in order, or the reason that there is none."""
+    """The patch of each loop in order, or the error instead."""
     for solved in minimal_patches(loops, fill_options, is_rim=is_rim, device=options.device):
         send({"solving": ""})
         yield solved

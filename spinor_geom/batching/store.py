@@ -1,7 +1,7 @@
 """The output folder of a batch: its lock, and the record and result files of each source.
 
-The record of a source is a JSON file with all results of it and its loops. Two runs over the same input differ in
-the values under "timings" only.
+The record of a source is a JSON file with all results of the source and its loops. Records of two runs over the same
+input differ only in the values under "timings".
 """
 
 import errno
@@ -26,7 +26,7 @@ Writer: TypeAlias = Callable[[Path], object]  # writes one result file to a path
 RUN, RECORD, LOCK, LOG = "run.json", "record.json", ".lock", "failures.log"
 RESULTS, STAGING = "files", ".staging"
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-# From best to worst. "open": a loop that was not to be filled. "imperfect": the patch intersects something, or with
+# From best to worst. "open": a loop that was not requested. "imperfect": the patch intersects something, or with
 # `strict` it is not an exact surface within the tolerance. "failed": a loop without a patch, a file with such a loop,
 # or a file that cannot be used. "fault": the file's process crashed or was killed; a resumed batch retries it.
 STATUSES = ("done", "open", "imperfect", "failed", "fault")
@@ -48,7 +48,7 @@ def failure(key: str, reason: str, *, status: str = "failed") -> dict[str, Any]:
 
 
 def summary(record: dict[str, Any]) -> dict[str, Any]:
-    """The summary of a record for the engine: without its loops, which may be very many."""
+    """The summary of a record for the engine, without the entries of the loops, which may be numerous."""
     statuses = [loop["status"] for loop in record["loops"]]
     bad = [loop for loop in record["loops"] if loop["status"] not in ("done", "open")]
     return {
@@ -147,7 +147,7 @@ class Store:
             except (OSError, ValueError, KeyError) as error:
                 raise BatchError(f"{self.output}: {RUN} cannot be read ({error}); this run stops") from error
             if owner != self.token:
-                raise BatchError(f"{self.output}: another run was started in this folder; this one stops")
+                raise BatchError(f"{self.output}: another run was started in this folder, and this run has ended")
 
     def _require_room(self, error: OSError) -> None:
         """Raises a BatchError if nothing can be written to the output folder any more."""

@@ -21,7 +21,7 @@ from spinor_geom.render.page import document, table
 from spinor_geom.render.scene import RIM_COLOUR
 from spinor_geom.version import program_version
 
-FIRST, WORST, FAILED, REASONS = 12, 12, 48, 40  # how many of each the page shows
+FIRST, WORST, FAILED, REASONS = 12, 12, 48, 40  # largest numbers of each on the page
 SIZE, MARGIN = 160, 8  # of a thumbnail
 TILT = np.radians(35.0)  # of the view, against the normal of the points' plane
 STYLE = """.loops { display: flex; flex-wrap: wrap; gap: 1rem }
@@ -85,7 +85,7 @@ def _rows(record: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def _no_formula(value: Any) -> Any:
-    """Text that a spreadsheet does not read as a formula."""
+    """The value, with text changed so that a spreadsheet does not interpret it as a formula."""
     return f"'{value}" if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t") else value
 
 

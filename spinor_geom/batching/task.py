@@ -1,4 +1,4 @@
-"""One mesh file of a batch: its loops, and its record and result files once the patches of the loops are known."""
+"""One mesh file of a batch: its loops, and the record and result files that follow from the patches of the loops."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -91,28 +91,28 @@ class FileTask:
     def results(
         self, rims: Iterator[SolvedLoop], curves: Iterator[SolvedLoop]
     ) -> tuple[dict[str, Any], dict[str, Writer]]:
-        """The record, JSON-ready, and the functions that write each result file, by its name.
+        """The record as JSON values, and the functions that write each result file, by its name.
 
-        `rims` and `curves` give the patches of `self.rims` and `self.curve_loops`. Raises as `fill_hole`.
+        `rims` and `curves` are the patches of `self.rims` and `self.curve_loops`. Raises as `fill_hole`.
         """
         record = failure(self.source.key, self.problem)
         entries: list[dict[str, Any]] = []
         if self.filling is not None and self._options.what == "loops":
-            entries = [self._listed_hole(self.filling, place) for place in range(len(self.filling.loops))]
+            entries = [self._listed_hole(self.filling, index) for index in range(len(self.filling.loops))]
         elif self.filling is not None:
             outcomes, patches = self.filling.filled(rims)
             self._clock.lap("fill")
             result = self.filling.result(self._mesh, outcomes, patches, self._clock)
-            of_place = {patch.place: patch for patch in patches}
-            entries = [self._hole(outcome, of_place.get(outcome.index)) for outcome in outcomes]
+            patch_of = {patch.index: patch for patch in patches}
+            entries = [self._hole(outcome, patch_of.get(outcome.index)) for outcome in outcomes]
             record |= result.to_dict()
             if self._options.what == "fill":
                 record["filled"] = name = f"filled.{self._format}"
                 record["notes"] += result.mesh.left_out(f".{self._format}")
                 is_npz = self._format == "npz"
                 self._files[name] = partial(_write, result.mesh.contents) if is_npz else result.mesh.write
-        for place, curve in enumerate(self.curves, start=len(entries)):
-            entries.append(self._curve(place, curve, curves))
+        for index, curve in enumerate(self.curves, start=len(entries)):
+            entries.append(self._curve(index, curve, curves))
         statuses = [*(entry["status"] for entry in entries), *(["failed"] if self.problem else [])]
         status = max((status for status in statuses if status != "open"), key=STATUSES.index, default="done")
         return {**record, "status": status, "curves": len(self.curves), "loops": entries}, self._files
@@ -120,26 +120,26 @@ class FileTask:
     def _hole(self, outcome: LoopOutcome, patch: LoopPatch | None) -> dict[str, Any]:
         return self._entry(outcome, self.hole_names[outcome.index], "hole", patch, self._mesh.contents)
 
-    def _listed_hole(self, filling: Filling, place: int) -> dict[str, Any]:
+    def _listed_hole(self, filling: Filling, index: int) -> dict[str, Any]:
         """The entry of a hole that is not solved; its reason is why `fill` would leave it open."""
-        loop = filling.loops[place]
-        outcome = filling.left_open.get(place) or unfilled(place, loop, "")
+        loop = filling.loops[index]
+        outcome = filling.left_open.get(index) or unfilled(index, loop, "")
         entry = self._hole(outcome, None)
         if not outcome.requested:
             entry["status"] = "open" if outcome.reason else "done"
             self._add_file(entry, "loop", self._format, partial(_write_loop, loop))
         return entry
 
-    def _curve(self, place: int, curve: NamedLoop, solved: Iterator[SolvedLoop]) -> dict[str, Any]:
+    def _curve(self, index: int, curve: NamedLoop, solved: Iterator[SolvedLoop]) -> dict[str, Any]:
         """The entry of a curve, which is filled independently of the faces and of other curves."""
         if curve.loop is None or curve.error is not None:
-            figures: dict[str, Any] = {"index": place, "vertices": len(curve.points), "kind": None}
+            figures: dict[str, Any] = {"index": index, "vertices": len(curve.points), "kind": None}
             figures |= {"reason": str(curve.error), "requested": True, "filled": False, "converged": False}
             figures |= {"notes": list(curve.notes), "timings": {}}
             return self._with_figures(figures, curve.name, "curve", "failed", curve.points)
         loop, contents = replace(curve.loop, remarks=curve.notes), self._curve_contents
         if self._options.what == "loops":
-            entry = self._entry(unfilled(place, loop, ""), curve.name, "curve", None, contents)
+            entry = self._entry(unfilled(index, loop, ""), curve.name, "curve", None, contents)
             entry["status"], entry["notes"] = "done", list(curve.notes)
             self._add_file(entry, "loop", self._format, partial(_write_loop, loop))
             return entry
@@ -147,7 +147,7 @@ class FileTask:
             contents.vertices, np.zeros((0, 3), dtype=np.int64), vertex_attributes=contents.attributes
         )
         alone = replace(self._fill_options, continuity="C0")
-        outcome, patch = fill_loop(PatchedMesh(points), place, loop, next(solved), alone)
+        outcome, patch = fill_loop(PatchedMesh(points), index, loop, next(solved), alone)
         outcome = replace(outcome, first_face=None)  # the filled mesh does not have its faces
         return self._entry(outcome, curve.name, "curve", patch, contents)
 
@@ -164,7 +164,7 @@ class FileTask:
             **figures,
             "comparison": None,
             "files": {},
-            "outline": [[float(f"{x:.6g}") for x in p] for p in outline.tolist()],  # for the page
+            "outline": [[float(f"{x:.6g}") for x in p] for p in outline.tolist()],  # for the summary
         }
 
     def _entry(

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 ENVIRONMENT = {
     **dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"),
-    # Dask sets these for its workers such that malloc returns all memory to the system, which costs a fifth of the
-    # time; these are malloc's usual values
+    # Dask sets these for its workers so that malloc returns all memory to the system, which takes a fifth of the time;
+    # these are the default values of malloc
     "MALLOC_MMAP_THRESHOLD_": str(32 << 20),
     "MALLOC_TRIM_THRESHOLD_": str(64 << 20),
 }
@@ -111,7 +111,7 @@ def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
                 fault = error
             finished = {one["key"] for one in done}
             waiting = {entry["key"]: entry for entry in block if entry["key"] not in finished}
-            # the fault is due to the file that was being read, or the only one that is left
+            # the fault is due to the file that was being read, or the only remaining one
             last = {} if fault is None else fault.last
             faulty = last.get("reading", "") if len(waiting) > 1 else next(iter(waiting), "")
             if fault is None or faulty not in waiting:

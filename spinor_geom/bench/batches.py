@@ -1,4 +1,4 @@
-"""Batches of many loops and files: loops a second, memory of the processes, and equality of results."""
+"""Batches of many loops and files: loops per second, memory of the processes, and equality of results."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,7 +19,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.options import usable_place
 from spinor_geom.plateau.solve import solve_plateau, solve_plateau_batch
 
-_FILES, _REFUSED = 3000, 300  # files of each batch; refused inputs, by which the driver's memory is measured
+_FILES, _REFUSED = 3000, 300  # files of each batch; invalid inputs, with which the driver's memory is measured
 _REPEATS = 4  # the first one is slower
 _CHECK_EVERY = 20  # files between two checks of the workers' memory
 
@@ -105,7 +105,7 @@ def _solved(solve: Callable[[list[BoundaryLoop]], object], count: int, _: Path, 
 
 
 def _memory(inputs: int, work: Path, share: float) -> dict[str, Any]:
-    """The driver's memory for inputs that are refused quickly."""
+    """The driver's memory for invalid inputs, which take almost no time."""
     count = round(inputs * share)
     manifest = work / "nowhere.csv"
     manifest.write_text("path\n" + "nowhere.obj\n" * count)
@@ -148,7 +148,7 @@ BATCHES: dict[str, Callable[[Path, float], dict[str, Any]]] = {
     "few inputs": partial(_memory, _REFUSED),
     "ten times as many inputs": partial(_memory, 10 * _REFUSED),
 }
-"""Batches by name; they are called with a folder to work in and the share of the files that are taken."""
+"""Batches by name: functions of a working folder and the share of the files to use."""
 with suppress(OptionError):  # there is no such device
     usable_place("cuda")
     BATCHES["solved only, on CUDA"] = partial(_solved, _together("cuda"), 2048)

@@ -93,7 +93,7 @@ KNOWN: Mapping[str, tuple[Kind, Callable[[], KnownCurve | KnownSurface | KnownPa
     "schwarz-prism-tall": ("corners", lambda: gallery.schwarz_prism(1.5)),
     "schwarz-h": ("corners", lambda: gallery.schwarz_h(0.3)),
 }
-"""Kind and constructor of the known cases; "random-SEED" makes more, of degree 4."""
+"""Kind and constructor of the known cases; "random-SEED" is a surface of random polynomials of degree 4."""
 
 SAMPLED = tuple(f"{name}@{how}" for name, (kind, _) in KNOWN.items() if kind == "smooth" for how in ("even", "uneven"))
 """The smooth cases with equal and with random edge lengths."""
@@ -107,7 +107,7 @@ def known_kind(name: str) -> Kind:
 
 @lru_cache(maxsize=4)
 def known_case(name: str) -> Case:
-    """A case by name; smooth ones also as "NAME@even" and "NAME@uneven". Raises OptionError for other names."""
+    """A case by name; "NAME@even" and "NAME@uneven" for smooth ones. Raises OptionError for other names."""
     base, at, sampling = name.partition("@")
     head, _, seed = base.partition("-")
     if base in KNOWN:

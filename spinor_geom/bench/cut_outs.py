@@ -50,7 +50,7 @@ class CutOut:
     hole: Hole
     vertices: Float[np.ndarray, "n 3"]  # of the whole mesh
     faces: Int[np.ndarray, "f 3"]  # of the removed piece
-    kept: Int[np.ndarray, " v"]  # of each vertex of the hole's mesh, its id in the whole mesh
+    kept: Int[np.ndarray, " v"]  # ids in the whole mesh of the vertices of the hole's mesh
     exact: Distances | None = None  # from the known surface; None for scans
 
     @cached_property
@@ -147,7 +147,7 @@ WINDOWS: Mapping[str, tuple[Kind, str, Choice]] = {
         lambda points: (abs(_angle(points)) < 1) & (abs(points[:, 2]) < 0.15) & (_axis_distance(points) > TORUS),
     ),
     "sphere-ring": ("ring", "icosphere-4", lambda points: (points[:, 2] > 0.3) & (points[:, 2] < 0.8)),
-    # no minimal surface joins the rims of the wide one
+    # the rims of the wide band bound no connected minimal surface
     "cylinder-band": ("tube", "cylinder", lambda points: abs(points[:, 2]) < 0.2),
     "cylinder-band-wide": ("tube", "cylinder", lambda points: abs(points[:, 2]) < 0.4),
     "torus-band": ("tube", "torus", lambda points: abs(_angle(points)) < 0.2),

@@ -1,4 +1,4 @@
-"""Methods that compute surfaces over loops and tools that fill holes, by name, with their best options."""
+"""Methods that compute surfaces over loops, and tools that fill holes, by name, with suitable options."""
 
 import sys
 from collections.abc import Callable, Mapping
@@ -27,7 +27,7 @@ SMOOTHEST = (
     *("meshlab-close-smoothed", "pymeshfix-refined"),
 )
 CLEAREST = ("cgal", "cgal-fair", "pymeshfix", "pymeshfix-refined")  # fillers with the fewest intersections
-REPORTED = (*OUR_FILLERS, "meshlib-nicely", *CLEAREST)
+REPORTED = (*OUR_FILLERS, "meshlib-nicely", *CLEAREST)  # the fillers of the suite "reports"
 _ANY_SIZE = 1e6  # largest radius of a hole, for tools that select holes by it
 _CGAL_DENSITY = 2**0.5  # CGAL's default density factor, an argument before the continuity in its bindings
 
@@ -76,10 +76,10 @@ class Filled:
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "f 3"]
-    message: str = ""  # what the call returned, in words
+    message: str = ""  # the call's result as text
     succeeded: bool | None = None  # as the tool reports; None if it reports nothing
     area: float | None = None  # of the surface that the patches approximate, if there is one
-    in_order: bool = False  # the input's vertices come first in their order, even if they were moved
+    in_order: bool = False  # whether the input's vertices come first, in their order, perhaps moved
     figures: Mapping[str, Any] = field(default_factory=dict)  # further figures of our fillers
 
 
@@ -96,7 +96,7 @@ def _filled(vertices: Any, faces: Any, **more: Any) -> Filled:
 
 
 def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
-    # if all loops are rims, none is selected: `fill_hole` then leaves borders of sheets open, as by default
+    # if all loops are rims, none is selected, and `fill_hole` leaves borders of sheets open
     some = {} if len(hole.rim_indices) == len(hole.loops) else {"loop": hole.rim_indices}
     options: dict[str, Any] = {"bridge": hole.rim_indices} if hole.facing else some
     options |= {"target_edge_length": hole.edge_length or "auto", "islands": "join", "continuity": continuity}
@@ -299,7 +299,7 @@ def _tool(package: str, options: str, prepare: Callable[..., Prepared], **settin
     return Tool(package, options, partial(prepare, **settings))
 
 
-_WHOLE = "fill_hole, islands joined, facing rims bridged; timed with finding loops, solving, meshing, stitching"
+_WHOLE = "fill_hole, islands joined, facing rims bridged; the time includes finding loops, meshing and stitching"
 _SMOOTHED = "and apply_coord_laplacian_smoothing of the new faces with its defaults"
 _NICELY = "fillHoleNicely with its defaults, stitchHolesNicely between facing rims"
 _FINE = "the same, maxEdgeLen the rim's mean edge, maxEdgeSplits 1,000,000"

@@ -61,8 +61,8 @@ class Hole:
     def edge_limit(self) -> int:
         """Largest number of edges of a boundary loop that a tool should close.
 
-        It is that of all rims together, because some tools traverse rims that touch as one loop, or less to exclude the
-        outer boundaries.
+        It is the number of edges of all rims together, because some tools traverse rims that touch as one loop. It is
+        smaller where a tool would otherwise close outer boundaries.
         """
         inner = [len(self.loops[k]) for k in self.rim_indices]
         outer = [len(loop) for k, loop in enumerate(self.loops) if k not in self.rim_indices]
@@ -86,7 +86,10 @@ def hole_over(name: str, loop: BoundaryLoop, area: float | None = None) -> Hole:
 
 
 def collar(name: str, rim: Float[np.ndarray, "n 3"], outer: Float[np.ndarray, "n 3"], *, expected: str = "") -> Hole:
-    """A triangle strip from a rim to an outer curve, which gets one more edge: tools distinguish them by length."""
+    """A triangle strip between a rim and an outer curve.
+
+    The outer curve has one more edge, because some tools distinguish loops by their number of edges.
+    """
     n = len(rim)
     outer = np.insert(outer, 1, (outer[0] + outer[1]) / 2, axis=0)
     i = np.arange(n)

@@ -29,7 +29,7 @@ _ROOT = Path(__file__).parents[2]
 
 
 def stamp() -> dict[str, Any]:
-    """The version with its commit, the date, and the load of the machine, which every record has."""
+    """The fields that every record has: the version with its commit, the date, and the load of the machine."""
     load = _load()
     return {"commit": program_version(), "date": date.today().isoformat(), "load": load and round(load, 1)}
 
@@ -39,7 +39,7 @@ def _load() -> float | None:
 
 
 def is_older(record: Mapping[str, Any]) -> bool:
-    """Whether a record is of our methods and their code has changed since, or cannot be compared by git."""
+    """Whether a record is of our methods and their code has changed since; true if git cannot compare it."""
     return "spinor" in record["method"] and _changed_since(record["commit"])
 
 
@@ -72,7 +72,7 @@ def machine() -> dict[str, Any]:
 
 
 def machine_text(here: Mapping[str, Any]) -> str:
-    """What `machine` returned, in one sentence."""
+    """The result of `machine` as a sentence."""
     versions = ", ".join(f"{name} {version or 'not installed'}" for name, version in here["versions"].items())
     threads = "" if here["threads"] is None else f", OMP_NUM_THREADS={here['threads']}"
     load = "" if here["load"] is None else f", load {here['load']:.1f} before the run"

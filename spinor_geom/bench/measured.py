@@ -57,7 +57,7 @@ def disk_figures(surface: Surface, mesh: Mesh, loop: BoundaryLoop, case: Case) -
         curvature = exact_curvature(surface, domain.points[domain.boundary_size :], _CURVATURE_POINTS)
         if len(curvature):
             figures["exact_curvature_median"] = float(np.median(curvature)) * diameter
-        # only inner vertices are computed from the surface; those on the rim are given
+        # only inner vertices are on the surface; those on the rim are the given points
         fine = mesh_patch(surface, (4 * surface.area / 3**0.5 / _SURFACE_TRIANGLES) ** 0.5)
         distance = case.chart.distances(fine.vertices[fine.boundary_size :])
         figures["surface_distance_max"] = float(distance.max() / diameter) if len(distance) else None
@@ -143,7 +143,7 @@ def cut_out_figures(filled: Filled, cut_out: CutOut) -> Record:
     figures["surface_distance"] = math.sqrt((forward**2 + backward**2) / 2) / cut_out.diameter
     if len(new):
         figures["vertex_distance"] = _rms(cut_out.distances(filled.vertices[new])) / cut_out.diameter
-    # on a known surface the distance of the triangles is mostly that of their chords
+    # on a known surface most of the distance of the triangles is due to their flatness
     of_vertices = cut_out.exact is not None and len(new) > 0
     figures["distance"] = figures["vertex_distance" if of_vertices else "surface_distance"]
     figures["bend"] = rim_bend(filled.vertices, patch, filled.faces[~of_patch])
@@ -193,7 +193,7 @@ def _parts(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Bool[np.
     old = (mapped >= 0).all(axis=1) & np.isin(_face_keys(np.maximum(mapped, 0), count), _face_keys(hole.faces, count))
     elsewhere = np.setdiff1d(np.arange(count), hole.rim)
     new = np.flatnonzero(~old & ~np.isin(mapped, elsewhere).any(axis=1))
-    # inner faces of a cap have no old vertex, so whole pieces are tested for one of a rim
+    # inner faces of a cap have no old vertex, so it is tested whether the whole piece has a vertex of a rim
     pieces = face_components(filled.faces[new])
     patch = np.zeros(len(filled.faces), dtype=bool)
     patch[new[np.isin(pieces, pieces[(mapped[new] >= 0).any(axis=1)])]] = True

@@ -78,7 +78,7 @@ def _tests_of_others() -> Iterator[Hole]:
     rows = [(x, y) for y in (4, 8, 12) for x in range(6, 18)]
     turns = [(x, y) for x, low in ((17, 5), (6, 9)) for y in range(low, low + 3)]
     yield _pierced("squiggle", rows + turns, "one flat patch", 2 * _GRID)
-    # CGAL: a triangle stands on an edge of the mesh that ends in the rim, which is non-manifold there
+    # CGAL: a third triangle at an edge that ends in the rim makes the mesh non-manifold there
     hole = _pierced("fin", _square(3, 9), "closed, or refused with the edge's name")
     inner = hole.faces[np.isin(hole.faces, hole.rim).sum(axis=1) == 1][0]
     base = inner[np.isin(inner, hole.rim)][0], inner[~np.isin(inner, hole.rim)][0]

@@ -1,4 +1,4 @@
-"""The limits that a benchmark's records should meet, the promises, and whether they do."""
+"""Promises: limits for the records of a benchmark, and whether the records meet them."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -23,13 +23,13 @@ CAP_DISTANCES = dict(zip(HEIGHTS, (2e-3, 4e-3, 8e-3, 2e-2), strict=True))  # fro
 WORKER_MIB = 1536.0  # memory of a batch's largest process
 _ROUNDING = 1e-15  # smaller errors are rounding
 _NOISY_SECONDS = {100: 0.15, 250: 0.5, 600: 2.0, 1200: 6.0}  # by points of noisy rims
-_RATES = {  # loops a second
+_RATES = {  # loops per second
     "smooth loops": 60.0,
     "loops with 5% noise": 10.0,
     "rims cut along triangles": 12.0,
     "solved only, on CUDA": 2e3,
 }
-# CPU seconds of a fresh process, with compiled modules, and its memory
+# CPU seconds of a new process, with compiled modules, and its memory
 _STARTS = {"help": 0.1, "loops of a small mesh": 0.5, "fill of a small mesh": 0.7, "worker of a batch": 1.0}
 _START_MIB = 160.0
 # ratios of two batches' rates
@@ -37,7 +37,8 @@ _FASTER = (
     ("smooth loops", "one worker", "smooth loops, one worker", 1.8),
     ("solved only, 64 at once", "one by one", "solved only, one by one", 8.0),
 )
-# least ratios of discrete surfaces' and other fillers' area errors to ours; largest ratio of ours to the limit error
+# least ratios of the area errors of discrete surfaces and of other fillers to ours; largest ratio of ours to the limit
+# error
 _CLOSER, _NEARER, _OF_LIMIT = 1e3, 1e4, 10.0
 _SLOWER = 3.0  # largest ratio of our seconds to those of discrete surfaces
 _WITHIN = 1e-3  # residual per mean edge
@@ -66,7 +67,7 @@ def promises(records: Sequence[Record]) -> list[Promise]:
     for case, here in _by_case(done.get("fills", [])).items():
         found += _fills(case, here)
     for case, here in _by_case(done.get("odd", [])).items():
-        # a catenoid between two rims is compared with the other fillers that join them
+        # a catenoid between two rims is compared with other fillers that join them
         found += _nearer("odd", case, [r for r in here if r.get("area_error") is not None and r.get("patches") == 1])
     found += _cut_outs(done.get("cut-outs", []))
     for case, here in _by_case([r for r in done.get("cad", []) if r["method"] == CAD]).items():
@@ -75,7 +76,7 @@ def promises(records: Sequence[Record]) -> list[Promise]:
     found += _reports(done.get("reports", []))
     found += _meshes([r for r in done.get("meshes", []) if r["method"] == OURS and "within_1e-2" in r])
     for record in records:
-        # a refusal misses the promise
+        # an error counts as a missed promise
         if record["suite"] in SOLVED and record["case"] in solves() and record["method"] == "spinor":
             found += [judged(limit, record) for limit in solves()[record["case"]].limits]
     found += _random([r for r in suites.get("curves", []) if r["case"].startswith("random curve")])
@@ -106,14 +107,14 @@ def _disks(case: str, here: list[Record]) -> Iterator[Promise]:
         for baseline in ("libigl", "libigl-uniform"):
             yield from _beside(case, baseline, ours, {r["n"]: r for r in here if r["method"] == baseline})
         digits = 1e-5 if case.endswith("@uneven") else 1e-6  # uneven points determine their curve less well
-        text = f"area right to {digits:g} at some number of points"
+        text = f"area error at most {digits:g} for at least one number of points"
         yield Promise("disks", case, text, f"{min(errors):.1e}", min(errors) <= digits)
     if kind == "plane":
         yield from at_most("disks", case, "error of the area", errors, 1e-10)
     values = [r["exact_curvature_median"] for r in ours if r.get("exact_curvature_median") is not None]
     yield from at_most("disks", case, "median exact |H| per diameter", values or [math.nan], 1e-9)
     closed = [r["rim_kept"] and not r["open_edges"] and not r.get("nonmanifold_edges") for r in ours]
-    yield from share("disks", case, "every disk keeps the rim bit-equal and leaves no edge open", closed)
+    yield from share("disks", case, "every disk keeps the rim, bit for bit, and leaves no edge open", closed)
 
 
 def _beside(case: str, name: str, ours: list[Record], baseline: dict[int, Record]) -> Iterator[Promise]:
@@ -121,7 +122,7 @@ def _beside(case: str, name: str, ours: list[Record], baseline: dict[int, Record
     pairs = [(r, baseline[r["n"]]) for r in ours if r["n"] >= LEAST_POINTS and r["n"] in baseline]
     if pairs:
         closer, n = min((o["area_error"] / max(m["area_error"], _ROUNDING), m["n"]) for m, o in pairs)
-        text = f"area {_CLOSER:g} times closer than {name}, or within {_OF_LIMIT:g} times the points' limit"
+        text = f"area error at most that of {name} / {_CLOSER:g}, or {_OF_LIMIT:g} times the limit error"
         met = all(
             m["area_error"] <= max(_ROUNDING, o["area_error"] / _CLOSER, _OF_LIMIT * (m.get("limit_error") or 0))
             for m, o in pairs
@@ -142,7 +143,7 @@ def _closed(record: Record) -> bool:
 
 def _fills(case: str, here: list[Record]) -> Iterator[Promise]:
     ours = [r for r in here if r["method"] == OURS]
-    text = "every fill closes the rim and keeps the mesh bit-equal"
+    text = "every fill closes the rim and keeps the mesh, bit for bit"
     yield from share("fills", case, text, [_closed(r) for r in ours])
     reference = {r["n"]: r for r in here if r["method"] == REFERENCE and case == REFERENCE_CASE}
     for mine in ours:
@@ -166,8 +167,8 @@ def _nearer(suite: str, case: str, here: Sequence[Record]) -> Iterator[Promise]:
     ]
     if ratios:
         least, method = min(ratios)
-        text = f"filled area at least {_NEARER:g} times closer than every other filler's"
-        yield Promise(suite, case, text, f"{least:.1e} times {method}'s, the least", least >= _NEARER)
+        text = f"area error at most that of every other filler / {_NEARER:g}"
+        yield Promise(suite, case, text, f"that of {method} / {least:.1e}", least >= _NEARER)
 
 
 def is_whole(record: Record) -> bool:
@@ -190,7 +191,7 @@ def _cut_outs(done: list[Record]) -> Iterator[Promise]:
     """The promises of the smooth continuation."""
     suite = "cut-outs"
     closed = [_closed(r) for r in done if r["method"] == SMOOTH]
-    yield from share(suite, suite, "every continuation closes the rim and keeps the mesh bit-equal", closed)
+    yield from share(suite, suite, "every continuation closes the rim and keeps the mesh, bit for bit", closed)
     whole = [r for r in done if is_whole(r)]
     ours, others = [r for r in whole if r["method"] == SMOOTH], [r for r in whole if r["method"] not in OUR_FILLERS]
     least = {case: min(r["distance"] for r in here) for case, here in _by_case(others).items()}
@@ -201,21 +202,21 @@ def _cut_outs(done: list[Record]) -> Iterator[Promise]:
         yield from at_most(suite, "caps", text, away, limit)
     for case, kinds, most in (("caps", ("dome",), 1 / 4), ("windows", ("curved", "long"), 1 / 3)):
         ratios = [r["distance"] / least[r["case"]] for r in ours if r["kind"] in kinds and r["case"] in least]
-        yield from at_most(suite, case, "distance by the best other filler's", ratios, most)
+        yield from at_most(suite, case, "distance / that of the best other filler", ratios, most)
     flat = [r["surface_distance"] for r in ours if r["kind"] == "flat"]
     yield from at_most(suite, "plane-window", "distance from the plane, per diameter", flat, 1e-12)
-    yield from at_most(suite, suite, "bend across the rim by the removed piece's", bend_ratios(ours), 1.3)
+    yield from at_most(suite, suite, "bend across the rim / that of the removed piece", bend_ratios(ours), 1.3)
     mine, theirs = ([r for r in some if r["kind"] == "scan"] for some in (ours, others))
     if mine and theirs:
         won = [r["distance"] <= least.get(r["case"], math.inf) for r in mine]
         yield from share(suite, "scans", "nearer than every other filler", won, 0.85)
         best = min(median(r["distance"] for r in theirs if r["method"] == name) for name in names(theirs, "method"))
         ratio = median(r["distance"] for r in mine) / best
-        yield from at_most(suite, "scans", "median distance by the best other filler's", [ratio], 0.6)
+        yield from at_most(suite, "scans", "median distance / that of the best other filler", [ratio], 0.6)
 
 
 def bend_ratios(records: Iterable[Record]) -> list[float]:
-    """Bends across rims by those of the removed pieces."""
+    """Ratios of the bends across rims to those of the removed pieces."""
     return [r["bend"] / r["removed_bend"] for r in records if r["bend"] is not None and r["removed_bend"]]
 
 
@@ -240,12 +241,12 @@ def _reports(done: list[Record]) -> Iterator[Promise]:
     for method in OUR_FILLERS:
         here = [r for r in done if r["method"] == method]
         clear = {r["case"] for r in done if r["method"] in CLEAREST and _closed(r) and not crossings(r)}
-        text = "no patch crosses anything where one of CGAL's or PyMeshFix's does not"
+        text = "no patch crosses anything if a patch of CGAL or PyMeshFix does not"
         yield from share("reports", method, text, [not crossings(r) for r in here if r["case"] in clear])
         steep = [_closed(r) for r in here if r["case"].startswith(("bowl", "tube"))]
-        yield from share("reports", method, "every bowl and tube is closed, the mesh kept bit-equal", steep)
+        yield from share("reports", method, "every bowl and tube is closed, the mesh is kept, bit for bit", steep)
         kept = [not r.get("patches") for r in here if r["case"] in NOTHING_MISSING]
-        yield from share("reports", method, "no patch where nothing is missing", kept)
+        yield from share("reports", method, "no patch over loops that are not holes", kept)
 
 
 def crossings(record: Record) -> int:
@@ -263,11 +264,11 @@ def _meshes(ours: list[Record]) -> Iterator[Promise]:
 
 
 def _random(curves: list[Record]) -> Iterator[Promise]:
-    """The promises of all random curves together; the distance of a refused one counts as infinite."""
+    """The promises of all random curves together; an error counts as an infinite distance."""
     rms = {r["case"]: math.inf if r.get("rms_per_edge") is None else r["rms_per_edge"] for r in curves}
     near, true = [value <= 1e-2 for value in rms.values()], [not r.get("untrue") for r in curves]
     yield from share("curves", "random curves", "within 1e-2 of an edge", near, 0.98)
-    yield from share("curves", "random curves", "what a solution reports of itself is true", true)
+    yield from share("curves", "random curves", "reported properties agree with measurements", true)
     for odd, noise, limit in ((0, "without noise", 1e-6), (1, "with 15% noise", 2e-3)):
         if chosen := [v for name, v in rms.items() if int(name.rpartition(" ")[2]) % 2 == odd]:
             text = f"median RMS distance from Γ, in mean edges, {noise}"
@@ -278,11 +279,11 @@ def _batch(done: list[Record]) -> Iterator[Promise]:
     here = {r["case"]: r for r in done}
     for case in (name for name in _RATES if name in here):
         rate, least = here[case]["rate"], _RATES[case]
-        yield Promise("batch", case, f"loops a second at least {least:g}", f"{rate:.3g}", rate >= least, "time")
+        yield Promise("batch", case, f"loops per second at least {least:g}", f"{rate:.3g}", rate >= least, "time")
     for case, name, of, least in _FASTER:
         whole, alone = here.get(case), here.get(of)
         if whole and alone and _comparable(whole, alone):
-            ratio, text = whole["rate"] / alone["rate"], f"times the rate of {name} at least {least:g}"
+            ratio, text = whole["rate"] / alone["rate"], f"rate / that of {name} at least {least:g}"
             yield Promise("batch", case, text, f"{ratio:.3g}", ratio >= least, "time")
     for case, record in here.items():
         if record.get("worker_mib"):
@@ -290,7 +291,7 @@ def _batch(done: list[Record]) -> Iterator[Promise]:
     few, many = here.get("few inputs"), here.get("ten times as many inputs")
     if few and many:
         growth = [many["driver_mib"] / few["driver_mib"]]
-        yield from at_most("batch", many["case"], "times the driver's memory", growth, 1.1)
+        yield from at_most("batch", many["case"], "memory of the driver / that for few inputs", growth, 1.1)
     for record in (r for r in done if r.get("equal") is not None):
         yield judged(Limit("equal", "equal to the last bit", True), record)
 

@@ -35,7 +35,7 @@ def reported_holes() -> Mapping[str, Hole]:
 
 
 def reported_bowls(count: int = 60, *, rim: Rim = "ragged") -> Iterator[Hole]:
-    """Bowls with openings of 45° to 85°, all spheres and noises in turn; both kinds of rim have the same seeds."""
+    """Bowls with openings of 45° to 85°, all spheres and noises in turn; seeds do not depend on the kind of rim."""
     for k, opening in enumerate(np.linspace(45.0, 85.0, count).tolist()):
         yield bowl(opening, BALLS[k % len(BALLS)], rim=rim, noise=NOISES[k % len(NOISES)], seed=k)
 
@@ -49,8 +49,8 @@ def reported_tubes(count: int = 20) -> Iterator[Hole]:
 def bowl(opening: float, ball: str = "icosphere-4", *, rim: Rim = "ragged", noise: float = 0.0, seed: int = 0) -> Hole:
     """The part of a unit sphere within an angle, in degrees, of its lowest point; a flat lid meets it at that angle.
 
-    The sphere is rotated at random; a ragged rim keeps whole triangles by their centroids, a smooth one cuts triangles.
-    `noise` is the standard deviation of the vertices' displacements, per radius.
+    The sphere is rotated at random. A ragged rim consists of edges of the sphere's triangles, a smooth one cuts
+    triangles. `noise` is the standard deviation of the vertices' displacements, per radius.
     """
     rng = np.random.default_rng(seed)
     mesh = sphere(ball)
@@ -60,7 +60,7 @@ def bowl(opening: float, ball: str = "icosphere-4", *, rim: Rim = "ragged", nois
         slice_faces: Any = trimesh.intersections.slice_faces_plane
         below, level = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, height])
         points, faces, _ = slice_faces(points, faces, plane_normal=below, plane_origin=level)
-        # the cut has one copy of each point per face
+        # the cut mesh has a copy of each point for each of its faces
         _, first, same = np.unique(points.round(9), axis=0, return_index=True, return_inverse=True)
         points, faces = points[first], same.reshape(-1)[faces]
     else:
@@ -107,7 +107,7 @@ def _turned(points: Float[np.ndarray, "n 3"], rng: np.random.Generator) -> Float
 
 
 def ragged_hole(name: str) -> Hole:
-    """A hole by its name in `NOISY` or in `CUT`."""
+    """A hole by its name in `NOISY` (a strip below a noisy ellipse) or in `CUT`."""
     if name not in NOISY:
         return replace(_cut_rims()[CUT.index(name)], name=name)
     noise, points = NOISY[name]

@@ -64,7 +64,7 @@ def page_text(run: Run, shown: Sequence[Table]) -> str:
         view = Scene(title="", layers=[*pieces.values()], scales={DISTANCE: scale_of(pieces)}, shape="wide")
         figures.append(f"<h3>{case.name}</h3><p>From left to right: {', '.join(pieces)}.</p>{views.figure(view)}")
     body = [
-        "<h1>Minimal surfaces: exact, discrete, and every hole filler</h1>",
+        "<h1>Exact and discrete minimal surfaces, and hole fillers</h1>",
         f"<p>{'Quick' if run.description['settings']['quick'] else 'Full'} run, {len(run.records)} records. "
         f"{html.escape(machine_text(run.description['machine']))}</p>",
         "<p>Areas and distances are measured against exact formulas; the definition of every column is in "
@@ -151,21 +151,22 @@ def promise_table(found: Sequence[Promise]) -> Table:
 def odd_table(records: Sequence[Record]) -> Table:
     """One row for each tool, one column for each hole; tools that leave edges open without reporting it are marked."""
     holes = names(records, "case")
-    found = {(r["method"], r["case"]): _in_short(r) for r in records}
+    found = {(r["method"], r["case"]): _odd_cell(r) for r in records}
     rows = [(tool, *(found.get((tool, hole), "") for hole in holes)) for tool in names(records, "method")]
     expected = {r["case"]: r["expected"] for r in records if r.get("expected")}
     return Table(
         title="Odd rims, and test cases of other projects",
         columns=("tool", *holes),
         rows=rows,
-        note="Patches; pairs of crossing triangles (×); open edges, ! unless the tool reports a failure; the largest "
-        "angle; seconds. Refused: the tool reports that it did not fill. Doubled: it repeats faces of the mesh. "
+        note="Each cell has the patches; pairs of crossing triangles (×); open edges, with ! unless the tool reports a "
+        "failure; the largest angle; seconds. Refused: the tool reports that it did not fill the hole. Doubled: the "
+        "result has faces of the mesh twice. "
         f"Correct results: {'; '.join(f'{case}: {text}' for case, text in expected.items())}.",
         marked=frozenset(k for k, row in enumerate(rows) if any(" !" in text for text in row)),
     )
 
 
-def _in_short(record: Record) -> str:
+def _odd_cell(record: Record) -> str:
     if record["status"] != "done":
         return str(record["status"])
     patches, left = record.get("patches") or 0, left_open(record)
@@ -182,7 +183,7 @@ def _in_short(record: Record) -> str:
 
 
 def filler_table(records: Sequence[Record]) -> Table:
-    """One row for each filler: how many cut-outs it closes, and medians, at last by kind of hole or scan."""
+    """One row for each filler: the number of cut-outs that it closes, and medians, also by kind of hole and scan."""
     whole = [r for r in records if is_whole(r)]
     by_case = ([r for r in whole if r["case"] == case] for case in names(whole, "case"))
     nearest = [min(here, key=lambda r: r["distance"]) for here in by_case]
@@ -220,9 +221,10 @@ def filler_table(records: Sequence[Record]) -> Table:
         title="Cut-outs: fillers compared with what was removed",
         columns=(*columns, "bend", "seconds", "distance on scans", *kinds),
         rows=rows,
-        note="Of patches that close their hole, figures are medians: the bend across the rim per the removed piece's; "
-        "distances per diameter of the hole, on scans and by kind: of new vertices from a known surface, of the "
-        "triangles from a scan, both ways.",
+        note="Figures are medians over the patches that close their hole. Bend: across the rim, divided by that of the "
+        "removed piece. Distances, on scans and by kind of hole, are divided by the diameter of the hole: from new "
+        "vertices to a known surface; on scans between the triangles of the patch and the removed ones, in both "
+        "directions.",
     )
 
 

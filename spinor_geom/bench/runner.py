@@ -68,7 +68,7 @@ class Suite:
 
     cases: Callable[[Settings], Iterable[str]]
     methods: Iterable[str]
-    quick: Callable[[Sequence[str]], Iterable[str]] = lambda cases: cases  # the cases of the short run, of all cases
+    quick: Callable[[Sequence[str]], Iterable[str]] = lambda cases: cases  # selects the cases of the short run
     repeat: int | None = 0  # calls after the first one; None for the number in the settings
     points: Callable[[Settings, str, str], Iterable[int | None]] = lambda *_: (None,)  # of loops, by method and case
 
@@ -79,7 +79,7 @@ def suite_tasks(name: str, settings: Settings) -> Iterator[Task]:
     cases = list(suite.cases(settings))
     if settings.quick and not settings.cases:
         cases = list(suite.quick(cases))
-    # cut-outs are not measured by every filler, unless it is named
+    # other fillers of cut-outs are measured only if they are named
     more = [method for method in settings.methods if method in FILLERS] if name == "cut-outs" else []
     common = {
         "repeat": settings.repeat if suite.repeat is None else suite.repeat,
@@ -93,7 +93,7 @@ def suite_tasks(name: str, settings: Settings) -> Iterator[Task]:
 
 
 def _known_cases(settings: Settings) -> Iterable[str]:
-    """The known cases in all samplings, and "random-SEED" where such cases are named."""
+    """The known cases in all samplings, and the cases "random-SEED" that the settings name."""
     named = [name for name in settings.cases if name.removeprefix("random-").partition("@")[0].isdigit()]
     return dict.fromkeys((*KNOWN, *SAMPLED, *named))
 
@@ -173,7 +173,7 @@ def case_name(task: Task) -> str:
 def chosen_tasks(settings: Settings) -> list[Task]:
     """All tasks of a run, sorted by method; an OptionError names a suite, case, method or folder that is unknown."""
     if settings.data is not None and not settings.data.is_dir():
-        raise OptionError(f"{settings.data}: is not a folder; name one that holds mesh files")
+        raise OptionError(f"{settings.data} is not a folder; name a folder of mesh files")
     for kind, names, known in (("suite", settings.suites, tuple(SUITES)), ("method", settings.methods, tuple(METHODS))):
         for name in names:
             if name not in known:
@@ -192,7 +192,7 @@ def chosen_tasks(settings: Settings) -> list[Task]:
     if settings.cases:
         chosen = [task for task in chosen if any(fnmatchcase(case_name(task), p) for p in settings.cases)]
     if not chosen:
-        raise OptionError("the chosen methods do not work on the chosen cases; nothing is left to measure")
+        raise OptionError("none of the chosen methods applies to the chosen cases; choose others")
     return sorted(chosen, key=lambda task: list(METHODS).index(task["method"]))
 
 
@@ -202,7 +202,7 @@ def measure(
     """Runs all tasks whose records are not yet in the folder.
 
     `on_record` is called after each task, with the numbers of finished tasks and of all. Raises an OptionError as
-    `chosen_tasks`, or if the folder holds a run on another machine or with other package versions.
+    `chosen_tasks`, or if the folder has a run on another machine or with other package versions.
     """
     place, tasks = Path(folder), chosen_tasks(settings)
     place.mkdir(parents=True, exist_ok=True)
@@ -273,7 +273,7 @@ def _description(settings: Settings, folder: Path) -> dict[str, Any]:
         here["versions"]["spinor-geom"] = before["versions"]["spinor-geom"]
         if differ := [name for name in ("versions", "cores", "processor") if here[name] != before[name]]:
             raise OptionError(
-                f"{folder} holds a run on another machine or of other versions ({', '.join(differ)} differ); "
+                f"{folder} has a run on another machine or with other versions ({', '.join(differ)} differ); "
                 "name another folder"
             )
         here = before

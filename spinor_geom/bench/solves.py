@@ -1,4 +1,4 @@
-"""The cases that only our solver runs, with their promises: loops, pairs of rims, speed, the paper's curves."""
+"""Cases that are measured with our solver only, and their limits: loops, pairs of rims, speed, the paper's curves."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -97,7 +97,7 @@ def _curves() -> Iterator[Solve]:
         curve = ellipse(ratio)
         name = f"{curve.name} at {n} points, 20% noise"
         yield Solve("curves", name, partial(_noisy, curve, n, 0.2, 0), _near(1e-3))
-    # every second random curve has noise; `promises` has limits for all of them together
+    # half of the random curves have noise; `promises` has limits for all of them together
     for seed in range(100):
         noise = 0.15 if seed % 2 else 0.0
         subject = partial(_noisy, gallery.random_curve(seed), 120, noise, seed)
@@ -190,7 +190,7 @@ def _paper() -> Iterator[Solve]:
         (seam, seam.disks[-1], ", symmetric disk", "keep"),
         (seam, seam.disks[0], ", stable disk", "leave"),
     ):
-        # leaving an unstable disk is a second solve, with twice as many nodes
+        # a stable disk takes a second solve, with twice as many nodes
         limits = (*exact, _seconds(0.1)) if unstable == "keep" else exact
         options = {"model": "series", "unstable": unstable}
         name = f"Douglas-Newton, {curve.name}{which}"

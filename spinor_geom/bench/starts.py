@@ -1,4 +1,4 @@
-"""What it costs to start the program: CPU seconds and memory of a fresh process, and the imports by package."""
+"""The cost of starting the program: CPU seconds and memory of a new process, and the imports by package."""
 
 import re
 import subprocess
@@ -29,10 +29,10 @@ STARTS: Mapping[str, tuple[str, Sequence[str]]] = {
 
 
 def start_figures(name: str, folder: Path, repeat: int) -> dict[str, Any]:
-    """CPU seconds, peak MiB, whether torch was imported, and milliseconds of imports by package, in a few words.
+    """CPU seconds, peak MiB, whether torch was imported, and milliseconds of imports by package, as text.
 
-    Fresh processes run one after the other in a folder for temporary files; each figure is the least of `repeat`.
-    Needs Linux, which reports the peak memory of a process.
+    The figures are the least of `repeat` new processes, which run in a folder for temporary files. Needs Linux, which
+    reports the peak memory of a process.
     """
     program, arguments = STARTS[name]
     hole = hole_over("rim", known_case("enneper-0.8").loop(_POINTS), None)

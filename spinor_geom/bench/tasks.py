@@ -130,7 +130,7 @@ _HOLES: Mapping[str, Callable[[Task], Hole]] = {
 
 
 def _timed(prepare: Callable[[], tuple[Callable[[], Any], Callable[[Any], Any]]], repeat: int) -> tuple[Record, Any]:
-    """Times a first call, which counts only if it is alone, and up to `repeat` more, until they take 5 s together.
+    """Times a call, and up to `repeat` more until they take 5 s together; the first one counts only without others.
 
     Returns the figures, and the converted result of the last call.
     """

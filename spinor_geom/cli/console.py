@@ -17,7 +17,7 @@ from spinor_geom.files import printable
 
 
 class ExitStatus(enum.IntEnum):
-    """Exit statuses; `IMPERFECT` if the results are written, but some need a check."""
+    """Exit statuses; `IMPERFECT` means that the results were written, but some need a check."""
 
     DONE = 0
     IMPERFECT = 1
@@ -30,7 +30,7 @@ def report_error(error: BaseException) -> ExitStatus:
     if isinstance(error, KeyboardInterrupt):
         complain("interrupted")
         return ExitStatus.INTERRUPTED
-    try:  # else the interpreter would report the same error again when it closes standard output
+    try:  # otherwise the interpreter would report the same error again when it closes standard output
         sys.stdout.flush()
     except OSError:
         _discard_output()
@@ -58,7 +58,7 @@ def show_table(
 ) -> None:
     """Writes a table to standard output: ruled on a terminal, else tab-separated lines if `piped`.
 
-    If the terminal is too narrow, the optional columns are left out, in their order.
+    If the terminal is too narrow, optional columns are left out, in the order of `optional`.
     """
     console = Console()
     if console.is_terminal:
@@ -70,7 +70,7 @@ def show_table(
         table = Table(*widths, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
         for row in rows:
             cells = [cell for name, cell in zip(columns, row, strict=True) if name in widths]
-            # rich would read markup in a string
+            # rich would interpret markup in a string
             table.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in cells))
         console.print(table)
     elif piped:
@@ -102,7 +102,7 @@ class ProgressBar:
         self._bar, self._label, self._task = bar, label, bar.add_task(label, total=None)
 
     def __call__(self, done: int, total: int, figures: str | None = None) -> None:
-        """Shows how many of the total are done, and optionally another label."""
+        """Shows the number done of the total, and optionally another label."""
         self._bar.update(self._task, completed=done, total=total, description=figures)
 
     def stage(self, text: str) -> None:

@@ -30,7 +30,7 @@ BEND, CROSSINGS = "bend", "crossings"
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Fills the holes and writes the outputs; an output that cannot be written is an error before solving."""
+    """Fills the holes and writes the outputs; raises an error before solving if an output cannot be written."""
     if arguments.picture is not None:
         require("pyvista", extra="render")
     if arguments.html is not None:
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         from spinor_geom.render.report import report as write_page
 
         write_page(result, arguments.html, comparisons=comparisons)
-    # after all files are written: standard output may be closed or full
+    # after all files are written, because standard output may be closed or full
     for index, comparison in comparisons.items():
         show_lines(f"loop {index}\n{comparison}", piped=True)
     _show_result(result, quiet=arguments.quiet)

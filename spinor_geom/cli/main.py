@@ -1,4 +1,4 @@
-"""Entry point of the command line. Imports nothing heavy before a command is parsed, so that --help is fast."""
+"""Entry point of the command line. Slow imports come after parsing, so that --help is fast."""
 
 import argparse
 import gc
@@ -28,7 +28,7 @@ _UNUSABLE = "2: invalid arguments or input, or a file cannot be written"
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line (`argv` without the program's name; by default `sys.argv`) and returns the exit status."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:  # closed by the shell; the next file that is opened would get its descriptor
+        if getattr(sys, name) is None:  # closed by the shell; the next opened file would get its descriptor
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 - open until the end
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # ? for characters that the terminal cannot show
@@ -37,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             arguments = build_parser().parse_args(argv)
         finally:
             sys.stdout.flush()  # after --help and --version
-        # imported modules are never garbage; searching them takes half a second, now and at exit
+        # imported modules are never garbage; collections would take half a second, now and at exit
         gc.disable()
         command = importlib.import_module(f"spinor_geom.cli.{_MODULES.get(arguments.command, arguments.command)}")
         gc.freeze()
@@ -176,7 +176,7 @@ _merge_distance = _checked(
 _loops = _checked(
     lambda text: [int(part) for part in text.split(",")],
     "a list of numbers such as 0,2,5; loops are numbered from 0",
-    lambda places: min(places) >= 0,
+    lambda numbers: min(numbers) >= 0,
 )
 _LOOP: dict[str, Any] = {"metavar": "N[,N…]", "type": _loops, "action": "extend"}
 _pixels = _checked(
@@ -216,7 +216,7 @@ def _add_filling(parser: argparse.ArgumentParser) -> None:
     which.add_argument("--loop", **_LOOP, help=f"{only} (default: all holes)")
     together = "connect these loops by one surface, and fill no others"
     which.add_argument("--bridge", metavar="I,J[,K…]", type=_loops, help=together)
-    loose = "a piece inside a hole: connect it to the rim (join), or fill both loops separately (ignore, default)"
+    loose = "loose pieces in a hole: connect them to its rim (join), or fill each loop separately (ignore, default)"
     add("--islands", choices=ISLANDS, default="ignore", help=loose)
     minimal = "C0: minimal surfaces, which meet the mesh at an angle (default)"
     smooth = "C1: patches that continue the tangents and curvature of the mesh"
@@ -249,16 +249,20 @@ def _add_solve(commands: _Commands) -> None:
         epilog="exit status: 0: the surface follows the curves and the patches follow the surface; 1: one of them "
         f"exceeds its tolerance, see standard error; {_UNUSABLE}, or no connected surface spans the curves",
     ).add_argument
-    edges = "CAD file (its edges without a face, else the free boundary of its faces)"
+    edges = "CAD file (edges that belong to no face, or else the free boundary of the faces)"
     add("input", **_path("CURVE"), help=f"{edges}, OBJ file of closed curves, or a mesh whose rims are spanned")
-    only = "these boundary loops of a mesh (indices from 'spinor-geom loops') or curves (of CAD files the longest is 0)"
-    add("--loop", **_LOOP, help=f"{only}; several: one surface (default: all curves; the only loop of a mesh)")
+    only = "only these boundary loops of a mesh (indices from 'spinor-geom loops') or curves (CAD files: longest first)"
+    add("--loop", **_LOOP, help=f"{only}; several bound one surface (default: all curves, or the only loop of a mesh)")
     add("-o", "--output", **_path("OUT"), required=True, help="CAD file: .step, .stp, .igs, .iges or .brep")
     residual = "largest RMS distance of the surface from the curves, in mean edges (default: 1e-3, CAD edges: 1e-6)"
     add("--tolerance", metavar="T", type=_positive, help=residual)
     patches = "largest distance of the patches from the surface, in diagonals of the curves (default: %(default)s)"
     add("--deviation", metavar="D", type=_positive, default=1e-6, help=patches)
-    add("--unit", choices=("mm", "cm", "m", "in"), help="unit of curves and meshes (default: mm); CAD files have one")
+    add(
+        "--unit",
+        choices=("mm", "cm", "m", "in"),
+        help="unit of curves and meshes (default: mm); CAD files contain theirs",
+    )
 
 
 def _add_loops(commands: _Commands) -> None:
@@ -304,10 +308,10 @@ def _add_bench(commands: _Commands) -> None:
         f"lists missed promises of time; {_UNUSABLE}. Repeat the command to continue an interrupted run.",
     ).add_argument
     add("-o", "--output", **_path("DIR"), required=True, help="folder of the run")
-    add("--quick", **_FLAG, help="a few cases of each suite, each tool once: less than three minutes")
+    add("--quick", **_FLAG, help="a few cases of each suite, one run of each tool; takes less than three minutes")
     compared = "disks, fills, odd, cut-outs, meshes, ragged, reports, cad"
     alone = "curves, rims, speed, paper, batch, start"
-    suites = f"suites with other tools: {compared}; without: {alone} (default: all)"
+    suites = f"suites with other tools: {compared}; suites of spinor_geom only: {alone} (default: all)"
     add("--suite", dest="suites", **_NAMES, help=suites)
     add("--cases", **_NAMES, help="names of cases, or patterns such as 'icosphere-*' (default: all)")
     add("--methods", **_NAMES, help="names of methods and tools (default: all)")
@@ -319,7 +323,7 @@ def _add_bench(commands: _Commands) -> None:
 def _add_batch(commands: _Commands) -> None:
     batch = commands.add_parser(
         "batch",
-        help="fill the holes of many mesh files, and span the curves of OBJ files",
+        help="fill the holes of many mesh files, and solve for the surfaces over curves of OBJ files",
         epilog="exit status: 0: 'spinor-geom fill' would exit with 0 for every file; 1: it would not "
         "for the files in OUT/failures.log; 2: no mesh files were found, or the batch cannot start or continue",
     )
@@ -347,7 +351,7 @@ def _add_batch(commands: _Commands) -> None:
 def _add_morph(commands: _Commands) -> None:
     add = commands.add_parser(
         "morph",
-        help="animate a surface through its associate family, such as the catenoid into the helicoid",
+        help="animate the associate family of a surface, such as from the catenoid to the helicoid",
         epilog=f"exit status: 0: the file was written; {_UNUSABLE}, or the surface has no associate family",
     ).add_argument
     named = "a name in the gallery, such as catenoid or enneper; an unknown name prints the list"

@@ -23,7 +23,7 @@ _SIZE = (1024, 768)  # of a window
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Runs `view`, `render` or `morph`; an output that cannot be written is an error before any computation."""
+    """Runs `view`, `render` or `morph`; raises an error before computing if the output cannot be written."""
     {"view": _view, "render": _render, "morph": _morph}[arguments.command](arguments)
     return ExitStatus.DONE
 
@@ -72,7 +72,7 @@ def _shape(path: Path, merge: bool | float) -> Shape:
     if path.suffix.lower() != SURFACE_SUFFIX:
         return shape_of(read_surface(path, merge=merge))
     if merge is not False:
-        raise OptionError(f"{path}: is a saved surface, which has no vertices to merge; remove --merge")
+        raise OptionError(f"{path} is a saved surface, which has no vertices to merge; remove --merge")
     from spinor_geom.surface.array_surface import ArraySurface
 
     return shape_of(ArraySurface.load(path))

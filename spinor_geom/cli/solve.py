@@ -12,22 +12,22 @@ from spinor_geom.adapters.open_cascade import is_cad_file, require_cad_suffix
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines
 from spinor_geom.cli.source import require_writable
 from spinor_geom.errors import MeshFileError, NoConnectedSurfaceFoundError, OptionError
-from spinor_geom.fill.loop_choice import boundary_loops, chosen_places
+from spinor_geom.fill.loop_choice import boundary_loops, chosen_indices
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.solution import NoConnectedSurface
 from spinor_geom.plateau.solve import solve_plateau
 
 _OF_POINTS, _OF_EDGES = 1e-3, 1e-6  # tolerances of surfaces over points, as of `solve_plateau`, and over CAD edges
-_LEAST_GAP = 1e-9  # gaps between edges are reported from this share of the curve's length
+_LEAST_GAP = 1e-9  # smallest reported gap between edges, per length of the curve
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Solves Plateau's problem and writes the patches; a file that cannot be written is an error before solving."""
+    """Solves Plateau's problem and writes the patches; raises an error before solving if the file cannot be written."""
     require_cad_suffix(arguments.output)
     require_writable(arguments.output, arguments.input)
     is_cad = is_cad_file(arguments.input)
     if is_cad and arguments.unit is not None:
-        raise OptionError("a CAD file has a unit; leave --unit out")
+        raise OptionError("CAD files contain their unit; remove --unit")
     curves = _curves(arguments.input, arguments.loop)
     tolerance = arguments.tolerance or (_OF_EDGES if is_cad else _OF_POINTS)
     with progress("solving") as bar:
@@ -70,12 +70,12 @@ def _curves(path: Path, chosen: list[int] | None) -> list[Any]:
         raise MeshFileError(
             f"{path}: has {len(loops)} boundary loops; choose with --loop (see 'spinor-geom loops')", path=path
         )
-    places = range(len(loops)) if chosen is None else chosen_places(chosen, loops)
-    return [loops[place] for place in places]
+    indices = range(len(loops)) if chosen is None else chosen_indices(chosen, loops)
+    return [loops[index] for index in indices]
 
 
 def _description(curves: Sequence[CadCurve]) -> str:
-    """What was read."""
+    """A sentence on the curves that were read."""
     edges = sum(curve.edges for curve in curves)
     what = "edges that belong to no face" if curves[0].kind == "edges" else "edges on the free boundary of faces"
     gap = max(curve.gap for curve in curves)

@@ -23,9 +23,9 @@ def read_surface(path: Path, *, merge: bool | float) -> MeshFile:
 def require_writable(path: Path, *kept: Path) -> None:
     """Raises a MeshFileError if the path cannot be written to, or is one of the files to keep."""
     if path.resolve() in (other.resolve() for other in kept):
-        raise MeshFileError(f"{path}: is given twice and would be overwritten; choose another file", path=path)
+        raise MeshFileError(f"{path} is given twice and would be overwritten; choose another file", path=path)
     if path.is_dir():
-        raise MeshFileError(f"{path}: is a folder; give the path of a file", path=path)
+        raise MeshFileError(f"{path} is a folder; give the path of a file", path=path)
     above = next(folder for folder in path.absolute().parents if folder.exists())
     if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
-        raise MeshFileError(f"{path}: cannot be written, {above} is not a writable folder; choose another", path=path)
+        raise MeshFileError(f"{path} cannot be written: {above} is not a writable folder; choose another", path=path)

@@ -16,8 +16,8 @@ from spinor_geom.mesh.operators import face_areas, factor_symmetric, mollified_l
 Vertices = Float[np.ndarray, "n 3"]
 Faces = Int[np.ndarray, "f 3"]
 
-# Relative change of the area at which Newton steps, which need a good start, replace harmonic ones. A disk that has
-# reached it is accurate enough to be flattened, an annulus for its conformal structure.
+# Relative change of the area below which Newton steps, which need a good start, replace harmonic ones. A disk is then
+# accurate enough to be flattened, and an annulus for its conformal structure.
 FIRST_CHANGE = 1e-3
 _SHORTEST_STEP = 1e-3  # smallest share of a step that is tried
 _NO_AREA = 1e-300  # faces below this have no normal
@@ -113,12 +113,12 @@ def _newton_step(x: Vertices, faces: Faces, m: int) -> tuple[Float[np.ndarray, "
     corner = x[faces]
     cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     vertex_normal = vertex_normals(x, faces)
-    # bounded, as the second derivatives of slivers would dominate those of their neighbours
+    # bounded, because the second derivatives of slivers would dominate those of their neighbours
     longest = np.max(np.sum((corner - shifted(corner, 1, axis=1)) ** 2, axis=2), axis=1)
     twice_area = np.maximum(np.linalg.norm(cross, axis=1), np.maximum(1e-4 * longest, _NO_AREA))
     normal = cross / twice_area[:, None]
     nu = vertex_normal[faces]
-    # first derivatives of the face's cross product by the displacements of its corners
+    # first derivatives of the face's cross product with respect to the displacements of its corners
     slope = np.cross(nu, shifted(corner, -1, axis=1) - shifted(corner, -2, axis=1))
     along = np.einsum("fik,fk->fi", slope, normal)
     gradient = np.bincount(faces.ravel(), 0.5 * along.ravel(), minlength=n)[m:]

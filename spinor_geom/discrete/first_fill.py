@@ -24,8 +24,8 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     """A simple plane polygon with a vertex for each point of a closed curve, with nearly the same edge lengths.
 
     The minimum-area triangulation of the curve has no inner vertices, so it unfolds into the plane without distortion,
-    also for slits and folds. An overlapping unfolding is straightened (see `flatten`). Points inside straight sides,
-    and others if more than 160 remain, are removed first and then placed on the polygon's edges.
+    also for slits and folds. An unfolding that overlaps itself is straightened (see `flatten`). Points inside straight
+    sides, and others if more than 160 remain, are removed first and then put on the polygon's edges.
 
     Raises:
         FirstFillError: no simple polygon was found.
@@ -39,7 +39,7 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     edge = edge_lengths(corners)
 
     def laplacian() -> csc_array:
-        # closer to equilateral, as slivers would dominate the straightening
+        # closer to equilateral, because slivers would dominate the straightening
         rounder = angles + _TO_EQUILATERAL * (np.pi / 3 - angles)
         # the sides of a triangle are proportional to the sines of its angles
         return intrinsic_laplacian(np.sin(rounder), triangles)

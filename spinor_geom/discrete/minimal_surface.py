@@ -54,7 +54,7 @@ class DiscreteMinimalSurface(Shown):
         area: total area of the triangles.
         area_history: total area after each step of the last descent.
         converged: whether the area became stationary for motions along the vertex normals, to `relative_change`.
-        reason: why it did not, or which fallback was used, one sentence; else empty.
+        reason: why it did not converge, or the fallback that was used, in one sentence; else empty.
         method: the `method` argument.
         seconds: wall time.
     """
@@ -123,7 +123,7 @@ def discrete_minimal_surface(
     loops = [rim for rim in to_rims(loop) if isinstance(rim, BoundaryLoop)]
     if len(loops) != 1:
         if method != "libigl" or target_edge_length is not None:
-            raise OptionError("between two loops there is only method='libigl', without target_edge_length")
+            raise OptionError("for two loops only method='libigl' without target_edge_length is supported")
         if len(loops) != 2:
             raise TooManyRimsError(sizes=[len(one) for one in loops])
         start, rims = time.perf_counter(), [one.points for one in loops]

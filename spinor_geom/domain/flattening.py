@@ -28,8 +28,8 @@ _STRENGTHS = (1e5, 1e4, 3e3, 1e3, 3e2, 1e2, 30.0, 10.0, 3.0, 1.0, 0.1)
 _WIDTHS = (0.06, 0.03, 0.015)  # of the smoothing, per boundary length: wide ones first, against overlaps of far parts
 CLEARANCE = 1.5  # least gap across the outside between far parts of the outer rim, in local edge lengths
 _CLOSING_STEPS = 6  # Newton steps that close the holes
-_LARGEST_SCALE = -float(np.log(EPS))  # log scale from which on edge lengths are lost in rounding
-_LAST_MODE = 8.6  # exp(-x²/2) is below rounding from here on
+_LARGEST_SCALE = -float(np.log(EPS))  # with larger log scales, edge lengths are lost in rounding
+_LAST_MODE = 8.6  # exp(-x²/2) is below rounding for larger x
 
 # maps polygons to samples of the curves through their vertices
 Drawn = Callable[[tuple[Polygon, ...]], tuple[Polygon, ...]]
@@ -59,14 +59,14 @@ class Flattening:
 
 
 class DirichletToNeumann:
-    """The Dirichlet-to-Neumann operator Λ of a discrete surface, a symmetric m × m matrix that is never formed.
+    """The Dirichlet-to-Neumann operator Λ of a discrete surface, a symmetric m × m matrix that is not stored.
 
     Λ is the Schur complement of the Laplacian after the elimination of the inner vertices. Products and systems with
     it are sparse solves, so that memory grows in proportion to the mesh.
     """
 
     def __init__(self, laplacian: Callable[[], csc_array], boundary_size: int) -> None:
-        """Takes a function that makes the Laplacian of all vertices, the boundary vertices first, on first use."""
+        """`laplacian` computes the Laplacian of all vertices, boundary vertices first; it is called on first use."""
         self.boundary_size = boundary_size
         self._make = laplacian
 
@@ -80,7 +80,7 @@ class DirichletToNeumann:
 
     def __matmul__(self, values: Columns) -> Columns:
         """Λ times columns of values at the boundary vertices."""
-        # parts of small sparse matrices take longer to select than products with the whole matrix
+        # selecting a part of a small sparse matrix takes longer than the product with the whole matrix
         product = self._laplacian @ self._extended(values)
         return np.asarray(product[: self.boundary_size] + self.inner_load(product[self.boundary_size :]))
 
@@ -98,7 +98,7 @@ class DirichletToNeumann:
         return np.asarray(-(self._laplacian @ solved)[: self.boundary_size])
 
     def _extended(self, values: Float[np.ndarray, "j *k"], *, start: int = 0) -> Float[np.ndarray, "n *k"]:
-        """Columns of values at all vertices, 0 except at those from `start` on that are given."""
+        """Columns of values at all vertices: the given ones from vertex `start` on, 0 elsewhere."""
         every = np.zeros((self._laplacian.shape[0], *values.shape[1:]))
         every[start : start + len(values)] = values
         return every
@@ -130,16 +130,16 @@ def dirichlet_to_neumann(vertices: Vertices, faces: Faces, boundary_size: int) -
 def flatten(
     vertices: Vertices, faces: Faces, boundary_size: int, *, holes: Rims = (), drawn: Drawn | None = None
 ) -> Flattening:
-    """Flattens a discrete surface conformally, with a boundary scale as near to 1 as a simple boundary allows.
+    """Flattens a discrete surface conformally, with a boundary scale as close to 1 as possible for a simple boundary.
 
-    The boundary of a disk is first laid out at u = 0. With holes, Newton's method minimises |u|²/ℓ² + u·Λu/ℓ subject to
-    each hole being closed with total turning −2π. Each rim is laid out separately; position, rotation and scale of the
-    holes minimise the conformal energy, which is the Dirichlet energy minus the area.
+    The boundary of a disk is first laid out at u = 0. With holes, Newton's method minimises |u|²/ℓ² + u·Λu/ℓ with the
+    constraints that each hole is closed and has the total turning −2π. Each rim is laid out separately; position,
+    rotation and scale of the holes minimise the conformal energy, which is the Dirichlet energy minus the area.
 
-    Where rims cross, or two far parts of the outer rim have less than `CLEARANCE` between them across the outside, u
+    If rims cross, or the gap across the outside between two far parts of the outer rim is below `CLEARANCE`, u
     minimises α(|u|²/ℓ² + u·Λu/ℓ) + |S(k₀ + Λu)/ds − κ|², where κ is the curvature of circles of the rims' lengths and S
-    is a Gaussian smoothing along them. This straightens slow windings and keeps corners. α is lowered until the
-    boundary is simple with that clearance. If it never is, small lobes are removed by `untangled`.
+    is a Gaussian smoothing along them. This straightens long windings and keeps corners. α is lowered until the
+    boundary is simple with that clearance. If no α suffices, small lobes are removed by `untangled`.
 
     The first `boundary_size` vertices are those of the outer rim, then those of the holes, in order with the surface on
     their left; `holes` are their numbers, and faces run counter-clockwise. `drawn` maps the rims to samples of the
@@ -166,8 +166,8 @@ def flatten_boundary(
 ) -> Flattening:
     """`flatten` from the edge lengths, the turning angles at u = 0 and the operator Λ; raises the same errors.
 
-    A gap below the clearance, in local edge lengths, is accepted if no larger one is found. `saws` leaves out u·Λu: the
-    boundary may then zigzag from vertex to vertex, which the caller has to round off, and has fewer notches.
+    A gap below the clearance, in local edge lengths, is accepted if no larger one is found. With `saws`, the term u·Λu
+    is left out: the boundary then has fewer notches, but may zigzag from vertex to vertex; the caller must smooth it.
     """
     rims = (len(edge) - sum(holes), *holes)
     plain, lobed = itertools.tee(_laid_out(edge, turning, neumann, rims, saws=saws))
@@ -188,7 +188,7 @@ def _least_straightened(
     clearance: float,
     drawn: Drawn | None,
 ) -> Flattening | None:
-    """The first simple boundary with enough clearance; else the first with half of it; else the first of all."""
+    """The first simple boundary with enough clearance, else the first with half of it, else the first simple one."""
     found: list[Flattening] = []
     for boundary in boundaries:
         rims = tuple(rim for rim in boundary if rim is not None)
@@ -235,7 +235,7 @@ def _candidates(
             gaps, slopes = zip(*(_gap(u, edge, turning, neumann, hole) for hole in holes), strict=True)
             gap, slope = np.concatenate(gaps), np.concatenate(slopes)
             along = solve(slope.T)
-            # least squares: the slopes of a hole that lies straight are dependent
+            # by least squares, because the constraints of a hole without width are linearly dependent
             u = u - along @ np.linalg.lstsq(slope @ along, gap, rcond=None)[0]
             if not np.abs(u).max() < _LARGEST_SCALE:
                 break
@@ -292,13 +292,13 @@ def _updated(solve: Solver, x: Float[np.ndarray, "m r"], weights: Float[np.ndarr
 def _gap(
     u: PerVertex, edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rim: slice
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 m"]]:
-    """Closing error of a hole at log scale u (gap x, y per length; turning + 2π), and its derivatives by u."""
+    """Closing error of a hole at log scale u (gap x, y per length; turning + 2π), and its derivatives in u."""
     turned = turning[rim] + (neumann @ u)[rim]
     count = len(turned)
     own = np.arange(count)
     after = shifted(own, -1)
     step = edge[rim] * np.exp((u[rim] + u[rim][after]) / 2 + 1j * np.cumsum(turned))
-    # relative to the mean direction: relative to the first edge, a rim with a large gap would bend at that edge
+    # relative to the mean direction; relative to the first edge, a rim with a large gap would bend at that edge
     ahead = step[::-1].cumsum()[::-1] - step.sum() * (1 - own / count)
     rows = np.zeros((len(u), 3))
     rows[rim] = np.stack([ahead.real, ahead.imag, np.ones(count)], axis=1)
@@ -343,7 +343,7 @@ def lay_out(edge: PerVertex, turning: PerVertex, log_scale: PerVertex) -> Comple
     """Closed polygon of given turning angles with edge lengths nearest to e^u·edge; None if there is none."""
     length = edge * np.exp((log_scale + shifted(log_scale, -1)) / 2)
     direction = cis(turning.cumsum() - turning[0])  # edge j runs after the turns at vertices 1 … j
-    # the lengths change by the least sum of squares per length
+    # the changes of the lengths minimise the sum of their squares per length
     total, gap, double = float(length.sum()), complex(length @ direction), complex(length @ direction**2)
     determinant = total**2 - abs(double) ** 2
     if not determinant > EPS * total**2:

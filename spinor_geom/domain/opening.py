@@ -25,12 +25,12 @@ _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
 _SHARE = np.linspace(0, 1, 129) ** 4  # points per side, denser at its ends, so that steps along its image are even
 _DENSE = _SHARE / (_SHARE + _SHARE[::-1])
 _EACH = 4  # samples per piece in the test for crossings
-_SHORTEST = EPS**0.5  # shortest piece of the image per its length; parts of shorter ones have no length by rounding
+_SHORTEST = EPS**0.5  # shortest piece of the image per its length; parts of shorter ones may have no length
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Power:
-    """The map ((z − corner)/middle)^exponent, whose branch cut lies outside Ω."""
+    """The map ((z − corner)/middle)^exponent; its branch cut lies outside Ω."""
 
     corner: complex
     middle: complex
@@ -47,7 +47,7 @@ class _Power:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Opening:
-    """The image of a domain's boundary by powers at its reentrant corners.
+    """The image of a domain's boundary under powers of z at its reentrant corners.
 
     Attributes:
         boundary: of the image, with as many vertices.
@@ -106,7 +106,7 @@ class Opening:
         return np.asarray(np.interp(t, self.boundary.parameters, self.before))
 
     def factor(self, t: Float[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
-        """The factor that p and q take at parameters on the image, up to a constant, so that φ dz stays the same."""
+        """The factor of p and q at parameters on the image, up to a constant, for which φ dz does not change."""
         z, root = self.given.point(self.given_parameters(t)), np.ones(len(t), dtype=np.complex128)
         for power in self.powers:
             root, z = root * power.root_of_slope(z), power(z)

@@ -21,8 +21,8 @@ from spinor_geom.errors import DtypeError, OptionError
 from spinor_geom.mesh.array_checks import shared
 from spinor_geom.mesh.interpolation import piecewise_cubic
 
-# Panel ends beside a corner, in edge lengths from it: they resolve its singularity to 2⁻¹⁶ of an edge. Relative to its
-# length each panel is as far from the poles at the corner as an edge is from its own poles.
+# Panel ends beside a corner, in edge lengths from it: they resolve the singularity to 2⁻¹⁶ of an edge. The distance of
+# each panel from the poles at the corner, relative to its length, is that of an edge from its poles.
 TOWARDS_CORNER = 0.25 ** np.arange(1, 9)
 Vertices = Complex[np.ndarray, " m"]
 LogScale = Float[np.ndarray, " m"]
@@ -32,7 +32,7 @@ LogScale = Float[np.ndarray, " m"]
 class SplineBoundary:
     """A closed curve z(t) of polynomial pieces, t in [0, 1), smooth except at its corners."""
 
-    parameters: Float[np.ndarray, " m1"]  # of the vertices, from 0; the last, 1, is again the first vertex
+    parameters: Float[np.ndarray, " m1"]  # of the vertices, from 0; the last one is 1, the first vertex again
     coefficients: Complex[np.ndarray, "d1 m"]  # of the pieces, highest power first
     corners: Bool[np.ndarray, " m"]  # which vertices are corners
 
@@ -96,13 +96,13 @@ class FourierBoundary:
         """Takes the coefficients from c_{−K} to c_K and the number of vertices.
 
         Raises:
-            DtypeError: the number of coefficients is even, so that none is that of frequency 0 in the middle.
+            DtypeError: the number of coefficients is even, so that there is none of frequency 0 in the middle.
         """
         self.coefficients = shared(np.array(coefficients, dtype=np.complex128))
         if self.coefficients.ndim != 1 or len(self.coefficients) % 2 == 0:
             raise DtypeError(
-                "a Fourier boundary takes an odd number of coefficients, of the frequencies from −K to K, got an array "
-                f"of shape {self.coefficients.shape}; add zeros for frequencies that are missing"
+                "a Fourier boundary needs an odd number of coefficients, of the frequencies from −K to K, got an array "
+                f"of shape {self.coefficients.shape}; add zeros for missing frequencies"
             )
         self.parameters = shared(np.linspace(0.0, 1.0, count + 1))
         self.vertices = shared(self.point(self.parameters[:-1]))
@@ -146,7 +146,7 @@ class FourierBoundary:
     def _sum(self, c: Complex[np.ndarray, " odd"], t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         e = np.exp(2j * np.pi * np.asarray(t, dtype=np.float64))
         middle = len(c) // 2
-        # positive and negative powers separately: one polynomial would need the factor e^{-2πiKt}
+        # positive and negative powers separately: a single polynomial would need the factor e^{-2πiKt}
         ahead, back = np.append(0.0, c[middle + 1 :]), c[middle::-1]
         return np.asarray(polyval(e, ahead) + polyval(np.conj(e), back))
 
@@ -169,7 +169,7 @@ class PlaneDomain:
 
     Attributes:
         boundary: the outer boundary, counter-clockwise.
-        triangulation: triangles inside the polygons of the boundary vertices, which come first, rim after rim.
+        triangulation: triangles inside the polygons of the boundary vertices; these come first, rim after rim.
         log_scale: u at the boundary vertices: e^u is the length in Ω per length on the flattened discrete surface.
         holes: boundaries of the holes, clockwise.
     """
@@ -187,7 +187,7 @@ class PlaneDomain:
     @classmethod
     @lru_cache(maxsize=16)
     def disk(cls, radius: float = 1.0, n: int = 64) -> PlaneDomain:
-        """The disk |z| < radius with `n` vertices on its circle; an OptionError unless radius > 0 and n ≥ 3."""
+        """The disk |z| < radius with `n` boundary vertices; raises an OptionError unless radius > 0 and n ≥ 3."""
         if not radius > 0 or n < 3:
             raise OptionError(f"a disk needs a positive radius and at least 3 vertices, got {radius} and {n}")
         return cls.inside(FourierBoundary.circle(radius, n))
@@ -243,7 +243,7 @@ class PlaneDomain:
 
     @cached_property
     def vertices(self) -> Vertices:
-        """The vertices of all of ∂Ω."""
+        """The vertices of all boundaries."""
         return shared(np.concatenate([boundary.vertices for boundary in self.boundaries]))
 
     @cached_property
@@ -258,11 +258,11 @@ class PlaneDomain:
         return shared(np.concatenate([np.stack([t[:-1], t[1:]], axis=1) for t in ends]))
 
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """Points of ∂Ω; an OptionError for a parameter of no boundary."""
+        """Points of ∂Ω; raises an OptionError for a parameter outside all boundaries."""
         return self._on_boundaries("point", t)
 
     def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """dz/dt at points of ∂Ω; an OptionError for a parameter of no boundary."""
+        """dz/dt at points of ∂Ω; raises an OptionError for a parameter outside all boundaries."""
         return self._on_boundaries("derivative", t)
 
     def _on_boundaries(self, method: str, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
@@ -271,7 +271,7 @@ class PlaneDomain:
         if not known.all():
             wrong = t[~known].flat[0]
             raise OptionError(
-                f"{wrong:.6g} is no parameter of this domain's boundary; give t in [0, 1) on the outer boundary, and "
+                f"{wrong:.6g} is not a parameter of this domain's boundary; give t in [0, 1) on the outer boundary and "
                 "t + 2(k + 1) on that of hole k"
             )
         number = t // 2
@@ -317,8 +317,8 @@ class PlaneDomain:
     def parents(self) -> Int[np.ndarray, " n"]:
         """For each vertex of the triangulation its predecessor on the path from the root; the root's is itself.
 
-        Paths are the shortest along edges when the lengths of edges that touch ∂Ω are multiplied by a large factor:
-        near ∂Ω the poles of p and q are near, and integrals lose digits.
+        Paths are the shortest ones along edges, with the lengths of edges at ∂Ω multiplied by a large factor: integrals
+        are less accurate near the poles of p and q, which are near ∂Ω.
         """
         points = self.triangulation.points
         n, m = len(points), self.triangulation.boundary_size
@@ -353,9 +353,9 @@ def panel_breaks(boundary: Boundary) -> Float[np.ndarray, " b"]:
     return np.unique(np.concatenate([t, after.ravel(), before.ravel()]))
 
 
-@lru_cache(maxsize=16)  # most loops are solved on the same circle
+@lru_cache(maxsize=16)  # most loops are solved on the unit disk
 def _graded_triangulation(vertices: bytes, rims: Rims) -> PlaneTriangulation:
-    """`triangulate_polygon` of rims given as the bytes of their complex vertices, which can be hashed."""
+    """`triangulate_polygon` of rims; the complex vertices are given as bytes, which can be hashed."""
     points = np.frombuffer(vertices, dtype=np.complex128)
     outer, *holes = np.split(points, np.cumsum(rims)[:-1])
     mesh = triangulate_polygon(outer, holes=holes)

@@ -16,7 +16,7 @@ from spinor_geom.mesh.operators import winding_numbers
 
 
 def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
-    """Pairs i < j of edges of a closed polygon that cross, or are adjacent and fold back onto each other."""
+    """Pairs i < j of edges of a closed polygon that cross, or are adjacent and overlap."""
     m = len(polygon)
     ends = np.stack([polygon, shifted(polygon, -1)])
     edge = ends[1] - ends[0]
@@ -27,7 +27,7 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
 
     def has_ends_on_both_sides(one: Int[np.ndarray, " k"], other: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
         side = np.imag(np.conj(edge[one]) * (ends[:, other] - polygon[one]))
-        # rounding errors must not make edges of one straight side cross
+        # edges of one straight side must not cross by rounding errors
         side[np.abs(side) <= on_line[one]] = 0
         return np.asarray(side[0] * side[1] < 0)
 
@@ -52,9 +52,9 @@ def is_simple(polygon: Complex[np.ndarray, " m"]) -> bool:
 
 
 def _is_star(polygon: Complex[np.ndarray, " m"]) -> bool:
-    """Whether a closed polygon is star-shaped about the mean of its vertices, and so simple.
+    """Whether a closed polygon is star-shaped about the mean of its vertices, and therefore simple.
 
-    Most boundaries are, and this test takes a small part of the time of the general one.
+    This holds for most boundaries, and the test takes much less time than the general one.
     """
     spokes = polygon - polygon.mean()
     turns = np.angle(np.append(spokes[1:], spokes[0]) * np.conj(spokes))
@@ -70,7 +70,7 @@ def bound_domain(rims: tuple[Complex[np.ndarray, "_"], ...]) -> bool:
     flat = [flat_coordinates(rim) for rim in rims]
     if any(len(crossings_between(*pair)) for pair in itertools.combinations(flat, 2)):
         return False
-    # holes run clockwise: a point of a hole has winding 1 if it lies in the outer polygon and in no other hole
+    # holes run clockwise: the winding number of a point is 1 if it lies in the outer polygon and in no other hole
     for hole in flat[1:]:
         winding = sum(winding_numbers(other[:, :2], hole[:1, :2])[0] for other in flat if other is not hole)
         if round(winding) != 1:

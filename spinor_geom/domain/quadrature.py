@@ -63,9 +63,9 @@ def cumulative_matrix(order: int, ends: tuple[float, ...] | None = None) -> Floa
 def through_gauss_nodes(
     order: int, x: Float[np.ndarray, " h"]
 ) -> tuple[Float[np.ndarray, "h g"], Float[np.ndarray, "h g"]]:
-    """Matrices from values at the `order` Gauss nodes on [0, 1] to the polynomial through them.
+    """Matrices from values at the `order` Gauss nodes on [0, 1] to values of the polynomial through them.
 
-    They give its values at x, and its integrals from 0 to x.
+    The first has its values at x, the second its integrals from 0 to x.
     """
     basis = np.polynomial.legendre.legvander(2 * x - 1, order)
     to_values, to_integrals = _legendre_coefficients(order)

@@ -7,4 +7,4 @@ NAMES = {
     **dict.fromkeys(("tangents", "timing"), "trainings"),
     "branch-points": "forms",
 }
-"""For each experiment, the module of this package that has it in `EXPERIMENTS`."""
+"""The module of this package that defines each experiment."""

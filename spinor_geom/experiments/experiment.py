@@ -32,7 +32,14 @@ _STYLE = "h2 { border-top: 1px solid var(--faint); padding-top: 1.5rem } img { d
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
-    """JSON-ready rows of a table, whether the paper's statement is reproduced and why, and pictures by file name."""
+    """The result of a measurement.
+
+    Attributes:
+        rows: the rows of a table, with values that JSON can store.
+        reproduced: whether the results agree with the paper.
+        verdict: the figures that decide it, in a sentence.
+        pictures: figures by file name.
+    """
 
     rows: Sequence[Mapping[str, Any]]
     reproduced: bool
@@ -42,14 +49,23 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Experiment:
-    """One experiment: the paper's statement and setting, what differs here, and the function that measures it."""
+    """One experiment of the paper.
+
+    Attributes:
+        title: for the report.
+        paper: the paper's settings and statement.
+        here: what differs here, and when the statement counts as reproduced.
+        measure: the function that runs the experiment.
+        full: the arguments of `measure`, with the paper's values if it states them.
+        quick: the arguments that a run of one or two minutes changes; "a.b" is the field b of the argument a.
+    """
 
     title: str
     paper: str
     here: str
     measure: Callable[..., Outcome]
-    full: Mapping[str, Any]  # the arguments of `measure`, with the paper's values where it gives them
-    quick: Mapping[str, Any]  # the changes for a run of a minute or two; "a.b" is the field b of the argument a
+    full: Mapping[str, Any]
+    quick: Mapping[str, Any]
 
     def settings(self, *, quick: bool) -> dict[str, Any]:
         """The arguments of `measure`."""
@@ -60,13 +76,13 @@ class Experiment:
         return chosen
 
     def description(self, *, quick: bool) -> dict[str, Any]:
-        """The settings, JSON-ready; a run reuses results only if they have the same."""
+        """The settings as JSON values; results are reused only if their settings are equal."""
         named = self.settings(quick=quick).items()
         return {name: finite(asdict(v) if isinstance(v, RMSprop | LevenbergMarquardt) else v) for name, v in named}
 
 
-def kept_as(name: str, options: RMSprop) -> RMSprop:
-    """The options with `checkpoint`, a folder, replaced by a file of this name in it; unchanged without one."""
+def with_checkpoint(name: str, options: RMSprop) -> RMSprop:
+    """The options with the checkpoint NAME.pt in the folder `options.checkpoint`; unchanged if that is None."""
     if options.checkpoint is None:
         return options
     return replace(options, checkpoint=Path(options.checkpoint) / f"{name.replace(' ', '-')}.pt")
@@ -82,7 +98,7 @@ def experiment(name: str) -> Experiment:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Results:
-    """The results of an experiment that are in its folder."""
+    """The results of one experiment, as stored in its folder."""
 
     name: str
     experiment: Experiment
@@ -146,7 +162,7 @@ def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Results:
 
 
 def _finished(path: Path) -> dict[str, Any]:
-    """The results of an earlier run, if they are complete."""
+    """The results of an earlier run; empty if they are not complete."""
     try:
         found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         files = [path.with_name(f"{name}{suffix}") for name in found["pictures"] for suffix in _SUFFIXES]
@@ -156,7 +172,7 @@ def _finished(path: Path) -> dict[str, Any]:
 
 
 def report(done: Sequence[Results], *, quick: bool, shown: Callable[[str], str] | None = None) -> str:
-    """The report in Markdown; `shown` converts a picture's path to Markdown, by default to a link."""
+    """The report in Markdown; `shown` returns the Markdown of a picture from its path, by default a link."""
     start = [
         f"# {TITLE}",
         f"{'Quick' if quick else 'Full'} run: {len(done)} {'experiment' if len(done) == 1 else 'experiments'} in "

@@ -13,7 +13,7 @@ from numpy.polynomial import polynomial
 from spinor_geom import gallery
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import UnplacedZerosError, ZeroOnContourError
-from spinor_geom.experiments.experiment import Experiment, Outcome, kept_as
+from spinor_geom.experiments.experiment import Experiment, Outcome, with_checkpoint
 from spinor_geom.experiments.figures import log_log, over_disk, surfaces
 from spinor_geom.experiments.paper_surfaces import boundary_distance, solved_by_network
 from spinor_geom.gallery import KnownCurve, KnownDisk
@@ -29,7 +29,7 @@ from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 
 SPINOR, ENNEPER = "RMSprop, spinor", "RMSprop, Weierstrass-Enneper"
 NETWORK, SERIES = "Levenberg-Marquardt, spinor", "Douglas-Newton"
-LEFT, CAUCHY, ALONE = "Douglas-Newton, unstable left", "Cauchy network", "Levenberg-Marquardt, random start"
+STABLE, CAUCHY, RANDOM = "Douglas-Newton, stable disk", "Cauchy network", "Levenberg-Marquardt, random start"
 KNOWN = "known disk"
 FORMS = ("spinor", "Weierstrass-Enneper")
 _PLACE = 0.2 + 0.1j  # position of the zeros of prescribed order
@@ -47,16 +47,16 @@ def twisted_circle(*, rmsprop: RMSprop, network: LevenbergMarquardt) -> Outcome:
 
 
 def tennis_seam(*, parameters: Sequence[float], rmsprop: RMSprop, network: LevenbergMarquardt) -> Outcome:
-    """Runs every method on the seam of each a; the rows name the known disk that each finds."""
+    """Runs every method on the seam of each a; the rows contain the known disk that was found."""
     rows: list[dict[str, Any]] = []
     outcomes = []
     for a in parameters:
         curve = gallery.tennis_seam(a)
         outcomes.append(_compare(curve, rmsprop, network, name=f"tennis-seam-{a:g}"))
         alone = {
-            LEFT: solve_plateau(curve, model="series").area,
+            STABLE: solve_plateau(curve, model="series").area,
             CAUCHY: solve_plateau(curve, model="cauchy", unstable="keep").area,
-            ALONE: solve_plateau(curve, model="mlp", optimizer=network, warm_start=False).area,
+            RANDOM: solve_plateau(curve, model="mlp", optimizer=network, warm_start=False).area,
         }
         areas = [*alone.items(), *((KNOWN, disk.area) for disk in curve.disks)]
         here = [*outcomes[-1].rows, *({"curve": curve.name, "method": name, "area": area} for name, area in areas)]
@@ -70,11 +70,11 @@ def tennis_seam(*, parameters: Sequence[float], rmsprop: RMSprop, network: Leven
 
 
 def _compare(curve: KnownCurve, rmsprop: RMSprop, options: LevenbergMarquardt, *, name: str) -> Outcome:
-    """Trains both forms and solves; reproduced if the Weierstrass-Enneper form stays much farther from the curve."""
+    """Trains both forms and solves; reproduced if the Weierstrass-Enneper form is much farther from the curve."""
     gamma = BoundaryCurve.from_formula(curve)
     forms = {SPINOR: rmsprop, ENNEPER: replace(rmsprop, representation="weierstrass-enneper")}
     paper = {
-        method: train_by_rmsprop(curve, options=kept_as(f"{name}-{form.representation}", form))
+        method: train_by_rmsprop(curve, options=with_checkpoint(f"{name}-{form.representation}", form))
         for method, form in forms.items()
     }
     begin = time.perf_counter()
@@ -102,7 +102,7 @@ def _compare(curve: KnownCurve, rmsprop: RMSprop, options: LevenbergMarquardt, *
         }
         rows.append(row)
         drawn[method] = marked(surface, points or ())
-    # where the normal of the exact disk is e₃, counted by orders: the Weierstrass-Enneper form has no values there
+    # g has a pole where the normal of the exact disk is e₃
     rows[-1]["poles of g"] = sum(zero.order for zero in exact.surface.spinor_zeros()[1])
     ratio = paper[ENNEPER].max_per_diagonal / paper[SPINOR].max_per_diagonal
     lines = {
@@ -145,7 +145,7 @@ def marked(surface: SpinorSurface | WeierstrassSurface, points: Sequence[BranchP
 
 
 def which_disk(area: float, disks: Sequence[KnownDisk]) -> str:
-    """Which known disk has an area: "stable", "unstable" or "none"."""
+    """The kind of the known disk of this area: "stable", "unstable", or "none" if there is none."""
     gap = min((b.area - a.area for a, b in itertools.pairwise(disks)), default=None)
     for disk in disks:
         allowed = _SHARE_OF_AREA * disk.area if gap is None else _SHARE_OF_GAP * gap
@@ -227,22 +227,23 @@ EXPERIMENTS = {
     "twisted-circle": Experiment(
         title="spinors against Weierstrass-Enneper on the twisted circle",
         paper="(R cos t, R sin t, α sin kt) with R = 1, k = 3, α = 0.2; networks of 10 layers of 20 units, RMSprop, "
-        "800 epochs; the spinors come near to the curve, the Weierstrass-Enneper form fails.",
-        here="The same training from the same random numbers, then a network of ours and Douglas-Newton. Reproduced "
-        "if the Weierstrass-Enneper form stays at least twice as far from the curve. Dots mark branch points.",
+        "800 epochs; the spinors approach the curve, the Weierstrass-Enneper form fails.",
+        here="The same training from the same random numbers; also a network trained by Levenberg-Marquardt, and "
+        "Douglas-Newton. Reproduced if the Weierstrass-Enneper form is at least twice as far from the curve as the "
+        "spinors. Dots mark branch points.",
         measure=twisted_circle,
         full=_TRAININGS,
         quick=_QUICK,
     ),
     "tennis-seam": Experiment(
         title="spinors against Weierstrass-Enneper on tennis seams, and which disk is found",
-        paper="The seam of a tennis ball, 'sphere and cylinder' without parameters; networks of 10 layers of 20 units, "
-        "RMSprop, 800 epochs; spinors come near to the curve, Weierstrass-Enneper fails.",
+        paper="The seam of a tennis ball, 'sphere and cylinder', no parameters stated; networks of 10 layers of 20 "
+        "units, RMSprop, 800 epochs; the spinors approach the curve, the Weierstrass-Enneper form fails.",
         here="(a cos t + b cos 3t, a sin t - b sin 3t, 2√(ab) sin 2t), b = 1 - a, on the unit sphere: at a = 0.8 one "
         "disk is known, at a = 0.75 the symmetric one is unstable and two mirror images of less area are stable. "
-        f"'{SERIES}' keeps the symmetric disk; '{LEFT}' leaves it if it is unstable, and '{NETWORK}' starts from that. "
-        "A disk is found if the area is equal. Reproduced if the Weierstrass-Enneper form stays at least twice as far "
-        "from every seam. Dots mark branch points.",
+        f"'{SERIES}' keeps the symmetric disk; '{STABLE}' replaces it by a stable one if it is unstable, and "
+        f"'{NETWORK}' starts from that. Disks are identified by area. Reproduced if the Weierstrass-Enneper form is at "
+        "least twice as far from every seam as the spinors. Dots mark branch points.",
         measure=tennis_seam,
         full={"parameters": (0.8, 0.75), **_TRAININGS},
         quick=_QUICK,
@@ -250,7 +251,7 @@ EXPERIMENTS = {
     "branch-points": Experiment(
         title="branch points, and which of them are removable",
         paper="A zero of φ of order m is a branch point that a small change of the surface removes if and only if m is "
-        "even; p and q make even orders only, and a generic f has simple zeros.",
+        "even; with p and q all orders are even, and a generic f has simple zeros.",
         here="Zeros by the argument principle, and the lift to SU(2) of the surface's frame along a circle around "
         "each, for polynomials with a zero of known order and with random coefficients. Reproduced if the lift "
         "agrees with the order everywhere, and only random f and g have branch points that are not removable.",

@@ -1,4 +1,4 @@
-"""Quadrature along rays from the centre of the disk: its error on the catenoid, and |H| of the surface it gives."""
+"""Quadrature along rays from the centre of the disk: its error on the catenoid, and |H| of the computed surface."""
 
 import math
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ ORDERS: dict[RuleName, tuple[int, float]] = {"trapezoid": (-2, 0.1), "simpson": 
 _SLOPES: dict[str, int] = {name: slope for name, (slope, _) in ORDERS.items()}
 # errors below these are rounding: distances, and |H| in 1/diagonal
 _DISTANCE_FLOOR, _CURVATURE_FLOOR = 1e-12, 1e-11
-_NEARLY_ZERO = 1e-2  # |H| in 1/diagonal: a sphere of that curvature has 200 times the diagonal
+_NEARLY_ZERO = 1e-2  # |H| in 1/diagonal, as of a sphere with a radius of 100 diagonals
 
 
 def catenoid_error(*, grid: tuple[int, int], steps: Sequence[int]) -> Outcome:
@@ -104,7 +104,7 @@ def heat_maps(*, grid: tuple[int, int], steps: int, network: LevenbergMarquardt)
 
 
 def fitted_slope(steps: Sequence[int], errors: Sequence[float], floor: float) -> float:
-    """Slope of log(error) by log(steps), of errors above a floor; NaN if fewer than two are."""
+    """Slope of log(error) against log(steps), for errors above a floor; NaN for fewer than two such errors."""
     above = [(n, e) for n, e in zip(steps, errors, strict=True) if e > floor]
     if len(above) < 2:
         return float("nan")
@@ -124,7 +124,7 @@ def surface_size(surface: SpinorSurface) -> float:
 
 
 def radial_mean_curvature(surface: SpinorSurface, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-    """H of the positions that the surface's rule gives on the ray from 0 to each point; NaN at branch points."""
+    """H of the positions by the surface's quadrature rule on the ray from 0 to each point; NaN at branch points."""
     end = torch.tensor(z, device=surface.spinor_map.device).reshape(-1)
     with torch.no_grad():
         mean = mean_curvature_of_integrals(surface.integrate, torch.zeros_like(end), end, order=surface.order)

@@ -39,7 +39,7 @@ def perturbed_series(depth: int) -> SpinorSurface:
     random = np.random.default_rng(_SEED)
     noise = random.normal(size=coefficients.shape) + 1j * random.normal(size=coefficients.shape)
     size = np.abs(coefficients).max() * _PERTURBATION / math.sqrt(_ORDER + 1)
-    # a perturbation that fades with the order: the boundary stays smooth
+    # the perturbation decreases with the order, so that the boundary stays smooth
     fading = 1 / (1 + np.arange(_ORDER + 1))[:, None]
     return SpinorSurface(PowerSeries(coefficients + size * fading * noise), PlaneDomain.disk())
 
@@ -75,7 +75,7 @@ def reconstructed(options: LevenbergMarquardt) -> dict[str, SpinorSurface]:
 
 
 def boundary_distance(surface: ArraySurface, curve: BoundaryCurve) -> float:
-    """Largest distance of the boundary from Γ, and of the parts of Γ that it skips from the boundary."""
+    """The larger of the largest distances of the boundary from Γ and of Γ from the boundary."""
     r = surface.position(surface.domain.boundary.point(np.arange(_MEASURED) / _MEASURED))
     slide = np.unwrap(curve.nearest(r), period=1.0)
     return Misfit.of(r, slide, CurveTensors.of(curve, NUMPY)).max

@@ -13,7 +13,7 @@ from jaxtyping import Complex, Float
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
-from spinor_geom.experiments.experiment import Experiment, Outcome, kept_as
+from spinor_geom.experiments.experiment import Experiment, Outcome, with_checkpoint
 from spinor_geom.experiments.figures import HolomorphicFunction, log_log, over_disk, phases, surfaces
 from spinor_geom.experiments.paper_surfaces import (
     boundary_distance,
@@ -31,7 +31,8 @@ from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_
 PAPER, OURS, CAUCHY, DOUGLAS = "RMSprop", "Levenberg-Marquardt", "Cauchy network", "Douglas-Newton"
 CURVES: dict[str, Callable[[], KnownCurve]] = {"twisted circle": twisted_circle, "tennis seam": tennis_seam}
 _DISTANCE = "largest distance from Γ / diagonal"
-_NEAR, _ALIKE = 1e-6, 1e-5  # largest errors of recovered positions, in diagonals, and of p and q, per their size
+# largest errors of recovered positions, in diagonals, and of p and q, relative to their largest modulus
+_NEAR, _ALIKE = 1e-6, 1e-5
 Points: TypeAlias = Complex[np.ndarray, " n"]
 _POINTS, _RADII = 64, (1.0, 0.6, 0.25)  # spinors are compared at points of circles
 _STARTS = 12  # starting angles for the fit of a Möbius map
@@ -85,7 +86,8 @@ def timing(*, curves: Sequence[str], rmsprop: RMSprop, tolerances: Sequence[floa
         reproduced &= not behind
         verdicts.append(
             f"{name}: after {len(points[PAPER])} epochs and {seconds:.1f} s RMSprop is {error:.1e} of the diagonal "
-            f"from the curve; nearer in less time are {'all of ours' if not behind else 'not ' + ' and '.join(behind)}."
+            "from the curve; a smaller distance in less time is reached by "
+            f"{'all our methods' if not behind else 'our methods except ' + ' and '.join(behind)}."
         )
         lines = {method: ([s for s, _ in measured], [e for _, e in measured]) for method, measured in points.items()}
         pictures[f"timing-{name.replace(' ', '-')}"] = log_log(lines, x="seconds", y=_DISTANCE)
@@ -95,7 +97,7 @@ def timing(*, curves: Sequence[str], rmsprop: RMSprop, tolerances: Sequence[floa
 def _time_and_distance(
     curve: KnownCurve, rmsprop: RMSprop, tolerances: Sequence[float], depth: int
 ) -> dict[str, list[tuple[float, float]]]:
-    """Seconds and largest distance from Γ in diagonals: of every epoch of RMSprop, and of solves by our methods."""
+    """Seconds and largest distance from Γ, in diagonals, of every epoch of RMSprop and of solves by our methods."""
     gamma = BoundaryCurve.from_formula(curve)
     diagonal = float(np.linalg.norm(np.ptp(gamma.coefficients[-1], axis=0)))
     edges = diagonal / float(np.linalg.norm(np.diff(gamma.coefficients[-1], axis=0), axis=1).mean())
@@ -106,7 +108,7 @@ def _time_and_distance(
         seconds = time.perf_counter() - begin
         return seconds, boundary_distance(surface, gamma) / diagonal
 
-    trained = train_by_rmsprop(curve, options=kept_as(curve.name, rmsprop))
+    trained = train_by_rmsprop(curve, options=with_checkpoint(curve.name, rmsprop))
     return {
         PAPER: [(step.seconds, (step.boundary_error or np.nan) / diagonal) for step in trained.history],
         OURS: [timed(model="mlp", optimizer=LevenbergMarquardt(depth=depth, tolerance=t)) for t in tolerances],
@@ -125,7 +127,7 @@ def prescribed(*, depth: int, network: LevenbergMarquardt, random: RMSprop, pert
     ):
         curve = boundary_of(truth, name)
         trained = {
-            PAPER: train_by_rmsprop(BoundaryCurve.from_formula(curve), options=kept_as(name, paper)),
+            PAPER: train_by_rmsprop(BoundaryCurve.from_formula(curve), options=with_checkpoint(name, paper)),
             OURS: solved_by_network(curve, network),
         }
         found = {method: t.surface for method, t in trained.items() if isinstance(t.surface, SpinorSurface)}
@@ -153,7 +155,7 @@ def prescribed(*, depth: int, network: LevenbergMarquardt, random: RMSprop, pert
     return Outcome(
         rows=rows,
         reproduced=position <= _NEAR and spinors <= _ALIKE,
-        verdict=f"Both of ours recover positions to {position:.1e} of the diagonal, and p and q to {spinors:.1e}.",
+        verdict=f"Our methods recover positions to {position:.1e} of the diagonal, and p and q to {spinors:.1e}.",
         pictures=pictures,
     )
 
@@ -233,7 +235,7 @@ EXPERIMENTS = {
         "with perturbed coefficients, 4,000 epochs; p, q, f, g are recovered up to a Möbius map, nearly a rotation.",
         here="Surfaces of the same kinds with unevenly parametrised boundaries; the paper's training, and ours from "
         "the boundary alone. The Möbius map and the common sign of p and q are fitted; the table has the residuals. "
-        f"Reproduced if both of ours recover positions to {_NEAR:g} and p and q to {_ALIKE:g}.",
+        f"Reproduced if both of our methods recover positions to {_NEAR:g} and p and q to {_ALIKE:g}.",
         measure=prescribed,
         full={
             "depth": 10,
@@ -244,10 +246,10 @@ EXPERIMENTS = {
         quick={"depth": 3, "random.epochs": 10, "random.order": 25, "perturbed.epochs": 10, "perturbed.order": 25},
     ),
     "tangents": Experiment(
-        title="training without and with the tangents' term",
-        paper="λ = 0 and λ = 0.5 from the same initialisation, epochs 0 to 10; the curve with tangents is nearer.",
-        here="The twisted circle, from the same random numbers, after the same epochs. Reproduced if λ = 0.5 has the "
-        "smaller largest distance after the last one.",
+        title="training with and without the tangent term",
+        paper="λ = 0 and λ = 0.5 from the same initialisation, epochs 0 to 10; λ = 0.5 is closer to the curve.",
+        here="The twisted circle, from the same random numbers, after the same epochs. Reproduced if the largest "
+        "distance after the last epoch is smaller for λ = 0.5.",
         measure=tangents,
         full={"weights": (0.0, 0.5), "epochs": (0, 2, 4, 6, 8, 10), "rmsprop": RMSprop()},
         quick={"rmsprop.order": 25},
@@ -256,8 +258,8 @@ EXPERIMENTS = {
         title="boundary error against wall-clock time",
         paper="RMSprop (Algorithm 1), networks of 10 layers of 20 units, 800 epochs; the paper has no times.",
         here="The paper's training with its own settings; a network of 3 layers of 20 units by Levenberg-Marquardt, a "
-        "Cauchy network, and Douglas-Newton, on one thread. Every point of ours is a separate solve. Reproduced if "
-        "each of ours comes nearer in less time.",
+        "Cauchy network, and Douglas-Newton, on one thread. Every point of our methods is a separate solve. Reproduced "
+        "if each of our methods reaches a smaller distance in less time.",
         measure=timing,
         full={
             "curves": ("twisted circle", "tennis seam"),

@@ -15,14 +15,19 @@ NORMAL = "normal"
 
 
 def patch_attributes(
-    mesh: TriangleMesh, rim: Int[np.ndarray, " m"], patch: Patch, surface: ArraySurface | None, *, is_planned: bool
+    mesh: TriangleMesh,
+    rim: Int[np.ndarray, " m"],
+    patch: Patch,
+    surface: ArraySurface | None,
+    *,
+    triangulated_in_domain: bool,
 ) -> dict[str, Float[np.ndarray, "n _"]]:
     """The attributes of a mesh at the inner vertices of a patch; `rim` are the mesh vertices of its boundary.
 
-    Attributes are interpolated harmonically. Labels, which must not be averaged, are those of the nearest rim vertex.
-    "normal" is the unit normal of the surface, on the side of the patch's faces. A value on the rim that is not finite
-    is replaced by the nearest finite one. The cotangent Laplacian is used for a patch that was triangulated in Ω
-    (`is_planned`), for others the graph Laplacian, as their triangles in Ω may be degenerate.
+    Attributes are interpolated harmonically; integer ones are those of the nearest rim vertex. "normal" is the unit
+    normal of the surface, on the side of the patch's faces. A value on the rim that is not finite is replaced by the
+    nearest finite one. The Laplacian is the cotangent Laplacian for a patch that was triangulated in Ω
+    (`triangulated_in_domain`), otherwise the graph Laplacian, because triangles in Ω may be degenerate.
 
     Source: Pinkall & Polthier (1993), the discrete Dirichlet energy.
     """
@@ -33,7 +38,9 @@ def patch_attributes(
         faces = np.asarray(patch.faces)
         # the Dirichlet energy is conformally invariant: harmonic functions in Ω are those of the surface
         laplacian = (
-            cotangent_laplacian(plane_coordinates(patch.points), faces) if is_planned else graph_laplacian(faces)
+            cotangent_laplacian(plane_coordinates(patch.points), faces)
+            if triangulated_in_domain
+            else graph_laplacian(faces)
         )
         inner = harmonic_extension(laplacian, np.hstack([columns[name] for name in smooth]))[size:]
         ends = np.cumsum([columns[name].shape[1] for name in smooth])[:-1]

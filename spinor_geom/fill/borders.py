@@ -5,13 +5,13 @@ computed over the smoothed loop. Both are compared with the adjacent mesh: the f
 that touch it. The turning of a loop is its total geodesic curvature in the mesh. The rules, in order:
 
 1. A loop with a turning below −π is a hole; nothing else is computed. Around a hole in a plane the turning is −2π.
-2. A loop is a hole if the turning of the smoothed loop is negative; loops with pinch vertices come this far.
+2. A loop is a hole if the turning of the smoothed loop is negative. Rule 1 does not apply to loops with pinch vertices.
 3. A loop is a border if the mean rise of the adjacent mesh is below sin 25.5°, and the mesh lies inside the loop.
    Around bowls with an opening of 45° the angle is 28° and more, along terrains and range scans at most 24°.
-4. A loop is a border if the turning of the smoothed loop is above 0.89 of 2π, whatever the rise. It is 0.9 to 1 of 2π
+4. A loop is a border if the turning of the smoothed loop is above 0.89 of 2π, for any rise. It is 0.9 to 1 of 2π
    around half-pipes, roofs and twisted ribbons, at most 0.87 around bowls with an opening of 45°.
-5. For a loop that touches or crosses itself, rule 3 is left out, as the disk has no sides, and the turning of the loop
-   itself must be 0.89 to 1.11 of 2π: it is 2π around a strip rolled up isometrically until its windings touch.
+5. For a loop that touches or crosses itself, rule 3 does not apply, because the disk has no sides. In addition, the
+   turning of the loop itself must be 0.89 to 1.11 of 2π: it is 2π around a strip rolled up until its windings touch.
 
 The rise is the sine of the angle between the mesh and the disk: sin θ at the rim of a spherical cap of polar angle θ, 1
 at the end of a tube, 0 along a plane sheet. Upward and downward slopes cancel, so hilly sheets have a small rise. The
@@ -47,7 +47,7 @@ _MOST_WIDTHS = 40  # limits the smoothed loop to 160 points, the maximum of the 
 _ROUNDS = 3  # iterations for w; after one, smoothed rims of noisy UV spheres are still rough
 
 
-def refuse_border(patched: PatchedMesh, loop: BoundaryLoop) -> None:
+def require_no_border(patched: PatchedMesh, loop: BoundaryLoop) -> None:
     """Raises a SheetBorderError for a loop that is the border of a sheet; no surface is solved for."""
     if patched.turning(loop) < _CLEARLY_NEGATIVE and not patched.is_pinched(loop):
         return
@@ -80,13 +80,13 @@ class _NearbyFaces:
 
     Attributes:
         points: equidistant points of the smoothed loop.
-        places: for each face the index of the nearest of these points.
+        nearest: for each face the index of the nearest of these points.
         offsets: for each face the vector from the nearest point of the loop to its centroid, times its area; in
             units of the loop's diagonal, so that powers do not underflow.
     """
 
     points: Float[np.ndarray, "n 3"]
-    places: Int[np.ndarray, " f"]
+    nearest: Int[np.ndarray, " f"]
     offsets: Float[np.ndarray, "f 3"]
 
     @classmethod
@@ -100,7 +100,7 @@ class _NearbyFaces:
         areas = face_areas(mesh.vertices, mesh.faces[faces])
         return cls(
             points=points,
-            places=np.rint(along / loop.perimeter * len(points)).astype(np.int64) % len(points),
+            nearest=np.rint(along / loop.perimeter * len(points)).astype(np.int64) % len(points),
             offsets=(centroids - nearest) / loop.diagonal * (areas / loop.diagonal**2)[:, None],
         )
 
@@ -112,8 +112,8 @@ class _NearbyFaces:
         """
         normals = _disk_normals(self.points)
         conormals = _unit(np.cross(normals, np.roll(self.points, -1, axis=0) - np.roll(self.points, 1, axis=0)))
-        inner = np.einsum("fk,fk->f", self.offsets, conormals[self.places])
-        over = np.einsum("fk,fk->f", self.offsets, normals[self.places])
+        inner = np.einsum("fk,fk->f", self.offsets, conormals[self.nearest])
+        over = np.einsum("fk,fk->f", self.offsets, normals[self.nearest])
         total = max(float(np.hypot(inner, over).sum()), np.finfo(np.float64).tiny)
         return float(inner.sum()) / total, abs(float(over.sum())) / total
 
@@ -126,10 +126,10 @@ class _NearbyFaces:
         n = len(self.points)
         ahead = _unit(np.roll(self.points, -1, axis=0) - self.points)
         back = np.roll(ahead, 1, axis=0)
-        along = _unit(ahead + back)[self.places]
+        along = _unit(ahead + back)[self.nearest]
         across = self.offsets - np.einsum("fk,fk->f", self.offsets, along)[:, None] * along
-        sums = np.stack([np.bincount(self.places, x, minlength=n) for x in across.T], axis=1)
-        # averaged over the width of the hole, as some points have no face
+        sums = np.stack([np.bincount(self.nearest, x, minlength=n) for x in across.T], axis=1)
+        # averaged over the width of the hole, because some points have no face
         towards = _unit(uniform_filter1d(sums, _POINTS_PER_WIDTH + 1, axis=0, mode="wrap"))
         return float(np.sum((ahead - back) * towards)) / (2 * np.pi)
 
@@ -146,7 +146,7 @@ def _smoothed(loop: BoundaryLoop, area: float) -> tuple[Float[np.ndarray, "n 3"]
     """
     length = loop.perimeter
     for _ in range(_ROUNDS):
-        width = min(2 * area / length, length / (2 * np.pi))  # of a circle at most
+        width = min(2 * area / length, length / (2 * np.pi))  # at most that of a circle
         points = _averaged(loop, max(width, loop.perimeter / _MOST_WIDTHS))
         length = float(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).sum())
     return points, width
@@ -157,8 +157,8 @@ def _averaged(loop: BoundaryLoop, width: float) -> Float[np.ndarray, "n 3"]:
     fine = 16  # samples at each point
     count = fine * round(_POINTS_PER_WIDTH * loop.perimeter / width)
     along = np.cumsum(loop.edge_lengths) - loop.edge_lengths
-    places = np.arange(count) * (loop.perimeter / count)
-    samples = np.stack([np.interp(places, along, x, period=loop.perimeter) for x in loop.points.T], axis=1)
+    positions = np.arange(count) * (loop.perimeter / count)
+    samples = np.stack([np.interp(positions, along, x, period=loop.perimeter) for x in loop.points.T], axis=1)
     window = max(1, round(width / loop.perimeter * count))
     return np.asarray(uniform_filter1d(samples, window, axis=0, mode="wrap")[::fine])
 

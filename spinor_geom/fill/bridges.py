@@ -13,7 +13,7 @@ from spinor_geom.fill.exact_patches import Solved, exact_patch
 from spinor_geom.fill.fill_loop import fill_loop
 from spinor_geom.fill.fill_options import FillOptions, Islands
 from spinor_geom.fill.fill_result import LoopOutcome
-from spinor_geom.fill.no_holes import refuse_what_is_no_hole
+from spinor_geom.fill.no_holes import require_hole
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets
@@ -45,10 +45,10 @@ def planned_joins(
     """
     if bridge is not None:
         if len(bridge) < 2:
-            raise OptionError(f"a bridge joins two loops or more, got {len(bridge)}; add another, or use loop=")
+            raise OptionError(f"a bridge joins two or more loops, got {len(bridge)}; add a loop, or use loop=")
         first, *others = sorted(bridge)
-        if twice := [place for place in bridge if list(bridge).count(place) > 1]:
-            raise OptionError(f"a bridge joins different loops, got loop {twice[0]} twice; replace one")
+        if twice := [index for index in bridge if list(bridge).count(index) > 1]:
+            raise OptionError(f"a bridge joins different loops, got loop {twice[0]} twice; remove one of them")
         return {first: tuple(others)}, {}
     joins, notes = dict[int, tuple[int, ...]](), dict[int, str]()
     for hole, pieces in find_islands(mesh, loops, sheets).items():
@@ -66,10 +66,10 @@ def planned_joins(
 def find_islands(
     mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets | None = None
 ) -> dict[int, tuple[int, ...]]:
-    """The islands in holes: from a hole's index to the indices of the islands' longest loops.
+    """The islands in each hole, by the hole's index: the indices of the longest loop of each island.
 
-    Such a loop is shorter than the hole's and satisfies `lies_in`. Of several holes around an island the shortest
-    is taken. `sheets` are those of the mesh, if already computed.
+    Such a loop is shorter than the hole's and satisfies `lies_in`. If several holes contain an island, it belongs to
+    the shortest. `sheets` are those of the mesh, if already computed.
     """
     if len(loops) < 2:
         return {}
@@ -103,55 +103,55 @@ def lies_in(piece: BoundaryLoop, hole: BoundaryLoop) -> bool:
     if np.abs(inside @ plane.normal).max() > limit:
         return False
     axes = np.linalg.svd(plane.normal[None])[2][1:]
-    # ±1 inside, a fraction on the hole's boundary: there the piece touches it, and no gap is left
+    # the winding number is ±1 inside, and a fraction where the piece touches the hole's boundary
     return bool((np.abs(winding_numbers(around @ axes.T, inside @ axes.T)) > 0.9).all())
 
 
 def fill_between(
-    patched: PatchedMesh, places: Sequence[int], loops: Sequence[BoundaryLoop], options: FillOptions
+    patched: PatchedMesh, indices: Sequence[int], loops: Sequence[BoundaryLoop], options: FillOptions
 ) -> tuple[list[LoopOutcome], LoopPatch | None]:
-    """Joins a patch between several loops to the mesh; returns the outcomes of all loops, and the patch or None."""
-    first, *others = places
+    """Joins several loops of the mesh by one patch; returns the outcomes of all loops, and the patch or None."""
+    first, *others = indices
     options.on_stage(first, "exact surface")
     begin = perf_counter()
     surface: Solved
     try:
-        for place in places:
-            refuse_what_is_no_hole(loops[place], patched)
-        surface = _surface_between(patched, places, loops, options)
+        for index in indices:
+            require_hole(loops[index], patched)
+        surface = _surface_between(patched, indices, loops, options)
     except SpinorGeomError as error:
         surface = error
     solved = exact_patch(loops[first], surface, perf_counter() - begin, options)
-    beyond = {place: loops[place] for place in others}
+    beyond = {index: loops[index] for index in others}
     outcome, patch = fill_loop(patched, first, loops[first], solved, options, others=beyond)
     further = [
         LoopOutcome(
-            index=place,
-            loop=loops[place],
+            index=index,
+            loop=loops[index],
             requested=True,
             filled=outcome.filled,
             reason=outcome.reason,
             solution=outcome.solution if outcome.filled else None,
             continuation=outcome.continuation,
             joined_to=following,
-            remarks=loops[place].remarks,
+            remarks=loops[index].remarks,
             timings={},
         )
-        for place, following in zip(others, [*others[1:], first], strict=True)
+        for index, following in zip(others, [*others[1:], first], strict=True)
     ]
     return [outcome, *further], patch
 
 
 def _surface_between(
-    patched: PatchedMesh, places: Sequence[int], loops: Sequence[BoundaryLoop], options: FillOptions
+    patched: PatchedMesh, indices: Sequence[int], loops: Sequence[BoundaryLoop], options: FillOptions
 ) -> PlateauSolution:
-    """The exact surface between loops; raises a SurfaceError with advice if there is none."""
-    rims = [loops[place] for place in places]
+    """The exact surface between loops; raises a SurfaceError if there is none."""
+    rims = [loops[index] for index in indices]
     solution = solve_plateau(
         rims, model=options.model, tolerance=options.tolerance, between="free", time_limit=options.time_limit
     )
     if isinstance(solution, NoConnectedSurface):
-        advice = f"fill the {'two ' if len(places) == 2 else ''}loops one by one instead"
+        advice = f"fill the {'two ' if len(indices) == 2 else ''}loops one by one instead"
         if all(patched.turning(rim) > 0 for rim in rims):
             advice = (
                 "the loops are the outer borders of open sheets, and only parts of them face each other: join the "
@@ -161,5 +161,5 @@ def _surface_between(
         raise SurfaceError(f"{solution.reason}; {advice}")
     if solution.annulus is not None and solution.annulus.reversed:
         # the patch would join the outside of one rim to the inside of the other
-        raise TwistedRimsError(loops=tuple(places))
+        raise TwistedRimsError(loops=tuple(indices))
     return solution

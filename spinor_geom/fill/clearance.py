@@ -1,7 +1,7 @@
-"""Moves the vertices of a patch off the adjacent mesh where the two intersect.
+"""Moves the vertices of a patch away from the adjacent mesh where the two intersect.
 
-At a ragged rim of a steep wall the patch runs along the wall, and its triangles, which are chords of the surface,
-intersect those of the wall. Intersecting triangles with an inner edge between two rim vertices are split there first.
+At a ragged rim of a steep wall the patch runs along the wall, and its flat triangles intersect those of the wall.
+Intersecting triangles with an inner edge between two rim vertices are first split at this edge.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from spinor_geom.fill.patched_mesh import PatchedMesh, patch_chords, split_chord
 from spinor_geom.mesh.operators import face_normals, vertex_normals
 from spinor_geom.meshing.embed import Patch
 
-# Measured on 26 rims of noisy bowls and tubes: 5 keep intersections, 32 pairs of faces. The comments give the rims or
-# pairs that other values leave.
+# Measured on 26 rims of noisy bowls and tubes. With these values, 32 pairs of faces at 5 rims still intersect; the
+# comments have the numbers of rims or pairs for other values.
 _CLEARANCE = 0.05  # height over the mesh's faces, in edges of the patch; 0.025: 6 rims, 0.1: thinner triangles
 _FARTHEST = 1.0  # largest displacement of a vertex, in mean edges of the rim; 0.5: 6 rims
 _RINGS = 2  # over which normals of the mesh and positions of the patch are averaged; 1: 56 pairs, 4 and 6: 32
@@ -63,7 +63,7 @@ def cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
 
 
 class _Wall:
-    """The mesh beside a patch, and on which side of it the patch lies."""
+    """The mesh around the rim of a patch, and the side of it on which the patch lies."""
 
     def __init__(
         self, patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch, intersected: Int[np.ndarray, " k"]
@@ -87,7 +87,7 @@ class _Wall:
         self._rim = cKDTree(patch.vertices[: len(after)])
 
     def steps(self, patch: Patch, own: Int[np.ndarray, " k"], old: Int[np.ndarray, " k"]) -> Float[np.ndarray, "n 3"]:
-        """Displacements of the vertices of patch faces `own` to the patch's side of the mesh faces `old` they meet."""
+        """Displacements that move the patch faces `own` to the patch's side of the mesh faces `old` that they meet."""
         corners = self._mesh.faces[old]
         near = np.minimum(np.searchsorted(self._ids, corners), len(self._ids) - 1)
         known = self._ids[near] == corners
@@ -100,9 +100,9 @@ class _Wall:
         vertices = np.asarray(patch.faces)[own]
         clearance = _CLEARANCE * _edge_lengths(patch)[vertices]
         height = np.einsum("kcd,kd->kc", patch.vertices[vertices] - self._mesh.vertices[corners[:, :1]], normals)
-        # vertices that are high enough but whose face still intersects move by the clearance
+        # vertices that are high enough, but belong to an intersecting face, move by the clearance
         missing = np.where(height < clearance, clearance - height, clearance).ravel()
-        # of several steps of a vertex the longest is written last
+        # if a vertex has several steps, the longest is written last and kept
         order = np.argsort(missing, kind="stable")
         steps = np.zeros_like(patch.vertices)
         steps[vertices.ravel()[order]] = (missing[:, None] * np.repeat(towards, 3, axis=0))[order]

@@ -39,10 +39,10 @@ class Collar:
     vertices: Float[np.ndarray, "v 3"]  # (m + r, 3) positions
     faces: Int[np.ndarray, "f 3"]  # mesh faces at the boundary
     boundary_size: int  # m
-    bends: Bool[np.ndarray, " v"]  # where H is defined: each edge at the vertex has two opposite faces and no crease
+    bends: Bool[np.ndarray, " v"]  # whether H is defined: each edge at the vertex has two faces and is no crease
     curvature: Float[np.ndarray, " r"]  # H at the vertices beyond the boundary; 0 where it is not defined
     length: float  # correlation length ℓ of H, in mesh units; 0 for noise, and where H is constant
-    roughness: float  # variance of H between neighbours by its total: 0 on a smooth mesh, 1 and more in noise
+    roughness: float  # variance of H between neighbours / total variance: 0 on a smooth mesh, 1 and more in noise
     creased: int  # number of boundary vertices at creases
     bend: Bend  # between neighbouring faces of the three rings
 
@@ -54,7 +54,7 @@ class Collar:
 
 
 def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
-    """The collar of a patch, no inner edge of which is a mesh edge; `rim` are the mesh vertices of its boundary."""
+    """The collar of a patch; `rim` are the mesh vertices of its boundary. No inner edge of the patch is a mesh edge."""
     mesh, m = patched.mesh, len(rim)
     rings = [patched.faces_at(rim)]
     for _ in range(1, _RINGS):
@@ -109,7 +109,7 @@ def _bend(
     angles: Float[np.ndarray, " h"],
     at: Int[np.ndarray, " k"],
 ) -> Bend:
-    """The bend at some half-edges, from the angles between the faces of each; 0 for none."""
+    """The bend at the half-edges `at`, from the angles between the faces at each half-edge; 0 if there are none."""
     if not len(at):
         return Bend(largest=0.0, rms=0.0)
     length = np.linalg.norm(vertices[half_edges.origin[at]] - vertices[half_edges.target[at]], axis=1)

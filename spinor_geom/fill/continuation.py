@@ -1,4 +1,4 @@
-"""Smooth continuation: makes a patch continue the mean curvature of the mesh, and remeshes it if necessary."""
+"""Smooth continuation: moves a patch so that it continues the mean curvature of the mesh, and remeshes it if needed."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from spinor_geom.mesh.operators import vertex_angles
 from spinor_geom.meshing.embed import Patch, over_domain_of_angles
 from spinor_geom.meshing.remeshing import remesh
 
-# A patch with edges stretched by more is remeshed, as its triangles are too coarse for the bulge: with 4 the ends of
+# A patch with edges stretched by more than this is remeshed, because its triangles are too coarse. With 4 the ends of
 # two fingers bend by 7.6° across the rim instead of 5.9°; 1.4 takes 14 % more steps for the same smallest angles.
 _MOST_STRETCHED = 2.0
 _ROUNDS = 4  # of remeshing, to bound the time: two give the same results on all test holes
-# A patch whose bend exceeds this multiple of the mesh's bend around by some degrees is reported: on spheres, cylinders,
-# tori and scans it is at most 1.5 times as large.
+# The report has a remark if the bend inside a patch exceeds this multiple of the bend of the mesh around it by more
+# than so many degrees. The ratio is at most 1.5 on spheres, cylinders, tori and scans.
 _MOST_BENT, _SLIGHT_BEND = 2.0, 1.0
-MOST_AREA = 2.0  # by the area before: a hemisphere by its disk; a larger patch is reported
+MOST_AREA = 2.0  # ratio of the areas after and before, as of hemisphere and disk; a larger patch gets a remark
 
-# errors of new meshes and of continuations on them, for which the patch so far is kept
+# errors of remeshing and of the continuation after it; the patch before is kept then
 _NO_NEW_MESH = (DomainError, SingularMatrixError, TooManyPointsError)
 
 Start: TypeAlias = Literal["minimal", "discrete", "strip"]
@@ -33,7 +33,7 @@ Start: TypeAlias = Literal["minimal", "discrete", "strip"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Continuation:
-    """How a patch became the smooth continuation of the mesh around it.
+    """Measures of the smooth continuation of a mesh by a patch.
 
     Attributes:
         started_from: the surface before: a minimal one, a discrete one, or a strip of straight lines between two rims.
@@ -42,16 +42,16 @@ class Continuation:
         inside: the bend between neighbouring faces of the patch, at edges that do not touch the rim.
         around: the bend between neighbouring faces of the mesh, in three rings around the hole.
         order: the functional minimised: "curvature" ∫H² + ℓ²|∇H|², "thin plate" ∫|Δx|² over the surface before.
-        lowered: why the thin plate was used; empty if it was not.
+        lowered: why the thin plate was used, as the end of a sentence; empty if it was not.
         steps: number of Newton steps.
         remeshed: whether it was remeshed because it was folded, not converged, or had thin or stretched triangles.
         converged: whether the next step would move no vertex by more than 0.01 of a mean edge of the patch.
         next_step: the largest displacement of a vertex in the next step, in mean edges of the patch.
         area_ratio: the area divided by that of the surface before.
         smallest_angle: of all triangles, in degrees.
-        smallest_rim_angle: of the angles between two edges of the rim that one triangle fills; None without such a
-            triangle. No triangulation has larger angles there.
-        correlation_length: ℓ, over which the mean curvature of the mesh around changes, in mesh units.
+        smallest_rim_angle: the smallest angle, in degrees, between two edges of the rim that belong to one triangle;
+            None if there is no such triangle. No triangulation has larger angles there.
+        correlation_length: ℓ, the length over which the mean curvature of the mesh around changes, in mesh units.
         roughness: variance of that curvature between neighbours, divided by its total variance: 0 on a smooth mesh, 1
             and more in noise, which is not continued.
         creased: number of rim vertices at creases of the mesh, where the patch may bend freely.
@@ -100,7 +100,7 @@ class Continuation:
         )
 
     def with_angles_of(self, patch: Patch, *, remeshed: bool) -> Continuation:
-        """The same for a patch whose triangles were changed later."""
+        """The measures with the angles of a patch whose triangles were changed later."""
         return replace(self, remeshed=remeshed, **_angles_of(patch))
 
     def __repr__(self) -> str:
@@ -119,7 +119,7 @@ class Continuation:
         """Remarks on a thin plate, a large area, a large bend and thin triangles."""
         found = []
         if self.lowered:
-            found.append(f"the patch is a thin plate, as the continuation of the mean curvature {self.lowered}")
+            found.append(f"the patch is a thin plate, because the continuation of the mean curvature {self.lowered}")
         if self.area_ratio > MOST_AREA:
             found.append(f"the patch has {self.area_ratio:.2g} times the area of the surface it started from")
         if self.inside.rms > _MOST_BENT * self.around.rms + _SLIGHT_BEND:
@@ -149,10 +149,11 @@ def continue_patch(patch: Patch, collar: Collar, target: float) -> Faired:
     """Moves a patch's inner vertices to the smooth continuation of the mesh around it.
 
     1. The curvature functional is minimised by Newton's method (`minimised_curvature`).
-    2. If the result is folded or has not converged, a patch over one loop is started again, over a domain whose angles
-       at the loop complete those of the mesh to 2π. Those of a minimal surface that turns back over the mesh are wrong.
+    2. If the result over one loop is folded or has not converged, the minimisation starts again from a patch over a
+       domain whose angles at the loop complete those of the mesh to 2π. A minimal surface that turns back over the mesh
+       has other angles there.
     3. A patch that has not converged, has angles below 10°, or edges more than twice as long as before is remeshed with
-       edges of the target length, and minimised again. Corners of the rim that one triangle fills keep their angle.
+       edges of the target length, and minimised again. Angles between two rim edges of one triangle cannot change.
     4. If it is still folded or has not converged, the thin plate replaces it, unless that is folded too.
 
     Raises:
@@ -175,7 +176,7 @@ def continue_patch(patch: Patch, collar: Collar, target: float) -> Faired:
 
 
 def _from_domain_of_angles(patch: Patch, collar: Collar, target: float) -> Faired | None:
-    """Starts again over a domain with angles 2π minus the mesh's at the loop; None if that fails."""
+    """The continuation from a patch over a domain with angles 2π minus the mesh's at the loop; None if that fails."""
     beside = vertex_angles(collar.vertices, collar.faces)[: collar.boundary_size]
     with suppress(*_NO_NEW_MESH, OutOfTimeError):
         start = over_domain_of_angles(patch, 2 * np.pi - beside, target)
@@ -205,6 +206,6 @@ def _remeshed(faired: Faired, collar: Collar, target: float) -> Faired:
 
 
 def _rank(faired: Faired) -> tuple[bool, float, float]:
-    """Sort key, smallest is best: folds, then the next step unless converged, then the smallest angle."""
+    """A sort key, least for the best patch: folds, then the next step unless converged, then the smallest angle."""
     left = 0.0 if faired.converged else faired.next_step
     return bool(faired.folds), left, -min(faired.smallest_angles[1], SMALLEST_ANGLE)

@@ -15,10 +15,10 @@ from spinor_geom.meshing.triangulate import require_few_points
 
 
 def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tuple[Patch, str]:
-    """The discrete minimal surface over a loop, or else a triangulation without inner vertices, and a description.
+    """The discrete minimal surface over a loop, or a triangulation without inner vertices if there is none.
 
     Edges are at most `target` long, in mesh units; raises a TooManyPointsError if that is too short. The minimisation
-    of the area stops after `seconds`.
+    of the area stops after `seconds`. The second value describes the result.
     """
     faces = disk_without_inner_points(loop.points)
     require_few_points(float(face_areas(loop.points, faces).sum()), target)
@@ -28,7 +28,7 @@ def discrete_patch(loop: BoundaryLoop, target: float, *, seconds: float) -> tupl
         if not np.isfinite(surface.vertices).all():
             raise SurfaceError("the discrete minimal surface is not finite everywhere")
     except SpinorGeomError as error:
-        return _over_disk(loop.points, faces, len(loop)), f"a triangulation without inner vertices, as {error}"
+        return _over_disk(loop.points, faces, len(loop)), f"a triangulation without inner vertices ({error})"
     stopped = "" if surface.converged else ", whose area is not stationary yet"
     return _over_disk(surface.vertices, surface.faces, len(loop)), f"a discrete minimal surface{stopped}"
 

@@ -12,14 +12,14 @@ from spinor_geom.deadline import time_limit
 from spinor_geom.errors import NoAreaError, SpinorGeomError, SurfaceError
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.loop_choice import free_rim
-from spinor_geom.fill.no_holes import refuse_empty
+from spinor_geom.fill.no_holes import require_area
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.meshing.embed import Patch, mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau_batch
 
-# RMS distance from the loop, in mean edges, beyond which a surface is not used: of 120 rough loops the surfaces of 78
-# miss less than 0.01, those of 16 more than 0.2, and none lies between.
+# RMS distance from the loop, in mean edges, above which a surface is not used. Over 120 rough loops, 78 surfaces are
+# within 0.01 and 16 are farther than 0.2; none is between.
 MAX_RESIDUAL_PER_EDGE = 0.1
 
 Solved: TypeAlias = PlateauSolution | SpinorGeomError
@@ -38,8 +38,8 @@ def minimal_patches(
 ) -> Iterator[SolvedLoop]:
     """The exact surfaces over loops, in their order; the loops may be of several meshes.
 
-    Γ is free between the points of rough loops, as with `between="free"` of `solve_plateau`. From boundary loops of
-    meshes (`is_rim`) the corners that `free_rim` removes are removed first.
+    Γ is free between the points of rough loops, as with `between="free"` of `solve_plateau`. Boundary loops of meshes
+    (`is_rim`) are first replaced by `free_rim`.
     """
     found = solve_plateau_batch(
         (free_rim(loop, tolerance=options.tolerance) for loop in loops) if is_rim else loops,
@@ -56,12 +56,12 @@ def minimal_patches(
 
 
 def exact_patch(loop: BoundaryLoop, solved: Solved, waited: float, options: FillOptions) -> SolvedLoop:
-    """Meshes a surface, or passes its error on; `waited` are the seconds that it took."""
+    """Meshes a surface, or returns its error; `waited` is the time of its computation, in seconds."""
     begin = perf_counter()
     surface = _usable(loop, solved)
     patch = _meshed(surface, options) if isinstance(surface, PlateauSolution) else surface
     solution = solved if isinstance(solved, PlateauSolution) else None
-    # a solution has its own share of the time of a common solve
+    # the timings of a solution are its share of a common solve
     seconds = waited if solution is None else sum(solution.timings.values())
     return SolvedLoop(solution, patch, {"solve": seconds, "mesh": perf_counter() - begin})
 
@@ -71,9 +71,9 @@ def _usable(loop: BoundaryLoop, surface: Solved) -> Solved:
     if isinstance(surface, SpinorGeomError):
         return surface
     if not surface.boundary_residual.rms_per_edge <= MAX_RESIDUAL_PER_EDGE:
-        return SurfaceError(f"no surface was found that follows the loop; the best: {surface.reason}")
+        return SurfaceError(f"no surface was found that follows the loop; the best one: {surface.reason}")
     try:
-        refuse_empty(loop, 2 * surface.area / loop.perimeter)
+        require_area(loop, 2 * surface.area / loop.perimeter)
     except NoAreaError as error:
         return error
     return surface

@@ -32,13 +32,13 @@ from spinor_geom.meshing.embed import Patch
 # Measured, here and in `continuation`, on 111 holes: 70 generated ones, and rims of scans and of defective meshes.
 STEP_TOLERANCE = 0.01  # convergence: largest displacement in the next step, in mean edges; 0.005 takes 12 % more steps
 SMALLEST_ANGLE = 10.0  # degrees; 20 takes 1.5 times as long, and as many patches keep angles below 10
-# Number of linear solves, each of which gives a start for Newton's method. With one, a scan keeps a triangle of 4.9°
+# Number of starts of Newton's method that are solutions of linear problems. With one, a scan keeps a triangle of 4.9°
 # and one more rim does not converge; with six, one more ragged rim converges, for 13 % more steps.
 _STARTS = 3
 _MOST_STEPS = 40  # with 20 two more rims that fold do not converge; none takes 80
-# A factorisation is reused while steps at least halve, where the simplified Newton method still converges (0.25 takes
-# 37 % more time). Below the least damping factor the linearisation is useless: 0.025 takes 14 % more steps, 0.1 takes
-# 7 % fewer, for the same shapes.
+# A factorisation is reused if each step is at most half of the last one: the simplified Newton method still converges
+# then (0.25 takes 37 % more time). Newton's method ends below the least damping factor: 0.025 takes 14 % more steps,
+# 0.1 takes 7 % fewer, for the same shapes.
 _QUICK, _LEAST_DAMPING = 0.5, 0.05
 
 Order: TypeAlias = Literal["curvature", "thin plate"]
@@ -64,46 +64,46 @@ class Faired:
 
     @cached_property
     def folds(self) -> int:
-        """Number of half-edges as in `folded_sides`."""
+        """See `folded_sides`."""
         return folded_sides(self.patch)
 
     @cached_property
     def smallest_angles(self) -> tuple[float, float]:
-        """As `smallest_angles`."""
+        """See the function `smallest_angles`."""
         return smallest_angles(self.patch)
 
     @property
     def is_thin(self) -> bool:
-        """Whether a triangle has an angle below 10° that is not one of the rim."""
+        """Whether a triangle has an angle below 10° that is not between two rim edges."""
         return self.smallest_angles[1] < SMALLEST_ANGLE
 
     @property
     def defect(self) -> str:
-        """Why the patch is not usable as it is: not converged or folded; else empty."""
+        """Why the patch is not used as it is: not converged or folded; else empty."""
         if not self.converged:
             return f"did not converge: the next step would move a vertex by {self.next_step:.2g} of an edge"
         return "is folded" if self.folds else ""
 
 
 def smallest_angles(patch: Patch) -> tuple[float, float]:
-    """The smallest angle, in degrees, at corners of the rim filled by one triangle, and elsewhere; ∞ for none."""
+    """The smallest angle, in degrees, between two rim edges of a triangle, and the smallest other one; ∞ for none."""
     angles, fills = _corners(patch)
     return float(angles[fills].min(initial=np.inf)), float(angles[~fills].min(initial=np.inf))
 
 
 def free_angles(patch: Patch) -> Float[np.ndarray, " f"]:
-    """The smallest angle of each triangle, in degrees, but for corners of the rim that one triangle fills."""
+    """The smallest angle of each triangle, in degrees, without angles between two rim edges."""
     angles, fills = _corners(patch)
     return np.asarray(np.where(fills, np.inf, angles).min(axis=1))
 
 
 def _corners(patch: Patch) -> tuple[Float[np.ndarray, "f 3"], Bool[np.ndarray, "f 3"]]:
-    """The angles of all triangles, in degrees, and which ones fill a corner of the rim."""
+    """The angles of all triangles, in degrees, and whether they are between two rim edges."""
     faces, inner = np.asarray(patch.faces), len(patch.vertices) - patch.boundary_size
     angles = np.degrees(np.nan_to_num(internal_angles(patch.vertices, faces)))
     after = np.append(rim_successors(patch.rims), np.full(inner, -1))
     on_rim = after[faces] == np.roll(faces, -1, axis=1)
-    # both edges at this corner of the triangle are the rim's
+    # both edges at this corner of the triangle are rim edges
     return angles, on_rim & np.roll(on_rim, 1, axis=1)
 
 
@@ -126,7 +126,7 @@ def minimised_curvature(patch: Patch, collar: Collar) -> Faired:
     start = near = np.concatenate([patch.vertices[patch.boundary_size :], collar.vertices])
     best, least = near, np.inf
     for attempt in range(_STARTS + 1):
-        # the last start is the patch itself: a remeshed one is nearer to convergence than the linear solutions
+        # the last start is the patch itself, which is closer to convergence if it was remeshed
         near = equations.smoothed(near) if attempt < _STARTS else start
         x, more, left = equations.solved(near)
         steps += more
@@ -146,7 +146,7 @@ def _faired(patch: Patch, inner: Float[np.ndarray, "k 3"], steps: int, next_step
 
 
 class _Equations:
-    """The Euler–Lagrange equations at a patch's inner vertices, which come before the collar's in all arrays."""
+    """The Euler–Lagrange equations at the inner vertices of a patch; arrays have these first, then the collar's."""
 
     def __init__(self, patch: Patch, collar: Collar) -> None:
         m, self.inside = collar.boundary_size, len(patch.vertices)
@@ -157,7 +157,7 @@ class _Equations:
         self._bends = bends[: self.inside]
         self._beyond = collar.curvature
         self._squared_length = collar.length**2
-        # ∇H is known on faces where H is defined at all three vertices
+        # ∇H is defined on faces with three vertices where H is defined
         known = bends[self._faces].all(axis=1)
         self._known = None if known.all() else self._faces[known]
 
@@ -190,7 +190,7 @@ class _Equations:
             there = Bending.of(moved, self._faces)
             following = -factor.solve(self._residual(moved, there))
             following_length = float(np.sqrt(np.mean(following**2)))
-            # a quarter of the decrease of the linear problem: an eighth gives the same, with a half 12 patches fail
+            # at least a quarter of the predicted decrease; an eighth gives the same, with a half 12 patches fail
             if not following_length < (1 - damping / 4) * length:
                 damping /= 2
                 continue

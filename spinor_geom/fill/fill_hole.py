@@ -85,14 +85,14 @@ def fill_hole(
     follow loop by loop, share the loop's vertices and are oriented like their neighbours. Vertex attributes are
     interpolated harmonically; integer ones are taken from the nearest rim vertex, normals from the surface.
 
-    If no exact surface is found for a loop, or not in time, the loop is closed by a discrete minimal surface. Loops
-    without a hole are left open: slits of zero width, outlines of single faces, loops with non-manifold edges. Seams
-    (loops with edges on those of another loop) and borders of sheets (over which a patch would lie on the mesh) are
-    left open unless `loop` names them. A patch that intersects itself (as every disk over a knotted loop), the mesh or
-    another patch is kept. The report contains all of this; without a report, a warning is issued.
+    If no exact surface is found for a loop within the time limit, the loop is closed by a discrete minimal surface.
+    Loops that are not holes are left open: slits of zero width, outlines of single faces, loops with non-manifold
+    edges. Seams (loops with edges on those of another loop) and borders of sheets (over which a patch would lie on the
+    mesh) are left open unless `loop` names them. A patch that intersects itself (as every disk over a knotted loop),
+    the mesh or another patch is kept. The report contains all of this; without a report, a warning is issued.
 
-    The rims of a bridge need no matching points. Rims too far from each other have no surface between them and stay
-    open, as do rims of pieces with opposite orientations.
+    The rims of a bridge may have different numbers of points. Rims too far from each other bound no connected surface
+    and stay open, as do rims of pieces with opposite orientations.
 
     Args:
         mesh: a path, a (vertices, faces) pair of arrays or tensors, or any mesh type that has an adapter.
@@ -124,7 +124,7 @@ def fill_hole(
         `FillResult`.
 
     Raises:
-        UnknownMeshTypeError: no adapter knows the type.
+        UnknownMeshTypeError: no adapter supports the type.
         MeshFileError: the file is missing or malformed.
         MeshError: the mesh has no faces, or its faces do not share their vertices.
         LoopIndexError: an index in `loop` or `bridge` is out of range.
@@ -142,7 +142,7 @@ def fill_hole(
         tolerance=tolerance,
         time_limit=time_limit,
         continuity=continuity,
-        on_stage=on_stage or (lambda place, stage: None),
+        on_stage=on_stage or (lambda index, stage: None),
     )
     clock = Stopwatch()
     source = merged(read_mesh(mesh) if isinstance(mesh, (str, os.PathLike)) else mesh, merge)

@@ -1,4 +1,4 @@
-"""Makes the patch of one loop, or between several, from their solved surface."""
+"""Makes the patch over one loop, or between several loops, from the solution of Plateau's problem."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from spinor_geom.plateau.solution import PlateauSolution
 
 
 class Stopwatch:
-    """Wall time by stage; starts from the seconds `before`."""
+    """Wall time by stage, added to the seconds `before`."""
 
     def __init__(self, before: Mapping[str, float] | None = None) -> None:
         self._last = perf_counter()
@@ -57,7 +57,7 @@ class Stopwatch:
 
 def fill_loop(
     patched: PatchedMesh,
-    place: int,
+    index: int,
     loop: BoundaryLoop,
     solved: SolvedLoop,
     options: FillOptions,
@@ -75,19 +75,21 @@ def fill_loop(
     joined_to = next(iter(others), None)
     clock = Stopwatch(solved.seconds)
     try:
-        new = _new_patch(patched, place, (loop, *others.values()), solved, options, clock)
+        new = _new_patch(patched, index, (loop, *others.values()), solved, options, clock)
     except SpinorGeomError as error:
         if isinstance(error, TooManyPointsError) and options.target_edge_length != "auto":
             raise
         clock.lap("failed")
         timings = clock.seconds()
-        return unfilled(place, loop, error, solution=solved.solution, joined_to=joined_to, timings=timings), None
+        return unfilled(index, loop, error, solution=solved.solution, joined_to=joined_to, timings=timings), None
     patch, is_remeshed = new.patch, new.continuation is not None and new.continuation.remeshed
-    is_planned = new.solution is not None and not new.faces_replaced and not is_remeshed
-    attributes = patch_attributes(patched.mesh, new.rim, patch, new.surface, is_planned=is_planned)
+    triangulated_in_domain = new.solution is not None and not new.faces_replaced and not is_remeshed
+    attributes = patch_attributes(
+        patched.mesh, new.rim, patch, new.surface, triangulated_in_domain=triangulated_in_domain
+    )
     clock.lap("attributes")
     outcome = LoopOutcome(
-        index=place,
+        index=index,
         loop=loop,
         requested=True,
         filled=True,
@@ -108,28 +110,28 @@ def fill_loop(
         remarks=(*loop.remarks, *new.remarks, *new.notes, *_without_area(patch)),
         timings=clock.seconds(),
     )
-    return outcome, LoopPatch(place=place, rim=new.rim, patch=patch, attributes=attributes)
+    return outcome, LoopPatch(index=index, rim=new.rim, patch=patch, attributes=attributes)
 
 
 def _new_patch(
     patched: PatchedMesh,
-    place: int,
+    index: int,
     loops: Sequence[BoundaryLoop],
     solved: SolvedLoop,
     options: FillOptions,
     clock: Stopwatch,
 ) -> NewPatch:
-    """A patch that can be joined to the mesh: meshed, fitted, continued if `options` has C1, and cleared."""
-    options.on_stage(place, "mesh")
-    new = _first_patch(place, loops, solved, options)
+    """A patch to be joined to the mesh: meshed, fitted, continued if `continuity` is "C1", and cleared."""
+    options.on_stage(index, "mesh")
+    new = _first_patch(index, loops, solved, options)
     clock.lap("mesh")
-    options.on_stage(place, "crossings")
+    options.on_stage(index, "crossings")
     new = new.fitted(patched)
     clock.lap("crossings")
     if options.continuity == "C0":
         new = _cleared(patched, new)
     else:
-        options.on_stage(place, "continuation")
+        options.on_stage(index, "continuation")
         target = edge_length_over(new.rims, options.target_edge_length)
         with time_limit(options.time_limit):
             smooth = _continued(patched, new, target)
@@ -141,8 +143,8 @@ def _new_patch(
     return new
 
 
-def _first_patch(place: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, options: FillOptions) -> NewPatch:
-    """The mesh of the exact surface, else a discrete patch or, between two loops, a strip to be continued."""
+def _first_patch(index: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, options: FillOptions) -> NewPatch:
+    """The mesh of the exact surface; without one a discrete patch, or a strip between two loops to be continued."""
     solution, patch = solved.solution, solved.patch
     if solution is not None and isinstance(patch, Patch):
         rims = [match.loop for match in solution.rims]
@@ -156,13 +158,13 @@ def _first_patch(place: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, 
         return NewPatch(
             patch=Patch.over(*ruled_annulus(loops[0].points, loops[1].points, target)), rims=loops, reason=reason
         )
-    options.on_stage(place, "discrete surface")
+    options.on_stage(index, "discrete surface")
     discrete, what = discrete_patch(loops[0], target, seconds=options.time_limit)
     return NewPatch(patch=discrete, rims=loops, reason=f"{what}, because: {reason}")
 
 
 def _cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
-    """Moves a patch off the mesh where they intersect, and retriangulates it where it still intersects something."""
+    """Moves a patch away from the mesh, and retriangulates it where it still intersects something."""
     return retriangulated(patched, cleared(patched, new))
 
 
@@ -195,7 +197,7 @@ def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch
         if len(smooth.crossings) == len(start.crossings) or not (before.rms >= 90 or folded_sides(start.patch)):
             return _not_continued(start, reason_against)
         remark = (
-            "the patch is folded or turns back over the mesh, like the surface it started from; the patch has "
+            "the patch is folded or turns back over the mesh, as does the surface before the continuation; it has "
             f"{len(smooth.crossings)} pairs of intersecting faces, that surface {len(start.crossings)}"
         )
         smooth = replace(smooth, remarks=(*smooth.remarks, remark))
@@ -203,9 +205,9 @@ def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch
 
 
 def _cleared_continuation(patched: PatchedMesh, smooth: NewPatch, start: NewPatch) -> NewPatch:
-    """A continued patch or, if that has fewer intersections, the patch it started from; both are cleared first.
+    """A continued patch or, if that has fewer intersections, the patch before the continuation; both are cleared.
 
-    With equal numbers of intersections the one without replaced faces is taken.
+    With equal numbers of intersections, the one without replaced faces is returned.
     """
     notes = smooth.crossings.notes
     smooth = _cleared(patched, smooth)
@@ -226,7 +228,7 @@ def _with_larger_angles(patched: PatchedMesh, smooth: NewPatch, target: float) -
 
 
 def _not_continued(start: NewPatch, reason: str = "") -> NewPatch:
-    """The patch with a remark on why it was not continued; raises a SurfaceError for a strip, which is only a start."""
+    """The patch with a remark on why it was not continued; raises a SurfaceError for a strip, which cannot be kept."""
     remarks = (f"the patch was not continued smoothly{reason}",) if reason else ()
     if start.kind == "strip":
         raise SurfaceError("; ".join([start.reason, *remarks]))
@@ -240,7 +242,7 @@ def _without_area(patch: Patch) -> tuple[str, ...]:
 
 
 def unfilled(
-    place: int,
+    index: int,
     loop: BoundaryLoop,
     reason: str | SpinorGeomError,
     *,
@@ -248,10 +250,10 @@ def unfilled(
     joined_to: int | None = None,
     timings: Mapping[str, float] | None = None,
 ) -> LoopOutcome:
-    """The outcome of a loop that is left open: because of an error, or for a reason given by the caller's options."""
+    """The outcome of a loop that is left open because of an error or of the caller's options."""
     is_error, is_border = isinstance(reason, SpinorGeomError), isinstance(reason, SheetBorderError)
     return LoopOutcome(
-        index=place,
+        index=index,
         loop=loop,
         requested=is_error and not is_border,
         filled=False,

@@ -1,4 +1,4 @@
-"""Options of fills, which batches and the command line share; cheap to import."""
+"""Options that fills, batches and the command line share; importing this module takes little time."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Choice:
             raise OptionError(f"bridge must be several loop indices, such as (0, 1), not {self.bridge!r}")
         if self.bridge is not None and not self._is_all:
             raise OptionError(
-                "bridge and loop exclude each other: a bridge fills no other loop; call again for the others"
+                "bridge and loop exclude each other: a bridge fills no other loop; fill the others in a second call"
             )
 
     @property
@@ -75,7 +75,7 @@ class FillOptions(PatchOptions):
 
     target_edge_length: float | Literal["auto"] = "auto"
     model: Model = "auto"
-    on_stage: Callable[[int, str], None] = lambda place, stage: None
+    on_stage: Callable[[int, str], None] = lambda index, stage: None
 
     def __post_init__(self) -> None:
         from spinor_geom.plateau.options import require_model  # imports numpy

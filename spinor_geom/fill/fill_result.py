@@ -30,27 +30,26 @@ class LoopOutcome:
         filled: whether it has a patch.
         reason: why it was left open, or why its patch has not `converged`; else empty.
         is_border: whether it was left open as the border of a sheet: its patch would lie on the mesh.
-        solution: the exact surface of which the patch is a mesh, or was before its continuation; for an open loop
-            the one that was found, if any.
-        patch: its mesh, with the positions of its vertices in Ω; None if it is not filled. Ω is the unit disk for a
+        solution: the exact surface from which the patch was made; for an open loop the one that was found, if any.
+        patch: the patch, with the positions of its vertices in Ω; None if the loop is open. Ω is the unit disk for a
             discrete patch. In a patch that was remeshed, triangles may overlap in Ω.
-        continuation: how the patch was continued from the mesh around it; None if it was not.
-        joined_to: the index of the next loop of its bridge, for the last loop that of the first; None for a loop that
-            is filled alone. The patch of a bridge, and what is measured on it, is in the first of its outcomes only.
+        continuation: measures of the smooth continuation; None if there was none.
+        joined_to: the index of the next loop of its bridge, of the first for the last one; None without a bridge. Only
+            the outcome of the first loop of a bridge has the patch and its measures.
         vertices_added: number of new vertices of its patch.
         faces_added: number of new faces of its patch.
         first_face: the index of its patch's first face among the triangles of the filled mesh; None without a patch.
         edges_split: number of inner patch edges between two rim vertices that were split, because they were edges of
-            the mesh already, or because their faces intersected the mesh.
-        displacement: the largest distance, in mesh units, by which a vertex of the patch was moved off the mesh, and so
-            off the surface; 0 if none was moved.
-        faces_replaced: number of faces of retriangulated regions, without inner vertices, where the patch still
-            intersected something after its vertices were moved.
+            the mesh, or because their faces intersected the mesh.
+        displacement: the largest distance, in mesh units, by which a vertex of the patch was moved off the surface
+            because of intersections; 0 if none was moved.
+        faces_replaced: number of faces of regions that were triangulated again without inner vertices, because they
+            still intersected something.
         self_intersections: pairs of faces of its patch that intersect.
         mesh_intersections: pairs of a face of its patch and one of the mesh that intersect.
         patch_intersections: pairs of a face of its patch and one of an earlier loop's patch that intersect.
-        remarks: sentences on these intersections, islands in the hole, and why a patch was not continued. Face indices
-            are those of the triangles of the filled mesh.
+        remarks: sentences on intersections, islands in the hole, and why a patch was not continued. Face indices are
+            those of the triangles of the filled mesh.
         timings: seconds by stage ("solve", "mesh", "crossings", "continuation", "clearance", "attributes", or "failed"
             for a stage that raised an error).
     """
@@ -107,7 +106,7 @@ class LoopOutcome:
 
     @property
     def area(self) -> float | None:
-        """The area of the exact surface, else of the patch, in squared mesh units; None beside a bridge's patch."""
+        """Area of the exact surface, else of the patch, in squared mesh units; None for the other loops of a bridge."""
         if self._is_beside_patch:
             return None
         if self.patch is not None and self.kind in ("discrete", "smooth"):
@@ -116,7 +115,7 @@ class LoopOutcome:
 
     @property
     def _is_beside_patch(self) -> bool:
-        """Whether another outcome has its patch, and reports what is measured on it."""
+        """Whether another outcome has the patch of its bridge."""
         return self.filled and self.patch is None
 
     @property
@@ -129,7 +128,7 @@ class LoopOutcome:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The remarks, and one on a bridge if disks over its rims have less area; the disks are solved on first use."""
+        """The remarks, and one if disks over the rims of a bridge have less area; the disks are solved on first use."""
         solution = self.solution
         if solution is None or solution.annulus is None or self.patch is None or self.kind == "smooth":
             return self.remarks
@@ -189,8 +188,8 @@ class FillResult(Shown):
         original: the input as triangles.
         extension: the new vertices and faces.
         loops: one outcome for every boundary loop of the input, longest perimeter first.
-        notes: sentences on changes made while reading the file, and on the whole mesh (closed, not orientable, loops
-            that merging vertices would close).
+        notes: sentences on changes made while reading the file, and on the mesh (that it is closed or not orientable,
+            that merging vertices would close loops).
         watertight: whether every edge of the filled mesh has exactly two faces, with opposite half-edges; computed from
             the faces.
         timings: seconds by stage ("read", "loops", "fill", "stitch", "total").
@@ -228,7 +227,7 @@ class FillResult(Shown):
 
     @property
     def intersection_free(self) -> bool:
-        """Whether no patch intersects itself, the mesh or another patch; the mesh's own intersections do not count."""
+        """Whether no patch intersects itself, the mesh or another patch; intersections of the input do not count."""
         return not any(outcome.intersections for outcome in self.loops)
 
     def to_dict(self) -> dict[str, Any]:

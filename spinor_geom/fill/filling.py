@@ -1,4 +1,4 @@
-"""Fills the chosen loops of one mesh: `fill_hole` without reading and solving, which batches do separately."""
+"""Fills the chosen loops of one mesh. `fill_hole` and batches read the mesh and solve for the surfaces."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any
 
 from spinor_geom.adapters import MeshFile, extend
 from spinor_geom.errors import SpinorGeomError
-from spinor_geom.fill.borders import refuse_border
+from spinor_geom.fill.borders import require_no_border
 from spinor_geom.fill.bridges import fill_between, planned_joins
 from spinor_geom.fill.exact_patches import SolvedLoop
 from spinor_geom.fill.fill_loop import Stopwatch, fill_loop, unfilled
 from spinor_geom.fill.fill_options import Choice, FillOptions
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
-from spinor_geom.fill.loop_choice import chosen_places, reasons_to_leave_open
+from spinor_geom.fill.loop_choice import chosen_indices, reasons_to_leave_open
 from spinor_geom.fill.mesh_notes import mesh_notes
-from spinor_geom.fill.no_holes import refuse_seams, refuse_what_is_no_hole
+from spinor_geom.fill.no_holes import require_hole, require_no_seams
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
@@ -37,43 +37,43 @@ class Filling:
     """
 
     def __init__(self, mesh: TriangleMesh, choice: Choice, options: FillOptions) -> None:
-        """Finds the loops; raises as `find_boundary_loops` and `chosen_places`."""
+        """Finds the loops; raises as `find_boundary_loops` and `chosen_indices`."""
         self.mesh, sheets = mesh, Sheets.of(mesh.vertices, mesh.faces)
         self.loops = find_boundary_loops(mesh, sheets)
         self.mesh_notes = mesh_notes(mesh, self.loops, sheets)
         self._unclosed = sheets.unclosed(mesh.faces, len(mesh.vertices))
         self._options, self._names_loops = options, choice.names_loops
-        places = chosen_places(choice.loop if choice.bridge is None else choice.bridge, self.loops)
+        indices = chosen_indices(choice.loop if choice.bridge is None else choice.bridge, self.loops)
         reasons = reasons_to_leave_open(
-            self.loops, places, keep_largest=choice.keep_largest, max_perimeter=choice.max_perimeter
+            self.loops, indices, keep_largest=choice.keep_largest, max_perimeter=choice.max_perimeter
         )
         if isinstance(choice.loop, BoundaryLoop):
-            own, given = self.loops[places[0]], choice.loop
-            self.loops[places[0]] = replace(
+            own, given = self.loops[indices[0]], choice.loop
+            self.loops[indices[0]] = replace(
                 own,
                 points=given.points,
                 vertex_ids=given.vertex_ids,
                 corners=given.corners,
                 corners_given=given.corners_given,
             )
-        wanted = [place for place in range(len(self.loops)) if place not in reasons]
+        wanted = [index for index in range(len(self.loops)) if index not in reasons]
         self._joins, self._notes = planned_joins(mesh, sheets, self.loops, wanted, choice.islands, choice.bridge)
-        joined = {place for first, others in self._joins.items() for place in (first, *others)}
+        joined = {index for first, others in self._joins.items() for index in (first, *others)}
         self.patched = PatchedMesh(mesh, self.loops)
-        self.left_open = {place: unfilled(place, self.loops[place], reason) for place, reason in reasons.items()}
-        alone = [place for place in wanted if place not in joined]
-        for place in alone:
-            if error := self._refusal(self.loops[place]):
-                self.left_open[place] = unfilled(place, self.loops[place], error)
-        self.rims = [self.loops[place] for place in alone if place not in self.left_open]
+        self.left_open = {index: unfilled(index, self.loops[index], reason) for index, reason in reasons.items()}
+        alone = [index for index in wanted if index not in joined]
+        for index in alone:
+            if error := self._error_of(self.loops[index]):
+                self.left_open[index] = unfilled(index, self.loops[index], error)
+        self.rims = [self.loops[index] for index in alone if index not in self.left_open]
 
-    def _refusal(self, loop: BoundaryLoop) -> SpinorGeomError | None:
-        """Why a loop is not to be filled, or None."""
+    def _error_of(self, loop: BoundaryLoop) -> SpinorGeomError | None:
+        """The error of a loop that is not a hole, or None."""
         try:
-            refuse_what_is_no_hole(loop, self.patched)
+            require_hole(loop, self.patched)
             if not self._names_loops:
-                refuse_seams(loop)
-                refuse_border(self.patched, loop)
+                require_no_seams(loop)
+                require_no_border(self.patched, loop)
         except SpinorGeomError as error:
             return error
         return None
@@ -85,28 +85,28 @@ class Filling:
         requested = len(self.loops) - sum(not _is_reported(outcome) for outcome in self.left_open.values())
         outcomes: dict[int, LoopOutcome] = {}
         patches: list[LoopPatch] = []
-        for place, loop in enumerate(self.loops):
-            if place in outcomes:
+        for index, loop in enumerate(self.loops):
+            if index in outcomes:
                 continue
             patch: LoopPatch | None = None
-            if place in self.left_open:
-                done = [self.left_open[place]]
-            elif place in self._joins:
-                together = (place, *self._joins[place])
+            if index in self.left_open:
+                done = [self.left_open[index]]
+            elif index in self._joins:
+                together = (index, *self._joins[index])
                 done, patch = fill_between(self.patched, together, self.loops, self._options)
             else:
-                self._options.on_stage(place, "exact surface")
-                outcome, patch = fill_loop(self.patched, place, loop, next(solved), self._options)
+                self._options.on_stage(index, "exact surface")
+                outcome, patch = fill_loop(self.patched, index, loop, next(solved), self._options)
                 done = [outcome]
-            if place in self._notes and done[0].filled:
-                done[0] = replace(done[0], remarks=(*done[0].remarks, self._notes[place]))
+            if index in self._notes and done[0].filled:
+                done[0] = replace(done[0], remarks=(*done[0].remarks, self._notes[index]))
             if patch is not None:
                 patches.append(patch)
             for outcome in done:
                 outcomes[outcome.index] = outcome
                 if on_loop is not None and _is_reported(outcome):
                     on_loop(outcome, requested)
-        return [outcomes[place] for place in range(len(self.loops))], patches
+        return [outcomes[index] for index in range(len(self.loops))], patches
 
     def result(
         self, source: Any, outcomes: Sequence[LoopOutcome], patches: Sequence[LoopPatch], clock: Stopwatch

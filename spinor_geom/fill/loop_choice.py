@@ -19,7 +19,7 @@ LoopChoice: TypeAlias = Literal["all"] | int | BoundaryLoop | Sequence[int]
 
 
 def boundary_loops(mesh: Any) -> list[BoundaryLoop]:
-    """The boundary loops of a mesh of any known type, longest perimeter first.
+    """The boundary loops of a mesh of any supported type, longest perimeter first.
 
     A loop passes each vertex once: a boundary that passes a vertex twice is split there. It is oriented as the boundary
     of a patch on it, opposite to the half-edges of the adjacent faces.
@@ -31,7 +31,7 @@ def boundary_loops(mesh: Any) -> list[BoundaryLoop]:
         The loops; none for a closed mesh.
 
     Raises:
-        UnknownMeshTypeError: no adapter knows the type.
+        UnknownMeshTypeError: no adapter supports the type.
         MeshFileError: the file is missing or malformed.
         NoFacesError: the mesh has vertices and no faces.
         MeshError: the mesh has an index out of range, a coordinate that is not finite, or arrays of the wrong shape.
@@ -43,9 +43,9 @@ def boundary_loops(mesh: Any) -> list[BoundaryLoop]:
 
 
 def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
-    """A loop without stray corners, see `has_stray_corners`, so that Γ is free there.
+    """The loop without stray corners (see `has_stray_corners`), so that Γ is free there.
 
-    Those of a loop that is plane within the tolerance, in mean edges, are kept.
+    A loop that is plane within the tolerance, in mean edges, keeps them.
     """
     allowed = tolerance * loop.mean_edge_length / loop.diagonal
     if not has_stray_corners(loop) or lie_in_plane([loop], allowed=allowed):
@@ -53,7 +53,7 @@ def free_rim(loop: BoundaryLoop, *, tolerance: float) -> BoundaryLoop:
     return replace(loop, corners=np.zeros(len(loop), dtype=bool))
 
 
-def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int]:
+def chosen_indices(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int]:
     """The indices of the chosen loops of a mesh, ascending.
 
     A `BoundaryLoop` chooses the loop with the same vertices, in the same cyclic order, at the same positions.
@@ -64,37 +64,37 @@ def chosen_places(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[int
         OptionError: the choice is none of these.
     """
     if isinstance(choice, BoundaryLoop):
-        for place, candidate in enumerate(loops):
+        for index, candidate in enumerate(loops):
             for start in np.flatnonzero(candidate.vertex_ids == choice.vertex_ids[0]).tolist():
                 same_vertices = np.array_equal(np.roll(candidate.vertex_ids, -start), choice.vertex_ids)
                 if same_vertices and np.array_equal(np.roll(candidate.points, -start, axis=0), choice.points):
-                    return [place]
+                    return [index]
         raise ForeignLoopError(vertices=len(choice))
     if isinstance(choice, str) and choice == "all":
         return list(range(len(loops)))
     try:
         several = choice if isinstance(choice, Iterable) and not isinstance(choice, str) else [choice]
-        places = sorted({operator.index(place) for place in several})
+        indices = sorted({operator.index(index) for index in several})
     except TypeError:
         raise OptionError(f"loop must be 'all', an index, several indices or a BoundaryLoop, not {choice!r}") from None
-    for place in places:
-        if not 0 <= place < len(loops):
-            raise LoopIndexError(index=place, loops=len(loops))
-    return places
+    for index in indices:
+        if not 0 <= index < len(loops):
+            raise LoopIndexError(index=index, loops=len(loops))
+    return indices
 
 
 def reasons_to_leave_open(
-    loops: Sequence[BoundaryLoop], places: Sequence[int], *, keep_largest: bool, max_perimeter: float | None
+    loops: Sequence[BoundaryLoop], indices: Sequence[int], *, keep_largest: bool, max_perimeter: float | None
 ) -> dict[int, str]:
-    """Reasons for loops that the options leave open, by index; `places` are the chosen loops."""
+    """The reasons why options exclude loops, by index; `indices` are the chosen loops."""
     reasons: dict[int, str] = {}
-    chosen = set(places)
-    for place, loop in enumerate(loops):
-        if place not in chosen:
-            reasons[place] = "not requested"
-        elif keep_largest and place == 0:
-            reasons[place] = "not requested: keep_largest leaves the longest loop open"
+    chosen = set(indices)
+    for index, loop in enumerate(loops):
+        if index not in chosen:
+            reasons[index] = "not requested"
+        elif keep_largest and index == 0:
+            reasons[index] = "not requested: keep_largest leaves the longest loop open"
         elif max_perimeter is not None and loop.perimeter > max_perimeter:
             over = f"its perimeter {loop.perimeter:.6g} is over max_perimeter {max_perimeter:.6g}"
-            reasons[place] = f"not requested: {over}"
+            reasons[index] = f"not requested: {over}"
     return reasons

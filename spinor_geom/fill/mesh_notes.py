@@ -25,11 +25,11 @@ def mesh_notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets
 def _notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets) -> Iterator[str]:
     half_edges = sheets.half_edges
     if not is_orientable(half_edges):
-        yield "the mesh is not orientable: it has one side only, so the orientation of patches is arbitrary"
+        yield "the mesh is not orientable, so the orientation of patches is arbitrary"
     elif len(sheets.face_ids) == len(mesh.faces) and (half_edges.counts == 2).all():
         pieces, genus = _pieces_and_genus(mesh.faces)
         name = f"genus {genus}" if pieces == 1 else f"{pieces} pieces of total genus {genus}"
-        yield f"the mesh is closed, {name}: {'a tunnel has no rim' if genus else 'it has no hole'}"
+        yield f"the mesh is closed, {name}: it has no {'boundary loops; a tunnel is not a hole' if genus else 'hole'}"
     if loops:
         yield from _merge_note(mesh, loops)
 

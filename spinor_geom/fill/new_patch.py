@@ -19,7 +19,7 @@ from spinor_geom.surface.array_surface import ArraySurface
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NewPatch:
-    """A patch, its loops, and its values in `LoopOutcome`."""
+    """A patch and its loops; the other fields are those of `LoopOutcome`."""
 
     patch: Patch
     rims: Sequence[BoundaryLoop]
@@ -56,8 +56,8 @@ class NewPatch:
         if not self.faces_replaced:
             return (*remarks, *self.crossings.notes)
         note = (
-            f"{self.faces_replaced} faces of the patch are a triangulation of their outline without inner vertices, "
-            "because the faces of the surface intersected something there"
+            f"{self.faces_replaced} faces of the patch triangulate their outline without inner vertices, because the "
+            "faces before intersected something"
         )
         return (*remarks, note, *self.crossings.notes)
 

@@ -1,4 +1,4 @@
-"""Rejects boundary loops without a hole: slits, single faces, lines and seams; see `borders` for borders of sheets."""
+"""Raises errors for boundary loops that are not holes: slits, single faces, lines and seams. See also `borders`."""
 
 import math
 
@@ -17,7 +17,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 MIN_WIDTH_PER_EDGE = 1e-6  # in mean edges of the loop: far above round-off, far below real holes
 
 
-def refuse_what_is_no_hole(loop: BoundaryLoop, patched: PatchedMesh) -> None:
+def require_hole(loop: BoundaryLoop, patched: PatchedMesh) -> None:
     """Raises a LoopError for a slit, the outline of one face or points on a line.
 
     Raises the loop's `obstacle`, such as a NonManifoldEdgeError, if it has one.
@@ -36,10 +36,10 @@ def refuse_what_is_no_hole(loop: BoundaryLoop, patched: PatchedMesh) -> None:
     face = patched.face_on(loop)
     if face is not None:
         raise LoneFaceError(face=face, vertices=[int(v) for v in loop.vertex_ids])
-    refuse_empty(loop, loop.diagonal / loop.elongation)
+    require_area(loop, loop.diagonal / loop.elongation)
 
 
-def refuse_seams(loop: BoundaryLoop) -> None:
+def require_no_seams(loop: BoundaryLoop) -> None:
     """Raises a SeamError where edges of a loop lie on another loop, a TJunctionError where vertices lie on edges."""
     if len(loop.seam_edges):
         raise SeamError(
@@ -52,7 +52,7 @@ def refuse_seams(loop: BoundaryLoop) -> None:
         raise _junction_error(loop)
 
 
-def refuse_empty(loop: BoundaryLoop, width: float) -> None:
+def require_area(loop: BoundaryLoop, width: float) -> None:
     """Raises a NoAreaError where the width of a loop's hole, in mesh units, is below 1e-6 of its mean edge."""
     if width <= MIN_WIDTH_PER_EDGE * loop.mean_edge_length:
         raise NoAreaError(width=width, mean_edge=loop.mean_edge_length)

@@ -25,7 +25,7 @@ NO_PAIRS = np.zeros((0, 2), dtype=np.int64)
 class LoopPatch:
     """A patch to be joined to the mesh."""
 
-    place: int  # index of its loop, or of the first of its loops, among the mesh's boundary loops
+    index: int  # of its loop, or of the first of its loops, among the mesh's boundary loops
     rim: Int[np.ndarray, " m"]  # mesh vertices of the patch's boundary vertices
     patch: Patch
     attributes: Mapping[str, Float[np.ndarray, "n _"]]  # at the inner vertices
@@ -61,7 +61,7 @@ def patch_chords(patch: Patch) -> Int[np.ndarray, "c 2"]:
 
 
 def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], surface: ArraySurface | None = None) -> Patch:
-    """Splits chords, and the two triangles at each, at new vertices, which come last.
+    """Splits chords, and the two triangles at each of them; the new vertices come last.
 
     A new vertex is the chord's midpoint, or the point of `surface` at the midpoint in Ω.
     """
@@ -79,7 +79,7 @@ def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], surface: ArraySur
 class PatchedMesh:
     """A mesh and the patches joined to it so far, with faces numbered as in the filled mesh.
 
-    A chord of a patch must not be an edge of the mesh or of another patch: that edge would be non-manifold.
+    If a chord of a patch were an edge of the mesh or of another patch, this edge would be non-manifold.
 
     Attributes:
         mesh: the mesh without patches.
@@ -145,7 +145,7 @@ class PatchedMesh:
     def turning(self, loop: BoundaryLoop) -> float:
         """Total geodesic curvature of a loop, in radians: 2π for the border of a flat sheet, −2π for a hole in it.
 
-        Vertices on several loops are left out, as only the sum of their angles is known.
+        Vertices on several loops are left out, because only the sum of their angles is known.
         """
         alone = loop.vertex_ids[self._loops_at[loop.vertex_ids] == 1]
         return float(np.sum(np.pi - self._angles[alone]))
@@ -159,47 +159,47 @@ class PatchedMesh:
         return _Piece(self.mesh.vertices, self.mesh.faces, np.arange(len(self.mesh.faces)))
 
     def crossings(
-        self, patch: Patch, before: Crossings = NO_CROSSINGS, places: Int[np.ndarray, " k"] | None = None
+        self, patch: Patch, before: Crossings = NO_CROSSINGS, numbers: Int[np.ndarray, " k"] | None = None
     ) -> Crossings:
         """Intersections of a patch with itself, the mesh and the patches joined before.
 
-        `before` are those of an earlier state of the patch, and `places` the number that each of its faces has in the
-        patch if it is unchanged, else −1; pairs without another face of the patch are not tested again.
+        `before` are those of an earlier patch; `numbers` has for each of its faces the number in the patch, or −1 for
+        faces that were removed. Pairs of faces that `before` has tested are not tested again.
         """
-        places = np.zeros(0, dtype=np.int64) if places is None else places
+        numbers = np.zeros(0, dtype=np.int64) if numbers is None else numbers
         faces = np.asarray(patch.faces)
         is_new = np.ones(len(faces), dtype=bool)
-        is_new[places[places >= 0]] = False
+        is_new[numbers[numbers >= 0]] = False
         new = _Piece(patch.vertices, faces[is_new], self.face_count + np.flatnonzero(is_new))
         boxes = self._boxes[: len(self._patches)].T
         near = [self._mesh_piece, *(self._patches[k] for k in overlapping(boxes[:3], boxes[3:], new.low, new.high))]
         own = NO_PAIRS
-        if len(places):
+        if len(numbers):
             near += [_Piece(patch.vertices, faces, self.face_count + np.arange(len(faces)))]
         elif patch.hole_sizes or not is_graph(patch.vertices, faces, patch.boundary_size):
             own = self.face_count + self_intersections(patch.vertices, faces)
         pairs = new.crossings(near)
-        if len(places):
+        if len(numbers):
             among = np.sort(pairs[pairs[:, 1] >= self.face_count], axis=1)
-            # as `self_intersections`, without two faces of the same vertices
+            # like `self_intersections`, without pairs of faces with the same vertices
             one, other = np.sort(faces[among - self.face_count], axis=2).swapaxes(0, 1)
-            own = np.concatenate([self._carried(before.own, places, 2), among[(one != other).any(axis=1)]])
+            own = np.concatenate([self._carried(before.own, numbers, 2), among[(one != other).any(axis=1)]])
         is_mesh = pairs[:, 1] < len(self.mesh.faces)
-        mesh = np.concatenate([self._carried(before.mesh, places, 1), pairs[is_mesh]])
+        mesh = np.concatenate([self._carried(before.mesh, numbers, 1), pairs[is_mesh]])
         is_patch = ~is_mesh & (pairs[:, 1] < self.face_count)
-        others = np.concatenate([self._carried(before.patches, places, 1), pairs[is_patch]])
+        others = np.concatenate([self._carried(before.patches, numbers, 1), pairs[is_patch]])
         own, mesh, others = map(sorted_pairs, (own, mesh, others))
         found = (("itself", own), ("the mesh", mesh), ("patches of other loops", others))
         notes = tuple(self._note(what, pairs, patch) for what, pairs in found if len(pairs))
         return Crossings(own=own, mesh=mesh, patches=others, notes=notes)
 
     def _carried(
-        self, pairs: Int[np.ndarray, "p 2"], places: Int[np.ndarray, " k"], columns: int
+        self, pairs: Int[np.ndarray, "p 2"], numbers: Int[np.ndarray, " k"], columns: int
     ) -> Int[np.ndarray, "q 2"]:
-        """Pairs whose first columns are faces of the patch, with their new numbers, without those that have none."""
-        if not len(places):
+        """The pairs whose first columns are faces that were not removed, with their new numbers."""
+        if not len(numbers):
             return NO_PAIRS
-        own = places[pairs[:, :columns] - self.face_count]
+        own = numbers[pairs[:, :columns] - self.face_count]
         is_kept = (own >= 0).all(axis=1)
         return np.concatenate([np.sort(self.face_count + own[is_kept], axis=1), pairs[is_kept, columns:]], axis=1)
 
@@ -249,7 +249,7 @@ class _Piece:
 
     @cached_property
     def _blocks(self) -> tuple[int, Float[np.ndarray, "3 b"], Float[np.ndarray, "3 b"]]:
-        """The boxes of blocks of successive faces, about as many blocks as faces in each, and the size of a block."""
+        """The number of faces in a block, about the square root of their number, and the boxes of the blocks."""
         size = int(len(self.faces) ** 0.5) + 1
         starts = np.arange(0, len(self.faces), size)
         return size, np.minimum.reduceat(self._lows, starts, axis=1), np.maximum.reduceat(self._highs, starts, axis=1)
@@ -302,7 +302,7 @@ def stitch(mesh: TriangleMesh, patches: Sequence[LoopPatch]) -> MeshExtension:
         indices = np.concatenate([part.rim, np.arange(count, count + len(inner))])
         vertices.append(inner)
         faces.append(indices[part.patch.faces])
-        face_loops.append(np.full(len(part.patch.faces), part.place, dtype=np.int64))
+        face_loops.append(np.full(len(part.patch.faces), part.index, dtype=np.int64))
         count += len(inner)
     attributes = {
         name: np.concatenate([np.empty((0, values.shape[1])), *(part.attributes[name] for part in patches)])

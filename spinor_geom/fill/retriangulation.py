@@ -87,7 +87,7 @@ def _with_new_triangles(
 def _judge(
     patched: PatchedMesh, patch: Patch, crossings: Crossings, outlines: Sequence[Outline], at_rim: RimCrossings
 ) -> None:
-    """Tells outlines, whose faces are the last ones of a patch, the intersections of these."""
+    """Passes intersections to outlines, whose faces are the last ones of a patch."""
     sizes = [len(one.current) for one in outlines]
     first = len(patch.faces) - sum(sizes)
     owner = np.concatenate([np.full(first, -1), np.repeat(np.arange(len(sizes)), sizes)])

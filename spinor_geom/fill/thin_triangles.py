@@ -16,16 +16,17 @@ from spinor_geom.mesh.topology import face_components, referenced_vertices
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.remeshing import remesh_region
 
-# Rings of faces around thin ones, and the angle that is enough, in the order in which they are tried. Small changes
-# avoid intersections: two of 14 bowls that larger ones leave below 10° reach it. A third ring gains nothing.
+# Numbers of rings of faces around thin ones, and sufficient angles, in the order in which they are tried. Smaller
+# changes cause fewer intersections: they increase the angles of two of 14 bowls to 10°, which larger ones do not. A
+# third ring has no effect.
 _TRIES = [(rings, np.radians(enough)) for enough in (25.0, 11.0) for rings in (2, 1)]
 
 
 def without_thin_triangles(patched: PatchedMesh, new: NewPatch, target: float) -> NewPatch:
     """Remeshes around triangles with angles below 10°, where that increases angles and adds no intersection.
 
-    Clearing moves vertices and replaces triangles without regard to angles. Those between two edges of the rim cannot
-    be increased. `target` is the edge length away from the rims, in mesh units.
+    The steps before move vertices and replace triangles without regard to angles. Angles between two edges of the rim
+    cannot be increased. `target` is the edge length away from the rims, in mesh units.
     """
     if not _around_thin_triangles(new.patch, 0):
         return new
@@ -35,16 +36,16 @@ def without_thin_triangles(patched: PatchedMesh, new: NewPatch, target: float) -
         while pieces and not is_out_of_time():
             piece = pieces.pop()
             region = np.isin(np.arange(len(new.patch.faces)), piece)
-            patch, places = remesh_region(new.patch, region, target, taken, enough)
+            patch, numbers = remesh_region(new.patch, region, target, taken, enough)
             chords = patch_chords(patch)
-            least = free_angles(patch)[(places >= 0).sum() :].min()
+            least = free_angles(patch)[(numbers >= 0).sum() :].min()
             if least <= free_angles(new.patch)[piece].min() or patched.has_edges(new.rim[chords]).any():
                 continue
-            crossings = patched.crossings(patch, new.crossings, places)
+            crossings = patched.crossings(patch, new.crossings, numbers)
             if len(crossings) > len(new.crossings):
                 continue
             new = replace(new, patch=patch, crossings=crossings)
-            pieces = [places[others] for others in pieces]
+            pieces = [numbers[others] for others in pieces]
     return new
 
 

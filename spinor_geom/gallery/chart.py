@@ -20,9 +20,9 @@ _BLOCK = 1 << 14  # points that are projected together
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chart:
-    """A piece of a surface over a polygon in the plane z = x + iy, and its images under some symmetries.
+    """A piece of a surface over a polygon in the plane z = x + iy, and its images under symmetries.
 
-    The formulas must also be valid a little outside the polygon.
+    The formulas must also be valid in a neighbourhood of the polygon.
     """
 
     position: SurfaceFunction  # r(z)
@@ -68,7 +68,7 @@ class Chart:
         return np.asarray(np.linalg.norm(np.cross(t[:, 0], t[:, 1]), axis=1))
 
     def distances(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-        """Distances of points from the surface, which is continued a little beyond the polygon.
+        """Distances of points from the surface; nearest points may lie slightly outside the polygon.
 
         Gauss-Newton's method starts from the nearest of 3000 points; steps are shortened until the distance falls.
         """

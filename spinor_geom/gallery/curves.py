@@ -168,9 +168,10 @@ def polygon(vertices: ArrayLike, *, name: str = "polygon", source: str = "its ve
 
 
 def image_of_polygon(corners: Float[np.ndarray, "k d"], image: SmoothMap, *, name: str, source: str) -> KnownCurve:
-    """The image of a closed polygon under a map of torch functions, differentiated automatically.
+    """The image of a closed polygon under a map written in torch; its derivatives are by automatic differentiation.
 
-    The parameter is linear on each side of the polygon; a side's share of [0, 1) is its share of the length in space.
+    The parameter is linear on each side of the polygon. The part of [0, 1) of a side is proportional to the length of
+    its image.
     """
     sides, edges = len(corners), np.roll(corners, -1, axis=0) - corners
 

@@ -82,7 +82,7 @@ class KnownSurface:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KnownPatch:
-    """A minimal disk with an exact formula, with the sides of its boundary as curves in the plane of its chart."""
+    """A minimal disk with an exact formula; the sides of its boundary are given in the plane of its chart."""
 
     name: str  # for tables and messages
     chart: Chart
@@ -125,7 +125,7 @@ def surface_chart(surface: SpinorSurface, position: SurfaceFunction) -> Chart:
 def sample_parameters(n: int, corners: Sequence[float]) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " c"]]:
     """Parameters of n points on a closed curve with corners at increasing parameters, and the indices of the corners.
 
-    The number of points on a side is proportional to its share of [0, 1), apart from its first corner. The parameters
+    Each side has its first corner and a number of other points proportional to its length in [0, 1). The parameters
     begin at the first corner. Raises OptionError for n below 3 or the number of corners.
     """
     if n < (least := max(3, len(corners))):

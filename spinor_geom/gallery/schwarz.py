@@ -89,7 +89,7 @@ def _polygon_chart(corners: Float[np.ndarray, "c 3"], up: Float[np.ndarray, "3"]
     g = _stereographic(to_axis.apply(others))
     roots = (g ** (1 / degree))[:, None] * np.exp(2j * np.pi * np.arange(degree) / degree)
     parameters = _continuous_root(_stereographic(to_axis.apply(normals)), degree)
-    # near a root the position varies like the square root of the distance: round-off would cost half the digits
+    # near a root the position varies like the square root of the distance: errors of 1e-16 would become 1e-8
     nearest = roots.ravel()[np.abs(parameters[:, None] - roots.ravel()).argmin(axis=1)]
     parameters = np.where(np.abs(parameters - nearest) < 1e-12, nearest, parameters)
     surface = RootSurface(degree=degree, roots=roots.ravel())
@@ -103,7 +103,7 @@ def _polygon_chart(corners: Float[np.ndarray, "c 3"], up: Float[np.ndarray, "3"]
 
 
 def schwarz_d_quadrilateral() -> KnownCurve:
-    """Four edges of the regular tetrahedron with edge 1 (corners of 60°), around a piece of Schwarz's D surface."""
+    """Four edges of the regular tetrahedron with edge 1 (corners of 60°): they bound a piece of Schwarz's D surface."""
     vertices = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(8)
     return _polygon("Schwarz D quadrilateral", vertices, _K_PRIME / (2 * _K), axis=(0, 1, 0), degree=1)
 
@@ -181,9 +181,9 @@ def schwarz_h(a: float = 0.3) -> KnownPatch:
 
     φ = (s⁴ − 1, −i(s⁴ + 1), 2s²)((1 − s⁶/a³)(1 − a³s⁶))^{−1/2} over the sector 0 < arg s < π/6 of the unit disk, with
     corners at 0, √a, 1 and e^{iπ/6}; a is the size of the triangles relative to the height between them. The flux
-    ∫ Im φ ds through a straight side is orthogonal to it, that through a side in a mirror plane along the plane's
-    normal, so the area is ½ Σ r_j · Im(W_{j+1} − W_j) over the corners, W = ∫ φ ds. Raises OptionError for
-    an a outside [0.2, 1): for smaller ones the paths of integration pass the roots.
+    ∫ Im φ ds is orthogonal to a straight side, and parallel to the normal of the plane of a side in a mirror plane, so
+    the area is ½ Σ r_j · Im(W_{j+1} − W_j) over the corners, W = ∫ φ ds. Raises OptionError for an a outside [0.2, 1):
+    for smaller ones the paths of integration pass the roots.
     """
     if not 0.2 <= a < 1:
         raise OptionError(f"Schwarz's H surface needs a in [0.2, 1), got {a}")

@@ -135,7 +135,7 @@ def catenoid(height: float = 0.5, *, turn: float = 2 * math.pi) -> KnownSurface:
     The neck c solves c·cosh(h/c) = 1; the area is turn·c²(U + sinh U cosh U) with U = h/c. Raises OptionError
     for an h above 0.66274…, for which there is no catenoid.
     """
-    # at the neck c = h/x* with x* tanh x* = 1 the stable and the unstable catenoid meet
+    # for c = h/x*, x* tanh x* = 1, the stable and the unstable catenoid coincide
     critical = brentq(lambda x: x * math.tanh(x) - 1, 1.0, 2.0, xtol=1e-15)
     highest = 1 / math.sinh(critical)
     if not 0 < height <= highest:

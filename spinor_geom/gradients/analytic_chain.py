@@ -15,7 +15,7 @@ from spinor_geom.mesh.interpolation import ARC_NODES, RIDGE, gauss_nodes, poisso
 def by_trigonometric_points(
     m: int, s: Float[np.ndarray, " k"], by_values: Float[np.ndarray, "k 3"]
 ) -> Float[np.ndarray, "m 3"]:
-    """Derivatives by the points of a trigonometric polynomial, from those by its values."""
+    """The gradient in the points of a trigonometric polynomial, from that in its values."""
     turn = np.exp(-2j * np.pi * s)
     # with k = 8a + b, in a third of the time of cumulative products
     low, high = turn ** np.arange(8)[:, None], turn ** (8 * np.arange(m // 16 + 1))[:, None]
@@ -44,7 +44,7 @@ class PoissonCurve:
 
     @cached_property
     def _factor(self) -> Float[np.ndarray, "m m"]:
-        # LAPACK directly: the checks of scipy.linalg take as long as the work
+        # LAPACK directly, because the checks of scipy.linalg take as long as the computation
         factor, is_singular = dpotrf(self._own[0])
         if is_singular:
             raise np.linalg.LinAlgError("the equations of an analytic curve are singular")
@@ -58,14 +58,14 @@ class PoissonCurve:
     def by_values(
         self, s: Float[np.ndarray, " k"], by_values: Float[np.ndarray, "k 3"]
     ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
-        """Derivatives by the points and by the k_j, from those by Γ(s) at fixed s."""
+        """The gradients in the points and in the k_j, from that in Γ(s) at fixed s."""
         kernel, slope = poisson_kernels(s, self.places, len(self.points), 1)
         by_points, by_places = self._by_weights(kernel.T @ by_values)
         by_places -= (slope.T @ by_values * self.weights).sum(axis=1)
         return by_points + by_values.sum(axis=0) / len(by_points), by_places
 
     def by_lengths(self, by_logs: Float[np.ndarray, " m"]) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
-        """Derivatives by the points and by the k_j, from those by the logarithms of the lengths of the pieces."""
+        """The gradients in the points and in the k_j, from that in the logarithms of the lengths of the pieces."""
         m, widths = len(self.points), np.diff(self.breaks)
         nodes, shares = gauss_nodes(ARC_NODES)
         s = (self.breaks[:-1, None] + widths[:, None] * (nodes + 1) / 2).ravel()
@@ -83,13 +83,13 @@ class PoissonCurve:
     def _by_weights(
         self, by_weights: Float[np.ndarray, "m 3"]
     ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
-        """Derivatives by the points and by the k_j, from those by the weights c."""
+        """The gradients in the points and in the k_j, from that in the weights c."""
         by_points = dpotrs(self._factor, by_weights)[0]
         turned = self._own[1] * (by_points @ self.weights.T)
         return by_points - by_points.mean(axis=0), turned.sum(axis=0) - turned.sum(axis=1)
 
 
 def by_steps(by_breaks: Float[np.ndarray, " m"], breaks: Float[np.ndarray, " m_plus_1"]) -> Float[np.ndarray, " m"]:
-    """Derivatives by the logarithms of lengths, from derivatives by their cumulative sums, normalised to end at 1."""
+    """The gradient in the logarithms of lengths, from that in their cumulative sums, normalised to end at 1."""
     after = np.append(np.cumsum(by_breaks[:0:-1])[::-1], 0.0)
     return np.asarray(np.diff(breaks) * (after - by_breaks @ breaks[:-1]))

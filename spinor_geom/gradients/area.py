@@ -1,4 +1,4 @@
-"""The gradient of the area by the points of the loops."""
+"""The gradient of the area with respect to the points of the loops."""
 
 from __future__ import annotations
 

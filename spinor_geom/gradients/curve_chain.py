@@ -1,8 +1,8 @@
 """The chain rule from values of a curve to the points of the loop that define it.
 
-A displacement of Γ along itself does not change the surface. So a point on an analytic Γ keeps its parameter, a point
-on a spline its piece and share u of the piece. Γ is differentiated by the points of the loop, directly and through
-their parameters: chord lengths, or arc lengths of the cubic spline over these chords.
+A displacement of Γ along itself does not change the surface. Therefore the parameter of a point on an analytic Γ is
+fixed, and so are the piece of a spline and the share u of the piece. Γ depends on the points of the loop directly and
+through their parameters: chord lengths, or arc lengths of the cubic spline over these chords.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from spinor_geom.mesh.spacing import are_long
 def by_points(
     curve: BoundaryCurve, s: Float[np.ndarray, " k"], by_values: Float[np.ndarray, "k 3"]
 ) -> Float[np.ndarray, "m 3"]:
-    """Derivatives by the points of a curve's loop, from those by Γ(s), which are normal to Γ′.
+    """The gradient in the points of a curve's loop, from that in Γ(s), which is normal to Γ′.
 
     Raises a NotDifferentiableError if the shape of the curve is not a function of points.
     """
     if curve.slopes is not None:
-        raise NotDifferentiableError("the curve is given by a formula, not by points; solve for points of it")
+        raise NotDifferentiableError("the curve is given by a formula; solve over points of the curve instead")
     if curve.kind == "analytic" and curve.corners.any():
         raise NotDifferentiableError(
             "the surface passes through the points of a rough loop, and its boundary between them is not a function of "
@@ -83,7 +83,7 @@ class _Cubic:
         return arcs
 
     def by_arcs(self, by_logs: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m 3"]:
-        """Derivatives by the points, from those by the logarithms of the arc lengths of the pieces."""
+        """The gradient in the points, from that in the logarithms of the arc lengths of the pieces."""
         velocity, powers = self._at_nodes
         unit = velocity / np.linalg.norm(velocity, axis=2, keepdims=True)
         by_powers = np.einsum("m,rg,mgk->rmk", by_logs / self._lengths, powers, unit)
@@ -91,7 +91,7 @@ class _Cubic:
         return np.asarray(own + self.by_chords(by_chords))
 
     def by_chords(self, by_logs: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m 3"]:
-        """Derivatives by the points, from those by the logarithms of the chords."""
+        """The gradient in the points, from that in the logarithms of the chord lengths."""
         chord = np.roll(self.points, -1, axis=0) - self.points
         steps = (by_logs / (chord * chord).sum(axis=1))[:, None] * chord
         return np.asarray(np.roll(steps, 1, axis=0) - steps)
@@ -122,7 +122,7 @@ class _Spline:
         return np.asarray(of_side[side])
 
     def by_points(self, s: Float[np.ndarray, " k"], by_values: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "m 3"]:
-        """Derivatives by the points, from those by Γ(s) at fixed shares u of the pieces."""
+        """The gradient in the points, from that in Γ(s) at fixed shares u of the pieces."""
         curve, m = self.curve, len(self.curve.corners)
         s = np.mod(s, 1.0)
         piece = np.searchsorted(curve.breaks, s, side="right") - 1

@@ -29,8 +29,8 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.surface.array_surface import PATH_ORDER
 
 _DEGREE = 40  # of the polynomials beside poles
-_AT_ONCE = 1 << 22  # pairs of points: with fewer, sums are direct
-_DAMPING = 1e-12  # relative to the mean diagonal entry, as tangential displacements are undetermined
+_AT_ONCE = 1 << 22  # pairs of points: sums of fewer pairs are direct
+_DAMPING = 1e-12  # relative to the mean diagonal entry, because tangential displacements are undetermined
 
 Values = Complex[np.ndarray, "k f"]
 
@@ -146,7 +146,7 @@ class JacobiFields:
 
     @cached_property
     def _rows(self) -> Float[np.ndarray, "equations unknowns"]:
-        """Derivatives by the unknowns of √ds n·δr at the nodes, then of Re ∮ δφ dz around the holes."""
+        """Derivatives in the unknowns of √ds n·δr at the nodes, then of Re ∮ δφ dz around the holes."""
         (by_p, by_q), periods = self._primitives
         e = np.sqrt(self._lengths)[:, None] * self._normal
         rows = [_by_unknowns(e, by_p, by_q)]
@@ -187,7 +187,7 @@ class JacobiFields:
 
 
 def _by_unknowns(e: Float[np.ndarray, "k 3"], by_p: Values, by_q: Values) -> Float[np.ndarray, "k unknowns"]:
-    """Derivatives of e·δr by the unknowns, from ∫ 2pf dz and ∫ 2qf dz."""
+    """Derivatives of e·δr in the unknowns, from ∫ 2pf dz and ∫ 2qf dz."""
     along, upright = (e[:, 0] - 1j * e[:, 1])[:, None], e[:, 2:]
     both = np.concatenate([along * by_p + upright * by_q, upright * by_p - along.conj() * by_q], axis=1)
     return np.concatenate([both.real, -both.imag, e], axis=1)

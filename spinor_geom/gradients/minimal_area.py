@@ -27,7 +27,7 @@ def minimal_area(
     model: Model = "auto",
     tolerance: float = 1e-3,
 ) -> Float[Tensor, ""]:
-    """Area of the minimal surface over ordered points, or between several rims, with derivatives by the points.
+    """Area of the minimal surface over ordered points, or between several rims; differentiable in the points.
 
     The curve through the points is that of `BoundaryCurve`, as with `solve_plateau(..., between="smooth")`. The
     gradient is ∮ ν·δΓ ds, see `PlateauSolution.area_gradient`; it takes a small part of the time of the solve. Second
@@ -37,8 +37,8 @@ def minimal_area(
         points: (m, 3) real positions in mesh units, on any device; or one such tensor for each rim.
         corners: as for `BoundaryLoop.from_points`; for several rims one entry for each.
         model: as for `solve_plateau`.
-        tolerance: as for `solve_plateau`; the relative error of the gradient is about that of the boundary. Smooth
-            curves are met to 1e-8 of an edge with any tolerance.
+        tolerance: as for `solve_plateau`; the relative error of the gradient is about that of the boundary. For smooth
+            curves the residual is at most 1e-8 of an edge with any tolerance.
 
     Returns:
         The area, a float64 scalar on the device of the points.
@@ -49,7 +49,7 @@ def minimal_area(
         SpinorGeomError: the errors of `solve_plateau`.
 
     Warns:
-        UncertainGradientWarning: the surface misses the curve by more than the tolerance.
+        UncertainGradientWarning: the residual of the surface is above the tolerance.
 
     Source: the first variation of area; Dierkes, Hildebrandt & Sauvigny, "Minimal Surfaces" (2010), section 2.1.
     """
@@ -59,7 +59,7 @@ def minimal_area(
 
 
 def as_rims(points: Any) -> tuple[Tensor, ...]:
-    """The tensors of the rims; an OptionError for other arguments."""
+    """The tensors of the rims; raises an OptionError for other arguments."""
     rims = (points,) if isinstance(points, Tensor) else tuple(points)
     for rim in rims:
         if not isinstance(rim, Tensor) or not rim.is_floating_point():
@@ -78,13 +78,13 @@ def solved(rims: Sequence[Tensor], *, corners: Corners, model: Model, tolerance:
     ]
     for loop, rim in zip(loops, rims, strict=True):
         if len(loop) != len(rim):
-            raise OptionError("the last point of a rim is equal to the first; leave it out")
+            raise OptionError("the last point of a rim is equal to the first; remove it")
     device = rims[0].device if rims[0].device.type != "cpu" else None
     solution = solve_plateau(loops, model=model, tolerance=tolerance, between="smooth", device=device)
     if isinstance(solution, NoConnectedSurface):
         raise SurfaceError(f"{solution.reason}; move the rims towards each other")
     if not solution.converged:
-        missed = f"the surface misses the curve, so that its derivatives are approximate ({solution.reason})"
+        missed = f"the surface has not converged, so that its derivatives are approximate ({solution.reason})"
         warnings.warn(missed, UncertainGradientWarning, stacklevel=3)
     return solution
 

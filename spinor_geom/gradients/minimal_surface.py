@@ -39,7 +39,7 @@ def minimal_surface(
     tolerance: float = 1e-3,
     target_edge_length: float | Literal["auto"] = "auto",
 ) -> tuple[Float[Tensor, "n 3"], Int[Tensor, "f 3"]]:
-    """A mesh (vertices, faces) of the minimal surface over points; its vertices have derivatives by the points.
+    """A mesh (vertices, faces) of the minimal surface over points; its vertices are differentiable in the points.
 
     The mesh is that of `mesh_patch`, with the points of the rims first. When the points move, an inner vertex moves
     along the normal, and stays on the minimal surface to first order. The displacement solves Jacobi's equation, and
@@ -81,7 +81,7 @@ def nearest_on_surface(
     model: Model = "auto",
     tolerance: float = 1e-3,
 ) -> Float[Tensor, "k 3"]:
-    """Positions on the minimal surface over points, nearest to given places, with derivatives by the points.
+    """The points of the minimal surface over `points` that are nearest to given places; differentiable in `points`.
 
     When the points move, a position moves along the normal; see `minimal_surface`. `places` are constants.
 
@@ -133,14 +133,14 @@ def require_isolated(solution: PlateauSolution) -> None:
     if stability.verdict == "unstable":
         raise NotDifferentiableError(
             "the surface is unstable, so that a solve over moved points may find another one; use its area_gradient, "
-            "which holds for any critical point"
+            "which is valid for any critical point"
         )
     if stability.eigenvalue is not None and abs(stability.eigenvalue - 1) < _DEGENERATE:
         raise NotDifferentiableError(
             f"the surface is degenerate (the eigenvalue {stability.eigenvalue:.6g} of its second variation is nearly "
             "1), so that it may jump when points move; move the rims towards each other, or points away from this place"
         )
-    # a lower bound is the eigenvalue of a spherical cap of area 2π(1 − ε), which is above 1 + ε
+    # the eigenvalue of a spherical cap of area 2π(1 − ε) is a lower bound, and above 1 + ε
     by_curvature = stability.eigenvalue is None and (stability.total_curvature or 0.0) > 2 * np.pi * (1 - _DEGENERATE)
     if stability.verdict == "undecided" or by_curvature:
         known = (
@@ -153,7 +153,7 @@ def require_isolated(solution: PlateauSolution) -> None:
 
 
 class _Positions(torch.autograd.Function):
-    """Positions inside Ω at z, after the points of the rims in the order of ∂Ω if `positions` begins with them."""
+    """Positions at points z inside Ω; if `positions` begins with the points of the rims, these come first."""
 
     @staticmethod
     def forward(
@@ -185,7 +185,7 @@ def normal_fields(solution: PlateauSolution, z: Complex[np.ndarray, " v"]) -> Sl
 def position_gradient(
     solution: PlateauSolution, z: Complex[np.ndarray, " v"], by_positions: Float[np.ndarray, "v 3"]
 ) -> tuple[Float[np.ndarray, "_ 3"], ...]:
-    """Derivatives by the points of each given loop, from those by positions inside Ω, which move along the normal.
+    """The gradients in the points of each given loop, from that in positions inside Ω, which move along the normal.
 
     Raises a NotDifferentiableError as `require_isolated`, or if a position is a branch point.
     """

@@ -1,4 +1,4 @@
-"""Quadrature along the rims of a surface: nodes on ∂Ω, their places on Γ, and the outer conormal there."""
+"""Quadrature along the rims of a surface: nodes on ∂Ω, the nearest points of Γ, and the outer conormal there."""
 
 from __future__ import annotations
 
@@ -132,5 +132,5 @@ def _ends_of_sides(
     at = rim.curve.breaks[:-1][rim.curve.corners]
     ends = np.concatenate([at[-1:] - 1, at, at[:1] + 1])
     side = np.searchsorted(rim.boundary.parameters[:-1][rim.boundary.corners], t, side="right")
-    # strictly inside, as Γ′ at a corner is that of the next side
+    # strictly inside, because Γ′ at a corner is that of the next side
     return ends[side], np.nextafter(ends[side + 1], -np.inf)

@@ -53,14 +53,14 @@ class SplineSystem:
 
     widths: Float[np.ndarray, " m"]  # h, up to a factor for each side
     powers: Float[np.ndarray, "d m 3"]  # a_ir, lowest power first
-    corners: Bool[np.ndarray, " m"]  # at the start of which pieces the spline may have a kink
+    corners: Bool[np.ndarray, " m"]  # whether the spline may have a kink at the start of each piece
     degrees: Int[np.ndarray, " m"]  # degrees of the pieces; odd, at least 3, and equal on a side
-    natural: Bool[np.ndarray, " m"]  # which pieces have the second derivative 0 where they end a side
+    natural: Bool[np.ndarray, " m"]  # whether the second derivative of a piece is 0 at the end of a side
 
     def by_points(
         self, by_powers: Float[np.ndarray, "d m 3"]
     ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
-        """Derivatives by the points and by the logarithms of the widths, from those by the a_ir.
+        """The gradients in the points and in the logarithms of the widths, from that in the a_ir.
 
         Derivatives through the first terms P_i are not included.
         """

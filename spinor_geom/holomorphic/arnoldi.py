@@ -38,7 +38,7 @@ def arnoldi_basis(
     for k in range(degree):
         v, before = nodes * basis[k], np.inf
         norm = math.sqrt(np.vdot(v, v).real)
-        while norm <= _KEPT * before:  # a pass is repeated where little was left
+        while norm <= _KEPT * before:  # repeated if a pass leaves little of the vector
             h = (basis[: k + 1] @ v.conj()).conj()
             v -= h @ basis[: k + 1]
             hessenberg[: k + 1, k] += h

@@ -55,4 +55,4 @@ class ArrayModel(ABC):
 
     @abstractmethod
     def config(self) -> dict[str, Any]:
-        """Sizes from which `from_config` makes a model of the same shape; JSON-ready."""
+        """Sizes from which `from_config` makes a model of the same shape, as JSON values."""

@@ -71,7 +71,7 @@ class CauchyNetwork(ArrayModel):
         The nodes z are usually on ∂Ω, and the scales the distances of the poles from it; the positive weights are
         normalised to sum 1. `degree` is that of the polynomials, `branch` the point c if p and q change their sign
         around a hole. Singular vectors of the raw features below `cutoff` times the largest singular value are dropped,
-        because large coefficients that cancel cost digits of p and q.
+        because p and q lose digits if large coefficients cancel.
         """
         require_complex(nodes=z, poles=poles)
         weight = weight / weight.sum()

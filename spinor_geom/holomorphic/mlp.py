@@ -40,10 +40,10 @@ class ComplexMLP(torch.nn.Module):
     z ↦ u = (z − center)/radius, then `depth` hidden layers h ↦ σ(W h + b) of `width` units and a linear read-out. With
     an entire σ both are entire. The computation is in double precision, the result in that of the points.
 
-    With plain random weights exp∘exp∘exp overflows. The initial weights are therefore scaled, layer by layer, so that
+    With unscaled random weights exp∘exp∘exp overflows. The initial weights are scaled, layer by layer, so that
     on the circle |u| = 1 every unit's argument a = W h + b has mean 0 and a modulus of at most a gain M. By the maximum
-    principle |a| ≤ M in the whole disk: |σ(a)| ≤ e^M for exp, sinh M for sin and sinh. Smaller weights alone would
-    prevent overflow too, but the network would hardly depend on z, since each layer would damp its variation.
+    principle |a| ≤ M in the whole disk: |σ(a)| ≤ e^M for exp, sinh M for sin and sinh. Smaller weights would prevent
+    overflow too, but each layer would damp the variation, and the network would hardly depend on z.
 
     Shape:
         weights: one (2, out, in) a layer, complex; first index 0 for p, 1 for q. The last is the read-out, out = 1.
@@ -182,14 +182,14 @@ class ComplexMLP(torch.nn.Module):
 class Linearisation:
     """p and q at n points of a `ComplexMLP`, linearised in its parameters.
 
-    They are holomorphic in the parameters, so the Jacobian J is complex. It is never formed: the contribution of a
-    layer to J Jᴴ is the entrywise product of two Gram matrices.
+    They are holomorphic in the parameters, so the Jacobian J is complex. J is not computed: the contribution of a layer
+    to J Jᴴ is the entrywise product of two Gram matrices.
     """
 
     inputs: tuple[Complex[Tensor, "2 n _"], ...]  # of each layer, (2, n, in)
     sensitivities: tuple[
         Complex[Tensor, "2 n _"], ...
-    ]  # derivatives of the output by each layer's W h + b, (2, n, out)
+    ]  # derivatives of the output with respect to each layer's W h + b, (2, n, out)
     value: Complex[Tensor, "n 2"]  # p and q
 
     def kernel(self) -> Complex[Tensor, "2 n n"]:

@@ -28,7 +28,7 @@ class HolomorphicModel(Protocol):
         """(p'(z), q'(z))."""
 
     def config(self) -> dict[str, Any]:
-        """Sizes from which `from_config` makes a model of the same shape; JSON-ready."""
+        """Sizes from which `from_config` makes a model of the same shape, as JSON values."""
 
 
 @runtime_checkable

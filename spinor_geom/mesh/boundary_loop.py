@@ -35,14 +35,14 @@ class BoundaryLoop:
     """A closed polygon of M ≥ 3 points: a hole of a mesh, or a curve without a mesh.
 
     The loop has the orientation of the boundary of a patch over it, opposite to the half-edges of the faces beside the
-    hole: a patch whose boundary follows the loop is oriented like the mesh. Without a mesh the patch's normal follows
-    the right-hand rule about the order of the points.
+    hole: a patch with this boundary is oriented like the mesh. Without a mesh, the normal of the patch follows from the
+    order of the points by the right-hand rule.
 
     Attributes:
         points: (M, 3) float64, in mesh units.
         vertex_ids: (M,) int64 indices of the points in the mesh; 0 to M − 1 without a mesh.
         corners: (M,) bool, where the curve through the points has a kink.
-        corners_given: whether the caller named the corners; False where `detect_corners` found them.
+        corners_given: whether the caller named the corners; False if `detect_corners` found them.
         slit_fraction: share of the perimeter, 0 to 1, on edges that coincide with an oppositely directed edge of the
             same loop; 1 is a slit of zero width.
         seam_edges: (k, 2) int64 vertex ids, from and to, of the edges that coincide with an edge of another loop.
@@ -165,7 +165,7 @@ class BoundaryLoop:
     def area_vector(self) -> Float[np.ndarray, " 3"]:
         """Vector area ½ Σ P_i × P_{i+1} of any surface that the loop bounds, (3,), in squared mesh units."""
         centred = self.points - self.centroid
-        # all components in one product: several times as fast as cross products
+        # all components in one product, which is several times as fast as cross products
         moments = centred.T @ shifted(centred, -1, axis=-2)
         return np.asarray(0.5 * (moments - moments.T)[[1, 2, 0], [2, 0, 1]])
 
@@ -206,7 +206,7 @@ def diagonals(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b"]:
 
 def centroids(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b 3"]:
     """Centres of mass of the edges of closed polygons."""
-    # relative to point 0: polygons far from the origin lose no digits
+    # relative to point 0, so that no digits are lost far from the origin
     first = points[..., :1, :]
     moments = _point_weights(points)[..., None] * (points - first)
     return np.asarray(first[..., 0, :] + moments.sum(axis=-2))
@@ -227,13 +227,13 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
     """Mask of the points of a closed polygon that are corners of the sampled curve, (M,) bool.
 
     Point i is a corner if the polygon turns there by θ_i ≥ 35° and by at most θ_i/4 at the two points before and the
-    two points after it: a corner is isolated on a smooth curve, while on a noisy rim large turns are adjacent. If half
-    of all points turn by more than 35°/4, the curve is not smooth and has no such corners.
+    two points after it: corners of a smooth curve are isolated, but large turns of a noisy rim are adjacent. If half of
+    all points turn by more than 35°/4, the curve is not smooth and has no such corners.
 
     An end of an edge longer than its `graded_spacing` is a corner if a smooth curve with the same turning angle would
     deviate from the edge by more than about a quarter of that spacing, which the points do not resolve.
 
-    Polygons of fewer than 8 points have no corners; ends of an edge of length 0 are no corners.
+    Polygons of fewer than 8 points have no corners; ends of an edge of length 0 are not corners.
     """
     if len(points) < MIN_LOOP_WITH_CORNERS:
         return np.zeros(len(points), dtype=bool)

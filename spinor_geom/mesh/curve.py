@@ -33,7 +33,8 @@ SAMPLES_PER_PIECE = 8
 NEAREST_SAMPLES = 2
 MAX_NEWTON_STEPS = 30
 NEWTON_STEP_TOLERANCE = 1e-15
-# Tolerances of a formula's polynomials: error in pieces, gap between them, per extent; error of derivatives, per size.
+# Tolerances of the polynomials of a formula: error in pieces and gap between them, per extent; error of derivatives,
+# per size.
 FORMULA_ERROR, CLOSING_ERROR, DERIVATIVE_ERROR = 1e-14, 1e-12, 1e-5
 FORMULA_CHECKS = np.array([0.11, 0.31, 0.57, 0.83])  # where on each piece the error is measured
 FEWEST_PIECES, MOST_PIECES = 64, 4096
@@ -85,8 +86,8 @@ class BoundaryCurve:
             formulas.
         coefficients: (d + 1, M, 3) of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
         corners: (M,) bool, at which vertices Γ′ jumps; elsewhere splines are d − 1 times continuously differentiable.
-        slopes: coefficients of Γ′ if a formula is given for it: differentiation would lose three digits.
-        at_points: (M,) bool, which pieces start at points of the loop; None for all. The others divide long edges.
+        slopes: coefficients of Γ′ if a formula is given for it, because differentiation would lose three digits.
+        at_points: (M,) bool, whether a piece starts at a point of the loop; None for all. The others divide long edges.
     """
 
     kind: CurveKind
@@ -104,15 +105,15 @@ class BoundaryCurve:
     def from_loop(cls, loop: BoundaryLoop) -> BoundaryCurve:
         """The interpolating curve through all points of a loop.
 
-        Without corners it is the candidate with the least cross-validation error:
+        Without corners it is one of these, with the least cross-validation error:
 
         - the trigonometric polynomial, for uniform samples of an analytic curve;
         - an analytic curve with arc-length parameters, for up to 256 points;
         - a periodic spline of degree 3, 5 or 7, for points that are less smooth.
 
         With corners it is a not-a-knot spline from each corner to the next (from a single corner back to itself),
-        cubic, or of degree 5 or 7 on sides of 16 points and more where that predicts points better; a side of two edges
-        is a parabola, of one edge a straight line.
+        cubic, or of degree 5 or 7 on sides of 16 points and more if that predicts points better. A side of two edges is
+        a parabola, a side of one edge a straight line.
 
         Raises:
             RepeatedPointError: two neighbouring points of the loop are equal.
@@ -223,7 +224,7 @@ class BoundaryCurve:
 
     @property
     def is_formula(self) -> bool:
-        """Whether Γ is given by formulas, so that all its points are given, not only those of a loop."""
+        """Whether Γ is given by formulas, and not only at the points of a loop."""
         return self.slopes is not None
 
     @property
@@ -292,13 +293,13 @@ class BoundaryCurve:
         """Parameter in [0, 1) of the point of Γ nearest to each point, (N,).
 
         Newton's method minimises the distance, to rounding, on the parts of Γ on both sides of the two nearest of 8
-        samples per piece. Where two parts of Γ are equally near, up to the spacing of the samples, either may be
+        samples per piece. If two parts of Γ are equally near, up to the spacing of the samples, one of them is
         returned.
         """
         tree, parameters = self._samples
         _, found = tree.query(points, k=NEAREST_SAMPLES)
         starts = np.stack([found, found - 1], axis=-1).reshape(len(points), 2 * NEAREST_SAMPLES) % len(parameters)
-        # the end of a part is excluded: at a corner Γ′ there is that of the next part
+        # the end of a part is excluded, because at a corner Γ′ is that of the next part
         low, high = parameters[starts], np.nextafter(np.append(parameters[1:], 1.0), 0.0)[starts]
         s = (low + high) / 2
         for _ in range(MAX_NEWTON_STEPS):
@@ -324,7 +325,7 @@ class BoundaryCurve:
 def _reversed(coefficients: Coefficients, breaks: Breaks) -> Coefficients:
     """Coefficients of the pieces with the opposite direction, in reversed order."""
     shifted, widths = coefficients.copy(), np.diff(breaks)[:, None]
-    # Taylor shift to the end of each piece by synthetic division: SciPy's BPoly loses three more digits
+    # Taylor shift to the end of each piece by synthetic division; SciPy's BPoly loses three more digits
     for last in range(len(shifted), 1, -1):
         for k in range(1, last):
             shifted[k] += shifted[k - 1] * widths
@@ -333,7 +334,7 @@ def _reversed(coefficients: Coefficients, breaks: Breaks) -> Coefficients:
 
 
 def _formula_breaks(curve: ClosedCurve, pieces: int) -> tuple[Breaks, Bool[np.ndarray, " m"]]:
-    """Breaks of at least so many pieces, one at each corner and joint, and a mask of the breaks at corners."""
+    """Breaks of at least `pieces` pieces, one at each corner and joint, and a mask of the breaks at corners."""
     ends = np.unique(np.mod([0.0, *curve.corners, *curve.joints], 1.0))
     sides = pairwise([*ends.tolist(), 1.0])
     starts = [np.linspace(a, b, math.ceil((b - a) * pieces), endpoint=False) for a, b in sides]

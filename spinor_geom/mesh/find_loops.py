@@ -2,7 +2,7 @@
 
 Faces are first joined into sheets, which on a manifold mesh end at the edges with one face. Duplicate faces and faces
 that use a vertex twice are ignored, the faces of a non-manifold edge are joined in pairs, and the orientation of faces
-is not used; each loop reports the defects of the faces beside it.
+is not used. Each loop has remarks on the defects of the faces beside it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 Points = Float[np.ndarray, "n 3"]
 
 SOUP_FRACTION = 0.5
-_MOST_FACES = 16  # most faces of an edge that are joined in pairs, as all pairs are compared
+_MOST_FACES = 16  # largest number of faces of an edge that are joined in pairs, because all pairs are compared
 
 
 def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> list[BoundaryLoop]:
@@ -185,7 +185,7 @@ class Sheets:
         return cls(half_edges=half_edges, face_ids=face_ids, twin=twin, copies=copies, degenerate=degenerate)
 
     def unclosed(self, faces: Int[np.ndarray, "f 3"], count: int) -> Bool[np.ndarray, " {count}"]:
-        """The vertices of all edges without exactly two of the mesh's faces of opposite directions, (count,) bool.
+        """The vertices of all edges that do not have exactly two faces of opposite directions, (count,) bool.
 
         All vertices of the ignored faces are among them.
         """
@@ -267,7 +267,7 @@ def _inward_directions(start: Points, end: Points, apex: Points) -> Points:
 
 
 class _FaceDefects:
-    """Reports the defects of the faces of a mesh for each loop."""
+    """The defects of the faces of a mesh, and sentences on those at a loop."""
 
     def __init__(self, faces: Int[np.ndarray, "f 3"], sheets: Sheets) -> None:
         self._faces, self._sheets, half_edges = faces, sheets, sheets.half_edges

@@ -29,13 +29,13 @@ ARC_NODES = 6
 # 1e-10 the predictions are equally good; below, the equations become too ill-conditioned.
 SPECTRAL_FALL = 1e-8
 RIDGE = 1e-13  # relative regularisation of these equations, for points that are close together
-# Errors of analytic curves are by leaving out one point, those of splines by leaving out every second one. For fewer
-# points than this, the error of an analytic curve is required to be smaller in proportion.
+# Errors of analytic curves are estimated by leaving out one point, those of splines by leaving out every second one.
+# For fewer points than this, the error of an analytic curve must be smaller in proportion.
 SURE_POINTS = 40
 ROUNDING = 1e-14  # relative to the extent: smaller errors count as equal
-AS_GOOD = 1.1  # factor by which the error of uniform parameters, cheaper to solve, may exceed that of arc length
+AS_GOOD = 1.1  # factor by which the error for uniform parameters, which take less time, may exceed that for arc length
 EQUAL = 1e-9  # deviation from uniform parameters, in steps, that counts as rounding
-MOST_DENSE = 256  # most points for arc length, a dense solve; for more points splines are as accurate
+MOST_DENSE = 256  # most points for arc length, which needs a dense solve; for more points splines are as accurate
 MOST_UNEVEN = 40.0  # largest ratio of two edges of an analytic curve
 SAMPLES_OF_LONG_EDGE = 8
 ANALYTIC_DEGREE = 11  # of the pieces of an analytic curve
@@ -255,7 +255,7 @@ def through(values: Float[np.ndarray, "*b d1 m k"], width: Float[np.ndarray, " m
     """Coefficients of the polynomials with given values at the `piece_places` of pieces of given widths."""
     to_chebyshev, to_powers = _from_values()
     local = (values - values[..., :1, :, :]).reshape(*values.shape[:-2], values.shape[-1] * len(width))
-    # in two steps: the product of the matrices has larger rounding errors
+    # in two steps, because the product of the matrices has larger rounding errors
     powers = to_powers @ (to_chebyshev @ local)
     scale = width[:, None] ** np.arange(ANALYTIC_DEGREE, -1, -1)[:, None, None]
     coefficients = powers.reshape(values.shape) / scale
@@ -266,7 +266,7 @@ def through(values: Float[np.ndarray, "*b d1 m k"], width: Float[np.ndarray, " m
 def trigonometric_coefficients(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b d1 m 3"]:
     """Coefficients of the pieces of trigonometric polynomials through points at uniform parameters."""
     m = points.shape[-2]
-    # along the last axis: half the time
+    # along the last axis, which takes half the time
     spectrum = np.fft.rfft(points.swapaxes(-1, -2))[..., None, :, :]
     turn = np.exp(2j * np.pi / m * np.arange(spectrum.shape[-1]) * piece_places()[:, None, None])
     values = np.fft.irfft(turn * spectrum, n=m).swapaxes(-1, -2)
@@ -280,9 +280,9 @@ def _analytic(
     """The analytic curves, by index, whose leave-one-out RMS error is less than `errors`.
 
     For uniform samples of an analytic curve it is the trigonometric polynomial. Otherwise, with arc-length parameters,
-    it is the interpolant of least norm in the Hilbert space of the Poisson kernel, whose harmonics decay geometrically:
-    it is close to the trigonometric polynomial where points are almost evenly spaced, and does not oscillate where they
-    are not.
+    it is the interpolant of least norm in the Hilbert space of the Poisson kernel, whose harmonics decay geometrically.
+    It is close to the trigonometric polynomial if points are almost evenly spaced, and does not oscillate if they are
+    not.
 
     Source: Dubrule, "Cross validation of kriging in a unique neighborhood" (1983), for the points left out.
     """
@@ -297,7 +297,7 @@ def _analytic(
     for i in np.flatnonzero(is_uneven & (allowed > 0) & (even > rounding)).tolist() if m <= MOST_DENSE else ():
         weights, factor = _poisson(points[i], arcs[i])
         if _left_out(weights, factor) < min(allowed[i], even[i] / AS_GOOD):
-            # this curve's own arcs are more accurate than those of the cubic spline
+            # the arc lengths of this curve are more accurate than those of the cubic spline
             own = _arc_shares(arcs[i], _poisson_coefficients(points[i], arcs[i], weights))
             weights, _ = _poisson(points[i], own)
             found[i] = Pieces("analytic", own, _poisson_coefficients(points[i], own, weights))
@@ -326,7 +326,7 @@ def poisson_kernels(
 ) -> list[Float[np.ndarray, "*pts j"]]:
     """The Poisson kernel Σ_k q^|k| exp 2πik(t − s) at t for places s, q^(m/2) = `SPECTRAL_FALL`, and its derivatives.
 
-    `order`, at most 2, is the number of derivatives by t.
+    `order`, at most 2, is the number of derivatives in t.
     """
     q = SPECTRAL_FALL ** (2 / m)
     here, there = (np.stack([np.cos(2 * np.pi * x), np.sin(2 * np.pi * x)], axis=-1) for x in (t, places))
@@ -351,7 +351,7 @@ def _poisson(points: Vertices, breaks: Breaks) -> tuple[Vertices, Float[np.ndarr
     m, t = len(points), breaks[:-1]
     (matrix,) = poisson_kernels(t, t, m)
     matrix.flat[:: m + 1] *= 1 + RIDGE
-    # LAPACK directly: the checks of scipy.linalg take as long as the work
+    # LAPACK directly, because the checks of scipy.linalg take as long as the computation
     factor, weights, is_singular = dposv(matrix, points - points.mean(axis=0))
     return weights, None if is_singular else factor
 

@@ -66,7 +66,7 @@ def intersections_between(
         return np.zeros((0, 2), dtype=np.int64)
     corners, indices = igl_arrays(vertices, faces)
     other_corners, other_indices = igl_arrays(other_vertices, other_faces)
-    if len(faces) > len(other_faces):  # igl builds a tree over the first mesh, which costs more than a query
+    if len(faces) > len(other_faces):  # igl builds a tree over the first mesh, which takes longer than a query
         _, pairs, _ = igl.predicates.find_intersections(other_corners, other_indices, corners, indices)
         pairs = pairs[:, ::-1].astype(np.int64)
     else:
@@ -147,7 +147,8 @@ def sorted_pairs(pairs: Pairs) -> Pairs:
 def _neighbours_not_separated(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Pairs:
     """Pairs of different faces with common vertices that are not clearly separated.
 
-    Faces around a vertex that form a graph there, or of which one lies on one side of the plane of the other, are.
+    Faces are separated if the faces around their vertex form a graph, or if one is on one side of the plane of the
+    other.
     """
     corners = np.ravel(faces)
     folded = np.flatnonzero(~_are_graphs(vertices, faces)[corners])
@@ -297,9 +298,9 @@ def _turn(a: Float[np.ndarray, "k 2"], b: Float[np.ndarray, "k 2"], c: Float[np.
 
 
 def is_star(points: Float[np.ndarray, "*b m 3"]) -> Bool[np.ndarray, "*b"]:
-    """Whether polygons are star-shaped about their centroids, projected along their vector areas, and so simple.
+    """Whether polygons, projected along their vector areas, are star-shaped about their centroids, and thus simple.
 
-    Most boundary loops are, and this test is many times as fast as the general one.
+    This holds for most boundary loops, and the test is many times as fast as the general one.
     """
     spokes = points - points.mean(axis=-2, keepdims=True)
     doubled = cross(spokes, shifted(spokes, -1, axis=-2))

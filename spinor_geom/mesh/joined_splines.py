@@ -16,7 +16,7 @@ from spinor_geom.mesh.curve import MAX_NEWTON_STEPS, NEWTON_STEP_TOLERANCE, SMOO
 from spinor_geom.mesh.interpolation import piece_places, through
 from spinor_geom.mesh.rational_splines import NurbsCurve, homogeneous
 
-# Relative error of the polynomials that interpolate the speed; it makes s uneven, points stay on the splines.
+# Relative error of the polynomials that interpolate the speed; it affects s only, all points are on the splines.
 SPEED_ERROR = 1e-12
 MOST_PARTS = 256  # of a span between two knots, for that error
 CHECKS = np.array([0.13, 0.47, 0.81])  # where on each part the error is measured
@@ -113,13 +113,15 @@ class JoinedSplines:
             parts *= 2
             if parts > MOST_PARTS:
                 worst = float(at.flat[int(error.argmax())])
-                raise CurveError(reason="has a point where its spline stands still", parameter=worst / self._end)
+                raise CurveError(
+                    reason="has a point where the derivative of its spline is 0", parameter=worst / self._end
+                )
 
     def _speed(self, t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
         return np.asarray(np.linalg.norm(self._derivatives(t, 1)[1], axis=-1))
 
     def _derivatives(self, t: Float[np.ndarray, "*pts"], order: int) -> list[Float[np.ndarray, "*pts 3"]]:
-        """The point relative to `origin` and its derivatives by t, up to an order of at most 2."""
+        """The point relative to `origin` and its derivatives in t, up to an order of at most 2."""
         values = [self.spline(t, nu) for nu in range(order + 1)]
         weight = [value[..., 3:] for value in values]
         found: list[Float[np.ndarray, "*pts 3"]] = []

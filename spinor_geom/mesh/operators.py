@@ -37,9 +37,9 @@ def cotangent_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
 
 
 def mollified_edge_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray, "f 3"]:
-    """Lengths of the edges opposite to the corners of faces, (F, 3), increased where a face is degenerate.
+    """Lengths of the edges opposite to the corners of faces, (F, 3), increased for degenerate faces.
 
-    Where two sides of a face exceed the third by less than a millionth of the longest, all three are increased by the
+    If two sides of a face exceed the third by less than a millionth of the longest, all three are increased by the
     difference. The Laplacian of these lengths is finite and positive semidefinite for any faces.
 
     Source: Sharp & Crane (2020), "A Laplacian for nonmanifold triangle meshes", for mollified lengths.
@@ -144,7 +144,7 @@ class Bending:
         """The bending of a mesh; 0 at unused vertices."""
         n, flat = len(vertices), faces.ravel()
         laplacian = mollified_laplacian(vertices, faces)
-        x = vertices - vertices.mean(axis=0)  # about the origin: the areas are differences of squares
+        x = vertices - vertices.mean(axis=0)  # about the origin, because the areas are differences of squares
         gradient = laplacian @ x
         along = np.einsum("ik,ik->i", x, gradient)
         circumcentric = (2 * along - laplacian @ np.einsum("ik,ik->i", x, x)) / 4

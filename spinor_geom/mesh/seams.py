@@ -21,7 +21,7 @@ SAME_PLACE = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Overlaps:
-    """Which part of each edge of some loops coincides with other edges; edge i runs from entry i to the next one."""
+    """The parts of the edges of loops that coincide with other edges; edge i runs from entry i to the next one."""
 
     own: Float[np.ndarray, " n"]  # share of its length on oppositely directed edges of its own loop
     other: Float[np.ndarray, " n"]  # share of its length on edges of other loops
@@ -46,7 +46,7 @@ def find_overlaps(points: Points, successor: Numbers, loop: Numbers, size: float
     left = np.flatnonzero(~is_matched & (start != end))
     edge, entry, along, height = _points_on_edges(points, successor, left, place, reach)
     own_share, other_share, distance = own.astype(float), other.astype(float), np.maximum(off, off[successor])
-    if not len(edge):  # nearly all loops
+    if not len(edge):  # true for nearly all loops
         return Overlaps(
             own=own_share,
             other=other_share,
@@ -87,7 +87,7 @@ def _shared(start: Numbers, end: Numbers, loop: Numbers) -> tuple[Bool[np.ndarra
     count = int(max(start.max(initial=0), end.max(initial=0))) + 1
     pair = np.minimum(start, end) * count + np.maximum(start, end)
     ordered = np.sort(pair)
-    if (ordered[1:] != ordered[:-1]).all():  # nearly all loops
+    if (ordered[1:] != ordered[:-1]).all():  # true for nearly all loops
         return reversed_, other
     forward, on_edge = start < end, _group_sizes(pair)
     # not edges of length 0

@@ -1,4 +1,4 @@
-"""Detection and division of long edges of closed polygons, much longer than their neighbours."""
+"""Detection and division of edges of closed polygons that are much longer than their neighbours."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,11 +16,11 @@ def graded_spacing(length: Float[np.ndarray, "*b m"]) -> Float[np.ndarray, "*b m
     """Upper bound of the edge length of a graded sampling at each edge of a closed polygon, from the edges' lengths.
 
     The bound is the longest of three successive edges, reduced so that it at most doubles from one edge to the next,
-    and at least twice the median edge. So an edge exceeds it if it is more than four times as long as each of the next
+    and at least twice the median edge. An edge exceeds it if it is more than four times as long as each of the next
     three edges on one side and more than twice as long as the median edge.
     """
     least = LARGEST_GROWTH * median(length)[..., None]
-    if (length <= least).all():  # nearly all polygons
+    if (length <= least).all():  # true for nearly all polygons
         return np.broadcast_to(least, length.shape)
     spacing = _longest_of_three(length)
     step = 1

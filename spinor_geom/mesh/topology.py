@@ -43,7 +43,7 @@ class HalfEdges:
 
     @cached_property
     def counts(self) -> Int[np.ndarray, " edges"]:
-        """How many faces each edge has, (E,) int64."""
+        """Number of faces of each edge, (E,) int64."""
         return np.diff(self.starts)
 
     @cached_property
@@ -81,7 +81,7 @@ class HalfEdges:
 
     @cached_property
     def is_open(self) -> Bool[np.ndarray, " h"]:
-        """Whether the edge of each half-edge has not exactly two faces of opposite directions, (3F,) bool."""
+        """Whether the edge of a half-edge does not have exactly two faces of opposite directions, (3F,) bool."""
         return np.asarray((self.twin < 0) | (self.origin == self.origin[self.twin]))
 
     @property
@@ -111,7 +111,7 @@ def is_watertight_with(
 ) -> bool:
     """`is_watertight` of the faces of a mesh and added ones, whose vertices may be new.
 
-    `unclosed` has the vertices of all edges without exactly two faces of opposite directions, and maybe others.
+    `unclosed` contains the vertices of all edges that do not have exactly two faces of opposite directions.
     """
     counts = np.zeros(max(len(unclosed), int(added.max(initial=-1)) + 1), dtype=bool)
     counts[: len(unclosed)] = unclosed

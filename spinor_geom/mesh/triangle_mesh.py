@@ -24,8 +24,8 @@ SMALLEST_EXTENT, LARGEST_EXTENT = 1e-70, 1e70  # fourth powers of lengths must n
 class TriangleMesh(Shown):
     """A triangle mesh in space with vertex attributes; arrays become read-only copies.
 
-    Faces are counter-clockwise seen from the side of their normals. Vertices and faces are checked one by one;
-    `find_boundary_loops` reports inconsistent faces beside a loop. Unused vertices are allowed.
+    Faces are counter-clockwise seen from the side of their normals. The arrays are checked; inconsistent faces beside a
+    loop are reported by `find_boundary_loops`. Unused vertices are allowed.
 
     Attributes:
         vertices: (V, 3) float64 positions, in mesh units.
@@ -85,7 +85,7 @@ class TriangleMesh(Shown):
             The merged mesh, and for every old vertex its index in the merged mesh, (V,) int64.
 
         Raises:
-            MeshExtentError: distances of the vertices are too large or too small to compute with.
+            MeshExtentError: distances of the vertices are too large or too small for floating-point numbers.
         """
         kept, new_index = self.merge_map(within)
         attributes = {name: values[kept] for name, values in self.vertex_attributes.items()}

@@ -37,8 +37,8 @@ class Patch(Shown):
 
     Attributes:
         vertices: Positions in mesh units; the loops' points come first, in order and bit for bit.
-        faces: Counter-clockwise in Ω and so about the surface's normal, except beside long edges that were split in Ω;
-            the boundary follows the loops.
+        faces: Counter-clockwise in Ω and about the surface's normal, except beside long edges that were split in Ω. The
+            boundary half-edges have the direction of the loops.
         boundary_size: Number M of loop points, of all loops together.
         points: Positions of the vertices in Ω.
         hole_sizes: Numbers of points of the loops after the first.
@@ -79,9 +79,9 @@ class Patch(Shown):
     def relaxed(self) -> DiscreteMinimalSurface:
         """The discrete minimal surface near this mesh, with the same triangles and zero discrete mean curvature.
 
-        On the exact surface the discrete mean curvature at a vertex is about 4 % of the principal curvatures, however
-        small the triangles: the cotangent formula converges pointwise only on regular triangles. Removing it moves
-        vertices off the exact surface by about 0.5 % of an edge, or 10 % if the surface is nearly unstable.
+        On the exact surface the discrete mean curvature at a vertex is about 4 % of the principal curvatures, for
+        triangles of any size: the cotangent formula converges pointwise only on regular triangles. The vertices of the
+        result are about 0.5 % of an edge off the exact surface, or 10 % if the surface is nearly unstable.
 
         Source: Xu (2004), "Discrete Laplace–Beltrami operators and their convergence", CAGD 21, for the formula's
         pointwise error.
@@ -92,10 +92,9 @@ class Patch(Shown):
 def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["auto"] = "auto") -> Patch:
     """Meshes a solved minimal surface; the points of its loops are the boundary vertices, bit for bit.
 
-    The surface's domain is triangulated with edges of about target/λ, near the boundary as long as the loop's own
-    edges; the inner vertices are on the exact surface. The boundary vertices deviate from it by the boundary residual
-    of the solution. Where chords between the loop's points in Ω cross or leave Ω, inner vertices are inserted beside
-    these edges.
+    Ω is triangulated with edges of about target/λ, and near the boundary as long as the edges of the loop. The inner
+    vertices are on the exact surface. The boundary vertices deviate from it by the boundary residual of the solution.
+    If chords between the loop's points in Ω cross or leave Ω, inner vertices are inserted beside these edges.
 
     Args:
         solution: A solved Plateau problem.
@@ -105,17 +104,17 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
         ArgumentTypeError: `solution` is not a PlateauSolution.
         OptionError: The edge length is neither "auto" nor positive and finite.
         TooManyPointsError: The edge length requires too many vertices.
-        DomainError: The loop's points in Ω do not form a simple polygon, or the surface is not finite inside it.
+        DomainError: The loop's points in Ω are not a simple polygon, or the surface is not finite inside it.
     """
-    takes = "a PlateauSolution, which solve_plateau returns (mesh_surface meshes a bare SpinorSurface)"
+    takes = "a PlateauSolution, which solve_plateau returns (mesh_surface meshes a SpinorSurface)"
     require_type(solution, PlateauSolution, function="mesh_patch", takes=takes)
-    # the order of sums, and so the patch, depends on the number of threads
+    # the order of sums, and therefore the rounding, depends on the number of threads
     with one_thread():
         whole = _piece(solution, target_edge_length)
         try:
             plane = triangulate_piece(whole)
             if not is_unit_disk(solution.domain) and len(edges_far_from_arcs(solution.domain, plane)):
-                raise DomainError("the chords between the loop's points in the domain run far outside it")
+                raise DomainError("the chords between the loop's points in the plane domain run far outside it")
             return _patch(solution, plane)
         except DomainError:
             plane = triangulated_with_split_edges(
@@ -189,8 +188,8 @@ def _rim(surface: ArraySurface, boundary: Boundary, target: float) -> Complex[np
 def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target: float) -> Patch:
     """A harmonic patch over the same loop, on a domain with given interior angles, in radians, at the loop's points.
 
-    The domain has about the loop's edge lengths. The excess of the angles over those of a closed polygon is distributed
-    over its length; an overlapping domain is straightened with the patch's metric.
+    The edges of the domain have about the lengths of the loop's edges. The excess of the angles over those of a closed
+    polygon is distributed over its length. A domain that overlaps itself is straightened with the metric of the patch.
 
     Raises:
         DomainError: An angle is not finite, or no simple domain was found.

@@ -1,7 +1,7 @@
 """Remeshing of patches in space, without a plane domain: edges are split, collapsed and flipped, vertices moved.
 
-The rims' vertices and edges are kept. Edges get about the wanted lengths, and angles are increased: edges are flipped
-where that increases the smallest angle of their two triangles, inner vertices move along the surface.
+Vertices and edges of the rims are kept. Edges get about the wanted lengths, and angles are increased: edges are flipped
+if that increases the smallest angle of their two triangles, and inner vertices move along the surface.
 
 Source: Botsch & Kobbelt, "A remeshing approach to multiresolution modeling", Symposium on Geometry Processing (2004).
 """
@@ -34,9 +34,9 @@ _MOST_SPLITS = 30  # rounds of splits
 _FLIPS_BETWEEN = 2
 _MOST_FLIPS, _LEAST_GAIN = 50, 1e-3  # rounds of flips, and the smallest increase of an angle
 _GOOD_ANGLE = np.radians(25.0)  # triangles without smaller angles are kept
-# a vertex of a poor triangle is tried at eight places around it, at these multiples of the wanted length
+# a vertex of a poor triangle is tried at eight positions around it, at these multiples of the requested edge length
 _POLISHING, _AROUND = (0.3, 0.3, 0.15, 0.15, 0.08, 0.08), np.exp(2j * np.pi * np.arange(8) / 8)
-_CORRECTIONS = 10  # of a smoothing that turns triangles over
+_CORRECTIONS = 10  # largest number of corrections of a smoothing that turns triangles over
 
 Positions = Float[np.ndarray, "n 3"]
 Faces = Int[np.ndarray, "f 3"]
@@ -78,14 +78,14 @@ def remesh(patch: Patch, target: float, taken: Int[np.ndarray, "e 2"]) -> Patch:
 def remesh_region(
     patch: Patch, region: Bool[np.ndarray, " f"], target: float, taken: Int[np.ndarray, "e 2"], enough: float
 ) -> tuple[Patch, Int[np.ndarray, " f"]]:
-    """Remeshes a region of a patch within its outline, as little as possible: only poor triangles' vertices move.
+    """Remeshes a region of a patch within its outline; only vertices of poor triangles move.
 
     Args:
         patch: over one loop or several.
         region: which faces may be replaced.
         target: edge length away from the rims, in mesh units.
         taken: pairs of boundary vertices that must not be joined by an inner edge.
-        enough: angle that is not increased further, in radians.
+        enough: smallest angle that is not increased further, in radians.
 
     Returns:
         The patch, and for each old face its new number, −1 if it was in the region.
@@ -134,7 +134,7 @@ def _points_at(patch: Patch, faces: Faces, positions: Positions) -> Complex[np.n
 
 
 class _Mesh:
-    """The mesh that is changed; its first `rim` vertices are kept. Unused ones of these may remain."""
+    """The mesh that is changed. Its first `rim` vertices are kept, even without faces."""
 
     def __init__(
         self,
@@ -151,7 +151,7 @@ class _Mesh:
         self._changed = np.ones(len(self.faces), dtype=bool)  # faces whose edges may have to be flipped
 
     def split(self) -> None:
-        """Halves inner edges that are too long, chords that cut off small angles, and those that must not be there."""
+        """Halves inner edges that are too long, chords with small angles, and chords that are edges elsewhere."""
         for _ in range(_MOST_SPLITS):
             half_edges = HalfEdges.of(self.faces)
             sides = half_edges.pairs
@@ -159,7 +159,7 @@ class _Mesh:
             length = np.linalg.norm(self.vertices[ends[:, 1]] - self.vertices[ends[:, 0]], axis=1)
             longest = length.reshape(-1, 3).max(axis=1)[sides // 3].max(axis=1)
             ends = ends[sides[:, 0]]
-            # beside a longer edge of the rim halves of other edges would be too long again
+            # only the longest edges of both triangles: next to a longer rim edge, the halves would be too long again
             excess = np.where(length[sides[:, 0]] < longest, 0.0, self._relative_length(ends))
             excess[self._has_edges(self._taken, ends) | self._are_thin_chords(sides, ends)] = np.inf
             sides, ends, excess = (each[excess > _LONGEST] for each in (sides, ends, excess))
@@ -177,12 +177,12 @@ class _Mesh:
             self.faces = np.concatenate([self.faces, second])
             self._changed[face] = True
             self._changed = np.append(self._changed, np.ones(len(second), dtype=bool))
-            self.flip(_FLIPS_BETWEEN)  # halves of thin triangles would have to be halved very often
+            self.flip(_FLIPS_BETWEEN)  # without flips, thin triangles would be halved very often
 
     def _are_thin_chords(self, sides: Int[np.ndarray, "e 2"], ends: Int[np.ndarray, "e 2"]) -> Bool[np.ndarray, " e"]:
-        """Which inner edges between two vertices of the rims have a small angle at one of them.
+        """Whether an inner edge between two rim vertices has a small angle at one of them.
 
-        An edge opposite to a small angle is none of them: halving it would halve this angle.
+        False for an edge opposite to a small angle: halving it would halve this angle.
         """
         angles = np.nan_to_num(internal_angles(self.vertices, self.faces))
         face, corner = np.divmod(sides, 3)
@@ -217,7 +217,7 @@ class _Mesh:
         self._changed = np.ones(len(self.faces), dtype=bool)
 
     def _collapsed(self, edges: Int[np.ndarray, "k 2"]) -> tuple[Positions, Faces]:
-        """The mesh with edges collapsed to their middles, or to their vertices on a rim; two faces of each are flat."""
+        """The mesh with edges collapsed to their midpoints, or to their rim vertices; the faces at them get no area."""
         vertices, number = self.vertices.copy(), np.arange(len(self.vertices))
         number[edges[:, 1]] = edges[:, 0]
         inner = edges[edges[:, 0] >= self.rim]
@@ -225,7 +225,7 @@ class _Mesh:
         return vertices, number[self.faces]
 
     def _are_good_collapses(self, edges: Int[np.ndarray, "k 2"]) -> Bool[np.ndarray, " k"]:
-        """Whether the triangles around edges far from each other stay good when these are collapsed."""
+        """Whether the triangles around an edge stay good if it is collapsed; the edges must be far from each other."""
         vertices, faces = self._collapsed(edges)
         left = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
         turned = _turned(self.vertices, self.faces[left], vertices, faces[left])
@@ -263,7 +263,7 @@ class _Mesh:
             self.faces[sides[ids] // 3] = new[ids]
 
     def smooth(self) -> None:
-        """Moves inner vertices, in their tangent planes, to the mean of the triangles around them, of even density."""
+        """Moves inner vertices, in their tangent planes, to the weighted mean of the triangles around them."""
         x, faces, count = self.vertices, self.faces, len(self.vertices)
         weights = np.repeat(face_areas(x, faces) / self._sizes[faces].mean(axis=1) ** 2, 3)
         total = np.maximum(np.bincount(faces.ravel(), weights, count), np.finfo(np.float64).tiny)
@@ -283,9 +283,9 @@ class _Mesh:
             step[faces[wrong]] = 0
 
     def polish(self) -> None:
-        """Moves single vertices of triangles with small angles to where the smallest angle around them is larger."""
+        """Moves single vertices of triangles with small angles if that increases the smallest angle around them."""
         enough = min(self._enough, _GOOD_ANGLE)
-        # small steps first where less is enough, so that vertices move no farther than they have to
+        # small steps first if a smaller angle is enough, so that vertices move less
         for share in _POLISHING if enough == _GOOD_ANGLE else _POLISHING[::-1]:
             x, faces = self.vertices, self.faces
             least = _least_angles(x, faces)
@@ -310,7 +310,7 @@ class _Mesh:
             self.vertices = best
 
     def _relative_length(self, edges: Int[np.ndarray, "e 2"]) -> Float[np.ndarray, " e"]:
-        """Lengths of edges by the wanted ones."""
+        """Ratios of edge lengths to the wanted ones."""
         ends = self.vertices[edges]
         return np.asarray(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / self._sizes[edges].mean(axis=1))
 
@@ -321,7 +321,7 @@ class _Mesh:
     def _independent(
         self, groups: Int[np.ndarray, "k c"], priority: Float[np.ndarray, " k"], *, rings: int = 0
     ) -> Bool[np.ndarray, " k"]:
-        """Which groups of vertices have the highest priority of all that share a vertex or are within some rings."""
+        """Whether a group of vertices has the highest priority of all groups within some rings around it."""
         rank = np.empty(len(groups), dtype=np.int64)
         rank[np.argsort(priority, kind="stable")] = np.arange(1, len(groups) + 1)
         best = np.zeros(len(self.vertices), dtype=np.int64)
@@ -332,7 +332,7 @@ class _Mesh:
 
 
 def _graded_size(patch: Patch, target: float) -> Size:
-    """Wanted edge lengths: `target`, near the rims the lengths of their edges; bounded as by `SizeField`."""
+    """The requested edge lengths: `target`, and near the rims the lengths of their edges, bounded as by `SizeField`."""
     m = patch.boundary_size
     rim, after = patch.vertices[:m], rim_successors(patch.rims)
     edge = np.linalg.norm(rim[after] - rim, axis=1)
@@ -376,7 +376,7 @@ def _turned(old: Positions, old_faces: Faces, new: Positions, new_faces: Faces) 
 def _is_sharper(
     vertices: Positions, old: Int[np.ndarray, "k 2 3"], new: Int[np.ndarray, "k 2 3"]
 ) -> Bool[np.ndarray, " k"]:
-    """Whether pairs of faces are turned over by a flip, or bend by more than 60° and more than before."""
+    """Whether a flip turns a pair of faces over, or bends it by more than 60° and more than before."""
     (a, b), (c, d) = (face_normals(vertices, f.reshape(-1, 3)).reshape(-1, 2, 3).swapaxes(0, 1) for f in (old, new))
     bend = [np.einsum("kd,kd->k", *pair) for pair in ((a, b), (c, d))]
     mean = a + b

@@ -1,8 +1,8 @@
 """Triangulations of Ω between the loop's points where chords cross: long edges are split.
 
-Ω is bounded by arcs. The chord of a long arc may cross other chords, or run far outside Ω, where p and q have poles.
-Such an edge is divided at points near its arc, inside Ω; the polygon through them is triangulated, and a fan of
-triangles fills the gap to the edge.
+The pieces of ∂Ω between the images of neighbouring points are curved. The chord of a long piece may cross other chords,
+or run far outside Ω, where p and q have poles. Such an edge is divided at points near the piece, inside Ω. The polygon
+through them is triangulated, and a fan of triangles fills the gap to the edge.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from spinor_geom.plateau.rim_match import RimMatch
 
 _ROUNDS = 6  # of halving edges
 _SAME = 1e-12  # largest distance of equal points, per size of Ω
-_FAR_OUTSIDE = 0.1  # distance from Ω per edge; the nearest poles are about an edge outside
+_FAR_OUTSIDE = 0.1  # distance from Ω in edge lengths; the nearest poles are about one edge length outside
 
 Polygons = Sequence[Complex[np.ndarray, "_"]]
 Triangulate = Callable[[Polygons], PlaneTriangulation]
@@ -56,7 +56,9 @@ def _is_polygon(domain: PlaneDomain, vertices: Complex[np.ndarray, " m"]) -> boo
 def triangulated_with_split_edges(
     rims: Sequence[RimMatch], domain: PlaneDomain, triangulate: Triangulate
 ) -> PlaneTriangulation:
-    """A triangulation of Ω whose boundary vertices are the loops' points; faces at split edges may be clockwise.
+    """A triangulation of Ω whose boundary vertices are the images of the loops' points.
+
+    Faces at split edges may be clockwise.
 
     Raises:
         DomainError: the boundary is not simple even with split edges.
@@ -96,7 +98,7 @@ def _divided(rim: RimMatch, own: Complex[np.ndarray, " m"], parts: Int[np.ndarra
 
 
 def _crossing(polygons: Polygons) -> Int[np.ndarray, " e"]:
-    """The longer edge of each pair of crossing edges, or else the longest edge of all."""
+    """The longer edge of each pair of crossing edges; if none cross, the longest edge of all."""
     first = np.cumsum([0, *map(len, polygons[:-1])])
     pairs = [crossing_edges(polygon) + start for polygon, start in zip(polygons, first, strict=True)]
     flat = [flat_coordinates(polygon) for polygon in polygons]

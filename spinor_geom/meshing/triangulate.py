@@ -83,7 +83,7 @@ def size_field(piece: Piece) -> SizeField:
 
 
 def _bounded_factor(factor: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """λ where it is finite and not nearly 0, as at branch points."""
+    """λ with its median where it is not finite, and bounded from below, as it is 0 at branch points."""
     finite = np.isfinite(factor)
     usual = median(factor[finite]) if finite.any() else 1.0
     return np.asarray(np.maximum(np.where(finite, factor, usual), max(SMALLEST_STRETCH * usual, TINY)))

@@ -52,7 +52,7 @@ class Blocks:
     def of(cls, domain: PlaneDomain, rims: Sequence[Rim]) -> Blocks:
         """Quadrilaterals with corners at all corners of ∂Ω, whose sides on ∂Ω are halved until none is folded.
 
-        Raises a DomainError if Ω is too narrow somewhere, or the boundary of the surface runs back and forth along Γ.
+        Raises a DomainError if a part of Ω is too narrow, or the boundary of the surface runs back and forth along Γ.
         """
         rings = [_Ring.along(domain, rim) for rim in rims]
         for _ in range(_ROUNDS):
@@ -64,8 +64,8 @@ class Blocks:
             rings = [ring.improved(domain, some) for ring, some in zip(rings, folded, strict=True)]
         else:
             raise DomainError(
-                "the plane domain cannot be divided into quadrilaterals: it is too narrow somewhere, or the surface "
-                "misses its curve by too much; solve with a smaller tolerance"
+                "the plane domain cannot be divided into quadrilaterals: a part of it is too narrow, or the surface is "
+                "too far from its curve; solve with a smaller tolerance"
             )
         rings = _shortened(domain, rings)
         while (found := _filled(rings)) is None:

@@ -58,7 +58,7 @@ class NurbsDeviations:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NurbsSurface:
-    """A minimal surface as B-spline patches that meet in equal curves, for CAD.
+    """A minimal surface as B-spline patches for CAD; neighbouring patches have equal curves along their common side.
 
     Neighbouring patches have the same control points along the side that they share, bit for bit. Within a patch the
     surface is smooth; across seams the normals agree up to `deviations.normals`. The rims are the given curves, up to
@@ -73,7 +73,7 @@ class NurbsSurface:
         tolerance: given to `to_nurbs`, relative to `deviations.diagonal`.
         converged: whether the patches and the displacement of the rims are within the tolerance, and the solution has
             converged.
-        reason: one sentence on what was reached.
+        reason: the accuracy that was reached, in one sentence.
     """
 
     patches: tuple[NurbsPatch, ...]
@@ -98,14 +98,14 @@ class NurbsSurface:
         of the solution are polynomials. The rim is the surface's boundary itself; the tolerance is rounding error.
 
         Raises:
-            OptionError: p and q are not given as power series on a disk, or their degree is above 5, since CAD takes
-                patches up to degree 25.
+            OptionError: p and q are not given as power series on a disk, or their degree is above 5 (CAD systems
+                support patches up to degree 25).
         """
         disk = PolynomialDisk.of(surface)
         if disk is None or not disk.is_representable:
-            what = "no polynomials on a disk" if disk is None else f"polynomials of degree {(disk.degree - 1) // 2}"
+            what = "not polynomials on a disk" if disk is None else f"polynomials of degree {(disk.degree - 1) // 2}"
             raise OptionError(
-                f"p and q of this surface are {what}, and exact patches take polynomials up to degree 5 on a disk; "
+                f"p and q of this surface are {what}, and exact patches need polynomials of degree up to 5 on a disk; "
                 "solve_plateau(curve).to_nurbs() approximates the surface over its boundary curve"
             )
         rim = surface.position(surface.domain.boundary.point(np.arange(_AROUND) / _AROUND))
@@ -185,14 +185,14 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
     within = fit.error <= tolerance * diagonal
     reason = f"interpolation error {reached}"
     if not solution.converged:
-        reason = f"{reason}, but the minimal surface misses its curve: {solution.reason}"
+        reason = f"{reason}, but the solution has not converged: {solution.reason}"
     elif moved > tolerance * diagonal:
         reason = (
             f"{reason}, but the rims are moved by the boundary residual of the solution, {moved / diagonal:.1e} of the "
             f"diagonal, above the tolerance {tolerance:.1e}: solve with a smaller tolerance"
         )
     elif not within:
-        reason = f"{reason}, above the tolerance {tolerance:.1e}: more control points are not tried"
+        reason = f"{reason}, above the tolerance {tolerance:.1e}: more control points were not tried"
     return NurbsSurface(
         patches=patches,
         seams=seams,
@@ -211,7 +211,7 @@ def _rims(sizes: Sequence[int]) -> tuple[tuple[tuple[int, int], ...], ...]:
 
 
 def _exact(disk: PolynomialDisk, diagonal: float, missed: float, tolerance: float) -> NurbsSurface:
-    """The exact patches of a disk whose boundary misses the given curve by at most `missed`."""
+    """The exact patches of a disk whose boundary is at most `missed` from the given curve."""
     mesh = QuadMesh(quads=QUADS, ring=4)
     patches, error = disk.patches()
     nets = [homogeneous(patch.control_points, patch.weights) for patch in patches]

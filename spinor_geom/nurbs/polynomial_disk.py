@@ -1,4 +1,4 @@
-"""Exact patches where p and q are polynomials on a disk, by rational maps from the unit square to parts of the disk."""
+"""Exact patches if p and q are polynomials on a disk, by rational maps from the unit square to parts of the disk."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from spinor_geom.mesh.rational_splines import NurbsPatch
 from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.formulas import null_vector
 
-_HIGHEST = 25  # highest degree that Open CASCADE takes
+_HIGHEST = 25  # highest degree that Open CASCADE supports
 _NEGLIGIBLE = 1e-13  # largest sum of neglected coefficients of p and q, relative to the largest one
 _HALF = 0.5**0.5  # cos 45°; the weights of a quarter of a circle are 1, cos 45°, 1
 _CHECKS = np.linspace(0, 1, 8)  # parameters where the error is measured
@@ -59,7 +59,7 @@ class PolynomialDisk:
 
     @property
     def is_representable(self) -> bool:
-        """Whether CAD takes patches of this degree."""
+        """Whether CAD systems support patches of this degree."""
         return 2 * self.degree <= _HIGHEST
 
     def patches(self) -> tuple[list[NurbsPatch], float]:

@@ -13,7 +13,7 @@ LEAST_SINE = 0.1  # least sine of the angles of quadrilaterals
 
 
 def cut_open(inner: Complex[np.ndarray, " n"], sizes: Rims) -> Int[np.ndarray, " m"]:
-    """One closed polygon along all rims, with cuts between nearest corners of different rims, as indices of corners.
+    """Indices of the corners of one closed polygon along all rims, connected by cuts between their nearest corners.
 
     It begins at the end of a cut, if there are cuts.
     """
@@ -62,7 +62,7 @@ def quadrangulated(z: Complex[np.ndarray, " m"], sides: Int[np.ndarray, "s 2"]) 
     cost, between = np.full((m, m), np.inf), np.zeros((m, m, 2), dtype=np.int64)
     start, end = sides[sides[:, 1] > 0].T
     cost[start, end] = 0.0
-    every = 2 if len(sides) == m else 1  # without joins, chords have an even number of corners on both sides
+    every = 2 if len(sides) == m else 1  # without joins, both sides of a chord have an even number of corners
     for width in range(3, m, every):
         i = np.arange(m - width)[:, None]
         # third and fourth corners of all quadrilaterals on the chords from i to i + width

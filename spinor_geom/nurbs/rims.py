@@ -37,8 +37,8 @@ _EXACT, _LEAST = 1e3, 1e-5  # weight of the end of a side in the fit; least coef
 class Rim:
     """A boundary of Ω as a curve z(x), where x is the parameter s of Γ except beside opened corners.
 
-    By s, positions on ∂Ω are as smooth as Γ; by the parameter t of ∂Ω, equal steps may be very uneven in space. At
-    opened corners (`domain.opening`) s grows like a power of the distance in Ω. On sides that end there s is a
+    As functions of s, positions on ∂Ω are as smooth as Γ; equal steps of the parameter t of ∂Ω may be uneven in space.
+    At opened corners (`domain.opening`) s grows like a power of the distance in Ω. On sides that end there s is a
     polynomial of x, so that the surface is smooth in x too.
     """
 
@@ -55,7 +55,7 @@ class Rim:
         primitives = [_primitive(surface, boundary, accuracy) for boundary in domain.boundaries]
         is_inner = domain.root >= domain.triangulation.boundary_size
         if is_inner and not (domain.holes or surface.has_closed_positions):
-            # by Cauchy's formula, as at inner points: paths from there to ∂Ω would come near poles
+            # by Cauchy's formula, as at inner points, because paths from there to ∂Ω would be close to poles
             starts = to_numpy(surface.constant) - primitives[0].inside(np.array([surface.root])).real
         else:
             starts = surface.position(np.array([match.boundary.point(np.zeros(())) for match in solution.rims]))
@@ -157,7 +157,7 @@ class Rim:
     def _sides(
         self, s: Float[np.ndarray, " n"]
     ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, "#n 3"]]:
-        """Which points are corners; for all, parameters of the corners of ∂Ω before and after, and the shift of Γ."""
+        """Whether points are corners; parameters of the corners of ∂Ω before and after them; the shift of Γ there."""
         if not len(self.corners):
             return np.zeros(len(s), dtype=bool), np.full(len(s), -np.inf), np.full(len(s), np.inf), np.zeros((1, 3))
         ends = np.append(self.corners, self.corners[0] + 1)

@@ -39,11 +39,11 @@ class _Side:
 class Samples:
     """A surface whose rims are moved to the given curves.
 
-    The surface misses Γ by the boundary residual. So that the rim is Γ, points of a ring are moved: by the difference
-    on ∂Ω, by 0 at the inner side, and smoothly between (`_extended`).
+    The distance of the surface from Γ is the boundary residual. To make Γ the rim, points of a ring are moved: by the
+    difference on ∂Ω, by 0 at the inner side, and by a smooth function in between (`_extended`).
 
-    Where positions have no closed form, ∫ φ dz over a disk with a smooth boundary is a polynomial on each quadrilateral
-    through values by Cauchy's formula. Where ∂Ω is not smooth or Ω has holes, positions in a ring are integrals of φ
+    If positions have no closed form, ∫ φ dz over a disk with a smooth boundary is a polynomial on each quadrilateral
+    through values by Cauchy's formula. If ∂Ω is not smooth or Ω has holes, positions in a ring are integrals of φ
     along straight lines from ∂Ω. Those inside a disk follow from Cauchy's formula, with the same nodes on ∂Ω for all.
     """
 
@@ -112,7 +112,7 @@ class Samples:
         return found
 
     def _pieces(self, quad: int, breaks: Breaks) -> Breaks:
-        """Ends of pieces of integrals from a rim: more if it has corners, where φ varies over short distances."""
+        """Ends of the pieces of integrals from a rim; more if it has corners, where φ varies over short distances."""
         if not self.rims[self.blocks.rim_of(quad)].boundary.corners.any():
             return breaks
         return (0.0, *(breaks[1] * _TOWARDS_RIM).tolist(), *breaks[1:])

@@ -47,7 +47,7 @@ class SmoothPrimitive:
         return None
 
     def at(self, t: Float[np.ndarray, " m"]) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"]]:
-        """Displacements Re ∫ φ dz from the first node to parameters in [0, 1), and their derivatives by t."""
+        """Displacements Re ∫ φ dz from the first node to parameters in [0, 1), and their derivatives in t."""
         spline, slope = self._splines
         return np.asarray(spline(t)), np.asarray(slope(t))
 

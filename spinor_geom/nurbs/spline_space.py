@@ -23,7 +23,7 @@ class SplineSpace:
     @classmethod
     @lru_cache(maxsize=256)
     def on(cls, degree: int, breaks: tuple[float, ...]) -> SplineSpace:
-        """The same object for equal arguments, so that its nodes and matrices are computed once."""
+        """The space; for equal arguments the same object, so that its nodes and matrices are computed once."""
         return cls(degree, breaks)
 
     @property

@@ -1,4 +1,4 @@
-"""Interpolation on strips of quadrilaterals, whose common knots are refined until it is accurate."""
+"""Interpolation on strips of quadrilaterals; the common knots of a strip are refined until it is accurate."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class _Values:
     """Positions of a patch at its nodes, and its largest error.
 
     `along_u` and `along_v` have, halfway between nodes in u and in v, the largest errors that exceed the displacement
-    of the rim; 0 where none does.
+    of the rim, and 0 elsewhere.
     """
 
     at_nodes: Values
@@ -228,7 +228,7 @@ class _Sampled:
     def inaccurate(
         self, strip: Int[np.ndarray, "q 2"], against: Bool[np.ndarray, "q 2"], breaks: Sequence[Breaks], allowed: float
     ) -> list[Bool[np.ndarray, " _"]]:
-        """Which pieces of each strip have an error above the allowed one and above the displacement of the rim."""
+        """Whether the error of each piece is above the allowed one and above the displacement of the rim, by strips."""
         chosen = [np.zeros(len(own) - 1, dtype=bool) for own in breaks]
         for quad, pair in enumerate(self.spaces):
             u, v = pair

@@ -1,6 +1,6 @@
 """Plateau's problem for one or several boundary loops: the solver, its solutions and their checks.
 
-A solve goes through these modules, in this order:
+A solve uses these modules, in this order:
 
 - `solve`: the public functions
 - `problem`: `PlateauProblem` (loops scaled to unit size, curves Γ through them, options) and the type `Route`
@@ -8,7 +8,7 @@ A solve goes through these modules, in this order:
 - the routes, each from a problem to a `RouteResult`:
   `plane_route` (plane loops), `harmonic` (Douglas's method for loops without corners), `vertices` (through the points
   of rough loops), `network` (Cauchy networks, also for corners), `rims` (several loops)
-- `misfit`: the distance between boundary and Γ, defined once for all routes
+- `misfit`: the distance between boundary and Γ, with one definition for all routes
 - `solution`: the surface in the caller's coordinates, with `evidence` computed on first use
 - `disk_search`: disks of less area near unstable ones, and the search for all disks of a loop
 

@@ -1,4 +1,4 @@
-"""Properties of surfaces between several rims, and the surfaces over some of them."""
+"""Properties of surfaces between several rims, and surfaces over fewer of the rims."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class RimDisks:
     def partitions(self) -> dict[Partition, float]:
         """Total areas of surfaces of fewer rims each that together bound all rims, by partition.
 
-        For up to four rims these are all partitions that have surfaces. For more rims, whose partitions are too many,
-        they are all disks, and each disk with a surface over the other rims.
+        For up to four rims these are all partitions that have surfaces. For more rims there are too many partitions;
+        these are then all disks, and each disk with a surface over the other rims.
         """
         if self.all is None:
             return {}
@@ -86,10 +86,11 @@ class Annulus:
     Attributes:
         modulus: logarithm of the ratio of the radii of the round annulus that Ω is conformal to; for m ≥ 3 rims the
             mean modulus 2πm/T, with T the sum of the capacities of the rims, each against all others. None if the
-            solver did not need it.
+            route does not compute it.
         antiperiodic: for each hole of Ω, whether p and q change sign around it.
-        period: the largest |Re ∮ φ dz| around a hole, in mesh units: the gap of the surface there.
-        backward: for each given loop, whether it runs against the boundary of the surface; never the first of two.
+        period: the largest |Re ∮ φ dz| around a hole, in mesh units: the closing error of the surface there.
+        backward: for each given loop, whether its direction is opposite to that of the surface's boundary; false for
+            the first of two.
         order: the numbers of the given loops in the order of the rims.
         rim_disks: the minimal disks over the loops.
     """
@@ -112,7 +113,7 @@ class Annulus:
 
     @property
     def reversed(self) -> bool:
-        """Whether some given loops run with the boundary of the surface and some against it."""
+        """Whether some but not all of the given loops have the direction of the surface's boundary."""
         return len(set(self.backward)) > 1
 
     @property

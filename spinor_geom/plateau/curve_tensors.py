@@ -1,4 +1,4 @@
-"""Boundary curves in the place of a solve: points and derivatives of many curves at once."""
+"""Boundary curves as arrays of a solve (numpy or torch): points and derivatives of many curves at once."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurveTensors:
-    """A piecewise polynomial curve as arrays in one place, or a padded batch of curves."""
+    """A piecewise polynomial curve as arrays of one `Place`, or a padded batch of curves."""
 
     breaks: Float[Array, "*batch m1"]  # in [0, 1], padded with 2
     coefficients: Float[Array, "d1 *batch m 3"]  # highest power first, padded with 0
@@ -24,7 +24,7 @@ class CurveTensors:
 
     @classmethod
     def of(cls, curve: BoundaryCurve, place: Place) -> CurveTensors:
-        """The curve in a place."""
+        """The curve as arrays of a place."""
         return cls(
             breaks=place.put(curve.breaks),
             coefficients=place.put(curve.coefficients),
@@ -108,7 +108,7 @@ class CurveTensors:
         return point, first
 
     def local_edge(self, s: Float[Array, "*pts"]) -> Float[Array, "*pts"]:
-        """Mean length of an edge and its two neighbours, at each parameter; a single tiny edge hardly changes it."""
+        """Mean length of an edge and its two neighbours, at each parameter; it depends little on a single tiny edge."""
         return _taken(self._local_edges.reshape(-1), self._piece(s - namespace(s).floor(s)))
 
     @cached_property

@@ -33,14 +33,14 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.stability import AMPLITUDES, lowest_modes
 from spinor_geom.plateau.steps import Steps
 
-_GROWTH = 0.1  # growth of triangles inwards; in coarser meshes the area may not decrease where that of the surface does
-# RMS difference of the normals along Γ, in radians, up to which disks of equal area are the same: a minimal surface is
-# determined by its normal along a curve. Twins over the tennis seam a = 0.76 differ by 0.18, one disk found twice by
-# 3e-4.
+_GROWTH = 0.1  # growth of triangles inwards; in coarser meshes the area may not decrease although the surface's does
+# RMS difference of the normals along Γ, in radians, below which disks of equal area are the same: a minimal surface is
+# determined by its normal along a curve. The mirror images over the tennis seam a = 0.76 differ by 0.18, two solutions
+# for the same disk by 3e-4.
 _SAME_NORMAL = 0.1
 _MOST_STARTS = 24  # largest number of starts, and of unstable disks in a row; three disks take 5 starts
 
-# A solver: the solution from a discrete disk over the loop. It raises one of `FAILURES` where there is none.
+# A solver: the solution from a discrete disk over the loop. It raises one of `FAILURES` if there is none.
 Solve: TypeAlias = Callable[[Disk], PlateauSolution]
 
 
@@ -112,8 +112,8 @@ def replace_unstable(
 ) -> PlateauSolution:
     """Replaces an unstable surface by surfaces of less area until one is stable; `reason` reports them.
 
-    `lower` returns a surface of less area than an unstable one, or None; `where` says where it searches, as the end of
-    a sentence.
+    `lower` returns a surface of less area than an unstable one, or None; `where` describes its search, as the end of a
+    sentence.
     """
     replaced: list[float] = []  # areas
     end = ""
@@ -140,7 +140,7 @@ def replace_unstable(
 
 
 def lower_beside(solution: PlateauSolution, rim: ThinnedLoop, solve: Solve, steps: Steps) -> PlateauSolution | None:
-    """The first disk found of less area than an unstable one, no farther from Γ; None if no start leads to one.
+    """A disk of less area than an unstable one that is no farther from Γ; None if no start leads to one.
 
     The unstable disk is displaced along an eigenvector of its second variation to the least area; area descent from
     there gives the discrete disk from which the solver starts.
@@ -193,7 +193,7 @@ def find_disks(rim: ThinnedLoop, solve: Solve) -> tuple[PlateauSolution, ...]:
 
 @dataclass(kw_only=True, eq=False)
 class _Entry:
-    """A disk, its normals at the rim's points, and whether its unstable directions were searched."""
+    """A disk, its normals at the rim's points, and whether starts from its unstable directions were tried."""
 
     solution: PlateauSolution
     normals: Float[np.ndarray, "m 3"]
@@ -282,7 +282,7 @@ class _Search:
     def result(self) -> tuple[PlateauSolution, ...]:
         """The solutions by area."""
         different: list[_Entry] = []
-        # compared again, smallest residual first: poor fits of one disk may have been kept as different disks
+        # compared again, smallest residual first, because poor fits of one disk may count as different disks
         for entry in sorted(self.entries, key=lambda entry: entry.residual):
             if not any(self._are_one(entry, other) for other in different):
                 different.append(entry)
@@ -331,7 +331,7 @@ def _beside(
             pass
         else:
             yield _disk(descent.vertices, mesh)
-    # large amplitudes: from small ones Newton's method returns to the old disk
+    # large amplitudes, because from small ones Newton's method returns to the old disk
     for amplitude in AMPLITUDES[:3]:
         yield _disk(x + amplitude * displacement, mesh)
 

@@ -57,7 +57,7 @@ class Evidence:
 
 
 def area_in_domain(surface: ArraySurface) -> float:
-    """Area ∫_Ω λ² dx dy by quadrature over Ω's triangles and the pieces between them and ∂Ω.
+    """Area ∫_Ω λ² dx dy by quadrature over the triangles of Ω and the pieces between them and ∂Ω.
 
     It is independent of `ArraySurface.area`, an integral along ∂Ω. Near rough rims the triangles do not resolve λ.
     """

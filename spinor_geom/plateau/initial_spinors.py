@@ -26,8 +26,8 @@ def lifted_spinors(
     The vertices of the rims come first, in order; `points` are the images of all vertices in Ω. With a point c,
     `branch`, in a hole around which p and q change sign, p/√(z − c) and q/√(z − c) are returned.
 
-    On a ragged boundary neighbouring spinors do not determine the sign. Frames differ less between adjacent faces, so
-    signs are propagated along a minimum spanning tree of the faces.
+    On a ragged boundary the sign of a spinor cannot be determined from its neighbours. Frames of adjacent faces differ
+    less, so signs are propagated along a minimum spanning tree of the faces.
     """
     after = rim_successors(rims)
     boundary, along = points[: len(after)], _faces_along(faces, after)
@@ -42,7 +42,7 @@ def lifted_spinors(
     normal = cross(tangent, corner[:, 2] - corner[:, 0])
     spinors = single_valued(lifted_frames(vertices, normal[along], boundary, after), (boundary + boundary[after]) / 2)
     inner = single_valued(phi_from_frames(tangent, normal, step, np.ones(len(faces))), image.mean(axis=1))
-    # face adjacency; that of libigl would start threads
+    # face adjacency, without libigl, which would start threads
     codes = edge_codes(faces, len(points))
     order = codes.argsort()
     shared = np.flatnonzero(np.diff(codes[order]) == 0)

@@ -1,4 +1,4 @@
-"""The distance between a surface's boundary and Γ, defined once for all routes."""
+"""The distance between a surface's boundary and Γ, with one definition for all routes."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _SKIPPED = 1.5
 class Misfit:
     """Distance between a surface's boundary and Γ.
 
-    The mean is weighted by the arc length of Γ or of the boundary, whichever is longer near each point, so that a
-    boundary that skips a part of Γ has a large misfit, like one that departs from Γ.
+    The mean is weighted by the arc length of Γ or of the boundary, whichever is longer near each point. Therefore a
+    boundary that skips a part of Γ has a large misfit too.
     """
 
     rms: float  # root of the mean squared distance

@@ -11,8 +11,8 @@ from spinor_geom.arrays import Array, add_to_diagonal, cholesky, cholesky_solve,
 from spinor_geom.deadline import is_out_of_time
 
 MOST_STEPS = 60  # default limit on Newton steps, and on conjugate gradient steps in each
-# A step may raise the energy up to the maximum of this many last values: in curved valleys of the energy a nonmonotone
-# line search allows longer steps.
+# A step may increase the energy up to the maximum of this number of last values. Such a nonmonotone line search allows
+# longer steps in curved valleys of the energy.
 _REMEMBERED = 6
 # Relative curvature and step length treated as 0, and relative gradient below which changes of the energy are rounding
 # errors. With the root of `ROUNDING` rough curves take 4 % more steps.
@@ -52,8 +52,8 @@ class Energies(Protocol):
     ) -> tuple[Float[Array, "b k"], Bool[Array, " b"]]:
         """Newton's step, and whether the damped Hessian has a direction of negative curvature.
 
-        Newton's equations are solved to the relative residual `forcing`. Without damping the step leads to critical
-        points of any index.
+        Newton's equations are solved to the relative residual `forcing`. Undamped steps converge to critical points of
+        any index.
         """
 
     def stepped(self: E, direction: Float[Array, "b k"], length: float) -> E:
@@ -107,7 +107,7 @@ def stationary(
     lowest[:, -1] = energy
     for steps in itertools.count():
         size = here.size
-        # a small gradient that is no longer halved is rounding error
+        # a small gradient that a step does not halve is rounding error
         at_rounding = (size < SMALL) & (size > xp.min(recent, axis=-1) / 2)
         # the energy changes by rounding errors only
         unchanged = xp.max(energies, axis=-1) - xp.min(energies, axis=-1) < ROUNDING * here.energy
@@ -129,7 +129,7 @@ def stationary(
                 on_step[i](value)
         recent = xp.concat([recent[:, 1:], size[:, None]], axis=1)
         recent[damping != 0] = np.inf
-        # rough loops take many steps; the first ones are solved inexactly
+        # rough loops take many steps; Newton's equations of the first ones are solved less accurately
         forcing = xp.clip(xp.where(falls > 0, xp.sqrt(size), size), max=0.1)
         direction, downwards = here.direction(None if saddles else damping, forcing)
         here, lengths = (

@@ -125,11 +125,11 @@ class Options:
     def require_rims(self, count: int) -> None:
         """Checks that the model supports this number of loops."""
         if count == 1 and self.laurent is not None:
-            raise OptionError("Laurent series need two loops or more; use model='auto' or 'series' for one")
+            raise OptionError("Laurent series need two or more loops; use model='auto' or 'series' for one")
         if count > 1 and self.trainer is not None:
-            raise OptionError("no network is trained between several loops; use model='auto', 'series' or 'cauchy'")
+            raise OptionError("model 'mlp' supports one loop only; use model='auto', 'series' or 'cauchy' for several")
         if count > 2 and not self.is_automatic and not self.is_series:
-            raise OptionError("no Cauchy network is fitted between three loops or more; use model='auto' or 'series'")
+            raise OptionError("Cauchy networks support one or two loops; use model='auto' or 'series' for more")
 
     @property
     def cauchy(self) -> Cauchy:
@@ -160,8 +160,8 @@ class Options:
             )
         if isinstance(optimizer, RMSprop) and optimizer.representation != "spinor":
             raise OptionError(
-                f"a Plateau solution has p and q, not the representation {optimizer.representation!r}; train that with "
-                "spinor_geom.training.train_by_rmsprop"
+                f"solve_plateau supports the representation 'spinor', not {optimizer.representation!r}; use "
+                "spinor_geom.training.train_by_rmsprop for it"
             )
         return optimizer
 

@@ -37,8 +37,8 @@ from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.steps import SPENT, Clock
 from spinor_geom.plateau.vertices.vertex_route import THROUGH_POINTS
 
-# Elongation above which the nodes crowd on the unit disk: the residual is 1e-8 of an edge at 2.4, and above the
-# tolerance at 4.
+# Elongation above which the nodes are too crowded on the unit disk: the residual is 1e-8 of an edge at 2.4, and above
+# the tolerance at 4.
 _DISK_ELONGATION = 2.5
 
 
@@ -89,13 +89,13 @@ def _plan_between(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tuple
     is_free = options.between == "free" and options.model == "auto" and not problem.curve.is_formula
     is_free = is_free and any(map(is_rough, problem.units, problem.curves))
     through = (Route("vertices", lambda _: solver.through_points()),) if is_free else ()
-    # two rims that crowd on circles are noticed with few nodes
+    # the route on circles detects crowded nodes early, with few nodes
     network = (NETWORK,) if len(problem.loops) == 2 else ()
     return (*in_plane, *through, on_circles, *network)
 
 
 def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
-    """Whether the points of a loop without corners do not look like samples of a smooth curve."""
+    """Whether the points of a loop without corners are too rough to be samples of a smooth curve."""
     n = len(loop)
     # Γ overshoots at corners that were removed, for any degree
     if not loop.corners_given and detect_corners(loop.points).any():
@@ -137,12 +137,14 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
         if is_out_of_time() and route is not PLANE:  # PLANE takes no time
             break
         if route is UNFOLDING and best is not None and best.route == "flattened":
-            continue  # it is for loops whose flattening is not simple or not resolved
+            continue  # the unfolding is for loops whose flattening is not simple or not resolved
         try:
             with typed_failures():
                 found = route.solve(problem)
             if not np.isfinite(found.misfit.rms):
-                raise SurfaceError("p and q of a surface overflow, so that its boundary is not finite; scale the loop")
+                raise SurfaceError(
+                    "p and q of the surface overflow, so that its boundary is not finite; scale the loop"
+                )
         except OutOfTimeError:
             break
         except FAILURES as failure:
@@ -169,7 +171,7 @@ def minimal_disk(problem: PlateauProblem, routes: tuple[Route, ...]) -> PlateauS
     if problem.options.is_series:
         where = "among power series; model='auto' searches further"
         solution = replace_unstable(solution, partial(_lower_on_disk, problem), where)
-    # plane disks are stable; disks through points lie next to a discrete minimum; trained ones are kept as they are.
+    # Plane disks are stable, disks through points are close to a discrete minimum, and trained ones are not replaced.
     # The stability of a disk far from Γ does not determine that of disks over Γ.
     elif solution.route in ("disk", "flattened", "unfolded", "network") and solution.converged:
         is_harmonic = problem.options.is_automatic and not problem.loop.corners.any()
@@ -214,7 +216,7 @@ def all_surfaces(problem: PlateauProblem) -> tuple[PlateauSolution, ...]:
             return (_solution((PLANE,), problem),)
     except NoConnectedSurfaceError:
         return ()
-    except DomainError:  # the loop is plane, but Γ crosses itself
+    except DomainError:  # the loop is plane, and Γ crosses itself
         pass
     if problem.is_disk:
 
@@ -238,7 +240,7 @@ def _solution(routes: tuple[Route, ...], problem: PlateauProblem) -> PlateauSolu
 
 
 def _rim_disks(problem: PlateauProblem) -> RimDisks:
-    """Minimal surfaces over each loop and over subsets of the loops, with the given model or "auto"."""
+    """The minimal surfaces over each loop and over subsets of the loops, with the given model or "auto"."""
     options = problem.options if problem.options.laurent is None else replace(problem.options, model="auto")
     return RimDisks(
         count=len(problem.loops), surface_over=partial(_surface_over, problem.loops, problem.curves, options)
@@ -260,7 +262,7 @@ def _surface_over(
         return None
     if not isinstance(solution, PlateauSolution):
         return None
-    # a surface between rims that misses them bounds something else
+    # a surface between rims that is far from them has another boundary
     return solution if part.is_disk or solution.converged else None
 
 
@@ -282,7 +284,7 @@ def _lower_on_disk(problem: PlateauProblem, solution: PlateauSolution) -> Platea
 
 
 def _on_divided_sides(problem: PlateauProblem) -> PlateauSolution:
-    """The disk over a polygon given by its corners alone; the fit needs points on the sides, which are added."""
+    """The disk over a polygon that is given by its corners; points on the sides are added for the fit."""
     loop = problem.loop
     share = np.arange(PARTS_OF_A_SIDE)[:, None] / PARTS_OF_A_SIDE
     points = loop.points[:, None] + share * (shifted(loop.points, -1, axis=0) - loop.points)[:, None]

@@ -1,4 +1,4 @@
-"""Plane loops: the minimal surface is the plane region inside or between them, whatever their shape and corners."""
+"""Plane loops of any shape, with or without corners: the minimal surface is the plane region inside or between them."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,7 +23,10 @@ from spinor_geom.surface.frames import spinors_from_phi
 
 
 def lie_in_plane(loops: Sequence[BoundaryLoop], *, allowed: float) -> bool:
-    """Whether loops are coplanar to rounding error: of float32 if that is `allowed`, a share of the diagonal."""
+    """Whether loops are coplanar to rounding error.
+
+    That of float32 counts if it is at most `allowed`, the allowed distance in diagonals.
+    """
     first, *others = loops
     diagonal, away = first.diagonal, [first.height]
     if others:
@@ -86,9 +89,9 @@ def _region(problem: PlateauProblem, curves: Sequence[BoundaryCurve]) -> RouteRe
             arcs = np.linalg.norm(curve.derivative(t), axis=1) * np.repeat(np.diff(curve.breaks), 4) / 4
             tensors = CurveTensors.of(curve, NUMPY)
             misfits.append(Misfit.from_distances(away, t, arcs, tensors, length=float(arcs.sum())))
-        between = None
+        rims_result = None
         if len(curves) > 1:
-            between = RimsResult(
+            rims_result = RimsResult(
                 order=order,
                 backward=backward,
                 antiperiodic=(False,) * (len(rims) - 1),
@@ -103,7 +106,7 @@ def _region(problem: PlateauProblem, curves: Sequence[BoundaryCurve]) -> RouteRe
             area=float(surface.area()),
             route="plane",
             limit="the distance is rounding error",
-            between=between,
+            rims_result=rims_result,
         )
 
 
@@ -111,15 +114,15 @@ PLANE = Route("plane", plane_region)
 
 
 def lie_beside(loops: Sequence[BoundaryLoop]) -> bool:
-    """Whether loops are coplanar, but not one loop that encloses all others, which lie side by side.
+    """Whether loops are coplanar, but do not bound a plane region: one loop that encloses all others, side by side.
 
-    Then they bound no connected minimal surface, because it would lie in their plane.
+    Such loops bound no connected minimal surface, because it would lie in their plane.
     """
     return lie_in_plane(loops, allowed=np.inf) and _outermost([loop.points for loop in loops], loops[0].plane) is None
 
 
 def _outermost(rims: Sequence[Float[np.ndarray, "_ 3"]], plane: Plane) -> int | None:
-    """Index of the coplanar polygon that encloses all others, which lie side by side; None if there is none."""
+    """Index of the coplanar polygon that encloses all others, which must not enclose each other; None without one."""
     axis = _axis(plane.normal)
     flat = [(points - plane.centroid) @ axis for points in rims]
     areas = [np.imag(np.conj(z) * np.roll(z, -1)).sum() for z in flat]

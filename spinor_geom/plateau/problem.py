@@ -182,7 +182,7 @@ class PlateauProblem:
 
     def solution(self, found: RouteResult, rim_disks: RimDisks | None = None) -> PlateauSolution:
         """The solution in the caller's coordinates; a surface between loops is compared with `rim_disks`."""
-        scale, history, between = self.scale, tuple(self.steps.history), found.between
+        scale, history, rims = self.scale, tuple(self.steps.history), found.rims_result
         misfit = found.misfit.enlarged(scale)
         residual = BoundaryResidual(
             rms=misfit.rms,
@@ -192,15 +192,15 @@ class PlateauProblem:
             diagonal=scale,
         )
         converged, reason = residual.verdict(self.options.tolerance, steps=len(history), limit=found.limit)
-        order, backward = ((0,), (False,)) if between is None else (between.order, between.backward)
+        order, backward = ((0,), (False,)) if rims is None else (rims.order, rims.backward)
         loops = [self.loops[k].reversed() if flip else self.loops[k] for k, flip in zip(order, backward, strict=True)]
         parts = zip(loops, found.curves, found.domain.boundaries, found.matchings, strict=True)
         annulus = None
-        if between is not None and rim_disks is not None:
+        if rims is not None and rim_disks is not None:
             annulus = Annulus(
-                modulus=between.modulus,
-                antiperiodic=between.antiperiodic,
-                period=between.period * scale,
+                modulus=rims.modulus,
+                antiperiodic=rims.antiperiodic,
+                period=rims.period * scale,
                 backward=tuple(flip for _, flip in sorted(zip(order, backward, strict=True))),
                 order=order,
                 rim_disks=rim_disks,
@@ -246,7 +246,7 @@ class Route:
 
 
 def start_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
-    """Indices of the points that bound the first discrete disk: all, or of long loops the corners and even samples."""
+    """Indices of the points that bound the first discrete disk: all, or for long loops the corners and even samples."""
     if len(loop) <= _MOST_START_POINTS:
         return np.arange(len(loop))
     along = np.concatenate([[0.0], np.cumsum(loop.edge_lengths)[:-1]])
@@ -287,7 +287,7 @@ def _single_loop(curve: Any) -> BoundaryLoop | SpinorGeomError:
         return error
     if len(rims) == 1 and isinstance(rims[0], BoundaryLoop):
         return rims[0]
-    return OptionError("a batch takes single loops; use solve_plateau for curves in formulas and for several rims")
+    return OptionError("a batch takes single loops; use solve_plateau for curves given by formulas and several rims")
 
 
 def _error_of(check: Callable[[BoundaryLoop], None], loop: BoundaryLoop) -> SpinorGeomError | None:
@@ -302,7 +302,7 @@ def _error_of(check: Callable[[BoundaryLoop], None], loop: BoundaryLoop) -> Spin
 def _at_unit_size(loops: Sequence[BoundaryLoop]) -> UnitLoops:
     """Loops moved to their common centre and scaled to diagonal 1."""
     lengths = np.array([loop.perimeter for loop in loops])
-    # relative to the first centre, to lose no digits far from the origin
+    # relative to the first centre, so that no digits are lost far from the origin
     first = loops[0].centroid
     centre = first + lengths @ np.stack([loop.centroid - first for loop in loops]) / lengths.sum()
     scale = _diagonal(np.concatenate([loop.points for loop in loops]))
@@ -338,7 +338,7 @@ def _require_simple(loop: BoundaryLoop, *, is_formula: bool) -> None:
     except SelfCrossingLoopError as error:
         if not is_formula:
             raise
-        # the edges of its polygon have no names
+        # the user does not know the edges of the polygon
         point = [float(f"{x:.6g}") for x in loop.points[error.fields["edges"][0][0]]]
         raise SelfCrossingCurveError(point=point, **error.fields) from None
 

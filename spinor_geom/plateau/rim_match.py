@@ -32,7 +32,7 @@ class RimMatch:
     matching: Float[np.ndarray, "n 2"]
 
     def __repr__(self) -> str:
-        return f"RimMatch({self.loop!r}, {len(self.matching)} matched places)"
+        return f"RimMatch({self.loop!r}, {len(self.matching)} matched points)"
 
     @cached_property
     def bulge(self) -> float:
@@ -60,7 +60,7 @@ class RimMatch:
     def parameters(self, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Parameters on ∂Ω that correspond to Γ(s), −1 < s < 2."""
         t, s = self.matching.T
-        if np.array_equal(at, s[: len(at)]):  # matched places themselves
+        if np.array_equal(at, s[: len(at)]):  # matched points
             return np.asarray(t[: len(at)])
         # three periods, so that the parameters are not extrapolated; equal s are one knot
         s = np.concatenate([s - 1, s, s + 1])

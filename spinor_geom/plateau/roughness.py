@@ -1,4 +1,4 @@
-"""Roughness of loops, defined once for all routes."""
+"""Roughness of loops, with one definition for all routes."""
 
 import numpy as np
 

@@ -26,10 +26,10 @@ class RimsResult:
     """Properties of a surface between several loops."""
 
     order: tuple[int, ...]  # numbers of the loops in the order of the boundaries of Ω, the outer boundary first
-    backward: tuple[bool, ...]  # in that order: whether the loop runs against the boundary of the surface
+    backward: tuple[bool, ...]  # in that order: whether the loop's direction is opposite to the boundary's
     antiperiodic: tuple[bool, ...]  # for each hole: whether p and q change sign around it
     period: float  # the largest |Re ∮ φ dz| around a hole
-    modulus: float | None = None  # see `capacity_path.mean_modulus`; None where Ω is no circular domain
+    modulus: float | None = None  # see `capacity_path.mean_modulus`; None if Ω is not a circular domain
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,9 +43,9 @@ class RouteResult:
     misfit: Misfit  # distance of the surface's boundary from Γ
     area: float  # ½∮ r·Im(φ dz)
     route: RouteName
-    limit: str  # why the boundary is no nearer to Γ, as the end of a sentence
+    limit: str  # why the distance from Γ was not reduced further, as the end of a sentence
     curvature: Curvature | None = None  # total curvature of the surface, if the route computes it
-    between: RimsResult | None = None  # None for a disk
+    rims_result: RimsResult | None = None  # None for a disk
 
     @property
     def surface(self) -> ArraySurface:

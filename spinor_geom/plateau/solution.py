@@ -42,7 +42,7 @@ class PlateauSolution(Shown):
         domain: Ω.
         boundary_residual: distance of the surface's boundary from Γ, of all rims together.
         area: ½∮ r·Im(φ dz), in squared mesh units.
-        route: how it was found.
+        route: the route that found the surface.
             "plane": the region inside the plane loop is Ω; p and q are constant.
             "disk", "flattened", "unfolded": Douglas's method on the unit disk, or on a smooth domain near a flattened
             discrete disk or the unfolded least-area triangulation; p and q are a power series or Cauchy's formula.
@@ -57,7 +57,7 @@ class PlateauSolution(Shown):
         tolerance: the tolerance of the call: RMS residual in mean edges.
         converged: whether `boundary_residual.rms_per_edge` is within the tolerance, and `max_per_local_edge` within a
             hundred times as much.
-        reason: one sentence: why the solver stopped.
+        reason: why the solver stopped, in one sentence.
         evidence: the surface and its checks, computed on first use.
         annulus: properties of a surface over several rims; None for disks.
     """
@@ -100,7 +100,7 @@ class PlateauSolution(Shown):
 
     @property
     def area_in_domain(self) -> float:
-        """The area by quadrature in Ω: a check of `area` for smooth rims; over rough ones it is off by percents."""
+        """The area by quadrature in Ω: a check of `area` for smooth rims. Over rough ones its error is some percent."""
         return self.evidence.area_in_domain
 
     @property
@@ -113,12 +113,12 @@ class PlateauSolution(Shown):
 
     @cached_property
     def area_gradient(self) -> tuple[Float[np.ndarray, "_ 3"], ...]:
-        """Derivative of the area by the points of each given loop, in mesh units per point; computed on first use.
+        """Derivative of the area with respect to the points of each given loop, in mesh units; computed on first use.
 
         When the points move by δP, the area of the minimal surface changes by Σ gradient·δP, to first order. By the
         first variation it is ∮ ν·δΓ ds, ν the outer conormal and δΓ the displacement of the curve through the points.
-        It is exact up to the boundary residual. Kind, degree and corners of the curve are those of this solution: where
-        the choice of `BoundaryCurve.from_loop` changes, the area jumps by about the error of interpolation.
+        It is exact up to the boundary residual. Kind, degree and corners of the curve are those of this solution. Where
+        `BoundaryCurve.from_loop` would choose others, the area jumps by about the error of interpolation.
 
         Raises:
             NotDifferentiableError: Γ is given by a formula, or free between the points (route "vertices").
@@ -177,22 +177,23 @@ class PlateauSolution(Shown):
 
         Ω is divided into quadrilaterals: 5 for a disk over a smooth curve, up to 30 for strongly folded and elongated
         ones, more for curves with many corners, and three for every two points of a ragged rim, or five for long ones.
-        On each the surface is interpolated by splines, in the parameter of Γ along the rims. The rims are Γ itself:
-        within the last patches the surface is moved by its boundary residual.
-        Plane polygons give exact patches of degree 1. Where p and q are polynomials of degree up to 5 on a disk, as for
+        On each the surface is interpolated by splines, in the parameter of Γ along the rims. The outer sides are Γ
+        itself: within the patches at the rims the surface is moved by its boundary residual.
+
+        Plane polygons have exact patches of degree 1. If p and q are polynomials of degree up to 5 on a disk, as for
         Enneper's surface, five rational patches are exact; see `NurbsSurface.of_polynomials`.
 
-        The patches are those of the C0 surface. What `fill_hole(continuity="C1")` makes is a mesh without a NURBS form.
-        At a branch point a patch has no normal.
+        The result of `fill_hole(continuity="C1")` is a mesh and cannot be converted. At a branch point a patch has no
+        normal.
 
         Args:
-            tolerance: largest distance of the patches from the surface, as a share of the diagonal of the largest
-                loop; rims are ten times as near to their curves.
+            tolerance: largest distance of the patches from the surface, in diagonals of the largest loop. That of the
+                outer sides from the curves is a tenth of it.
 
         Returns:
-            A result with `converged=False` and a reason if the tolerance needs too many control points, this solution
-            has not converged, or its boundary residual is above the tolerance. The rims are moved by this residual,
-            and patches are not refined below it.
+            The patches; with `converged=False` and a reason if the tolerance needs too many control points, this
+            solution has not converged, or its boundary residual is above the tolerance. Patches are not refined below
+            this residual.
 
         Raises:
             OptionError: the tolerance is not positive.
@@ -213,7 +214,7 @@ class PlateauSolution(Shown):
             unit: of the curve's coordinates; the file is in millimetres.
 
         Returns:
-            What was written.
+            The patches that were written.
 
         Raises:
             CadFileError, OptionError, DomainError, OSError, MissingPackageError: as `to_nurbs` and `NurbsSurface.save`.
@@ -259,7 +260,7 @@ class NoConnectedSurface:
     Attributes:
         loops: the loops of all rims.
         rim_disks: the minimal surfaces over some of them.
-        reason: one sentence: why there is none.
+        reason: why there is none, in one sentence.
         history: the steps.
         solve_timings: wall time of each stage of the search, in seconds.
     """

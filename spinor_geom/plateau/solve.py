@@ -86,19 +86,19 @@ def solve_plateau(
     of less area is computed from there.
 
     Several curves are solved by Douglas's method on the unit disk with round holes, with p and q as Laurent series. If
-    that takes too many nodes, as for a small hole near the end of an elongated outer curve, a Cauchy network on a
-    flattened annulus is used. Plane curves, one of which encloses all others, bound the plane region between them.
-    Orientation and alignment of the curves minimise the energy; they do not depend on the order of the points. The area
-    is compared with that of the disks: see `PlateauSolution.annulus` and `is_area_minimum`. If the curves are too far
-    apart for a connected surface, `NoConnectedSurface` is returned.
+    that needs too many nodes, as for a small hole near the end of an elongated outer curve, a Cauchy network on a
+    flattened annulus is used. For plane curves, one of which encloses all others, the result is the plane region
+    between them. Orientation and alignment of the curves minimise the energy; they do not depend on the order of the
+    points. The area is compared with that of the disks: see `PlateauSolution.annulus` and `is_area_minimum`. If the
+    curves are too far apart for a connected surface, `NoConnectedSurface` is returned.
 
     Args:
         loop: the curve: a `BoundaryLoop`; (m, 3) points in order; a mesh of any supported type with one boundary loop,
             or its path; or a `ClosedCurve` given by formulas, which is represented by polynomials to rounding error
             (their endpoints are the points of the loop). A sequence of loops, curves or arrays of points for a surface
             between several. A closed edge, a wire, or edges in any order of build123d, CadQuery or OCP, or the path of
-            a STEP, IGES or BREP file: the edges exactly, several closed wires for a surface between them; of faces the
-            free boundary.
+            a STEP, IGES or BREP file: edges are used without approximation, several closed wires for a surface between
+            them; of faces the free boundary is used.
         model: "auto" chooses by the loop. "cauchy" or `Cauchy(...)`: a Cauchy network. "series": power series on the
             unit disk, to rounding error, for smooth loops of small elongation, or Laurent series. `Laurent(...)`: as
             "auto", with a choice of the modulus. "mlp": the paper's complex-valued network, trained.
@@ -111,19 +111,19 @@ def solve_plateau(
             largest distance, in mean lengths of the three nearest edges, must be within a hundred times this value.
         max_iterations: largest number of steps in all; with `all_solutions` from each start; between two curves after
             the first annulus is found. Training is limited by the optimizer's options instead.
-        unstable: what is returned where the surface found is unstable, a critical point of the area but no local
-            minimum. "leave": a surface of less area near it, stable if one is found; `reason` says so. "keep": the
+        unstable: what is returned if the surface found is unstable, a critical point of the area but no local minimum.
+            "leave": a surface of less area near it, stable if one is found; `reason` then mentions it. "keep": the
             unstable surface itself; between several curves `Laurent(modulus=...)` selects it.
         between: how the boundary runs from one point of a loop to the next. "smooth": along `BoundaryCurve`. "free":
             the same if the points lie on a smooth curve; if not, as around most holes of scans, only the points are
-            prescribed. The surface is then the minimal surface through the points nearest to a discrete minimal disk,
-            or for several loops nearest to the surface between averages of them, and Γ is its boundary. That takes
+            prescribed. The surface is then the minimal surface through the points that is nearest to a discrete minimal
+            disk, or for several loops to the surface between averages of them, and Γ is its boundary. That takes
             hundredths of a second for tens of points and seconds for several loops. With a model other than "auto",
-            and for curves given by formulas or edges, "free" is "smooth".
+            and for curves given by formulas or edges, "free" has no effect.
         all_solutions: search for several disks over the loop, as Cauchy networks, or for annuli, as Laurent series,
             unstable ones too; see `find_disks`. It takes several times as long, and may miss some.
-        time_limit: seconds after which the best surface so far is returned; `converged` and `reason` report what it
-            lacks, and with `all_solutions` others may be missing. A step in progress is finished first.
+        time_limit: seconds after which the best surface so far is returned; see its `converged` and `reason`. With
+            `all_solutions`, other surfaces may be missing. A step in progress is finished first.
         device: the torch device where the linear algebra runs, such as "cuda"; the surface is returned there. None for
             numpy, without torch.
         on_iteration: called after each step.
@@ -136,7 +136,7 @@ def solve_plateau(
         OptionError: an unknown model or optimizer, a value out of range, incompatible options, or an argument that is
             not a curve.
         FirstFillError: no discrete disk over the loop was found.
-        DomainError: no simple plane domain was found; with "series", the loop crowds on the disk or has corners.
+        DomainError: no simple plane domain was found; with "series", the loop is too elongated or has corners.
         CurveError: the formulas do not define a smooth closed curve.
         NoEdgesError, OpenWireError, BranchingEdgesError: edges do not form closed curves.
         CadFileError: the file cannot be read.
@@ -162,7 +162,7 @@ def solve_plateau(
     )
     rims = to_rims(loop)
     if not rims:
-        raise OptionError("a surface spans at least one loop, got an empty sequence")
+        raise OptionError("a surface needs at least one boundary loop, got an empty sequence")
     if all_solutions:
         _require_model_for_all(model, is_disk=len(rims) == 1)
     require_positive("time_limit", time_limit, finite=False)
@@ -178,9 +178,9 @@ def _require_model_for_all(model: Model, *, is_disk: bool) -> None:
     if model == "mlp":
         raise OptionError("a network is trained for one disk only; use all_solutions with model='auto'")
     if is_disk and model == "series":
-        raise OptionError("all_solutions looks for disks as Cauchy networks; use it with model='auto' or 'cauchy'")
+        raise OptionError("all_solutions represents disks as Cauchy networks; use it with model='auto' or 'cauchy'")
     if not is_disk and (model == "cauchy" or isinstance(model, Cauchy)):
-        raise OptionError("all_solutions looks for annuli as Laurent series; use it with model='auto' or 'series'")
+        raise OptionError("all_solutions represents annuli as Laurent series; use it with model='auto' or 'series'")
 
 
 def solve_plateau_batch(
@@ -196,8 +196,8 @@ def solve_plateau_batch(
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
     """`solve_plateau` for an iterable of loops, of which a limited number is in memory at a time.
 
-    Loops on the unit disk are solved in batches of equal node count. On the CPU each solution is bitwise independent of
-    the size of the batch.
+    Loops on the unit disk are solved in batches of equal node count. On the CPU each solution is bit for bit that of
+    the loop alone.
 
     Args:
         loops: any number, each as for `solve_plateau`, except curves given by formulas and sequences of curves.

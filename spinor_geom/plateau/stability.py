@@ -108,7 +108,7 @@ def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
         many = fine.smallest_eigenpairs(count)[0][: len(few)]
         # the bounds assume convergence of order 1 at least; the extrapolated value assumes order 2
         low, high = np.sort([many, 2 * many - few], axis=0)
-        # ascending: the first eigenvalue that is not surely below 1 decides about all after it
+        # the first eigenvalue that may be 1 or more; all after it are larger
         index = int(np.argmin(np.append(high < 1, False)))
         if index < len(many) or len(few) < count:
             break
@@ -170,7 +170,7 @@ def _polygon_area(spinors: Complex[Array, "*b n 2"]) -> Float[Array, "*b"]:
 
     It is 2∮ Im(p̄ dp + q̄ dq)/λ for normals that move along great circles.
     """
-    # squared, so that the change of sign of antiperiodic spinors does not count
+    # squared, so that the sign change of antiperiodic spinors has no effect
     xp = namespace(spinors)
     turn = xp.linalg.vecdot(spinors, xp.roll(spinors, -1, axis=-2)) ** 2
     return xp.atan2(turn.imag, turn.real).sum(-1)
@@ -281,7 +281,7 @@ class _Mesh:
         count = min(count, len(inner))
         if not (np.isfinite(s.data).all() and np.isfinite(m.data).all()):
             raise SingularMatrixError(size=len(inner))
-        # as M u = (1/μ) S u: S is definite where faces have area, M need not be
+        # as M u = (1/μ) S u, because S is definite if all faces have area, and M may not be
         try:
             if len(inner) <= 2 * count:
                 inverse, functions = eigh(

@@ -35,7 +35,7 @@ class _Limits:
         self.lock = Lock()
         self.inside = 0
         self.torch_threads = 1
-        self.blas: list[tuple[LibController, int]] = []  # what is limited, and its own number of threads
+        self.blas: list[tuple[LibController, int]] = []  # limited libraries, and their former numbers of threads
         self.own = local()
 
     def enter(self) -> int | None:

@@ -33,7 +33,7 @@ class Camera:
         *,
         aspect: float = 1,
     ) -> Camera:
-        """The camera of a given direction that just shows all points; `aspect` is the picture's width per height."""
+        """The closest camera in a direction that shows all points; `aspect` is the picture's width per height."""
         frame = _frame(direction, up)
         seen = points @ frame.T
         low, high = seen.min(axis=0), seen.max(axis=0)

@@ -36,7 +36,7 @@ _POLE_COLOUR, _SPHERE_COLOUR, _CIRCLE_COLOUR = "#9b3fc4", "#dfe2e6", "#aab0b8"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopViews:
-    """The patch of a loop that was filled with an exact surface, and what the report shows of it."""
+    """The patch of a loop that was filled with an exact surface, and the data of its views in the report."""
 
     outcome: LoopOutcome
     patch: Patch
@@ -132,7 +132,7 @@ def patch_faces(patch: Patch, fields: Mapping[str, Float[np.ndarray, " n"]]) -> 
 
 
 def mean_curvature_field(patch: Patch) -> Float[np.ndarray, " n"]:
-    """|H| at the vertices of a patch, at its boundary that of the nearest inner vertex in Ω; NaN if there is none."""
+    """|H| at the vertices of a patch; boundary vertices have the value of the nearest inner vertex in Ω, or NaN."""
     curvature, points = discrete_mean_curvature(patch.vertices, patch.faces), plane_coordinates(patch.points)
     known = np.isfinite(curvature.values)
     if not known.any():
@@ -187,7 +187,7 @@ def _poles(surface: ArraySurface) -> Complex[np.ndarray, " k"]:
 
 
 def _zeros(surface: ArraySurface) -> list[Complex[np.ndarray, " _"]]:
-    """The zeros of p and those of q in Ω; empty if p or q vanishes on ∂Ω, as on a plane, or zeros were not located."""
+    """The zeros of p and of q in Ω; empty if p or q has zeros on ∂Ω, as on a plane, or zeros were not located."""
     try:
         return [np.array([zero.z for zero in zeros], dtype=np.complex128) for zeros in surface.spinor_zeros()]
     except (UnplacedZerosError, ZeroOnContourError):

@@ -19,7 +19,7 @@ from spinor_geom.surface.array_surface import ArraySurface
 SUFFIXES = (".gif", ".html", ".mp4")
 FRAMES = 72
 _PER_SECOND = 25
-_PAPER = 240  # palette colours with all channels of at least this become white
+_WHITE = 240  # palette colours with all channels of at least this become white
 _SIZE = (640, 640)  # MPEG-4 requires multiples of 16
 
 
@@ -37,7 +37,7 @@ def morph(surface: ArraySurface, path: str | os.PathLike[str], *, frames: int = 
     Raises:
         OptionError: the suffix is not supported, or `frames` is less than 1.
         PeriodError: the surface has no associate family on its domain.
-        MissingPackageError: what draws or encodes an animation is not installed.
+        MissingPackageError: a package that draws or encodes animations is not installed.
         RenderError: the drawing failed.
     """
     target = Path(path)
@@ -55,10 +55,10 @@ def morph(surface: ArraySurface, path: str | os.PathLike[str], *, frames: int = 
 
 
 def checked_suffix(path: Path) -> str:
-    """The suffix of a morph's file, in lower case; checks that the format is known and its packages are installed."""
+    """The suffix of a file for `morph`, in lower case; checks the format and that its packages are installed."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise OptionError(f"{path}: unknown format of a morph; use one of {', '.join(SUFFIXES)}")
+        raise OptionError(f"{path}: unknown format of an animation; use one of {', '.join(SUFFIXES)}")
     if suffix != ".html":
         require("pyvista", extra="render")
     if suffix == ".mp4":
@@ -81,7 +81,7 @@ def _write_gif(pictures: Sequence[Path], path: Path) -> None:
     # one palette for all frames: the surface would flicker with one for each
     palette = frames[0].quantize()
     colours = np.reshape(palette.getpalette() or [], (-1, 3))
-    colours[colours.min(axis=1) >= _PAPER] = 255  # palette colours are means: white would be grey
+    colours[colours.min(axis=1) >= _WHITE] = 255  # palette colours are means: white would be grey
     palette.putpalette(colours.ravel().tolist())
     first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
     first.save(path, save_all=True, append_images=others, duration=1000 // _PER_SECOND, loop=0, optimize=True)

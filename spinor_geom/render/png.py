@@ -75,7 +75,7 @@ def _explanation(fault: FaultError) -> str:
     if "bad X server" in fault.output:
         return "no window was opened: the display cannot be reached; check DISPLAY, or use 'spinor-geom render'"
     if fault.crash == "SIGKILL":
-        return "no picture was drawn: the drawing process was killed, probably for lack of memory; free some"
+        return "no picture was drawn: the drawing process was killed, probably for lack of memory; free memory"
     if fault.crash or any(name in fault.output for name in ("libGL", "EGL", "OpenGL", "OSMesa")):
         advice = "install one (Debian, Ubuntu: apt-get install libgl1 libegl1 libgl1-mesa-dri)"
         if not sys.platform.startswith("linux"):

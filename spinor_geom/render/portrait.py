@@ -98,7 +98,7 @@ def surface_layers(
     """A surface with its Gauss curvature as a field, the image of a square grid in Ω, and the boundary.
 
     The layers have the same vertices, those of the boundary first. With `family` they have the conjugate surface too.
-    It spans the associate family with the surface, φ replaced by e^{iθ}φ, whose members are isometric and have the same
+    Its combinations with the surface are the associate family, φ replaced by e^{iθ}φ: isometric surfaces with the same
     normals and Gauss curvature. Raises a PeriodError if the conjugate surface does not close: ∮ φ dz ≠ 0 around ∂Ω or a
     hole, as around poles of p or q; and a SurfaceError if the surface is not finite on its domain.
     """
@@ -127,14 +127,14 @@ def _require_closed_conjugate(surface: ArraySurface) -> None:
     (rim,) = surface.rim_primitives(surface.order)
     period = rim.at_breaks[-1]
     if not np.abs(period).max() <= _LARGEST_PERIOD * np.abs(rim.at_breaks).max():
-        around = "the domain's boundary, as p or q has a pole inside"
+        around = "the domain's boundary, because p or q has a pole inside"
         raise PeriodError(angle=np.pi / 2, around=around, period=(-period.imag).tolist())
 
 
 def grid_lines(
     z: Complex[np.ndarray, " n"], faces: Int[np.ndarray, "f 3"], values: Float[np.ndarray, "n k"]
 ) -> tuple[Float[np.ndarray, "p k"], Int[np.ndarray, "l 2"]]:
-    """A square grid in Ω, cut by a mesh's edges: values at the cuts by linear interpolation, and segments as pairs."""
+    """A square grid in Ω: interpolated values at its intersections with a mesh's edges, and segments between these."""
     most = GRID_LINES // 2 - 1
     step = max(np.ptp(z.real), np.ptp(z.imag)) / GRID_LINES
     points, edges = np.zeros((0, values.shape[1])), np.zeros((0, 2), dtype=np.int64)

@@ -21,7 +21,7 @@ VIRIDIS = (  # from low to high, perceptually uniform
     *("#22a884", "#44bf70", "#7ad151", "#bddf26", "#fde725"),
 )
 EYE = (1.0, -2.0, 1.3)  # direction from a surface to the eye: in front and above
-_ALONG = 0.999  # cosine from which on a view is along the third axis
+_ALONG = 0.999  # a view counts as along the third axis if the cosine of the angle between them is at least this
 _TURNS = np.linspace(0, 2 * np.pi, 24, endpoint=False).tolist()
 _TAIL = 0.03  # quantile at each end of a colour scale, against outliers
 
@@ -100,7 +100,7 @@ class Scene:
     title: str = ""
     camera: Camera | None = None  # None: see `overview`
     labels: Sequence[tuple[Float[np.ndarray, "3"], str]] = ()  # texts at points, in pictures only
-    scales: Mapping[str, Scale] = field(default_factory=dict)  # by field; replace the default, `Scale.of` the values
+    scales: Mapping[str, Scale] = field(default_factory=dict)  # by field; the default is `Scale.of` the values
     loop_cameras: Mapping[str, Camera] = field(default_factory=dict)  # by the loop selected in the page's panel
     panel: bool = False  # whether the view follows the page's panel; else it shows the first field
     unit: str | None = None  # unit of lengths for a ruler; None: no ruler

@@ -12,7 +12,7 @@ from spinor_geom.render import page
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table of text; cells may have Markdown's `**` around them."""
+    """A table of text; cells may be bold, with Markdown's `**` around them."""
 
     title: str = ""  # The heading; none if empty
     columns: Sequence[str]  # The column names

@@ -196,8 +196,8 @@ class ArraySurface(Shown):
     def periods(self) -> Complex[np.ndarray, "holes 3"]:
         """Periods ∮ φ dz along the boundary of each hole of Ω, clockwise.
 
-        The real part is by how much r changes along a curve around the hole: 0 up to rounding if the surface closes.
-        The imaginary part is the flux, up to its sign the force of surface tension across a curve around the hole.
+        The real part is the change of r along a curve around the hole: 0 up to rounding if the surface closes. The
+        imaginary part is the flux: up to its sign the force of surface tension across a curve around the hole.
         """
         rims = [RimPrimitive.along(boundary, self.null_curve, self.order) for boundary in self.domain.holes]
         return np.array([rim.at_breaks[-1] for rim in rims], dtype=np.complex128).reshape(-1, 3)
@@ -229,9 +229,9 @@ class ArraySurface(Shown):
         return values
 
     def loop_invariant(self, z: Complex[np.ndarray, " n"]) -> Literal[0, 1]:
-        """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
+        """The ℤ₂ invariant of a closed curve in Ω: 1 if the surface's frame along it lifts to SU(2), else 0.
 
-        It is 0 for simple curves, since branch points of spinors are removable. The samples are in order, without the
+        It is 0 for simple curves, because branch points of spinors are removable. The samples are in order, without the
         first at the end. Raises OptionError if the frames of neighbours differ by 90° or more.
         """
         closed = np.asarray(z, dtype=np.complex128)
@@ -290,7 +290,7 @@ class ArraySurface(Shown):
 
     @classmethod
     def load(cls: type[S], path: str | os.PathLike[str]) -> S:
-        """The surface that `save` wrote, bit for bit. Raises StorageError if the file holds none of this version."""
+        """Reads a surface that `save` wrote, bit for bit. Raises StorageError for other files and other versions."""
         return cls(**storage.read(path))
 
     def _evaluate(self, function: Callable[..., Array], *points: Points) -> Points:
@@ -307,7 +307,7 @@ class ArraySurface(Shown):
             return cast(Points, found)
 
     def at(self, place: Place) -> ArraySurface:
-        """The surface with its arrays in another place."""
+        """The surface with its arrays converted to a `Place`."""
         return ArraySurface(self.model.at(place), self.domain, self.constant, spinor_map=self.spinor_map, **self._rule)
 
     @property
@@ -378,7 +378,7 @@ def _anchor_positions(on: ArraySurface, wanted: Int[np.ndarray, " k"]) -> Float[
     steps = integrate(on, place.put(vertices[before[visited]]), place.put(vertices[visited]))
     total = zeros((len(vertices), 3), steps)
     total[place.put(visited)] = steps
-    # each pass doubles the number of edges summed; the root is its own parent and adds 0
+    # each pass doubles the number of summed edges; the root is its own parent and adds 0
     while (before != on.domain.root).any():
         total, before = total + total[place.put(before)], before[before]
     return on.constant + total

@@ -1,8 +1,8 @@
 """Branch points, the zeros of φ, and whether a small change of the surface removes them.
 
-At a common zero of p and q φ has a zero of twice the order. The frame along a small circle around a zero of φ of order
-m turns m + 1 times. For odd m it lifts to SU(2), which it does around no regular point, so no local change removes
-the branch point. The zeros of φ of spinors have even order m only.
+At a common zero of p and q, φ has a zero of twice the order. The frame along a small circle around a zero of φ of order
+m turns m + 1 times. For odd m it lifts to SU(2). Around a regular point it does not, so no local change can remove the
+branch point. For spinors, the zeros of φ have even order m.
 
 Source: Sun & Chern (2026), theorems on removable branch points and on the existence of p and q.
 """

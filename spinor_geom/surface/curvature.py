@@ -31,7 +31,7 @@ def mean_curvature(position: Position, x: Float[Tensor, " n"], y: Float[Tensor, 
         return derivative
 
     with warnings.catch_warnings():
-        # torch compiles some rules of forward mode on first use, by a function that it has itself deprecated
+        # torch compiles some rules of forward mode on first use, by a function that is deprecated in torch
         warnings.filterwarnings("ignore", message=".*torch.jit.script", category=DeprecationWarning)
         r_x, r_xx, *_ = jvp(slope, (x, y), along_x)
         r_xy = jvp(slope, (x, y), along_y)[1]

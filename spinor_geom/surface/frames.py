@@ -50,9 +50,9 @@ def spinors_from_phi(
 ) -> tuple[Complex[Array, "*batch n"], Complex[Array, "*batch n"]]:
     """Spinors p, q at the samples of a curve, with signs that make them continuous along the sequence.
 
-    One is the root of the larger of p² = (φ₁ + iφ₂)/2 and q² = −(φ₁ − iφ₂)/2, the other follows from φ₃ = 2pq: no
-    division by a small number. The first sample has the principal root. φ has to be null and not 0; between samples
-    whose frames differ by a rotation of 180° the sign is ambiguous.
+    One is the root of the larger of p² = (φ₁ + iφ₂)/2 and q² = −(φ₁ − iφ₂)/2, the other follows from φ₃ = 2pq without a
+    division by a small number. The first sample has the principal root. φ must be null and not 0. Between samples whose
+    frames differ by a rotation of 180° the sign is ambiguous.
     """
     require_complex(phi=phi)
     p_squared = (phi[..., 0] + 1j * phi[..., 1]) / 2
@@ -71,7 +71,7 @@ def signs_close_up(p: Complex[Array, "*batch n"], q: Complex[Array, "*batch n"])
 
 
 def loop_invariant(phi: Complex[Array, "n 3"], direction_in_omega: Complex[Array, " n"]) -> Literal[0, 1]:
-    """The ℤ₂ invariant of a closed curve in Ω: 1 where the surface's frame along it lifts to SU(2), else 0.
+    """The ℤ₂ invariant of a closed curve in Ω: 1 if the surface's frame along it lifts to SU(2), else 0.
 
     The frame is the curve's unit tangent, the surface's normal, and their cross product. Around a circle in an immersed
     disk it turns once, and does not lift; around a zero of φ of order m it turns m + 1 times. Raises an OptionError if

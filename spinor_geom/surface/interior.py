@@ -1,4 +1,4 @@
-"""Integrals of φ to points inside Ω by Cauchy's formula on ∂Ω; vertices connected to points by segments in Ω."""
+"""Integrals of φ to points inside Ω, by Cauchy's formula on ∂Ω or along segments from vertices."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NullCurve = Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, "n 3"]]  #
 
 # Gauss-Legendre nodes on a panel, and the error of Cauchy's formula
 ORDER, _ERROR = 16, 1e-10
-_SAMPLES = np.linspace(0.0, 1.0, 5)  # where on a panel the distance of the points is measured
+_SAMPLES = np.linspace(0.0, 1.0, 5)  # parameters on a panel at which the distance of the points is measured
 _HALVINGS = 40  # most halvings of a panel: a point may be on ∂Ω up to rounding
 
 
@@ -54,7 +54,7 @@ class RimPrimitive:
         return 0.5 * float(np.einsum("n,nk,nk->", self.panels.weights, self.primitive.real, self.velocity.imag))
 
     def at(self, t: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-        """Displacements Re ∫ φ dz from the start to parameters in [0, 1], and their derivatives by t."""
+        """Displacements Re ∫ φ dz from the start to parameters in [0, 1], and their derivatives in t."""
         order, breaks = self.panels.order, self.panels.breaks
         panel = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, len(breaks) - 2)
         width = np.diff(breaks)[panel]

@@ -32,12 +32,12 @@ class ModelModule(torch.nn.Module):
 
     @property
     def tracked(self) -> ArrayModel:
-        """The model with the parameters and buffers as its arrays; results can be differentiated by them."""
+        """The model with the parameters and buffers as its arrays; its results are differentiable in them."""
         return self._untracked.with_arrays({**self._parameters, **self._buffers})
 
     @property
     def untracked(self) -> ArrayModel:
-        """The model with numpy arrays, which on the CPU share the memory of the parameters."""
+        """The model with numpy arrays, which share the memory of the parameters on the CPU."""
         return self._untracked.with_arrays({n: to_numpy(t) for n, t in {**self._parameters, **self._buffers}.items()})
 
     def __getattr__(self, name: str) -> Any:

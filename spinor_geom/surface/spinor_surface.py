@@ -17,8 +17,8 @@ from spinor_geom.surface.module import ModelModule, as_module
 class SpinorSurface(ArraySurface, torch.nn.Module):
     """An `ArraySurface` whose model and constant can be trained by any torch optimiser.
 
-    The model is copied into a module, unless it is one. Results for tensors can be differentiated by the parameters and
-    by z. Arrays of points are evaluated without torch if the parameters are on the CPU.
+    The model is copied into a module, unless it is one. Results for tensors are differentiable in the parameters and
+    in z. Arrays of points are evaluated without torch if the parameters are on the CPU.
     """
 
     def _set(self, model: Any, constant: Float[Array, "3"], spinor_map: Complex[Array, "2 2"]) -> None:

@@ -64,7 +64,7 @@ def write(surface: ArraySurface, path: str | os.PathLike[str]) -> None:
     plain = {name: _as_real(np.asarray(array, order="C")) for name, array in arrays.items()}
     try:
         with atomic_path(Path(path)) as temporary:
-            # one entry of metadata: several are in random order, and equal surfaces should make equal files
+            # one entry of metadata, because the order of several is random, and equal surfaces should give equal files
             temporary.write_bytes(to_bytes(plain, {"description": json.dumps(description)}))
     except OSError as error:
         raise StorageError(f"{os.fspath(path)}: cannot be written ({error.strerror or error})", path=path) from error
@@ -87,7 +87,7 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
         raise StorageError(f"{name} is not a saved surface: its header has no format {FORMAT!r}", path=name)
     if (version := description.get("version")) != VERSION:
         raise StorageError(
-            f"{name} has format version {version}, this program reads version {VERSION}; "
+            f"{name} has format version {version}, and this program reads version {VERSION}; "
             "read it with the version of spinor-geom that wrote it",
             path=name,
             version=version,

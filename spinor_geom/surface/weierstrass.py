@@ -1,7 +1,7 @@
 """The Weierstrass-Enneper form, r = c + Re ∫ (½f(1 − g²), ½i f(1 + g²), f g) dζ: the paper's baseline.
 
-For any holomorphic f and g, r is minimal. But the Gauss map g has a pole where the normal is e₃, and r has a branch
-point that is not removable where f has a zero of odd order.
+For any holomorphic f and g, r is minimal. However, the Gauss map g has a pole where the normal is e₃, and at a zero of
+odd order of f, r has a branch point that is not removable.
 """
 
 from typing import cast

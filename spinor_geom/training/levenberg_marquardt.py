@@ -39,11 +39,12 @@ from spinor_geom.training.trained import Trained, TrainingStep
 _NEAR, _FAR, _LEAST_DAMPING = 1e-6, 1e-1, 1e-16
 _LESS, _MORE = 0.2, 4.0  # factors of the damping after a good and a bad step
 _PATIENCE, _GAIN = 12, 0.1  # the distance stagnates if this number of steps reduces it by less than this share
-# Points per node at which the distance is measured; nodes are doubled if it is larger than at them by this factor.
-_POINTS_PER_NODE, _BETWEEN = 4, 3.0
+# points per node at which the distance is measured; their number is doubled if the largest distance is more than this
+# multiple of the largest one at the nodes
+_POINTS_PER_NODE, _MOST_BETWEEN_NODES = 4, 3.0
 _MOST_NODES = 512
-# networks deeper than this that start from random parameters have the gain _GAIN_ALONE/depth
-_DEEP, _GAIN_ALONE = 3, 8.0
+# networks deeper than this that start from random parameters have the gain _RANDOM_GAIN/depth
+_DEEP, _RANDOM_GAIN = 3, 8.0
 # shares of the tolerance at which distillation (r is quadratic in p and q) and polishing stop
 _DISTILLED, _POLISHED = 0.1, 0.2
 
@@ -151,7 +152,7 @@ class _Training:
             depth=options.depth,
             width=options.width,
             activation=options.activation,
-            gain=_GAIN_ALONE / options.depth if start is None and options.depth > _DEEP else None,
+            gain=_RANDOM_GAIN / options.depth if start is None and options.depth > _DEEP else None,
             generator=torch.Generator().manual_seed(options.seed),
         ).to(self.device)
         # Γ is scaled to the size of Ω, so that p and q are of size 1
@@ -161,7 +162,7 @@ class _Training:
         self.history: list[TrainingStep] = []
 
     def run(self, matching: Float[np.ndarray, "n 2"]) -> Trained:
-        """Distils and polishes; doubles the nodes while the boundary is farther from Γ between them than at them."""
+        """Distils and polishes; doubles the nodes while the distance from Γ is much larger between nodes."""
         count = self.options.nodes
         while True:
             nodes = BoundaryNodes.on(self.domain, count, self.device)
@@ -176,7 +177,7 @@ class _Training:
             matching = np.column_stack([nodes.t.cpu().numpy(), boundary.slide.cpu().numpy()])
             misfit = self._misfit(matching, len(nodes.t))
             converged = misfit.max <= self.options.tolerance * self.domain.diameter
-            larger_between = misfit.max > _BETWEEN * float(boundary.error.norm(dim=1).max())
+            larger_between = misfit.max > _MOST_BETWEEN_NODES * float(boundary.error.norm(dim=1).max())
             if converged or not larger_between or 2 * count > _MOST_NODES:
                 break
             count *= 2
@@ -196,12 +197,12 @@ class _Training:
         )
 
     def _limit(self, polished: int) -> str:
-        """Why the last polishing, of so many steps, did not come nearer to Γ, as the end of a sentence."""
+        """The reason why polishing ended after this number of steps, as the end of a sentence."""
         if is_out_of_time():
             return "the time limit was reached"
         if polished == self.options.polishing_steps:
             return f"the limit of {polished} polishing steps was reached"
-        return "more steps do not reduce it; a wider network, or more nodes, may"
+        return "more steps do not reduce it; try a wider network or more nodes"
 
     def _distil(self, nodes: BoundaryNodes, start: SpinorSurface) -> None:
         values = torch.as_tensor(start.spinors(nodes.z.cpu().numpy()), device=self.device) * self.scale**0.5
@@ -271,9 +272,9 @@ class Distillation:
 class Polish:
     """The least-squares problem of the distance between a surface's boundary and Γ.
 
-    The residual of a node is its distance from the nearest point of Γ in the two directions normal to Γ. If the
-    parameters `slide` are held, it is the distance from the points at these parameters in all directions; surfaces with
-    random parameters, which are far from Γ, start in this way. The dual system is real, with two equations a node.
+    The residual of a node is its distance from the nearest point of Γ, in the two directions normal to Γ. With `held`,
+    it is the distance from the point of Γ at the parameter in `slide`, in all three directions; surfaces with random
+    parameters, which are far from Γ, start in this way. The dual system is real.
     """
 
     linear: Linearisation
@@ -298,9 +299,9 @@ class Polish:
 
     @cached_property
     def _system(self) -> tuple[Complex[Tensor, "2 m n"], Float[Tensor, "m m"], Float[Tensor, " m"]]:
-        """Derivatives of the residuals by p and q at the nodes (real parts), the kernel, and the negative residuals."""
+        """Derivatives of the residuals in p and q at the nodes (real parts), the kernel, and the negative residuals."""
         nodes, (p, q) = self.nodes, self.linear.value.unbind(-1)
-        # derivatives of φ dz/dt by p and by q
+        # derivatives of φ dz/dt with respect to p and q
         by = torch.stack([torch.stack([2 * p, -2j * p, 2 * q], dim=-1), torch.stack([-2 * q, -2j * q, 2 * p], dim=-1)])
         by = by * nodes.dz[:, None]
         tangent = self.curve.point_and_derivative(self.boundary.slide)[1]

@@ -45,7 +45,7 @@ _DIAGONAL = 2 * math.sqrt(2)  # of the unit circle; the solver's curves are scal
 _COMPARED_POINTS, _SAME_CURVE = 32, 1e-9
 PointsAndVelocities: TypeAlias = tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]  # of a closed curve
 _SIZES, _PIECES = (1, 64, 64, 32, 1), 512  # layers of ρ; pieces of [0, 1] on which it is interpolated linearly
-_FREE = ("epochs", "checkpoint", "checkpoint_every")  # options that may change when training resumes
+_MAY_CHANGE = ("epochs", "checkpoint", "checkpoint_every")  # options that may change when training resumes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -263,8 +263,8 @@ class _Training:
         self.history = [TrainingStep(**step) for step in state["history"]]
 
     def _fixed_options(self) -> dict[str, Any]:
-        """Options that the state depends on."""
-        return {name: value for name, value in asdict(self.options).items() if name not in _FREE}
+        """Options that must not change when training resumes."""
+        return {name: value for name, value in asdict(self.options).items() if name not in _MAY_CHANGE}
 
     def _curve_samples(self) -> Float[Tensor, "k 3"]:
         return torch.tensor(self.gamma[:: _CURVE_POINTS // _COMPARED_POINTS])
@@ -335,7 +335,7 @@ class CircleHomeomorphism(torch.nn.Module):
         """Random parameters, uniform in ±1/√fan-in, on the CPU; b = 0."""
         super().__init__()
         pairs = itertools.pairwise(_SIZES)
-        # built empty, not to draw from torch's global generator
+        # created without initialisation, which would use torch's global generator
         linear = [torch.nn.Linear(*pair, dtype=torch.float64, device="meta").to_empty(device="cpu") for pair in pairs]
         for name in ("weight", "bias"):
             for layer in linear:
@@ -360,7 +360,7 @@ class CircleHomeomorphism(torch.nn.Module):
         return turns + values[piece] + part * (left + (right - left) * part / 2) / _PIECES + self.shift
 
     def inverse(self, s: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-        """Ψ⁻¹(s), a root of a quadratic, differentiable with respect to s and the parameters."""
+        """Ψ⁻¹(s), the root of a quadratic equation, differentiable with respect to s and the parameters."""
         slopes, values = self._table()
         wanted = s - self.shift
         turns = wanted.detach().floor()

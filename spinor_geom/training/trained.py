@@ -45,8 +45,8 @@ class Trained:
         misfit: distance between the boundary and Γ, at points that were not used in training.
         diagonal: diagonal of the bounding box of Γ.
         history: the steps.
-        status: "converged" to the tolerance; "finished" all epochs; "stopped" without progress or out of time;
-            "diverged": the loss became infinite, NaN or far larger than at the start.
+        status: "converged": the distance is within the tolerance; "finished": all epochs are done; "stopped": no more
+            progress, or the time limit; "diverged": the loss became infinite, NaN or far larger than at the start.
         reason: the status as a sentence with figures.
         seconds: time of training.
     """

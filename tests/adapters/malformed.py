@@ -1,4 +1,4 @@
-"""Mesh files as they should not be, made on the fly; run as a program, reads them all under a limit of memory.
+"""Malformed mesh files, generated when needed; run as a program, reads them all under a limit of memory.
 
 Each is read, and where that works extended by a triangle and written. A line of JSON says what came of each.
 """
@@ -371,7 +371,7 @@ def huge_sparse(tree: dict) -> None:
 
 
 def instances() -> bytes:
-    """A third of a megabyte: a mesh of 20000 vertices that 900 nodes show."""
+    """A third of a megabyte: a mesh of 20000 vertices, used by 900 nodes."""
     points = np.random.default_rng(1).integers(0, 100, size=(20_000, 3)).astype(np.float32)
     indices = np.arange(48_000).reshape(-1, 1) % 20_000
 
@@ -392,7 +392,7 @@ def aliases() -> bytes:
 
 
 def empty_primitives() -> bytes:
-    """Nothing, shown 36 million times."""
+    """An empty primitive that is used 36 million times."""
 
     def show(tree: dict) -> None:
         tree["meshes"][0]["primitives"] = [{"attributes": {}}] * 6000
@@ -546,7 +546,7 @@ CASES: Files = {
 
 
 def tried(path: Path) -> dict[str, Any]:
-    """What comes of reading a file, and of writing it with a triangle more."""
+    """The result of reading a file, and of writing it with one more triangle."""
     start = time.perf_counter()
     outcome: dict[str, Any]
     try:
@@ -575,7 +575,7 @@ def with_a_triangle(file: MeshFile) -> MeshFile:
 
 
 def limit_memory() -> None:
-    """Bounds what this process may take beyond what it has now, where the system can: on Linux."""
+    """Limits the additional memory of this process, on Linux only."""
     if not sys.platform.startswith("linux"):
         return
     import resource

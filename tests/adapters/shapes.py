@@ -79,7 +79,7 @@ def extensions(draw: st.DrawFn, mesh: TriangleMesh) -> MeshExtension:
 
 
 def glb_file(primitives: list[dict[str, np.ndarray]], **tree: object) -> bytes:
-    """A GLB file with one mesh of the given primitives: accessors by name, "indices" among them, shown by one node."""
+    """A GLB file with one mesh of the given primitives: accessors by name, "indices" among them, used by one node."""
     container = GlbContainer(tree={"asset": {"version": "2.0"}}, views=[])
     entries = []
     for primitive in primitives:

@@ -109,7 +109,7 @@ def test_edges_shorter_than_their_tolerance_are_left_out() -> None:
     assert rim.edges == 3
 
 
-def test_small_gaps_are_closed_and_told() -> None:
+def test_small_gaps_are_closed_and_reported() -> None:
     """Ends 1e-6 apart, half of the limit of 1e-6 of the size: each moves by half of it, and straight sides stay so."""
     edges = polyline((0, 0, 0), (2, 0, 0), (2, 2, 0))
     edges[1] = cad.Edge.make_line((2, 0, 1e-6), (2, 2, 0))

@@ -54,7 +54,7 @@ def with_tree(data: bytes, change: object) -> bytes:
 
 
 def unwelded() -> dict[str, np.ndarray]:
-    """The cube as renderers want it: own vertices and normals for each side."""
+    """The cube with separate vertices and normals for each side, as for rendering."""
     corners = VERTICES[FACES].reshape(-1, 3)
     sides = np.cross(VERTICES[FACES[:, 1]] - VERTICES[FACES[:, 0]], VERTICES[FACES[:, 2]] - VERTICES[FACES[:, 0]])
     return {"POSITION": corners, "NORMAL": np.repeat(sides, 3, axis=0).astype(np.float32)}
@@ -200,7 +200,7 @@ def test_shared_accessors_of_other_primitives_stay_as_they_are(tmp_path: Path) -
     assert len(boundary_edges(back.mesh.faces)) == 4
 
 
-def test_transformed_nodes_are_read_in_the_scene_and_written_in_their_own_place(tmp_path: Path) -> None:
+def test_transformed_nodes_are_read_in_scene_coordinates_and_written_in_their_own(tmp_path: Path) -> None:
     angle = np.pi / 6
     nodes = [
         {"children": [1], "rotation": [0, 0, np.sin(angle), np.cos(angle)], "translation": [10, 0, 0]},
@@ -308,7 +308,7 @@ def test_primitives_without_triangles_are_passed_over(tmp_path: Path) -> None:
     assert is_closed(again(file.extended(lid()), tmp_path).mesh)
 
 
-def test_rim_of_another_node_and_loose_patches_are_placed_in_space(tmp_path: Path) -> None:
+def test_rim_of_another_node_and_loose_patches_are_written_in_scene_coordinates(tmp_path: Path) -> None:
     nodes = [{"mesh": 0}, {"mesh": 1, "translation": [0, 0, 2]}]
     data = glb_file([CUBE, {**CUBE, "NORMAL": VERTICES}])
 
@@ -356,22 +356,22 @@ def test_what_is_malformed_elsewhere_does_not_keep_a_file_from_being_written(tmp
     assert {name: written[name] for name in extra} == extra
 
 
-def test_chunks_that_nobody_knows_are_kept(tmp_path: Path) -> None:
+def test_unknown_chunks_are_kept(tmp_path: Path) -> None:
     chunk = struct.pack("<I4s", 8, b"XTRA") + b"whatever"
     data = GOOD[:8] + struct.pack("<I", len(GOOD) + len(chunk)) + GOOD[12:] + chunk
     assert is_closed(again(parsed(data).extended(lid()), tmp_path).mesh)
     assert (tmp_path / "again.glb").read_bytes().endswith(chunk)
 
 
-def test_meshes_that_are_shown_again_and_again_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    def show(tree: dict) -> None:
-        tree["nodes"] = [{"mesh": 0, "translation": [number, 0, 0]} for number in range(30)]
-        tree["scenes"] = [{"nodes": list(range(30))}]
+def test_rows_of_meshes_used_by_many_nodes_are_limited() -> None:
+    def use_sixty_times(tree: dict) -> None:
+        tree["nodes"] = [{"mesh": 0, "translation": [number, 0, 0]} for number in range(60)]
+        tree["scenes"] = [{"nodes": list(range(60))}]
 
-    assert len(parsed(with_tree(GOOD, show)).mesh.vertices) == 240
-    monkeypatch.setattr(glb, "MOST_ROWS", 2000)
-    with pytest.raises(MeshFileError, match="over 2,"):
-        parsed(with_tree(GOOD, show))
+    assert len(parsed(with_tree(GOOD, use_sixty_times)).mesh.vertices) == 480
+    large = {**CUBE, "POSITION": np.concatenate([VERTICES, np.zeros((200_000, 3), VERTICES.dtype)])}
+    with pytest.raises(MeshFileError, match="over 10,000,000 rows"):
+        parsed(with_tree(glb_file([large]), use_sixty_times))
 
 
 def test_every_truncation_is_refused_with_a_typed_error() -> None:

@@ -1,4 +1,4 @@
-"""Formats that other libraries own: .vtp and .vtk by PyVista, .3mf by trimesh."""
+"""Formats read by other libraries: .vtp and .vtk by PyVista, .3mf by trimesh."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ VTK = pytest.mark.parametrize("suffix", [".vtp", ".vtk"])
 
 @VTK
 @pytest.mark.parametrize("single", [False, True])
-def test_a_vtk_file_is_filled_and_keeps_what_it_held(tmp_path: Path, suffix: str, single: bool) -> None:
+def test_a_vtk_file_is_filled_and_keeps_its_data(tmp_path: Path, suffix: str, single: bool) -> None:
     vertices, faces = tube()
     held = pyvista.PolyData.from_regular_faces(vertices.astype(np.float32) if single else vertices, faces)
     held.point_data["height"] = vertices[:, 2]
@@ -86,7 +86,7 @@ def test_a_damaged_vtk_file_is_an_error_that_names_it_and_nothing_is_printed(
 
 
 @VTK
-def test_what_is_no_surface_or_not_finite_is_told_with_the_file(tmp_path: Path, suffix: str) -> None:
+def test_what_is_no_surface_or_not_finite_is_refused_with_the_file_name(tmp_path: Path, suffix: str) -> None:
     sphere = pyvista.Sphere().strip()
     sphere.save(tmp_path / f"strips{suffix}")
     with pytest.raises(MeshFileError, match=r"strips.*: the mesh has triangle strips"):
@@ -101,7 +101,7 @@ def test_what_is_no_surface_or_not_finite_is_told_with_the_file(tmp_path: Path, 
 
 
 @pytest.mark.parametrize("offsets", ["0 3 6 900000", "0 -3 6 9", "3 6 9 9"])
-def test_cells_of_a_vtk_file_that_lie_outside_it_are_told(tmp_path: Path, offsets: str) -> None:
+def test_cells_of_a_vtk_file_that_lie_outside_it_are_refused(tmp_path: Path, offsets: str) -> None:
     head = "# vtk DataFile Version 5.1\nt\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\n"
     cells = f"POLYGONS 4 9\nOFFSETS vtktypeint64\n{offsets}\nCONNECTIVITY vtktypeint64\n0 1 2 0 1 3 0 2 3\n"
     (tmp_path / "cells.vtk").write_text(head + cells)
@@ -253,7 +253,7 @@ def test_names_that_a_format_cannot_hold_are_left_out_and_named(
 @pytest.mark.parametrize(
     ("suffix", "kept"), [(".obj", {"color"}), (".off", {"color"}), (".stl", set()), (".3mf", set())]
 )
-def test_attributes_that_a_format_has_no_place_for_are_named(tmp_path: Path, suffix: str, kept: set[str]) -> None:
+def test_attributes_that_a_format_cannot_store_are_named(tmp_path: Path, suffix: str, kept: set[str]) -> None:
     held = pyvista.PolyData.from_regular_faces(*tube())
     held.point_data["color"] = np.full((48, 3), 128, dtype=np.uint8)
     held.point_data["pressure"] = np.arange(48.0)
@@ -261,5 +261,5 @@ def test_attributes_that_a_format_has_no_place_for_are_named(tmp_path: Path, suf
     file = read_mesh(tmp_path / "tube.vtp")
     notes = file.write(tmp_path / f"tube{suffix}")
     assert [note.split("'")[1] for note in notes] == [name for name in file.mesh.vertex_attributes if name not in kept]
-    assert all("cannot store it" in note for note in notes)
+    assert all("do not support it" in note for note in notes)
     assert read_mesh(tmp_path / f"tube{suffix}").write(tmp_path / f"again{suffix}") == ()

@@ -1,4 +1,4 @@
-"""Malformed files give the right mesh or a typed error with the place, in bounded memory and time; nothing else."""
+"""Malformed files give the right mesh or a typed error that names the place in the file, in bounded memory and time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SECONDS = 20.0  # for each file, on a busy machine; all take less than one on an
 
 @pytest.fixture(scope="module")
 def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
-    """What came of each file, read one after the other by one process whose memory is limited."""
+    """The result of each file; one process with limited memory reads them one after the other."""
     folder = tmp_path_factory.mktemp("malformed")
     command = [sys.executable, "-W", "error", "-m", "tests.adapters.malformed", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)

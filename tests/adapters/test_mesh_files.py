@@ -45,7 +45,7 @@ def test_filled_files_close_in_every_format(tmp_path: Path, source: str, target:
         assert np.abs(ours - theirs).max() <= 0.5 / 255 + 1e-7
 
 
-def test_extending_leaves_the_file_and_the_object_as_they_were(tmp_path: Path) -> None:
+def test_extending_does_not_change_the_file_and_the_object(tmp_path: Path) -> None:
     path = cube_file(tmp_path)
     before = path.read_bytes()
     file = read_mesh(path)
@@ -93,7 +93,7 @@ def test_seams_of_a_glb_are_closed_with_texture_kept_in_obj(tmp_path: Path) -> N
     assert np.array_equal(np.array(lines, dtype=float), texture * [1.0, -1.0] + [0.0, 1.0])
 
 
-def test_attributes_go_from_obj_to_glb_as_far_as_there_is_a_place(tmp_path: Path) -> None:
+def test_attributes_go_from_obj_to_glb_as_far_as_the_format_allows(tmp_path: Path) -> None:
     random = np.random.default_rng(4)
     uv, normals = random.uniform(size=(8, 2)), random.normal(size=(8, 3))
     text = "".join(f"v {x} {y} {z}\n" for x, y, z in CUBE_POINTS.tolist())
@@ -145,7 +145,7 @@ def test_garbage_gives_an_error_that_names_the_file(tmp_path: Path, suffix: str,
         to_mesh(path)
 
 
-def test_files_that_cannot_be_opened_name_what_and_why(tmp_path: Path) -> None:
+def test_files_that_cannot_be_opened_are_named_with_the_reason(tmp_path: Path) -> None:
     with pytest.raises(MeshFileError, match=r"missing\.obj: cannot be read \(No such file") as caught:
         read_mesh(tmp_path / "missing.obj")
     assert caught.value.fields["path"] == tmp_path / "missing.obj"
@@ -159,7 +159,7 @@ def test_files_that_cannot_be_opened_name_what_and_why(tmp_path: Path) -> None:
             read_mesh(tmp_path / name)
 
 
-def test_unwritable_places_name_what_and_why(tmp_path: Path) -> None:
+def test_unwritable_paths_are_named_with_the_reason(tmp_path: Path) -> None:
     file = read_mesh(cube_file(tmp_path))
     with pytest.raises(MeshFileError, match="not a supported format"):
         file.write(tmp_path / "a.step")

@@ -76,7 +76,7 @@ def test_files_of_meshio_s_formats_are_filled_and_written_back(tmp_path: Path, s
     np.testing.assert_allclose(again.vertex_attributes["height"][:48, 0], vertices[:, 2])
 
 
-def test_what_is_no_surface_in_space_is_refused_with_what_to_do() -> None:
+def test_data_without_a_surface_in_space_are_refused_with_advice() -> None:
     with pytest.raises(MeshShapeError, match=r"not faces \(tetra\); extract its surface"):
         to_mesh(meshio.Mesh(CUBE_POINTS, [("tetra", [[0, 1, 2, 4]])]))
     with pytest.raises(MeshShapeError, match="append a third coordinate"):

@@ -55,7 +55,7 @@ def test_forms_of_a_face(face: str, newline: str) -> None:
     assert file.mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]]
 
 
-def test_negative_indices_count_from_where_they_stand() -> None:
+def test_negative_indices_count_from_the_current_position() -> None:
     file = parsed(TRIANGLE + "f -1 -2 -3\nv 3 3 3\nf -1 -2 -3\n")
     assert file.mesh.faces.tolist() == [[2, 1, 0], [3, 2, 1]]
 
@@ -147,7 +147,9 @@ def test_nothing_appended_gives_the_same_bytes(tmp_path: Path) -> None:
         ("spot_cut.obj", 11533, 22242, None),
     ],
 )
-def test_real_files_hold_what_their_sources_say(name: str, vertices: int, polygons: int, boundary: int | None) -> None:
+def test_real_files_have_the_sizes_that_their_sources_state(
+    name: str, vertices: int, polygons: int, boundary: int | None
+) -> None:
     file = read_mesh(DATA / name)
     assert len(file.mesh.vertices) == vertices
     assert len(file.polygons) == polygons
@@ -211,7 +213,7 @@ def test_new_face_at_a_vertex_without_texture_coordinate_is_valid(tmp_path: Path
     assert again(file.extended(one), tmp_path).mesh.faces.tolist() == [[0, 1, 2], [1, 0, 3]]
 
 
-def test_normals_alone_leave_the_texture_place_empty(tmp_path: Path) -> None:
+def test_normals_alone_leave_the_texture_index_empty(tmp_path: Path) -> None:
     text = CUBE.partition("f")[0] + "".join(f"vn 0 0 {i}\n" for i in range(8))
     text += "".join("f " + " ".join(f"{i}//{i}" for i in quad) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
     file = parsed(text)

@@ -1,4 +1,4 @@
-"""OBJ files parsed block by block: the same as in one piece, with names, in little memory."""
+"""OBJ files parsed block by block: the result is that of parsing in one piece, with names, in little memory."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_blocks_of_any_size_give_the_same(lines: list[str], size: int, newline: 
         patch.setattr(obj, "BLOCK_SIZE", size)
         blocks = read(text)
     if isinstance(whole, str):
-        # which of several mistakes is told may differ, a line's number must not
+        # which of several mistakes is reported may differ, its line number may not
         assert isinstance(blocks, str)
     else:
         assert isinstance(blocks, FileContents)

@@ -101,7 +101,7 @@ def test_a_hole_is_filled_and_the_type_stays(open3d: Any) -> None:
     np.testing.assert_allclose(np.linalg.norm(filled.vertex_normals, axis=1), 1)
 
 
-def test_a_mesh_of_tensors_is_refused_with_what_to_do(open3d: Any) -> None:
+def test_a_mesh_of_tensors_is_refused_with_advice(open3d: Any) -> None:
     with pytest.raises(MeshShapeError, match=r"mesh.to_legacy\(\)"):
         to_mesh(open3d.t.geometry.TriangleMesh.create_box())
     colored = made(open3d, *open_cube())

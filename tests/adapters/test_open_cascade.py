@@ -55,7 +55,7 @@ def test_bad_shells_and_files_are_errors(tmp_path: Path, capfd: pytest.CaptureFi
 
 
 def test_unknown_suffixes_and_a_missing_package_are_errors(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(CadFileError, match=r"'\.obj' is no CAD format"):
+    with pytest.raises(CadFileError, match=r"'\.obj' is not a CAD format"):
         require_cad_suffix("film.obj")
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(MissingPackageError, match=r"\[cad\]"):

@@ -126,7 +126,7 @@ def test_colors_are_rounded_to_bytes(tmp_path: Path) -> None:
     assert closed.mesh.vertex_attributes["color"][8].tolist() == [1, 255, 0, 255]
 
 
-def test_real_colors_of_255_are_told_by_any_channel() -> None:
+def test_real_colors_of_255_are_recognised_by_any_channel() -> None:
     extra = {name: ("float", np.full(8, value)) for name, value in (("red", 0), ("green", 0), ("blue", 255))}
     assert parsed(ply("ascii", CUBE_POINTS, QUADS, extra=extra)).contents.color_scale == 255.0
 
@@ -259,7 +259,7 @@ def test_an_attribute_called_like_a_coordinate_is_written_beside_it(tmp_path: Pa
     assert np.array_equal(back.mesh.vertex_attributes["property_x"], np.ones((8, 1)))
 
 
-def test_faces_of_other_sizes_after_a_run_of_equal_ones_are_read_as_they_stand() -> None:
+def test_faces_of_other_sizes_after_many_equal_ones_are_read() -> None:
     faces = [[0, 1, 2], [2, 1, 3], [0, 1, 3, 2], [3, 1, 0], [0, 2, 3, 1]]
     body = b"".join(struct.pack(f"<B{len(face)}iB", len(face), *face, 7 + len(face)) for face in faces)
     header = (

@@ -54,7 +54,7 @@ def test_polygons_that_are_no_faces_are_named(bad: list[int], words: str) -> Non
         polygons([0, 1, 2, 3], bad).triangulated(CUBE_POINTS[:4])
 
 
-def test_fan_of_a_star_shaped_polygon_starts_where_it_can_see_all() -> None:
+def test_fan_of_a_star_shaped_polygon_starts_at_a_vertex_that_sees_all_others() -> None:
     # an L: only fans from the reflex corner (1, 1) and from (0, 0) stay inside
     points = np.array([[2.0, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0, 2, 0], [0, 0, 0]])
     triangles, _ = polygons(list(range(6))).triangulated(points)
@@ -155,7 +155,7 @@ def test_pieces_that_touch_in_a_vertex_or_face_each_other_wrongly_stay_apart() -
     assert seam_representatives(points, polygons([0, 1, 2], [4, 6, 5]), [uv]).tolist() == list(range(7))
 
 
-def test_three_edges_in_one_place_are_ambiguous() -> None:
+def test_three_edges_at_one_position_are_ambiguous() -> None:
     points = np.concatenate([SPLIT, SPLIT[[1, 0]], [[0, 0, 1.0]]])
     three = polygons(*SIDES, [6, 7, 8])
     uv = np.arange(9.0)[:, None]

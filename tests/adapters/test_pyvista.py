@@ -134,7 +134,7 @@ def test_a_hole_is_filled_and_the_type_stays(made: type) -> None:
     assert boundary_loops(filled) == []
 
 
-def test_what_is_no_surface_is_refused_with_what_to_do() -> None:
+def test_data_without_a_surface_are_refused_with_advice() -> None:
     solid = pyvista.ImageData(dimensions=(2, 2, 2)).cast_to_unstructured_grid()
     with pytest.raises(MeshShapeError, match=r"\(VOXEL\); call grid.extract_surface\(\)"):
         to_mesh(solid)

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize(
-    ("thing", "said"),
+    ("thing", "message"),
     [
         (3.5, "float is not a supported mesh type"),
         (None, "NoneType is not"),
@@ -28,8 +28,8 @@ ROOT = Path(__file__).parents[2]
         ((), r"tuple of 0 \(\)"),
     ],
 )
-def test_unknown_type_error_lists_the_known_ones(thing: object, said: str) -> None:
-    with pytest.raises(UnknownMeshTypeError, match=said) as caught:
+def test_unknown_type_error_lists_the_known_ones(thing: object, message: str) -> None:
+    with pytest.raises(UnknownMeshTypeError, match=message) as caught:
         to_mesh(thing)
     assert all(
         name in str(caught.value)
@@ -77,7 +77,7 @@ def test_registered_adapter_serves_its_type_and_subclasses() -> None:
     assert "Cloth" in known_types()
 
 
-def test_import_and_lookup_bring_in_no_optional_library() -> None:
+def test_import_and_lookup_import_no_optional_library() -> None:
     program = (
         "import conftest, sys, numpy as np\n"
         "from spinor_geom.adapters import read_mesh, to_mesh\n"

@@ -37,7 +37,7 @@ def scene() -> trimesh.Scene:
     return scene
 
 
-def test_every_geometry_stands_where_the_scene_shows_it(scene: trimesh.Scene) -> None:
+def test_every_geometry_has_its_scene_coordinates(scene: trimesh.Scene) -> None:
     mesh = to_mesh(scene)
     vertices, faces = tube()
     for k, transform in enumerate((PLACED, MIRRORED)):
@@ -101,7 +101,7 @@ def test_normals_are_unit_and_turn_with_their_geometry() -> None:
     np.testing.assert_allclose(filled.geometry["one"].vertex_normals[:48], outwards)
 
 
-def test_attributes_of_one_name_and_another_kind_are_told_apart() -> None:
+def test_attributes_of_one_name_and_another_kind_are_distinguished() -> None:
     scene = trimesh.Scene()
     for name, values in (("a", np.arange(48)), ("b", np.zeros((48, 2))), ("c", np.ones(48, dtype=int))):
         scene.add_geometry(part(vertex_attributes={"heat": values}), geom_name=name)

@@ -1,4 +1,4 @@
-"""Processes of their own for batches: they find the package, and files whose names say so do harm to them."""
+"""Worker processes for the tests of batches: they find the package, and files with certain names make them fail."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if "spinor_geom.batching.solver" in sys.orig_argv:
 
 @pytest.fixture(scope="session")
 def harmful_site(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """What PYTHONPATH has to be."""
+    """The value of PYTHONPATH for the worker processes."""
     folder = tmp_path_factory.mktemp("harm")
     (folder / "sitecustomize.py").write_text(HARM)
     return os.pathsep.join([str(folder), os.environ["PYTHONPATH"]])

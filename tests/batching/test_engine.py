@@ -1,4 +1,4 @@
-"""Batches with processes of their own: the same bytes whatever happens on the way."""
+"""Batches with worker processes: the results are the same bytes after crashes, interruptions and restarts."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def seen() -> list[BatchProgress]:
 
 
 def listening() -> set[tuple[int, int]]:
-    """Processes, this one and those below it, with the ports on which they take connections."""
+    """This process and its descendants, with the ports on which they listen."""
     driver = psutil.Process()
     return {
         (process.pid, one.laddr.port)
@@ -91,7 +91,7 @@ def reference(corpus: Path, seen: list[BatchProgress], tmp_path_factory: pytest.
 
 
 def started(*arguments: object, limit_file: int | None = None) -> subprocess.Popen[str]:
-    """The command line, in a process of its own."""
+    """The command line, in a new process."""
 
     def limited() -> None:
         import resource
@@ -133,7 +133,7 @@ def records(output: Path) -> list[Path]:
 
 
 def solvers_below(pid: int) -> list[psutil.Process]:
-    """The processes that solve below another one."""
+    """The solver processes among the descendants of a process."""
     found = []
     for process in psutil.Process(pid).children(recursive=True):
         with contextlib.suppress(psutil.Error):  # some come and go
@@ -143,7 +143,7 @@ def solvers_below(pid: int) -> list[psutil.Process]:
 
 
 def solvers_of(pid: int) -> list[psutil.Process]:
-    """The processes that solve for a driver, once they are there."""
+    """The solver processes of a driver, as soon as they exist."""
     solvers: list[psutil.Process] = []
 
     def found() -> bool:
@@ -178,7 +178,7 @@ def test_the_table_has_a_row_for_each_loop(reference: BatchResult) -> None:
     assert {row["source"] for row in rows if row["status"] == "failed"} == {"in/broken.obj", "in/open.obj"}
 
 
-def test_failures_stand_in_the_log_and_on_the_page(reference: BatchResult) -> None:
+def test_failures_are_in_the_log_and_on_the_page(reference: BatchResult) -> None:
     lines = [line.split("\t") for line in reference.log.read_text().splitlines()]
     assert [line[:2] for line in lines] == [["failed", "in/broken.obj"], ["failed", "in/open.obj"]]
     assert "zero byte" in lines[0][2]
@@ -301,9 +301,9 @@ def test_a_full_disk_ends_the_run_and_room_lets_it_go_on(
     reference: BatchResult, corpus: Path, small_disk: Path
 ) -> None:
     driver = started(corpus, "-o", small_disk / "out", "--workers", 1)
-    _, said = driver.communicate(timeout=120)
+    _, errors = driver.communicate(timeout=120)
     assert driver.returncode == 2
-    assert "No space left on device" in said
+    assert "No space left on device" in errors
     whole = results(reference.output)
     there = results(small_disk / "out")
     assert there
@@ -320,9 +320,9 @@ def test_a_full_disk_ends_the_run_and_room_lets_it_go_on(
 def test_files_that_may_not_grow_end_the_run(corpus: Path, tmp_path: Path) -> None:
     # as full disks do, where no disk can be mounted
     driver = started(corpus / "curve000.obj", "-o", tmp_path / "out", "--workers", 1, limit_file=1500)
-    _, said = driver.communicate(timeout=120)
+    _, errors = driver.communicate(timeout=120)
     assert driver.returncode == 2
-    assert "File too large" in said
+    assert "File too large" in errors
     assert records(tmp_path / "out") == []
     assert len(list(tmp_path.rglob("*.obj"))) == 0
 
@@ -338,8 +338,8 @@ def test_an_interrupt_ends_all_processes_with_one_sentence(corpus: Path, tmp_pat
     solvers = solvers_of(driver.pid)
     wait_until(lambda: len(records(output)) > 1)
     os.killpg(driver.pid, signal.SIGINT)  # as a terminal does it
-    _, said = driver.communicate(timeout=60)
-    assert (driver.returncode, said) == (130, "spinor-geom: interrupted\n")
+    _, errors = driver.communicate(timeout=60)
+    assert (driver.returncode, errors) == (130, "spinor-geom: interrupted\n")
     psutil.wait_procs(solvers, timeout=20)
     assert not any(process.is_running() for process in solvers)
 
@@ -406,7 +406,7 @@ def test_options_are_checked_before_anything_is_made(corpus: Path, tmp_path: Pat
     assert not (tmp_path / "out").exists()
 
 
-def test_a_scheduler_that_is_not_there_is_said(corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_scheduler_is_reported(corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(BatchError, match="cannot connect to a Dask scheduler"):
         batch(corpus, tmp_path / "out", scheduler="nonsense://here")
 

@@ -1,4 +1,4 @@
-"""Which loops a file has, under which names, and why some are none."""
+"""The loops of a file, their names, and the reasons why some curves are not loops."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_three_near_ends_are_not_guessed_at() -> None:
     assert all(isinstance(loop.error, OpenCurveError) for loop in found)
 
 
-def test_repeated_points_are_dropped_and_that_is_said() -> None:
+def test_repeated_points_are_dropped_and_reported() -> None:
     points = np.repeat(circle(10), [1, 3, 1, 1, 1, 1, 1, 1, 1, 2], axis=0)
     (found,) = loops(curve_text(points))
     np.testing.assert_array_equal(found.points, circle(10))

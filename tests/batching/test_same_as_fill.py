@@ -1,4 +1,4 @@
-"""`fill_hole`, `spinor-geom fill` and batches do the same with the same file: bytes, report, status, sentence."""
+"""`fill_hole`, `spinor-geom fill` and batches give the same for the same file: bytes, report, status and message."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ SHAPES: dict[str, Callable[[], bytes]] = {
 
 @pytest.fixture(scope="module")
 def shapes(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Meshes with what can be peculiar about holes, in OBJ, and those that can be filled in all formats."""
+    """Meshes with holes of special kinds, as OBJ, and those that can be filled in all formats."""
     folder = tmp_path_factory.mktemp("shapes")
     for name, content in SHAPES.items():
         (folder / name).write_bytes(content())
@@ -91,7 +91,7 @@ def filled(path: Path, options: Options) -> tuple[MeshFile, FillResult] | Spinor
 def both_filled(
     path: Path, output: Path, options: Options
 ) -> tuple[int, tuple[MeshFile, FillResult] | SpinorGeomError]:
-    """The exit status of `fill`, and what `fill_hole` gave it; where `fill` did not call it, what it gives."""
+    """The exit status of `fill`, and the result of its call of `fill_hole`, or of a direct call if it made none."""
     named = {"edge_length": "target_edge_length"}
     own = {named.get(name, name): value for name, value in options.items() if name != "strict"}
     results = []
@@ -126,18 +126,18 @@ def require_same(folder: Path, output: Path, capsys: pytest.CaptureFixture[str],
         where, alone = path.name, output / f"alone{path.suffix}"
         statuses.append(found["status"])
         capsys.readouterr()
-        status, told = both_filled(path, alone, options)
-        said = capsys.readouterr().err
-        if isinstance(told, SpinorGeomError):
+        status, outcome = both_filled(path, alone, options)
+        errors = capsys.readouterr().err
+        if isinstance(outcome, SpinorGeomError):
             if found["loops"]:  # curves, which `fill` does not take
                 assert (status, {loop["origin"] for loop in found["loops"]}) == (2, {"curve"}), where
                 continue
             assert (status, found["status"], found["filled"]) == (2, "failed", None), where
             # both of the others name the file before the sentence
-            assert printable(str(told)).endswith(found["reason"]), where
-            assert " ".join(found["reason"].split()) in said, (where, said)
+            assert printable(str(outcome)).endswith(found["reason"]), where
+            assert " ".join(found["reason"].split()) in errors, (where, errors)
             continue
-        _, result = told
+        _, result = outcome
         report = without_seconds(json.loads(json_text(result.to_dict())))
         loops = [loop for loop in without_seconds(found["loops"]) if loop["origin"] == "hole"]
         for entry, expected in zip(loops, report.pop("loops"), strict=True):

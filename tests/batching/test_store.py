@@ -1,4 +1,4 @@
-"""The output folder of a batch on disks and systems of every kind."""
+"""The output folder of a batch on different disks and operating systems."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is left of a file: meshes, surfaces and records, the same bytes whatever it is solved with."""
+"""The results of a file: meshes, surfaces and records, the same bytes whichever files it is solved together with."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from tests.batching.files import circle, curve_text, holed_text, packed_zip, rec
 from tests.fill.shapes import cylinder
 from tests.systems import links, signals, undecodable
 
-Told = list[dict[str, Any]]
+Events = list[dict[str, Any]]
 ROOT = Path(__file__).parents[2]
 LIMITS = Limits(seconds=30.0, memory=1 << 30, retries=2)
 
 
-def solved(given: list[Path], output: Path, *, together: int = 16, **options: Any) -> Told:
-    """Works through files in this process, in blocks of so many."""
+def solved(given: list[Path], output: Path, *, together: int = 16, **options: Any) -> Events:
+    """Solves files in this process, in blocks of the given size."""
     chosen = BatchOptions(**options)
-    told: Told = []
+    events: Events = []
     with opened_store(output, chosen, resume=False) as store:
         sources = [asdict(source) for source in Inputs(given, output=output, limits=LIMITS)]
         for start in range(0, len(sources), together):
             job = {"sources": sources[start : start + together], "options": asdict(chosen)}
-            solver.work({**job, "store": asdict(store)}, told.append, archives=ArchiveReader())
-    return told
+            solver.work({**job, "store": asdict(store)}, events.append, archives=ArchiveReader())
+    return events
 
 
 @pytest.fixture
@@ -207,9 +207,9 @@ def test_a_mistake_of_ours_costs_one_file(mixed: Path, tmp_path: Path, monkeypat
         return honest(data, source, *options)
 
     monkeypatch.setattr(solver, "FileTask", mistaken)
-    told = solved([mixed], tmp_path / "together")
+    events = solved([mixed], tmp_path / "together")
     # those that were not are tried one by one
-    assert not [event for event in told if event.get("finished", {}).get("key", "") >= "in/curve003.obj"]
+    assert not [event for event in events if event.get("finished", {}).get("key", "") >= "in/curve003.obj"]
     solved([mixed], tmp_path / "alone", together=1)
     found = record(tmp_path / "alone", "in/curve003.obj")
     assert found["status"] == "fault"
@@ -262,8 +262,8 @@ def test_broken_files_fail_for_a_reason_and_alone(tmp_path: Path, what: str) -> 
     texts = list(broken_texts())
     for number, data in enumerate(texts if what == "loops" else texts[:32] + texts[48:]):
         (folder / f"{number:02}.obj").write_bytes(data)
-    told = solved([folder], tmp_path / "out", what=what)
-    done = [event["finished"] for event in told if "finished" in event]
+    events = solved([folder], tmp_path / "out", what=what)
+    done = [event["finished"] for event in events if "finished" in event]
     assert len(done) == len(list(folder.iterdir()))
     assert not [one for one in done if one["status"] == "fault"]
     assert all(one["reason"] or one["first"] for one in done if one["status"] != "done")
@@ -296,8 +296,8 @@ def test_no_pickle_is_loaded(tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(pickle.dumps(harm))
     np.savez(tmp_path / "c.npz", x=np.array([harm], dtype=object), allow_pickle=True)
     (tmp_path / "c.npz").rename(tmp_path / "c.obj")
-    told = solved([tmp_path / f"{name}.obj" for name in "abc"], tmp_path / "out")
-    assert [event["finished"]["status"] for event in told if "finished" in event] == ["failed"] * 3
+    events = solved([tmp_path / f"{name}.obj" for name in "abc"], tmp_path / "out")
+    assert [event["finished"]["status"] for event in events if "finished" in event] == ["failed"] * 3
     assert not harm.folder.exists()
     pickle.loads(pickle.dumps(harm))
     assert harm.folder.exists()
@@ -398,16 +398,16 @@ def test_a_crash_costs_only_the_file_that_causes_it(process: Callable[..., dict[
 
 def test_what_a_bundle_does_is_no_fault_of_the_last_file_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Solver:
-        def run(self, job: dict[str, Any], heard: Callable[[dict[str, Any]], None], **limits: float) -> None:
-            told: Told = []
+        def run(self, job: dict[str, Any], send: Callable[[dict[str, Any]], None], **limits: float) -> None:
+            events: Events = []
             assert limits == {"seconds": 30.0, "memory": 1 << 30}
             if len(job["sources"]) == 1:
-                solver.work(job, heard, archives=ArchiveReader())
+                solver.work(job, send, archives=ArchiveReader())
                 return
             with monkeypatch.context() as patch:
                 patch.setattr(solver, "_patches", lambda *_, **__: 1 / 0)
-                solver.work(job, told.append, archives=ArchiveReader())
-            raise FaultError("took too long", kind="time", last=told[-1], output="")
+                solver.work(job, events.append, archives=ArchiveReader())
+            raise FaultError("took too long", kind="time", last=events[-1], output="")
 
     monkeypatch.setattr(workers, "process_of_thread", lambda _: Solver())
     options, output = BatchOptions(), tmp_path / "out"
@@ -438,7 +438,7 @@ def test_a_file_that_cannot_be_read_now_is_tried_again(tmp_path: Path, monkeypat
             assert store.completed(source) is None
 
 
-def test_a_problem_is_told_anew_when_it_is_another(tmp_path: Path) -> None:
+def test_a_changed_problem_is_reported_again(tmp_path: Path) -> None:
     with opened_store(tmp_path / "out", BatchOptions(), resume=False) as store:
         old, new = (Source(key="a.zip/problem", path="a.zip", problem=problem) for problem in ("too large", "damaged"))
         store.commit(old, failure(old.key, old.problem), {})
@@ -446,22 +446,22 @@ def test_a_problem_is_told_anew_when_it_is_another(tmp_path: Path) -> None:
         assert store.completed(new) is None
 
 
-def test_results_that_cannot_be_placed_cost_one_file(tmp_path: Path) -> None:
+def test_results_that_cannot_be_written_fail_one_file_only(tmp_path: Path) -> None:
     paths = write_curves(tmp_path / "in", 3)
     with opened_store(tmp_path / "out", BatchOptions(), resume=False) as store:
         sources = list(Inputs(paths, output=tmp_path / "out", limits=LIMITS))
         # a file stands where a folder is to be made
         Path(store.output, "files").mkdir()
         store.folder("curve001.obj").write_text("")
-        told: Told = []
+        events: Events = []
         job = {"sources": [asdict(source) for source in sources], "options": asdict(BatchOptions())}
-        solver.work({**job, "store": asdict(store)}, told.append, archives=ArchiveReader())
-    found = {one["key"]: one["status"] for one in (event["finished"] for event in told if "finished" in event)}
+        solver.work({**job, "store": asdict(store)}, events.append, archives=ArchiveReader())
+    found = {one["key"]: one["status"] for one in (event["finished"] for event in events if "finished" in event)}
     assert found == {"curve000.obj": "done", "curve001.obj": "fault", "curve002.obj": "done"}
-    assert not [event for event in told if "stop" in event]
+    assert not [event for event in events if "stop" in event]
 
 
-def test_results_that_nobody_can_write_stop_the_batch(tmp_path: Path) -> None:
+def test_results_that_cannot_be_written_stop_the_batch(tmp_path: Path) -> None:
     source = Source(key="a.obj", path="a.obj")
     with opened_store(tmp_path / "out", BatchOptions(), resume=False) as store:
         (tmp_path / "out" / STAGING).write_text("")  # no folder

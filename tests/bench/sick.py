@@ -1,4 +1,4 @@
-"""A process of the benchmark that does what its tasks tell it to."""
+"""A process of the benchmark that fails in the way its tasks request."""
 
 import os
 import time

@@ -1,4 +1,4 @@
-"""What is cut out is a disk, the rest and it are the mesh, and distances from it are what they are called."""
+"""Cut-outs are disks, together with the rest they are the mesh, and the distances from them are correct."""
 
 from pathlib import Path
 
@@ -30,7 +30,7 @@ def rows(vertices, faces):
 
 
 def put_back(cut_out, vertices=None):
-    """A filler that puts back what was removed, or the same triangles with other vertices."""
+    """A filler that restores the removed piece, or the same triangles with other vertices."""
     hole = cut_out.hole
     points = cut_out.vertices if vertices is None else vertices
     rest = np.full(len(points), -1)
@@ -75,7 +75,7 @@ def test_disks_cut_out_of_a_scan_leave_the_rest_of_it_and_a_simple_rim(scan):
 
 
 def test_seeds_are_fixed():
-    """Whoever changes what is cut out measures other disks than those that the figures were promised on."""
+    """The promises hold for these disks; other seeds would give others."""
     found = {name: named_cut_out(name, DATA) for name in ("spot_cut-00", "mountain-05", "demosthenes_low_res-03")}
     sizes = {name: (len(cut_out.faces), len(cut_out.hole.rim)) for name, cut_out in found.items()}
     assert sizes == {"spot_cut-00": (143, 27), "mountain-05": (180, 40), "demosthenes_low_res-03": (583, 61)}
@@ -181,7 +181,7 @@ def test_cases_are_chosen_by_suites_and_patterns(tmp_path):
     }
 
 
-def test_a_run_of_cut_outs_tells_who_is_nearest(tmp_path, monkeypatch):
+def test_a_run_of_cut_outs_shows_which_method_is_nearest(tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "run_isolated", in_this_process)
     settings = Settings.short(cases=("torus-outside-0.4", "open-cone"), methods=("spinor-fill", "trimesh"))
     run = measure(settings, tmp_path)
@@ -220,17 +220,17 @@ def cut_out_record(method, **changed):
 
 def test_promises_of_the_continuation_are_kept_or_missed():
     ours, other = cut_out_record("spinor-fill-c1"), cut_out_record("cgal-fair", distance=5e-3)
-    sphere, share, bend = "z = 0.85", "distance by the best other filler's", "bend across the rim"
+    sphere, share, bend = "z = 0.85", "distance / that of the best other filler", "bend across the rim"
     assert CAP_DISTANCES[0.85] == 2e-3
     assert kept(sphere, ours, other)
-    assert not kept(sphere, cut_out_record("spinor-fill-c1", vertex_distance=1.1e-3), other)
+    assert kept(sphere, cut_out_record("spinor-fill-c1", vertex_distance=1.1e-3), other) is False
     assert kept(share, ours, other)
-    assert not kept(share, ours, cut_out_record("cgal-fair", distance=3e-3))
+    assert kept(share, ours, cut_out_record("cgal-fair", distance=3e-3)) is False
     # ours without continuity is no other filler, and neither is one that leaves the hole open
     for spared in ({"method": "spinor-fill"}, {"method": "vtk", "open_rim_edges": 3}):
         assert kept(share, ours, other, cut_out_record(**{"method": "", "distance": 1e-9, **spared}))
     assert kept(bend, ours)
-    assert not kept(bend, cut_out_record("spinor-fill-c1", bend=0.14))
+    assert kept(bend, cut_out_record("spinor-fill-c1", bend=0.14)) is False
     assert promises([other]) == []
 
 
@@ -246,4 +246,4 @@ def test_the_continuation_is_nearest_on_most_scans_or_not():
     poor = scans("spinor-fill-c1", [7e-3] * 8 + [2e-2] * 2)
     for part in ("nearer than every other filler", "median distance"):
         assert kept(part, *good, *theirs)
-        assert not kept(part, *poor, *theirs)
+        assert kept(part, *poor, *theirs) is False

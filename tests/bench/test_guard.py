@@ -1,4 +1,4 @@
-"""Two checkouts timed side by side: what is slower in every turn is listed, noise is not."""
+"""Two checkouts timed side by side: cases that are slower in every round are listed, noise is not."""
 
 import importlib
 from itertools import cycle
@@ -19,7 +19,7 @@ def guard(monkeypatch):
 
 
 class Clock:
-    """In place of a worker: given seconds, one after the other, and seven triangles in each hole."""
+    """Replaces a worker: returns given seconds, one after the other, and seven triangles for each hole."""
 
     def __init__(self, *seconds):
         self._seconds = cycle(seconds)

@@ -1,4 +1,4 @@
-"""Holes of the benchmark are the holes they are called."""
+"""Holes of the benchmark are those that their names describe."""
 
 import importlib.util
 import os
@@ -176,14 +176,18 @@ def test_samplings_keep_the_answer():
         edges = known_case(f"{name}@uneven").loop(200).edge_lengths
         assert edges.max() / edges.min() > 3
         assert known_case(f"{name}@even").area == known_case(name).area
-    for wrong, told in (("scherk@even", "samplings"), ("random-2@formula", "samplings"), ("ennneper", "random-SEED")):
-        with pytest.raises(OptionError, match=told):
+    for wrong, message in (
+        ("scherk@even", "samplings"),
+        ("random-2@formula", "samplings"),
+        ("ennneper", "random-SEED"),
+    ):
+        with pytest.raises(OptionError, match=message):
             known_case(wrong)
     assert known_case("random-77").area > 0
     assert set(odd_holes()) & set(KNOWN) == set()
 
 
-def test_the_points_limit_is_what_interpolants_of_the_points_reach():
+def test_the_points_limit_is_the_error_of_interpolants_of_the_points():
     # equal steps of the parameter of a trigonometric curve say all of it
     assert points_limit(known_case("random-0"), 32) < 1e-14
     even = points_limit(known_case("random-0@even"), 48)

@@ -1,4 +1,4 @@
-"""Tasks in a process of their own: crashes, hangs and noise stay there."""
+"""Tasks in separate processes: their crashes, hangs and output do not affect the benchmark."""
 
 import os
 

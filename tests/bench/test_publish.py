@@ -1,4 +1,4 @@
-"""The page of figures and the CSV beside it: what a run measured is put there, and they say the same."""
+"""The page of figures and the CSV beside it: both contain the measurements of a run, and they agree."""
 
 import csv
 import importlib
@@ -19,7 +19,7 @@ def publish(monkeypatch):
     return importlib.import_module("publish")
 
 
-def test_a_run_becomes_csv_and_tables_and_takes_the_place_of_an_earlier_one(publish, tmp_path, monkeypatch):
+def test_a_run_becomes_csv_and_tables_and_replaces_an_earlier_one(publish, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "run_isolated", in_this_process)
     run = tmp_path / "run"
     settings = Settings.short(suites=("disks", "odd"), cases=("enneper-0.8", "open-cone"), methods=("spinor", "cgal"))
@@ -35,7 +35,7 @@ def test_a_run_becomes_csv_and_tables_and_takes_the_place_of_an_earlier_one(publ
         assert text.endswith(f"{publish.END}\nafter\n")
         assert "old\n" not in text
         rows = list(csv.DictReader((tmp_path / "disks.csv").read_text(encoding="utf-8").splitlines()))
-        # of 32 points nothing is said
+        # loops of 32 points are not mentioned
         assert [row["n"] for row in rows] == ["64"]
     assert all(row["commit"] and row["date"] and float(row["load"]) >= 0 for row in rows)
     assert float(rows[0]["area_error"]) < 1e-12
@@ -43,7 +43,7 @@ def test_a_run_becomes_csv_and_tables_and_takes_the_place_of_an_earlier_one(publ
     assert str(tmp_path) not in text + (tmp_path / "disks.csv").read_text(encoding="utf-8")
 
 
-def test_methods_stand_side_by_side_and_come_back_as_records(publish, tmp_path, monkeypatch):
+def test_methods_are_listed_side_by_side_and_read_back_as_records(publish, tmp_path, monkeypatch):
     monkeypatch.setattr(publish, "HERE", tmp_path)
     alike = {"suite": "fills", "case": "scherk", "n": 64, "kind": "corners"}
     records = [

@@ -50,7 +50,7 @@ def libigl_record(**changed):
 
 
 def in_this_process(tasks, *, module, time_limit, on_record):
-    """What `run_isolated` does, without a process that takes seconds to start."""
+    """The same as `run_isolated`, without a new process, which takes seconds to start."""
     for task in tasks:
         on_record(task, run_task(task))
 
@@ -62,18 +62,18 @@ def kept(part, *records):
 
 
 def test_promises_are_kept_or_missed():
-    closer, slower = "closer than libigl", "seconds of libigl"
+    closer, slower = "area error at most that of libigl", "seconds of libigl"
     assert kept(closer, loop_record(), libigl_record())
-    assert not kept(closer, loop_record(area_error=1e-5), libigl_record())
+    assert kept(closer, loop_record(area_error=1e-5), libigl_record()) is False
     assert kept(slower, loop_record(), libigl_record())
-    assert not kept(slower, loop_record(seconds=0.31), libigl_record())
+    assert kept(slower, loop_record(seconds=0.31), libigl_record()) is False
     # at another sampling there is nothing to compare
     assert kept(closer, loop_record(n=128), libigl_record()) is None
     assert kept("keeps the rim", loop_record())
-    assert not kept("keeps the rim", loop_record(rim_kept=False))
-    assert not kept("exact |H|", loop_record(exact_curvature_median=1e-8))
-    assert not kept("exact |H|", loop_record(exact_curvature_median=None))
-    assert not kept("area right to", loop_record(area_error=1e-5))
+    assert kept("keeps the rim", loop_record(rim_kept=False)) is False
+    assert kept("exact |H|", loop_record(exact_curvature_median=1e-8)) is False
+    assert kept("exact |H|", loop_record(exact_curvature_median=None)) is False
+    assert kept("area error at most", loop_record(area_error=1e-5)) is False
 
 
 def hole_record(method, **changed):
@@ -89,9 +89,9 @@ def test_our_fill_is_measured_against_every_filler_that_closes_the_rim():
     nearer = "every other filler"
     ours, other = hole_record("spinor-fill", area_error=1e-8), hole_record("cgal")
     assert kept(nearer, ours, other)
-    assert not kept(nearer, hole_record("spinor-fill", area_error=2e-7), other)
+    assert kept(nearer, hole_record("spinor-fill", area_error=2e-7), other) is False
     # the least ratio counts, whoever it belongs to
-    assert not kept(nearer, ours, other, hole_record("vtk", area_error=9e-5))
+    assert kept(nearer, ours, other, hole_record("vtk", area_error=9e-5)) is False
     # neither a hole that was left open nor another sampling is an answer
     for spared in (hole_record("vtk", area_error=0.0, open_rim_edges=3), hole_record("vtk", area_error=0.0, n=256)):
         assert kept(nearer, ours, other, spared)
@@ -106,7 +106,7 @@ def test_our_fill_is_measured_against_every_filler_that_closes_the_rim():
 def test_our_fill_closes_the_rim_and_keeps_the_mesh(broken):
     assert kept("closes the rim", hole_record("spinor-fill"))
     wrong = {"rim_kept": False, "old_faces_kept": False}.get(broken, 1)
-    assert not kept("closes the rim", hole_record("spinor-fill", **{broken: wrong}))
+    assert kept("closes the rim", hole_record("spinor-fill", **{broken: wrong})) is False
     # other tools promise nothing
     assert promises([hole_record("cgal", **{broken: wrong})]) == []
 
@@ -115,7 +115,7 @@ def test_our_fill_closes_the_rim_and_keeps_the_mesh(broken):
 def test_a_whole_fill_has_its_share_of_the_reference_s_seconds(n, share):
     part, reference = f"whole fill of {n} points", hole_record(REFERENCE, n=n, seconds=2.0)
     assert kept(part, hole_record("spinor-fill", n=n, seconds=2.0 * share), reference)
-    assert not kept(part, hole_record("spinor-fill", n=n, seconds=2.1 * share), reference)
+    assert kept(part, hole_record("spinor-fill", n=n, seconds=2.1 * share), reference) is False
     # on the reference's case and at its samplings alone
     assert kept(part, hole_record("spinor-fill", n=n), hole_record(REFERENCE, n=n + 1)) is None
     assert kept(part, *(hole_record(m, n=n, case="scherk") for m in ("spinor-fill", REFERENCE))) is None
@@ -235,7 +235,7 @@ def test_a_tool_that_is_broken_here_is_missing_and_has_not_failed(tmp_path, monk
     assert "cannot be imported here: No module named 'no_such_dependency'" in record["reason"]
 
 
-def test_rows_that_leave_edges_open_without_a_word_are_marked():
+def test_rows_that_leave_edges_open_without_a_report_are_marked():
     odd = {"suite": "odd", "status": "done", "case": "slit", "method": "m", "expected": "", "new_open_edges": 0}
     odd |= {"nonmanifold_edges": 0, "message": "", "open_rim_edges": 12, "succeeded": None, "patches": 0}
     honest = {**odd, "method": "h", "succeeded": False, "message": "refused"}
@@ -247,7 +247,7 @@ def test_rows_that_leave_edges_open_without_a_word_are_marked():
     assert run_tables.left_open(honest) == "12 open"
 
 
-def test_a_run_with_a_missing_tool_says_so():
+def test_a_run_with_a_missing_tool_reports_it():
     missing = {"suite": "fills", "status": "missing", "case": "c", "method": "open3d", "n": 64}
     table = run_tables.trouble_table([{**missing, "reason": "open3d is not installed"}])
     assert table.rows == [("open3d", "missing", "all", "open3d is not installed")]
@@ -274,7 +274,7 @@ def test_the_page_needs_nothing_from_elsewhere(tmp_path):
     assert 'id="view-0"' in text
 
 
-def test_the_command_measures_and_says_what_is_missed(tmp_path, capsys, monkeypatch):
+def test_the_command_measures_and_reports_what_is_missed(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(runner, "run_isolated", in_this_process)
     folder = tmp_path / "run"
     chosen = ["--suite", "disks", "--cases", "plane-square", "--methods", "spinor,libigl"]

@@ -1,4 +1,4 @@
-"""What ours alone is to solve: its cases, what is measured of the answers, and the promises."""
+"""The cases that only this library solves: the cases, the measurements of the solutions, and the promises."""
 
 import dataclasses
 from pathlib import Path
@@ -56,12 +56,12 @@ def test_random_curves_are_counted_and_wrong_ones_named():
     records = [record(2), record(3, rms_per_edge=5e-3), refused, wrong]
     (near,) = (f for f in promises(records) if "of an edge" in f.text)
     assert (near.measured, near.met) == ("3 of 4", False)
-    assert not kept("reports of itself", *records)
+    assert kept("reported properties", *records) is False
     assert kept("without noise", *records)
-    assert not kept("15% noise", *records)
+    assert kept("15% noise", *records) is False
 
 
-def test_what_a_solution_says_is_checked():
+def test_statements_of_a_solution_are_checked():
     exact = exact_solution(ENNEPER, 120, radius=0.8)
     assert untrue(exact, 1e-8) == ""
     assert "apart" in untrue(dataclasses.replace(exact, area=1.1 * exact.area), 1e-8)
@@ -72,7 +72,7 @@ def test_what_a_solution_says_is_checked():
     assert "not 0.0e+00" in figures["untrue"]
 
 
-def test_the_null_error_sees_a_wrong_slide():
+def test_the_null_error_detects_a_wrong_slide():
     solution = solve_plateau(gallery.twisted_circle(), model="series")
     assert null_error(solution) < 1e-13
     # the harmonic map of another slide is not conformal
@@ -106,9 +106,9 @@ def test_batches_are_measured_and_their_promises_judged():
     assert 50 < done[0]["worker_mib"] < WORKER_MIB
     assert done[1]["driver_mib"] > 50
     assert all(record["rate"] == pytest.approx(3 / record["seconds"]) for record in done[2:])
-    told = {f.case for f in promises(done)}
-    assert told == {"smooth loops, one worker", "solved only, 64 at once"}
+    cases = {f.case for f in promises(done)}
+    assert cases == {"smooth loops, one worker", "solved only, 64 at once"}
     whole = {**task("batch", "smooth loops"), "status": "done", "rate": 70.0}
     alone = {**whole, "case": "smooth loops, one worker", "rate": 40.0}
-    assert kept("loops a second", whole, alone)
-    assert not kept("rate of one worker", whole, alone)
+    assert kept("loops per second", whole, alone)
+    assert kept("that of one worker", whole, alone) is False

@@ -1,4 +1,4 @@
-"""What starting the program costs: fresh processes, without torch."""
+"""The time that starting the program takes: new processes, without torch."""
 
 import pytest
 

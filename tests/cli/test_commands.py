@@ -1,4 +1,4 @@
-"""The commands, run in this process: results, exit statuses, what is said where."""
+"""The commands, run in this process: results, exit statuses, and what is printed."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ def spiked_path(tmp_path: Path) -> Path:
 
 
 class Terminal(io.StringIO):
-    """A stream that says it is a terminal."""
+    """A stream whose `isatty` is true."""
 
     def isatty(self) -> bool:
         return True
 
 
 def on_terminal(arguments: list[str]) -> tuple[int, str]:
-    """The exit status of a command on a terminal, and what it shows."""
+    """The exit status of a command on a terminal, and its output there."""
     with contextlib.redirect_stdout(Terminal()) as terminal:
         status = main(arguments)
     return status, terminal.getvalue()
@@ -63,15 +63,15 @@ def test_fill_writes_a_closed_mesh_and_a_report(
 ) -> None:
     output, report = tmp_path / "new" / "filled.ply", tmp_path / "new" / "report.json"
     assert main(["fill", str(mesh_path), "-o", str(output), "--report", str(report)]) == 0
-    said = capsys.readouterr()
-    assert said.out == ""
-    lines = said.err.splitlines()
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    lines = printed.err.splitlines()
     assert [line.partition(":")[2][:8] for line in lines] == [" loop 0 ", " loop 1 "]
     assert all("minimal" in line and "area" in line for line in lines)
     assert boundary_loops(output) == []
     assert main(["fill", str(mesh_path), "-o", str(output), "--quiet"]) == 0
-    said = capsys.readouterr()
-    assert (said.out, said.err) == ("", "")
+    printed = capsys.readouterr()
+    assert (printed.out, printed.err) == ("", "")
     entry = json.loads(report.read_text())
     assert entry["complete"] is True
     assert entry["watertight"] is True
@@ -107,33 +107,33 @@ def test_loops_may_be_listed_with_commas_or_one_by_one(mesh_path: Path, tmp_path
         assert boundary_loops(tmp_path / "filled.obj") == []
 
 
-def test_a_missed_tolerance_is_said_and_gives_status_1_if_strict(
+def test_a_missed_tolerance_is_reported_and_gives_status_1_if_strict(
     mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = tmp_path / "filled.obj"
     for strict in (False, True):
         arguments = ["fill", str(mesh_path), "-o", str(output), "--loop", "0", "--tolerance", "1e-16"]
         assert main([*arguments, *(["--strict"] * strict)]) == int(strict)
-        said = capsys.readouterr()
-        assert said.out == ""
-        assert said.err.count("is not within the tolerance") == 1
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert printed.err.count("is not within the tolerance") == 1
         assert len(boundary_loops(output)) == 1
 
 
-def test_a_discrete_patch_is_said_and_gives_status_1_if_strict(
+def test_a_discrete_patch_is_reported_and_gives_status_1_if_strict(
     mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for strict in (False, True):
         output = tmp_path / "filled.obj"
         command = ["fill", str(mesh_path), "-o", str(output), "--time-limit", "1e-9"]
         assert main([*command, *(["--strict"] * strict)]) == int(strict)
-        said = capsys.readouterr().err
-        assert "loop 0 (16 vertices) is closed by a discrete surface: a discrete minimal surface" in said
-        assert "because: no surface was found within the time limit" in said
+        printed = capsys.readouterr().err
+        assert "loop 0 (16 vertices) is closed by a discrete surface: a discrete minimal surface" in printed
+        assert "because: no surface was found within the time limit" in printed
         assert boundary_loops(output) == []
 
 
-def test_a_loop_left_open_is_said_with_status_1_and_a_border_with_status_0(
+def test_a_loop_left_open_is_reported_with_status_1_and_a_border_with_status_0(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     vertices, faces = tube()
@@ -149,17 +149,17 @@ def test_a_loop_left_open_is_said_with_status_1_and_a_border_with_status_0(
     assert boundary_loops(tmp_path / "filled.obj") == []
 
 
-def test_a_patch_that_crosses_the_mesh_is_written_and_said_with_status_1(
+def test_a_patch_that_crosses_the_mesh_is_written_and_reported_with_status_1(
     spiked_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output, report = tmp_path / "filled.obj", tmp_path / "report.json"
     arguments = ["fill", str(spiked_path), "-o", str(output), "--loop", "0", "--report", str(report)]
     assert main(arguments) == 1
-    said = capsys.readouterr().err
-    assert said.startswith(
+    printed = capsys.readouterr().err
+    assert printed.startswith(
         "spinor-geom: loop 0 (3 vertices): the patch crosses the mesh in 1 pair of faces, first (4, 3)"
     )
-    assert len(said.splitlines()) == 1
+    assert len(printed.splitlines()) == 1
     assert len(boundary_loops(output)) == 1
     entry = json.loads(report.read_text())
     assert (entry["complete"], entry["intersection_free"]) == (True, False)
@@ -169,9 +169,9 @@ def test_a_patch_that_crosses_the_mesh_is_written_and_said_with_status_1(
 def test_a_loop_that_crosses_itself_is_named_and_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write_obj(tmp_path / "eight.obj", *collar(figure_eight(16, 0.5), np.array([0, 0, 0.3])))
     assert main(["fill", str(path), "-o", str(tmp_path / "filled.obj")]) == 1
-    said = capsys.readouterr().err
-    assert "loop 0 (16 vertices) is closed by a discrete surface" in said
-    assert "the loop crosses or touches itself: its edges" in said
+    printed = capsys.readouterr().err
+    assert "loop 0 (16 vertices) is closed by a discrete surface" in printed
+    assert "the loop crosses or touches itself: its edges" in printed
     assert main(["loops", str(path)]) == 0
     assert capsys.readouterr().out.count("crosses or touches itself at 1 pair of edges") == 2
     assert main(["loops", str(path), "--json"]) == 0
@@ -191,19 +191,19 @@ def test_bridge_joins_two_rims_and_islands_are_joined_on_request(
         assert (loops[hole]["joined_to"], loops[piece]["joined_to"]) == (piece, hole)
         assert len(boundary_loops(output)) == 2
     capsys.readouterr()
-    for bridge, told in (
-        ("0", "two loops or more, got 1"),
+    for bridge, message in (
+        ("0", "two or more loops, got 1"),
         ("1,1", "got loop 1 twice"),
         ("0,9", "loop 9 does not exist"),
     ):
         assert main(["fill", str(path), "-o", output, "--bridge", bridge]) == 2
-        assert told in capsys.readouterr().err
+        assert message in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
         main(["fill", str(path), "-o", output, "--bridge", "1,2", "--loop", "3"])
     assert "not allowed with" in capsys.readouterr().err
 
 
-def test_continuity_makes_smooth_patches_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_continuity_makes_smooth_patches_and_reports_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, output, report = write_obj(tmp_path / "in.obj", *cylinder(16, 4)), tmp_path / "out.ply", tmp_path / "r.json"
     page = tmp_path / "page.html"
     arguments = ["fill", str(path), "-o", str(output), "--report", str(report), "--html", str(page), "--compare"]
@@ -415,7 +415,7 @@ PROGRAM = "import sys; from spinor_geom.cli.main import main; sys.exit(main(sys.
 
 
 def run_alone(*arguments: str | Path, stdout: int) -> subprocess.CompletedProcess[str]:
-    """A command as a process of its own."""
+    """Runs a command in a new process."""
     command = [sys.executable, "-c", PROGRAM, *map(str, arguments)]
     return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, timeout=120, check=False)
 
@@ -430,7 +430,7 @@ def test_a_reader_that_stops_early_is_no_error(command: str, mesh_path: Path) ->
 
 
 class Refusing(io.StringIO):
-    """Standard output that takes nothing; descriptor is that of a file."""
+    """Standard output to which nothing can be written; its descriptor is that of a file."""
 
     def __init__(self, code: int, descriptor: int) -> None:
         super().__init__()
@@ -444,7 +444,7 @@ class Refusing(io.StringIO):
 
 
 @pytest.mark.parametrize(
-    ("code", "status", "said"),
+    ("code", "status", "message"),
     [
         (errno.EPIPE, 1, ""),  # one loop is left open, whoever reads
         (errno.EINVAL, 1, ""),  # a closed pipe on Windows
@@ -454,7 +454,7 @@ class Refusing(io.StringIO):
 def test_output_that_is_not_taken_costs_no_file(
     code: int,
     status: int,
-    said: str,
+    message: str,
     spiked_path: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -469,12 +469,12 @@ def test_output_that_is_not_taken_costs_no_file(
         monkeypatch.undo()
     assert all(path.stat().st_size for path in files)
     errors = capsys.readouterr().err
-    assert ("standard output" in errors, said in errors) == (bool(said), True)
+    assert ("standard output" in errors, message in errors) == (bool(message), True)
 
 
 @modes
 @pytest.mark.parametrize("command", ["fill", "loops", "--version"])
-def test_streams_that_the_shell_closed_are_no_error_and_no_file_gets_what_is_said(
+def test_streams_that_the_shell_closed_are_no_error_and_no_file_gets_the_output(
     command: str, mesh_path: Path, tmp_path: Path
 ) -> None:
     filled = tmp_path / "filled.obj"
@@ -524,16 +524,16 @@ def test_output_that_is_not_taken_is_one_sentence_and_status_2(mesh_path: Path) 
     assert (done.stderr, done.returncode) == ("spinor-geom: standard output: No space left on device\n", 2)
 
 
-@pytest.mark.parametrize("said", ["", "Unable to allocate 24.0 GiB"])
+@pytest.mark.parametrize("message", ["", "Unable to allocate 24.0 GiB"])
 def test_too_little_memory_is_one_sentence_and_status_2(
-    mesh_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, said: str
+    mesh_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, message: str
 ) -> None:
     def fails(*_: object, **__: object) -> None:
-        raise MemoryError(said)
+        raise MemoryError(message)
 
     monkeypatch.setattr("spinor_geom.cli.loops.find_boundary_loops", fails)
     assert main(["loops", str(mesh_path)]) == 2
-    assert capsys.readouterr().err == f"spinor-geom: {said or 'there is not enough memory'}\n"
+    assert capsys.readouterr().err == f"spinor-geom: {message or 'there is not enough memory'}\n"
 
 
 def test_a_morph_s_folder_is_made_and_one_that_cannot_be_is_refused_before_anything_is_solved(
@@ -548,7 +548,7 @@ def test_a_morph_s_folder_is_made_and_one_that_cannot_be_is_refused_before_anyth
 
 
 @pytest.mark.parametrize("command", ["fill", "loops", "render"])
-def test_a_file_of_curves_is_refused_by_what_it_lacks(
+def test_a_file_of_curves_is_refused_because_it_has_no_faces(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     curve = tmp_path / "curve.obj"
@@ -563,7 +563,7 @@ def test_a_folder_of_mesh_files_that_is_not_there_is_an_error(
     quick: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["bench", "--data", str(tmp_path / "nowhere"), "-o", str(tmp_path / "run"), *quick]) == 2
-    assert f"{tmp_path / 'nowhere'}: is not a folder" in capsys.readouterr().err
+    assert f"{tmp_path / 'nowhere'} is not a folder" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -602,19 +602,19 @@ def test_the_progress_of_a_batch_is_shown_on_a_terminal_only() -> None:
         assert ("loops: 7 done" in stream.getvalue()) == shown
 
 
-@pytest.mark.parametrize(("done", "seconds", "said"), [(2, 9.0, ""), (4, 50.0, ", 2 min left"), (9, 7.0, ", 1 s left")])
-def test_the_progress_of_a_batch_says_when_it_will_be_ready(done: int, seconds: float, said: str) -> None:
-    assert runs._remaining_time(SimpleNamespace(files=done, files_before=2, files_total=10, seconds=seconds)) == said
+@pytest.mark.parametrize(("done", "seconds", "text"), [(2, 9.0, ""), (4, 50.0, ", 2 min left"), (9, 7.0, ", 1 s left")])
+def test_the_progress_of_a_batch_shows_when_it_will_be_ready(done: int, seconds: float, text: str) -> None:
+    assert runs._remaining_time(SimpleNamespace(files=done, files_before=2, files_total=10, seconds=seconds)) == text
 
 
-def test_loops_says_what_does_not_fit_together_beside_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_loops_reports_faces_that_do_not_fit_beside_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     vertices, faces = tube()
     fin = np.array([[faces[0, 0], faces[0, 2], 48]])
     path = write_obj(tmp_path / "fin.obj", np.vstack([vertices, [[3.0, 0, 0]]]), np.vstack([faces, fin]))
     assert main(["loops", str(path)]) == 0
-    said = capsys.readouterr().out
-    assert said.count("no patch: edge (17, 0) has the faces (0, 16, 64)") == 1
-    assert said.count("beside the loop edge (17, 0) has the faces") == 1  # it ends at the rim
+    printed = capsys.readouterr().out
+    assert printed.count("no patch: edge (17, 0) has the faces (0, 16, 64)") == 1
+    assert printed.count("beside the loop edge (17, 0) has the faces") == 1  # it ends at the rim
     assert main(["loops", str(path), "--json"]) == 0
     entries = json.loads(capsys.readouterr().out)
     assert [entry["obstacle"] is None for entry in entries] == [True, True, False]
@@ -643,13 +643,13 @@ def test_compare_takes_a_mesh_over_one_loop(
     command = ["compare", str(mesh_path), "--with", str(mine)]
     assert main([*command, "--loop", "1"]) == 0
     assert "given mesh" in capsys.readouterr().out
-    for wrong, said in (
+    for wrong, message in (
         ([], "--loop"),
         (["--loop", "0"], "another boundary than the surface"),
         (["--loop", "7"], "does not exist"),
     ):
         assert main([*command, *wrong]) == 2
-        assert said in capsys.readouterr().err
+        assert message in capsys.readouterr().err
     assert main(["compare", str(mesh_path), "-o", str(mesh_path)]) == 2  # the input is kept
 
 

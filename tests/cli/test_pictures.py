@@ -1,4 +1,4 @@
-"""`view` and `render`: pictures of files, and what is said where none can be made."""
+"""`view` and `render`: pictures of files, and the messages if none can be made."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_the_eye_and_the_upright_axis_are_chosen(tmp_path: Path, monkeypatch: py
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["render", str(MESH), "-o", "picture.jpg"], "a picture is written as .png"),
         (["render", "missing.obj", "-o", "picture.png"], "missing.obj: cannot be read"),
@@ -59,12 +59,16 @@ def test_the_eye_and_the_upright_axis_are_chosen(tmp_path: Path, monkeypatch: py
     ],
 )
 def test_what_cannot_be_drawn_is_one_sentence(
-    arguments: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
     error = capsys.readouterr().err
-    assert said in error
+    assert message in error
     assert len(error.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
 
@@ -77,7 +81,7 @@ def test_mistaken_options_are_usage_errors(option: str, capsys: pytest.CaptureFi
     assert option.split("=")[0] in capsys.readouterr().err
 
 
-def test_without_a_display_view_says_what_to_do(
+def test_without_a_display_view_fails_with_advice(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("sys.platform", "linux")
@@ -89,7 +93,7 @@ def test_without_a_display_view_says_what_to_do(
     assert len(error.splitlines()) == 1
 
 
-def test_a_display_that_does_not_answer_is_said(
+def test_a_display_that_does_not_answer_is_reported(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if not pictures.sys.platform.startswith("linux"):

@@ -1,4 +1,4 @@
-"""`spinor-geom solve`: edges in, a film out, in the same place and size; bad input is one sentence."""
+"""`spinor-geom solve`: from edges to a minimal surface, at the same position and size; one sentence for bad input."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def frame(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("suffix", [".step", ".igs", ".brep"])
-def test_edges_of_a_step_file_become_a_film_in_their_place(
+def test_edges_of_a_step_file_become_a_surface_at_their_position(
     frame: Path, suffix: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = frame.parent / "new" / f"film{suffix}"
     assert main(["solve", str(frame), "-o", str(out)]) == 0
-    said = capsys.readouterr()
-    assert "1 closed curve of 2 edges that belong to no face, in mm\n" in said.out
-    assert said.err == ""
+    output = capsys.readouterr()
+    assert "1 closed curve of 2 edges that belong to no face, in mm\n" in output.out
+    assert output.err == ""
     # the free boundary of the film is the frame again
     assert main(["solve", str(out), "-o", str(frame.with_name("again.step"))]) == 0
     assert "edges on the free boundary of faces" in capsys.readouterr().out
@@ -68,7 +68,7 @@ BAD = {
         "crosses or touches itself",
     ),
     "apart": ([cad.Wire.make_circle(1), cad.Wire.make_circle(1).moved(cad.Location((0, 0, 9)))], [], "no annulus"),
-    "unit": ([cad.Wire.make_circle(1)], ["--unit", "m"], "leave --unit out"),
+    "unit": ([cad.Wire.make_circle(1)], ["--unit", "m"], "remove --unit"),
 }
 
 
@@ -78,12 +78,12 @@ def test_bad_input_is_one_sentence_and_nothing_is_written(
 ) -> None:
     cad.export_step(cad.Compound(shapes), tmp_path / "frame.step")
     assert main(["solve", str(tmp_path / "frame.step"), "-o", str(tmp_path / "film.step"), *options]) == 2
-    said = capsys.readouterr().err
-    assert message in said
-    assert said.count("\n") == 1
+    output = capsys.readouterr().err
+    assert message in output
+    assert output.count("\n") == 1
     assert not (tmp_path / "film.step").exists()
 
 
 def test_an_unknown_output_is_refused_before_solving(frame: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["solve", str(frame), "-o", str(frame.with_suffix(".dwg"))]) == 2
-    assert "no CAD format" in capsys.readouterr().err
+    assert "not a CAD format" in capsys.readouterr().err

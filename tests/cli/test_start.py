@@ -1,4 +1,4 @@
-"""What starting the program imports, and the public names."""
+"""The modules that starting the program imports, and the public names."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ PROGRAMS = {
 }
 
 
-def test_torch_is_imported_only_by_those_who_ask_for_it(tmp_path: Path) -> None:
+def test_torch_is_imported_only_on_request(tmp_path: Path) -> None:
     """In one process, as the first program that imports torch is named."""
     lines = "import sys\nimport numpy as np\nimport spinor_geom\nfrom spinor_geom.cli.main import main\n"
     lines += f"folder = {str(tmp_path)!r}\n"
@@ -81,7 +81,7 @@ def test_torch_is_imported_only_by_those_who_ask_for_it(tmp_path: Path) -> None:
     run_alone(lines + "import torch\n")
 
 
-def test_modules_of_a_command_are_no_garbage_to_look_through() -> None:
+def test_modules_of_a_command_are_not_scanned_by_the_garbage_collector() -> None:
     program = (
         "import gc\n"
         "from spinor_geom.cli.main import main\n"
@@ -92,7 +92,7 @@ def test_modules_of_a_command_are_no_garbage_to_look_through() -> None:
     assert done.stdout.splitlines()[-1] == "True True"
 
 
-def test_public_names_are_what_their_modules_define_and_no_module_of_the_same_name_hides_them() -> None:
+def test_public_names_are_defined_in_their_modules_and_not_hidden_by_modules_of_the_same_name() -> None:
     for name in spinor_geom.__all__:
         value = getattr(spinor_geom, name)
         assert value.__name__ == name

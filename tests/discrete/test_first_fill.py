@@ -1,4 +1,4 @@
-"""The minimum-area triangulation of a loop alone, and its unfolding into the plane."""
+"""The minimum-area triangulation without inner points, and its unfolding into the plane."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""The MeshLab baseline: what it says of itself, what it refuses, and what it leaves behind."""
+"""The MeshLab baseline: its result, its errors, and its side effects on MeshLab."""
 
 import numpy as np
 import pymeshlab
@@ -44,14 +44,15 @@ def test_torn_disk_is_an_error(monkeypatch):
 
 
 def test_failing_filter_is_a_typed_error(monkeypatch):
-    original = minimal_surface._remesh
+    name = "meshing_isotropic_explicit_remeshing"
+    original = getattr(pymeshlab.MeshSet, name)
 
     def fail(meshes, **options):
-        if options:
+        if meshes.current_mesh().face_number() > 1:
             raise pymeshlab.PyMeshLabException("no")
-        original(meshes)
+        return original(meshes, **options)
 
-    monkeypatch.setattr(minimal_surface, "_remesh", fail)
+    monkeypatch.setattr(pymeshlab.MeshSet, name, fail)
     with pytest.raises(FirstFillError, match="MeshLab did not fill a loop of 24 points: no"):
         meshlab_minimal_surface(SEAM.sample(24))
 

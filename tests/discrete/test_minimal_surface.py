@@ -1,4 +1,4 @@
-"""Both discrete baselines: exact on plane loops, of order two on curved ones, and never a moved boundary."""
+"""Both discrete baselines: exact on plane loops, of order two on curved ones, and with an unchanged boundary."""
 
 import numpy as np
 import pytest
@@ -177,7 +177,7 @@ def test_unknown_method_is_refused():
 
 
 def tangle(count, kind, seed):
-    """Random points in random order: knots, plane loops that cross themselves, ways to and fro on a line."""
+    """Random points in random order: knots, plane loops that cross themselves, points on a line in any order."""
     points = np.random.default_rng(seed).normal(size=(count, 3))
     points[:, {"space": 3, "plane": 2, "line": 1}[kind] :] = 0
     return BoundaryLoop.from_points(points)
@@ -229,7 +229,7 @@ def test_zigzag_collars_are_closed(seed):
 
 @pytest.mark.parametrize("width", [0.0, 1e-12, 1e-3])
 def test_curved_slits_are_closed(width):
-    """There and back along an arc, in space: faces of hardly any area, or none, wherever they are."""
+    """Loops that run along an arc and back, in space: all faces have little area or none."""
     x = np.linspace(0, 1, 18)
     there = np.stack([x, x**2, 0.2 * np.sin(5 * x)], axis=1)
     back = there[-2:0:-1] + np.array([0, width, 0])

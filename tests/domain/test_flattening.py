@@ -197,7 +197,7 @@ def test_polygon_that_cannot_close_is_none():
 
 
 def test_boundary_that_stays_crossed_is_refused():
-    """A figure eight turns by nothing; with Λ = 0 there is nothing to straighten it by."""
+    """A figure eight has turning number 0; with Λ = 0 nothing can change that."""
     sides = np.roll(figure_eight(), -1) - figure_eight()
     turning = np.angle(sides / np.roll(sides, 1))
     with pytest.raises(DomainError, match="80 vertices"):
@@ -206,7 +206,7 @@ def test_boundary_that_stays_crossed_is_refused():
 
 @pytest.mark.parametrize("turns", [1.2, 1.3, 2.0])
 def test_straightened_boundary_has_no_teeth(turns):
-    """The ramp's outer helix leaves ears in its first fill, whose slivers must not turn the boundary to and fro."""
+    """The ramp's outer helix leaves ears in its first fill, whose slivers must not make the boundary jagged."""
     loop = gallery.helical_ramp(turns).sample(160)
     polygon = unfolded_loop(loop.points)
     turning = np.abs(np.angle(np.roll(np.roll(polygon, -1) - polygon, 1).conj() * (np.roll(polygon, -1) - polygon)))
@@ -274,7 +274,7 @@ def test_strip_around_a_box_becomes_a_ring():
 
 
 @pytest.mark.parametrize("size", [1e20, 1e30])
-def test_a_matrix_that_rounding_makes_indefinite_is_no_raw_error(size):
+def test_a_matrix_that_rounding_makes_indefinite_raises_a_typed_error(size):
     """Slivers make Λ so large that rounding hides the rest: some straightenings cannot be solved for."""
     m = 24
     rng = np.random.default_rng(3)

@@ -51,7 +51,7 @@ def test_what_is_no_hole_is_refused(bad, message):
         meshed(OUTER, bad)
 
 
-def test_annulus_knows_its_inside_and_its_boundary():
+def test_annulus_contains_its_inside_and_has_its_boundary():
     domain = PlaneDomain.annulus(0.4)
     z = np.array([0.0, 0.39, 0.41, 0.7j, 0.99, 1.01])
     np.testing.assert_array_equal(domain.contains(z), [False, False, True, True, True, False])

@@ -160,7 +160,7 @@ def test_inside_test_takes_any_shape_and_many_points():
 
 
 def edges_from_root(domain):
-    """How many edges each vertex of a triangulation is from its root; fails where a way does not end there."""
+    """The number of edges from each vertex of a triangulation to its root; fails if a path does not end there."""
     level, at = np.zeros(len(domain.parents), dtype=int), np.arange(len(domain.parents))
     for _ in at:
         level += at != domain.root
@@ -239,7 +239,7 @@ def test_divided_domain_keeps_its_analytic_boundaries():
 @pytest.mark.parametrize("t", [-0.1, 2.0, np.nan, np.inf])
 def test_parameters_of_no_boundary_are_refused(t):
     for method in (PlaneDomain.disk().point, PlaneDomain.disk().derivative):
-        with pytest.raises(OptionError, match="no parameter"):
+        with pytest.raises(OptionError, match="not a parameter"):
             method(np.array([0.5, t]))
     with pytest.raises(OptionError):
         PlaneDomain.annulus(0.5).point(np.array(4.0))

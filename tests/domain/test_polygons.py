@@ -1,4 +1,4 @@
-"""Closed plane polygons: crossings, lobes, clearance, and what several of them bound."""
+"""Closed plane polygons: crossings, lobes, clearance, and the region that several of them bound."""
 
 import tracemalloc
 

@@ -1,4 +1,4 @@
-"""Quadrature rules converge at the orders they are known for."""
+"""Quadrature rules converge at their known orders."""
 
 import math
 

@@ -232,7 +232,7 @@ def test_time_limit_ends_a_refinement():
 
 
 def uneven_polygon(rng, most=60):
-    """A star-shaped polygon of 3 to `most` points, round or ragged, flattened or not, with edges of unlike length."""
+    """A star-shaped polygon of 3 to `most` points, round or ragged, flattened or not, with edges of unequal lengths."""
     n = int(rng.integers(3, most + 1))
     gaps = rng.lognormal(0, rng.choice([0.0, 1.5]), n)
     gaps[0] *= n ** rng.uniform(0, 1)

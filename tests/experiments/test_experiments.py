@@ -1,4 +1,4 @@
-"""The paper's experiments at tiny settings: figures, verdicts, and what they leave in files."""
+"""The paper's experiments at tiny settings: figures, verdicts, and the files that they write."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from spinor_geom.cli.main import main
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import NAMES, figures, forms, integration, paper_surfaces, trainings
-from spinor_geom.experiments import experiment as experiments_run
 from spinor_geom.experiments.experiment import Outcome, Results, experiment, report, reproduce
 from spinor_geom.experiments.trainings import DOUGLAS, OURS, PAPER
 from spinor_geom.holomorphic.series import PowerSeries
@@ -51,8 +50,8 @@ def test_every_name_is_an_experiment_that_quick_shortens(name):
     assert one.quick
     assert all(full[path.partition(".")[0]] != quick[path.partition(".")[0]] for path in one.quick)
     # by its settings a run knows what an earlier one finished
-    told = one.description(quick=False)
-    assert json.loads(json.dumps(told)) == told != one.description(quick=True)
+    description = one.description(quick=False)
+    assert json.loads(json.dumps(description)) == description != one.description(quick=True)
 
 
 def test_slopes_are_fitted_above_the_floor_only():
@@ -103,7 +102,7 @@ def test_ours_are_nearer_and_faster_than_the_paper_s_training(tmp_path):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_both_forms_are_trained_on_the_twisted_circle_and_ours_stand_beside():
+def test_both_forms_are_trained_on_the_twisted_circle_and_compared_with_ours():
     outcome = forms.twisted_circle(rmsprop=TRAINED_RMSPROP, network=TINY_NETWORK)
     rows = {row["method"]: row for row in outcome.rows}
     assert rows[forms.SPINOR]["steps"] == rows[forms.ENNEPER]["steps"] == 12
@@ -122,14 +121,14 @@ def test_both_forms_are_trained_on_the_twisted_circle_and_ours_stand_beside():
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_the_disks_of_a_seam_are_told_apart(tmp_path):
+def test_the_disks_of_a_seam_are_distinguished(tmp_path):
     kept = replace(TINY_RMSPROP, checkpoint=tmp_path)
     outcome = forms.tennis_seam(parameters=(0.75,), rmsprop=kept, network=TINY_NETWORK)
     # neither form was trained enough to tell them apart
     assert not outcome.reproduced
     disks = {row["method"]: row["disk"] for row in outcome.rows}
     assert disks[forms.SERIES] == "unstable"
-    assert disks[forms.LEFT] == "stable"
+    assert disks[forms.STABLE] == "stable"
     assert disks[forms.SPINOR] == "none"
     assert disks[forms.ENNEPER] is None
     known = {row["disk"]: row["area"] for row in outcome.rows if row["method"] == forms.KNOWN}
@@ -165,12 +164,7 @@ def test_both_weights_start_alike_and_epochs_go_on_from_each_other(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_tangents_bring_the_boundary_nearer(monkeypatch):
-    trained = {
-        w: train_by_rmsprop(gallery.twisted_circle(), options=replace(TRAINED_RMSPROP, tangent_weight=w))
-        for w in (0.0, 0.5)
-    }
-    monkeypatch.setattr(trainings, "_at_epochs", lambda _, options, epochs: [trained[options.tangent_weight]])
+def test_tangents_bring_the_boundary_nearer():
     for weights, reproduced in (((0.0, 0.5), True), ((0.5, 0.0), False)):
         outcome = trainings.tangents(weights=weights, epochs=(12,), rmsprop=TRAINED_RMSPROP)
         assert outcome.reproduced == reproduced
@@ -243,7 +237,7 @@ def test_branch_points_last_where_the_order_is_odd_and_spinors_have_none():
     assert outcome.rows[-2]["such points"] == 0 < outcome.rows[-1]["such points"]
 
 
-def test_branch_points_on_the_boundary_are_said_to_be_there():
+def test_branch_points_on_the_boundary_are_reported():
     on_boundary = forms.surface_of(forms.FORMS[1], np.array([-1.0, 1.0]), np.array([0.5]))
     assert forms.counted(forms.branch_points(on_boundary)) == "one on the boundary"
     inside = forms.surface_of(forms.FORMS[1], np.array([-0.5, 1.0]), np.array([0.5]))
@@ -284,9 +278,9 @@ def test_a_different_surface_leaves_a_residual():
 
 
 def test_a_run_leaves_report_data_and_pictures(tmp_path):
-    heard = []
-    (done,) = reproduce(["catenoid"], tmp_path / "new", quick=True, on_done=heard.append)
-    assert heard == [done]
+    reported = []
+    (done,) = reproduce(["catenoid"], tmp_path / "new", quick=True, on_done=reported.append)
+    assert reported == [done]
     assert sorted(path.name for path in (tmp_path / "new").rglob("*") if path.is_file()) == [
         "catenoid.pdf",
         "catenoid.png",
@@ -358,9 +352,9 @@ def test_experiments_that_a_stopped_run_finished_are_not_measured_again(tmp_path
     monkeypatch.setitem(integration.EXPERIMENTS, "catenoid", replace(experiment("catenoid"), measure=stopped))
     seen = Outcome(rows=[], reproduced=True, verdict="Seen.")
     monkeypatch.setitem(trainings.EXPERIMENTS, "tangents", replace(experiment("tangents"), measure=lambda **_: seen))
-    heard = []
-    first, _ = reproduce(names, tmp_path, quick=True, on_done=heard.append)
-    assert [one.name for one in heard] == names
+    reported = []
+    first, _ = reproduce(names, tmp_path, quick=True, on_done=reported.append)
+    assert [one.name for one in reported] == names
     assert first.rows == [{"grid": 120, "slope": None}]
     reproduce(names[:1], tmp_path, quick=True)
     assert (tmp_path / "report.md").read_bytes() == report_so_far
@@ -369,7 +363,7 @@ def test_experiments_that_a_stopped_run_finished_are_not_measured_again(tmp_path
         reproduce(names[:1], tmp_path)
 
 
-def test_what_is_not_seen_is_said_and_gaps_in_the_table_stay_empty():
+def test_unconfirmed_statements_are_reported_and_gaps_in_the_table_stay_empty():
     rows = [{"a": 1.23456, "b": "|x|"}, {"a": None, "c": True}]
     one = Results(
         name="catenoid",
@@ -403,7 +397,7 @@ def test_without_the_package_that_draws_nothing_runs(tmp_path, capsys, monkeypat
     assert not (tmp_path / "out").exists()
 
 
-def test_what_the_paper_says_and_was_not_seen_is_an_exit_status(tmp_path, capsys, monkeypatch):
+def test_an_unconfirmed_statement_of_the_paper_is_an_exit_status(tmp_path, capsys, monkeypatch):
     not_seen = replace(
         experiment("catenoid"), measure=lambda **_: Outcome(rows=[{"a": 1}], reproduced=False, verdict="Slope 0.")
     )
@@ -447,5 +441,5 @@ def test_incomplete_results_and_those_of_other_versions_are_measured_anew(tmp_pa
     assert [run(), run()] == [2, 2]
     (tmp_path / "catenoid" / "p.png").unlink()
     assert [run(), run()] == [3, 3]
-    monkeypatch.setattr(experiments_run, "program_version", lambda: "another")
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"version": "another"}))
     assert [run(), run()] == [4, 4]

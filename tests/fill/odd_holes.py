@@ -1,4 +1,4 @@
-"""Seeded meshes whose one rim is odd: points repeated, nearly equal, on a line, there and back, pinched, far away."""
+"""Seeded meshes with one irregular rim: points repeated, nearly equal, collinear, on spikes, pinched, or far away."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _plane(random: Random, count: int) -> np.ndarray:
 
 
 def _any_points(random: Random, count: int) -> np.ndarray:
-    """No shape at all: edges cross each other in any view."""
+    """Random points: the edges cross each other in every projection."""
     return random.normal(size=(count, 3))
 
 
@@ -55,7 +55,7 @@ def _on_lines(random: Random, count: int) -> np.ndarray:
 
 
 def _there_and_back(random: Random, count: int) -> np.ndarray:
-    """Spikes, as wide as nothing or as a hair."""
+    """Spikes of width zero or nearly zero."""
     points = _star(random, count)
     for _ in range(random.integers(1, 3)):
         at = int(random.integers(count))
@@ -108,7 +108,7 @@ RIMS: dict[str, Callable[[Random, int], np.ndarray]] = {
 
 
 def rim(kind: str, seed: int) -> np.ndarray:
-    """The points of an odd rim, 3 to about 100."""
+    """The points of an irregular rim, 3 to about 100."""
     random = np.random.default_rng([seed, *kind.encode()])
     count = int(
         random.choice([random.integers(3, 8), random.integers(8, 30), random.integers(30, 100)], p=[0.4, 0.4, 0.2])
@@ -117,7 +117,7 @@ def rim(kind: str, seed: int) -> np.ndarray:
 
 
 def mesh(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """A band of good or of poor triangles around an odd rim; in some two rim vertices are one, a pinch."""
+    """A band of good or of poor triangles around an irregular rim; in some, two rim vertices are equal, a pinch."""
     points = rim(kind, seed)
     random = np.random.default_rng([seed, 1])
     count, away = len(points), points - points.mean(axis=0)

@@ -46,7 +46,7 @@ def tube(sides: int = 16, rings: int = 3, *, squeeze: float = 1.0) -> tuple[np.n
 def rounds_and_rows(
     point: Callable[[float, float], tuple[float, float, float]], rounds: int, rows: np.ndarray, *, closed: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The mesh of a surface over an angle and the values of another parameter, with diagonals to and fro."""
+    """The mesh of a surface over an angle and the values of another parameter, with alternating diagonals."""
     angle = 2 * np.pi * np.arange(rounds) / rounds
     vertices = np.array([point(a, row) for row in rows for a in angle])
     i, j = (k.ravel() for k in np.meshgrid(np.arange(rounds), np.arange(len(rows) - (not closed))))
@@ -62,7 +62,7 @@ def cylinder(rounds: int = 48, rows: int = 31, *, half: float = 2.0) -> tuple[np
 
 
 def folded_quad() -> tuple[np.ndarray, np.ndarray]:
-    """Two triangles with a common edge (1, 3): its hole of four vertices has a free diagonal (0, 2) and a taken one."""
+    """Two triangles with the common edge (1, 3); of the diagonals of their hole, (0, 2) is free, (1, 3) is an edge."""
     vertices = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.5], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.5]])
     return vertices, np.array([[0, 1, 3], [1, 2, 3]])
 
@@ -130,7 +130,7 @@ def spiked_tetrahedron(height: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
 
 
 def linked_rings() -> tuple[np.ndarray, np.ndarray]:
-    """Two flat rings across each other, whose holes the vertices 0-31 and 64-95 bound; either passes the other's."""
+    """Two flat rings across each other, with the holes 0-31 and 64-95; each passes through the hole of the other."""
     t = 2 * np.pi * np.arange(32) / 32
     circle = np.column_stack([np.cos(t), np.sin(t), np.zeros(32)])
     vertices, faces = collar(circle, 0.2 * circle)

@@ -17,7 +17,7 @@ Kept = Callable[[np.ndarray], np.ndarray]
 
 
 def largest(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-    """The largest piece that hangs together through edges."""
+    """The largest component that is connected by edges."""
     piece = face_components(faces)
     used, faces = np.unique(faces[piece == np.argmax(np.bincount(piece))], return_inverse=True)
     return vertices[used], faces.reshape(-1, 3)

@@ -8,7 +8,7 @@ import pytest
 
 from spinor_geom.bench.ragged import bowl, reported_bowls, reported_tubes
 from spinor_geom.errors import SheetBorderError
-from spinor_geom.fill.borders import refuse_border
+from spinor_geom.fill.borders import require_no_border
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
@@ -43,7 +43,7 @@ SHEETS: dict[str, Heights] = {
 
 def is_border(patched: PatchedMesh, loop: BoundaryLoop) -> bool:
     try:
-        refuse_border(patched, loop)
+        require_no_border(patched, loop)
     except SheetBorderError:
         return True
     return False

@@ -1,4 +1,4 @@
-"""The border of a sheet is no hole: a patch over it would lie on the mesh."""
+"""The border of a sheet is not filled, because a patch over it would lie on the mesh."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.errors import ImperfectFillWarning, SheetBorderError
-from spinor_geom.fill.borders import refuse_border
+from spinor_geom.fill.borders import require_no_border
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.find_loops import find_boundary_loops
@@ -111,7 +111,7 @@ def cap(opening: float, *, ragged: bool) -> tuple[np.ndarray, np.ndarray]:
 def test_bowls_are_no_borders_however_they_are_cut(opening: float, ragged: bool) -> None:
     mesh = TriangleMesh(*cap(opening, ragged=ragged))
     loops = find_boundary_loops(mesh)
-    refuse_border(PatchedMesh(mesh, loops), loops[0])
+    require_no_border(PatchedMesh(mesh, loops), loops[0])
 
 
 def test_the_border_of_a_narrow_strip_is_found_before_anything_is_solved() -> None:
@@ -123,4 +123,4 @@ def test_the_border_of_a_narrow_strip_is_found_before_anything_is_solved() -> No
     )
     loops = find_boundary_loops(mesh)
     with pytest.raises(SheetBorderError):
-        refuse_border(PatchedMesh(mesh, loops), loops[0])
+        require_no_border(PatchedMesh(mesh, loops), loops[0])

@@ -36,7 +36,7 @@ def island() -> tuple[np.ndarray, np.ndarray]:
 
 
 def places(mesh: tuple[np.ndarray, np.ndarray], *radii: float) -> tuple[int, ...]:
-    """Places of the loops of given radii."""
+    """Indices of the loops of given radii."""
     loops = find_boundary_loops(TriangleMesh(*mesh))
     found = [np.linalg.norm(loop.points[:, :2], axis=1).mean() for loop in loops]
     return tuple(int(np.argmin(np.abs(np.array(found) - radius))) for radius in radii)
@@ -77,7 +77,7 @@ def test_two_ends_of_a_gap_are_bridged() -> None:
     assert all(other[name] is None for name in ("area", "residual_rms_per_edge", "stability", "annulus"))
 
 
-def test_a_bridge_with_more_area_than_two_disks_is_told_to_be_a_local_minimum() -> None:
+def test_a_bridge_with_more_area_than_two_disks_is_reported_as_a_local_minimum() -> None:
     # two disks have less area from height 0.5277 on
     mesh = together(ring(1.0, 1.4, height=0.6), ring(1.0, 1.4, height=-0.6, down=True))
     _, report = fill_hole(mesh, bridge=(2, 3), return_report=True)
@@ -247,7 +247,7 @@ def test_what_is_advised_for_open_sheets_joins_them(seed: int, gap: float, rows:
 
 
 def test_what_is_no_bridge_is_refused() -> None:
-    with pytest.raises(OptionError, match="two loops or more, got 1"):
+    with pytest.raises(OptionError, match="two or more loops, got 1"):
         fill_hole(island(), bridge=(1,))
     with pytest.raises(OptionError, match="loop 1 twice"):
         fill_hole(island(), bridge=(1, 1))

@@ -1,4 +1,4 @@
-"""Patches over ragged rims of steep walls keep clear of the walls."""
+"""Patches over ragged rims of steep walls do not touch the walls."""
 
 from __future__ import annotations
 

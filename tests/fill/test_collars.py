@@ -1,4 +1,4 @@
-"""Random collars: whatever a rim looks like, it is closed, or left open for a reason that is true."""
+"""Random collars: each rim is closed, or left open for a correct reason."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def collar(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def holds(seed: int) -> float:
-    """Fills one collar and checks what came of it; returns the seconds."""
+    """Fills one collar and checks the result; returns the seconds."""
     vertices, faces = collar(seed)
     start = time.perf_counter()
     with warnings.catch_warnings():

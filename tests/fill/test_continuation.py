@@ -1,4 +1,4 @@
-"""Patches that go on with the mesh: known surfaces come back, the mesh stays as it is, what cannot go on is said."""
+"""Smooth continuations: known surfaces are recovered, the mesh is unchanged, and failures are reported."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def jittered_ball() -> Mesh:
 
 
 def continued(mesh: Mesh, **options: Any) -> tuple[np.ndarray, LoopOutcome]:
-    """The new vertices of a mesh, one of whose holes is filled, and its outcome; the mesh must be left alone."""
+    """The new vertices of a mesh, one of whose holes is filled, and its outcome; the mesh must not change."""
     (vertices, faces), report = fill_hole(mesh, continuity="C1", return_report=True, **options)
     np.testing.assert_array_equal(vertices[: len(mesh[0])], mesh[0])
     np.testing.assert_array_equal(faces[: len(mesh[1])], mesh[1])
@@ -82,11 +82,11 @@ def test_caps_of_spheres_come_back(sphere: Mesh, height: float) -> None:
     # vertices on a sphere have one mean curvature, whatever the triangles: only the steps' tolerance is left
     # and where a lid becomes a hemisphere, twice as large, what its triangles, meshed anew or not, leave
     assert rms(heights(new)) < (1e-3 if height > 0 else 5e-3)
-    told = outcome.continuation
-    assert told is not None
+    continuation = outcome.continuation
+    assert continuation is not None
     # as the sphere's own edges bend: 5.5°
-    assert told.after.rms < 8 < told.before.rms
-    assert told.after.largest < 30
+    assert continuation.after.rms < 8 < continuation.before.rms
+    assert continuation.after.largest < 30
 
 
 def test_more_than_half_a_sphere_comes_back() -> None:
@@ -140,10 +140,10 @@ def test_a_tube_goes_on_as_a_tube(half: float, start: str, error: float) -> None
     places = [k for k, loop in enumerate(boundary_loops(mesh)) if abs(loop.points[:, 2]).max() < 3]
     (vertices, faces), report = fill_hole(mesh, bridge=places, continuity="C1", return_report=True)
     for place in places:
-        told = report.loops[place].continuation
+        continuation = report.loops[place].continuation
         assert report.loops[place].kind == "smooth"
-        assert told is not None
-        assert told.started_from == start
+        assert continuation is not None
+        assert continuation.started_from == start
     new = vertices[len(mesh[0]) :]
     assert len(new)
     assert rms(np.hypot(new[:, 0], new[:, 1]) - 1) < error
@@ -153,7 +153,7 @@ def test_a_tube_goes_on_as_a_tube(half: float, start: str, error: float) -> None
 
 
 def test_a_mesh_as_regular_as_can_be_goes_on() -> None:
-    """H is equal to rounding around each ring of a can, and another on the next: nothing falls between neighbours."""
+    """H is equal up to rounding along each ring of a can, and different on the next ring."""
     vertices, faces = tube()
     rim = np.arange(32, 48)
     lid = np.column_stack([rim, np.roll(rim, -1), np.full(16, 48)])
@@ -235,7 +235,7 @@ def test_a_patch_depends_on_three_rings_of_faces_and_no_more() -> None:
     assert [roughness(rows[k]) > 0 for k in range(1, 8)] == [True, True, True, False, False, False, False]
 
 
-def test_noise_is_not_amplified_and_told() -> None:
+def test_noise_is_not_amplified_and_is_reported() -> None:
     vertices, faces = icosphere(4)
     edge, noise = 0.069, 0.1
     rng = np.random.default_rng(1)
@@ -276,7 +276,7 @@ def test_a_discrete_patch_is_continued_too() -> None:
     assert rms(heights(new)) < 1e-3
 
 
-def test_a_continuation_that_is_not_found_leaves_the_film(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_if_no_continuation_is_found_the_minimal_surface_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = without(icosphere(2), centres(icosphere(2))[:, 2] > 0.7)
 
     def stuck(patch: Patch, *_: object, **__: object) -> Faired:
@@ -285,12 +285,12 @@ def test_a_continuation_that_is_not_found_leaves_the_film(monkeypatch: pytest.Mo
     def broken(*_: object, **__: object) -> Faired:
         raise SingularMatrixError(size=5)
 
-    for instead, told in ((stuck, "after 7 steps the bend"), (broken, "singular")):
+    for instead, message in ((stuck, "after 7 steps the bend"), (broken, "singular")):
         monkeypatch.setattr("spinor_geom.fill.fill_loop.continue_patch", instead)
         _, outcome = continued(mesh)
         assert (outcome.kind, outcome.continuation, outcome.converged) == ("minimal", None, True)
         assert "the patch was not continued smoothly" in outcome.remarks[0]
-        assert told in outcome.remarks[0]
+        assert message in outcome.remarks[0]
 
 
 @pytest.mark.parametrize("is_crossed", [True, False])
@@ -379,7 +379,7 @@ def test_a_patch_whose_domain_of_angles_cannot_be_meshed_is_continued(
     assert not np.array_equal(moved.patch.vertices, film.vertices)
 
 
-def test_a_continuation_out_of_time_is_kept_where_it_is_nearer_and_told() -> None:
+def test_a_continuation_out_of_time_is_kept_where_it_is_nearer_and_reported() -> None:
     mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > 0.3)
     loop = boundary_loops(mesh)[0]
     film = fill_hole(mesh, return_report=True)[1].loops[0].patch
@@ -409,7 +409,7 @@ def test_a_patch_without_inner_vertices_stays() -> None:
     assert [(outcome.kind, outcome.remarks) for outcome in report.loops] == [("minimal", ())] * 2
 
 
-def test_the_report_tells_the_bend_and_the_surface_before() -> None:
+def test_the_report_has_the_bend_and_the_surface_before() -> None:
     mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > 0.7)
     _, outcome = continued(mesh)
     entry = json.loads(json.dumps(outcome.to_dict()))

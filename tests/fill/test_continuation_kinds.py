@@ -1,4 +1,4 @@
-"""Continuations over generated kinds of holes: at rest, no thin triangles, no new crossings, their area reported."""
+"""Continuations over generated holes: convergence, no thin triangles, no new crossings, the reported area."""
 
 from __future__ import annotations
 
@@ -106,18 +106,18 @@ def patched(mesh: Mesh, **options: float) -> tuple[LoopOutcome, LoopOutcome]:
 @pytest.mark.parametrize("kind", KINDS)
 def test_continuations_come_to_rest_without_thin_triangles(kind: str, seed: int) -> None:
     smooth, film = patched(KINDS[kind](np.random.default_rng([seed, 7])))
-    told = smooth.continuation
-    assert told is not None
+    continuation = smooth.continuation
+    assert continuation is not None
     assert (smooth.kind, smooth.converged, smooth.reason) == ("smooth", True, "")
-    assert told.next_step <= 0.01
+    assert continuation.next_step <= 0.01
     assert smooth.intersections <= film.intersections
     assert smooth.patch is not None
     faces = np.asarray(smooth.patch.faces)
     inner = faces[(faces >= smooth.patch.boundary_size).all(axis=1)]
     assert np.degrees(internal_angles(smooth.patch.vertices, inner)).min() >= 10
     # the film's vertices may have been moved off a steep wall since, beside its rim
-    assert told.area_ratio == pytest.approx(smooth.patch.area / film.patch.area, rel=1e-2)  # type: ignore[union-attr]
-    assert (told.area_ratio > 2) == any("times the area" in remark for remark in smooth.remarks)
+    assert continuation.area_ratio == pytest.approx(smooth.patch.area / film.patch.area, rel=1e-2)  # type: ignore[union-attr]
+    assert (continuation.area_ratio > 2) == any("times the area" in remark for remark in smooth.remarks)
 
 
 @pytest.mark.parametrize("opening", [80, 60, 45])
@@ -135,7 +135,7 @@ def test_steep_bowls_are_closed_as_spheres_and_their_area_is_reported(opening: f
     new = smooth.patch.vertices[smooth.patch.boundary_size :]
     # new triangles are as large as the rim's edges: a vertex is off by a small share of one of 0.15
     assert np.sqrt(np.mean((np.linalg.norm(new, axis=1) - 1) ** 2)) < 0.02
-    assert any("times the area of the surface it started from" in said for said in smooth.shortcomings)
+    assert any("times the area of the surface it started from" in shortcoming for shortcoming in smooth.shortcomings)
 
 
 def test_what_does_not_come_to_rest_is_a_thin_plate_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,19 +144,19 @@ def test_what_does_not_come_to_rest_is_a_thin_plate_with_the_reason(monkeypatch:
     mesh = without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > 0.7)
     monkeypatch.setattr(fairing._Equations, "solved", lambda _, x: (x, 3, 0.2))
     smooth, _ = patched(mesh)
-    told = smooth.continuation
-    assert told is not None
-    assert (told.order, smooth.converged) == ("thin plate", True)
-    assert "0.2 of an edge" in told.lowered
-    assert any("the patch is a thin plate, as" in said for said in smooth.shortcomings)
+    continuation = smooth.continuation
+    assert continuation is not None
+    assert (continuation.order, smooth.converged) == ("thin plate", True)
+    assert "0.2 of an edge" in continuation.lowered
+    assert any("the patch is a thin plate, because" in shortcoming for shortcoming in smooth.shortcomings)
     entry = json.loads(json.dumps(smooth.to_dict()))["continuation"]
-    assert (entry["order"], entry["lowered"]) == ("thin plate", told.lowered)
+    assert (entry["order"], entry["lowered"]) == ("thin plate", continuation.lowered)
     assert entry["smallest_angle"] > 10
     assert entry["area_ratio"] > 1
 
 
 @pytest.mark.parametrize(("angle", "is_thin"), [(7.0, True), (14.0, False)])
-def test_angles_below_ten_degrees_are_reported_and_those_of_the_rim_told_apart(angle: float, is_thin: bool) -> None:
+def test_angles_below_ten_degrees_are_reported_and_those_of_the_rim_separately(angle: float, is_thin: bool) -> None:
     # a thin triangle from a rim of four points to an inner one, and a thinner one that fills a corner of the rim
     tip = [0.5, 0.5 * np.tan(np.radians(angle)), 0.0]
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0.01, 0], [1, 0.02, 0], tip])
@@ -169,22 +169,22 @@ def test_angles_below_ten_degrees_are_reported_and_those_of_the_rim_told_apart(a
     assert Faired(patch=patch, steps=0, next_step=0.0, stretch=1.0).is_thin == is_thin
     (smooth, _) = patched(KINDS["saddle"](np.random.default_rng(0)))
     assert smooth.continuation is not None
-    told = smooth.continuation.with_angles_of(patch, remeshed=False)
-    assert told.smallest_angle == told.smallest_rim_angle == corner
-    assert any("between two edges of the rim" in remark for remark in told.remarks)
-    told = replace(told, smallest_angle=others)
-    assert any("smallest angle" in remark for remark in told.remarks) == is_thin
+    continuation = smooth.continuation.with_angles_of(patch, remeshed=False)
+    assert continuation.smallest_angle == continuation.smallest_rim_angle == corner
+    assert any("between two edges of the rim" in remark for remark in continuation.remarks)
+    continuation = replace(continuation, smallest_angle=others)
+    assert any("smallest angle" in remark for remark in continuation.remarks) == is_thin
 
 
-@pytest.mark.parametrize(("bend", "is_told"), [(1.1, True), (0.9, False)])
-def test_a_patch_that_bends_more_than_the_mesh_around_says_so(bend: float, is_told: bool) -> None:
+@pytest.mark.parametrize(("bend", "is_reported"), [(1.1, True), (0.9, False)])
+def test_a_patch_that_bends_more_than_the_mesh_around_reports_it(bend: float, is_reported: bool) -> None:
     (smooth, _) = patched(KINDS["saddle"](np.random.default_rng(0)))
-    told = smooth.continuation
-    assert told is not None
+    continuation = smooth.continuation
+    assert continuation is not None
     # a smooth saddle bends in the hole as around it
-    assert 0.5 * told.around.rms < told.inside.rms < 1.5 * told.around.rms
-    bent = replace(told, inside=Bend(largest=90.0, rms=bend * (2 * told.around.rms + 1)))
-    assert any("from face to face" in remark for remark in bent.remarks) == is_told
+    assert 0.5 * continuation.around.rms < continuation.inside.rms < 1.5 * continuation.around.rms
+    bent = replace(continuation, inside=Bend(largest=90.0, rms=bend * (2 * continuation.around.rms + 1)))
+    assert any("from face to face" in remark for remark in bent.remarks) == is_reported
 
 
 def test_a_wide_band_between_two_rims_has_no_slivers() -> None:
@@ -206,15 +206,15 @@ def test_steep_ragged_bowls_have_no_smaller_angles_than_their_rims(number: int) 
     hole = list(reported_bowls())[number]
     report = fill_hole((hole.vertices, hole.faces), continuity="C1", return_report=True)[1]
     (smooth,) = (outcome for outcome in report.loops if outcome.filled)
-    told = smooth.continuation
-    assert told is not None
-    assert told.converged
-    assert min(smallest_angles(smooth.patch)) == told.smallest_angle  # type: ignore[arg-type]
-    assert told.smallest_angle >= min(10, told.smallest_rim_angle or np.inf)
+    continuation = smooth.continuation
+    assert continuation is not None
+    assert continuation.converged
+    assert min(smallest_angles(smooth.patch)) == continuation.smallest_angle  # type: ignore[arg-type]
+    assert continuation.smallest_angle >= min(10, continuation.smallest_rim_angle or np.inf)
 
 
 @pytest.mark.parametrize("subdivisions", [1, 2, 3])
-def test_a_repeated_position_on_the_rim_is_no_raw_error(subdivisions: int) -> None:
+def test_a_repeated_position_on_the_rim_raises_no_untyped_error(subdivisions: int) -> None:
     ball = trimesh.creation.icosphere(subdivisions)
     vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
     mesh = without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > 0.2)

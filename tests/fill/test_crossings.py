@@ -1,4 +1,4 @@
-"""Loops that cross themselves are refused; patches that cross something are kept, counted, and it is said where."""
+"""Loops that cross themselves are refused; intersections of patches are kept, counted and located."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_a_figure_eight_has_no_exact_surface_and_its_crossing_edges_are_named() 
     assert caught.value.count == 1
 
 
-def test_two_vertices_in_one_place_make_the_patch_discrete() -> None:
+def test_two_vertices_at_one_position_make_the_patch_discrete() -> None:
     mesh = collar(figure_eight(64, 0.0), np.array([0, 0, 0.3]))
     _, report = fill_hole(mesh, return_report=True)
     assert {outcome.kind for outcome in report.loops} == {"discrete"}
@@ -108,7 +108,7 @@ def test_a_hole_with_a_slit_at_its_edge_is_closed_by_triangles() -> None:
 # --- patches ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_patch_over_a_knot_crosses_itself_and_says_where() -> None:
+def test_a_patch_over_a_knot_crosses_itself_and_reports_where() -> None:
     mesh = trefoil(60)
     report, outcome = filled_at(mesh, 0, tolerance=1e-2)
     assert outcome.filled
@@ -127,7 +127,7 @@ def test_a_patch_over_a_knot_crosses_itself_and_says_where() -> None:
     assert "cross" not in outcome.reason
 
 
-def test_a_patch_that_a_part_of_the_mesh_pokes_through_says_so() -> None:
+def test_a_patch_that_a_part_of_the_mesh_pokes_through_reports_it() -> None:
     report, outcome = filled_at(spiked_tetrahedron(), 0)
     assert (outcome.filled, outcome.converged, outcome.faces_added) == (True, True, 1)
     assert (outcome.self_intersections, outcome.mesh_intersections, outcome.patch_intersections) == (0, 1, 0)
@@ -169,12 +169,12 @@ def test_patches_of_two_loops_that_cross_are_counted_once() -> None:
     assert large.self_intersections == small.self_intersections == 0
 
 
-def test_counts_and_notes_are_in_the_report_and_heard_at_once() -> None:
-    heard: list[LoopOutcome] = []
+def test_counts_and_notes_are_in_the_report_and_in_the_callback() -> None:
+    reported: list[LoopOutcome] = []
     mesh = spiked_tetrahedron()
     place = loop_with(0, boundary_loops(mesh))
-    _, report = fill_hole(mesh, place, return_report=True, on_loop=lambda outcome, _: heard.append(outcome))
-    assert heard == [report.loops[place]]
+    _, report = fill_hole(mesh, place, return_report=True, on_loop=lambda outcome, _: reported.append(outcome))
+    assert reported == [report.loops[place]]
     entry = json.loads(json.dumps(report.to_dict(), allow_nan=False))
     assert entry["intersection_free"] is False
     counts = ("self_intersections", "mesh_intersections", "patch_intersections")
@@ -224,7 +224,7 @@ def test_patches_of_real_meshes_cross_nothing(name: str, places: list[int]) -> N
 
 
 def star(disk: HoledDisk, loop: BoundaryLoop) -> Patch:
-    """The faces that were taken away around a vertex, as a patch on the loop that they left."""
+    """The faces that were removed around a vertex, as a patch on the boundary of the hole."""
     vertex = disk.removed[disk.holes.index(frozenset(loop.vertex_ids.tolist()))]
     patch = cone(loop)
     return Patch(

@@ -17,7 +17,7 @@ from spinor_geom.fill.discrete_patch import discrete_patch
 from spinor_geom.fill.exact_patches import exact_patch
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_options import FillOptions
-from spinor_geom.fill.no_holes import refuse_empty
+from spinor_geom.fill.no_holes import require_area
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.topology import is_watertight
@@ -72,7 +72,7 @@ def test_where_the_descent_fails_triangles_over_the_points_close_the_hole(monkey
     for outcome in report.loops:
         assert outcome.vertices_added == outcome.edges_split
         assert outcome.faces_added == 38 + 2 * outcome.edges_split
-        assert outcome.reason.startswith("a triangulation without inner vertices, as it does not unfold, because: no")
+        assert outcome.reason.startswith("a triangulation without inner vertices (it does not unfold), because: no")
 
 
 @pytest.mark.parametrize("corners", [(), (0, 20)])
@@ -115,13 +115,13 @@ def test_a_loop_encloses_no_area_below_a_millionth_of_its_mean_edge(width: float
     x = np.array([0.0, 1, 2, 3, 2, 1])
     loop = BoundaryLoop.from_points(np.column_stack([x, [0, 0, 0, 0, width, width], 0 * x]), corners=())
     assert loop.mean_edge_length == pytest.approx(1.0)
-    found = refuse_what(loop)
+    found = error_of(loop)
     assert isinstance(found, NoAreaError) == is_refused
 
 
-def refuse_what(loop: BoundaryLoop) -> NoAreaError | None:
+def error_of(loop: BoundaryLoop) -> NoAreaError | None:
     try:
-        refuse_empty(loop, loop.diagonal / loop.elongation)
+        require_area(loop, loop.diagonal / loop.elongation)
     except NoAreaError as error:
         return error
     return None

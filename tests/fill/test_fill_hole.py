@@ -1,4 +1,4 @@
-"""fill_hole with the real solver, on meshes small enough to know the answer."""
+"""`fill_hole` with the real solver, on small meshes with known results."""
 
 from __future__ import annotations
 
@@ -183,13 +183,15 @@ def test_a_loop_of_another_mesh_is_refused() -> None:
         fill_hole(tube(), boundary_loops(tube(12))[0])
 
 
-def test_the_call_back_hears_of_every_requested_loop() -> None:
-    heard: list[tuple[LoopOutcome, int]] = []
-    _, report = fill_hole(disk_with_hole(), [1], return_report=True, on_loop=lambda o, count: heard.append((o, count)))
-    assert heard == [(report.loops[1], 1)]
+def test_the_callback_is_called_for_every_requested_loop() -> None:
+    reported: list[tuple[LoopOutcome, int]] = []
+    _, report = fill_hole(
+        disk_with_hole(), [1], return_report=True, on_loop=lambda o, count: reported.append((o, count))
+    )
+    assert reported == [(report.loops[1], 1)]
 
 
-def test_a_loop_that_the_solver_fails_on_is_closed_discretely_and_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_loop_that_the_solver_fails_on_is_closed_discretely_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     def fails_on_the_first(loops: Iterable[BoundaryLoop], **options: object) -> Iterator[object]:
         for loop in loops:
             if 0 in loop.vertex_ids:
@@ -204,7 +206,7 @@ def test_a_loop_that_the_solver_fails_on_is_closed_discretely_and_says_why(monke
     assert (failed.kind, failed.solution, failed.converged) == ("discrete", None, False)
     assert failed.reason == "a discrete minimal surface, because: no disk was found over this loop"
     assert done.kind == "minimal"
-    # what was lost on it is told, and not as another loop's
+    # the time of the failed attempt is reported for this loop, not for another one
     assert failed.timings["solve"] >= 0.05
     assert done.solution is not None
     assert done.timings["solve"] == sum(done.solution.timings.values())
@@ -241,7 +243,7 @@ def test_a_surface_that_is_not_finite_gives_way_to_a_discrete_one(monkeypatch: p
     assert report.watertight
 
 
-def test_a_missed_tolerance_is_filled_and_said() -> None:
+def test_a_missed_tolerance_is_filled_and_reported() -> None:
     rng = np.random.default_rng(5)
     vertices, faces = tube(24, 3)
     vertices = vertices + 0.02 * rng.normal(size=vertices.shape)
@@ -280,7 +282,7 @@ def test_options_that_make_no_sense_are_refused(options: dict[str, object]) -> N
         fill_hole(tube(), **options)  # type: ignore[call-overload]
 
 
-def test_a_place_that_does_not_exist_is_refused() -> None:
+def test_an_index_of_no_loop_is_refused() -> None:
     with pytest.raises(LoopIndexError, match="loop 2 does not exist, there are 2"):
         fill_hole(tube(), 2)
 
@@ -311,7 +313,7 @@ def test_colours_and_normals_reach_the_patch() -> None:
     np.testing.assert_allclose(filled.vertex_attributes["normal"][count:], expected, atol=1e-9)
 
 
-def test_the_report_is_json_and_holds_what_was_promised() -> None:
+def test_the_report_is_json_with_the_documented_fields() -> None:
     _, report = fill_hole(disk_with_hole(), keep_largest=True, return_report=True)
     text = json.dumps(report.to_dict(), allow_nan=False)
     entry = json.loads(text)
@@ -402,11 +404,11 @@ def test_a_clean_fill_warns_of_nothing_and_a_long_list_is_cut() -> None:
     assert caught[0].filename == __file__
 
 
-def test_stages_are_told_loop_by_loop_before_they_begin() -> None:
-    told: list[tuple[int, str]] = []
-    fill_hole(tube(), on_stage=lambda place, stage: told.append((place, stage)))
-    assert told == [(place, stage) for place in (0, 1) for stage in ("exact surface", "mesh", "crossings")]
-    told.clear()
+def test_stages_are_reported_loop_by_loop_before_they_begin() -> None:
+    stages: list[tuple[int, str]] = []
+    fill_hole(tube(), on_stage=lambda place, stage: stages.append((place, stage)))
+    assert stages == [(place, stage) for place in (0, 1) for stage in ("exact surface", "mesh", "crossings")]
+    stages.clear()
     with pytest.warns(ImperfectFillWarning):
-        fill_hole(tube(), 1, time_limit=1e-9, on_stage=lambda place, stage: told.append((place, stage)))
-    assert told == [(1, stage) for stage in ("exact surface", "mesh", "discrete surface", "crossings")]
+        fill_hole(tube(), 1, time_limit=1e-9, on_stage=lambda place, stage: stages.append((place, stage)))
+    assert stages == [(1, stage) for stage in ("exact surface", "mesh", "discrete surface", "crossings")]

@@ -1,4 +1,4 @@
-"""Which loops a call fills, and the errors of a choice that cannot be made."""
+"""The loops that a call fills, and the errors for loops that cannot be chosen."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError, UnknownMeshTypeError
-from spinor_geom.fill.loop_choice import boundary_loops, chosen_places, free_rim, reasons_to_leave_open
+from spinor_geom.fill.loop_choice import boundary_loops, chosen_indices, free_rim, reasons_to_leave_open
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.fill.shapes import tube
 
@@ -28,26 +28,26 @@ def test_boundary_loops_of_an_unknown_type_names_the_known_ones() -> None:
 
 
 def test_all_means_every_loop(loops: list[BoundaryLoop]) -> None:
-    assert chosen_places("all", loops) == [0, 1]
+    assert chosen_indices("all", loops) == [0, 1]
 
 
 def test_places_may_be_one_or_several_in_any_order(loops: list[BoundaryLoop]) -> None:
-    assert chosen_places(1, loops) == [1]
-    assert chosen_places(np.int64(1), loops) == [1]
-    assert chosen_places([1, 0, 1], loops) == [0, 1]
-    assert chosen_places(np.array([1]), loops) == [1]
+    assert chosen_indices(1, loops) == [1]
+    assert chosen_indices(np.int64(1), loops) == [1]
+    assert chosen_indices([1, 0, 1], loops) == [0, 1]
+    assert chosen_indices(np.array([1]), loops) == [1]
 
 
 @pytest.mark.parametrize("place", [2, -1, [0, 7]])
-def test_a_place_that_does_not_exist_is_named(loops: list[BoundaryLoop], place: int | list[int]) -> None:
+def test_an_index_of_no_loop_is_named(loops: list[BoundaryLoop], place: int | list[int]) -> None:
     with pytest.raises(LoopIndexError, match="there are 2"):
-        chosen_places(place, loops)
+        chosen_indices(place, loops)
 
 
 @pytest.mark.parametrize("choice", ["longest", 1.5, [0.5], None])
 def test_a_choice_of_another_kind_is_refused(loops: list[BoundaryLoop], choice: object) -> None:
     with pytest.raises(OptionError, match="loop must be 'all'"):
-        chosen_places(choice, loops)  # type: ignore[arg-type]
+        chosen_indices(choice, loops)  # type: ignore[arg-type]
 
 
 def test_a_loop_is_found_from_any_start(loops: list[BoundaryLoop]) -> None:
@@ -57,14 +57,14 @@ def test_a_loop_is_found_from_any_start(loops: list[BoundaryLoop]) -> None:
         vertex_ids=np.roll(second.vertex_ids, 5),
         corners=np.roll(second.corners, 5),
     )
-    assert chosen_places(turned, loops) == [1]
+    assert chosen_indices(turned, loops) == [1]
 
 
 def test_a_loop_of_another_mesh_or_direction_is_refused(loops: list[BoundaryLoop]) -> None:
     moved = BoundaryLoop.from_points(loops[0].points + 1.0)
     for foreign in (moved, loops[0].reversed()):
         with pytest.raises(ForeignLoopError, match="not a boundary loop of this mesh"):
-            chosen_places(foreign, loops)
+            chosen_indices(foreign, loops)
 
 
 def test_loops_left_open_have_their_reason(loops: list[BoundaryLoop]) -> None:
@@ -95,7 +95,7 @@ def test_corners_between_smooth_sides_stay() -> None:
 
 
 @pytest.mark.parametrize("loop", [frame(kink=0.02), frame(edges=6)], ids=["kink", "few points"])
-def test_corners_of_triangles_leave_a_rim_free(loop: BoundaryLoop) -> None:
+def test_corners_of_triangles_are_not_kept_on_a_free_rim(loop: BoundaryLoop) -> None:
     assert loop.corners.sum() == 4
     free = free_rim(loop, tolerance=1e-3)
     assert not free.corners.any()

@@ -1,4 +1,4 @@
-"""Merged vertices: mesh types of every kind whose vertices differ by rounding, or by a distance, are closed."""
+"""Merged vertices: meshes of all types whose vertices differ by rounding, or by a distance, are closed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LABELS = np.arange(3 * 64)  # one for each corner of the soup, all different
 
 
 def soup(error: float) -> tuple[np.ndarray, np.ndarray]:
-    """The tube's 64 faces with corners of their own, which differ by an error: 192 vertices, 48 places."""
+    """The tube's 64 faces with corners of their own, which differ by an error: 192 vertices, 48 positions."""
     vertices, faces = tube()
     corners = vertices[faces].reshape(-1, 3)
     shift = np.random.default_rng(5).uniform(-1, 1, size=corners.shape) * error / 4

@@ -1,4 +1,4 @@
-"""Holes with odd rims: results or the library's own errors, no warnings, no time or memory without bound."""
+"""Holes with irregular rims: a result or an error of the library, without warnings, in bounded time and memory."""
 
 from __future__ import annotations
 

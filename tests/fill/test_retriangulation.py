@@ -1,4 +1,4 @@
-"""Patches that cross the mesh, and whose vertices cannot be moved off it, are triangulated anew there."""
+"""Patches that cross the mesh and whose vertices cannot be moved off it are triangulated again there."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def test_noisy_walls_are_not_crossed(hole: Hole, continuity: Literal["C0", "C1"]
     np.testing.assert_array_equal(faces[: len(hole.faces)], hole.faces)
     # the report has the number, and says so
     assert outcome.to_dict()["faces_replaced"] == outcome.faces_replaced
-    said = f"{outcome.faces_replaced} faces of the patch are a triangulation of their outline"
-    assert any(note.startswith(said) for note in outcome.notes) == (outcome.faces_replaced > 0)
+    note_start = f"{outcome.faces_replaced} faces of the patch triangulate their outline"
+    assert any(note.startswith(note_start) for note in outcome.notes) == (outcome.faces_replaced > 0)
     # a small part of the patch
     assert outcome.faces_replaced < 0.1 * outcome.faces_added
     assert continuity == "C1" or outcome.faces_replaced > 0

@@ -166,7 +166,7 @@ def test_nothing_is_laid_into_a_slit_narrower_than_rounding(width: float) -> Non
 
 
 @pytest.mark.parametrize(("share", "is_seam"), [(0.7e-6, True), (1.5e-6, False)])
-def test_sides_of_a_gap_are_at_one_place_up_to_a_millionth_of_the_diagonal(share: float, is_seam: bool) -> None:
+def test_sides_of_a_gap_coincide_up_to_a_millionth_of_the_diagonal(share: float, is_seam: bool) -> None:
     vertices, faces = box(3, 3)
     # the lid is lifted; its edges are 1/3, so that the diagonal is the limit
     lid = vertices[-16:] + np.array([0, 0, share * np.linalg.norm(np.ptp(vertices, axis=0))])
@@ -175,9 +175,7 @@ def test_sides_of_a_gap_are_at_one_place_up_to_a_millionth_of_the_diagonal(share
 
 
 @pytest.mark.parametrize(("share", "is_seam"), [(0.7e-2, True), (1.5e-2, False)])
-def test_sides_of_a_gap_between_fine_faces_are_at_one_place_up_to_a_hundredth_of_an_edge(
-    share: float, is_seam: bool
-) -> None:
+def test_sides_of_a_gap_between_fine_faces_coincide_up_to_a_hundredth_of_an_edge(share: float, is_seam: bool) -> None:
     # edges of 1e-5 beside a face of size 1: a millionth of the diagonal is a tenth of them
     vertices, faces = box(3, 3, size=3e-5)
     far = np.array([[0.0, 0, 5], [1, 0, 5], [0, 1, 5]])
@@ -324,7 +322,7 @@ def test_closed_and_one_sided_meshes_are_named() -> None:
     u, v = i * np.pi / 4, j * np.pi / 3
     torus = np.column_stack([(2 + np.cos(v)) * np.cos(u), (2 + np.cos(v)) * np.sin(u), np.sin(v)])
     _, report = fill_hole((torus, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])), return_report=True)
-    assert report.notes == ("the mesh is closed, genus 1: a tunnel has no rim",)
+    assert report.notes == ("the mesh is closed, genus 1: it has no boundary loops; a tunnel is not a hole",)
     n = np.arange(12)
     t = n * np.pi / 6
     low, high = (

@@ -1,4 +1,4 @@
-"""Joining patches: orientation, indices, and edges that are taken already."""
+"""Joining patches: orientation, indices, and edges that already have two faces."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def filled_with_fans(mesh: TriangleMesh, apex: int) -> tuple[TriangleMesh, bool]
         if patched.face_on(loop) is None:
             patch, _ = patched.fitted(fan(loop, apex % len(loop)), loop.vertex_ids)
             patched.join(patch, loop.vertex_ids)
-            parts.append(LoopPatch(place=place, rim=loop.vertex_ids, patch=patch, attributes={}))
+            parts.append(LoopPatch(index=place, rim=loop.vertex_ids, patch=patch, attributes={}))
     return joined(mesh, stitch(mesh, parts)), len(parts) == len(loops)
 
 
@@ -85,7 +85,7 @@ def test_a_chord_on_a_taken_edge_is_split_and_a_free_one_stays() -> None:
     assert len(kept.vertices) == 4
     assert len(split.vertices) == 5
     for patch in (kept, split):
-        part = LoopPatch(place=0, rim=loop.vertex_ids, patch=patch, attributes={})
+        part = LoopPatch(index=0, rim=loop.vertex_ids, patch=patch, attributes={})
         assert is_watertight(joined(mesh, stitch(mesh, [part])).faces)
 
 
@@ -93,7 +93,7 @@ def test_without_the_split_the_taken_edge_would_be_non_manifold() -> None:
     mesh = as_mesh(folded_quad())
     (loop,) = find_boundary_loops(mesh)
     taken_apex = int(np.flatnonzero(loop.vertex_ids == 1)[0])
-    part = LoopPatch(place=0, rim=loop.vertex_ids, patch=fan(loop, taken_apex), attributes={})
+    part = LoopPatch(index=0, rim=loop.vertex_ids, patch=fan(loop, taken_apex), attributes={})
     assert not is_watertight(joined(mesh, stitch(mesh, [part])).faces)
 
 
@@ -134,7 +134,7 @@ def test_new_vertices_and_faces_come_loop_by_loop() -> None:
     loops = find_boundary_loops(mesh)
     parts = [
         LoopPatch(
-            place=place, rim=loop.vertex_ids, patch=cone(loop), attributes={"color": np.full((1, 3), float(place))}
+            index=place, rim=loop.vertex_ids, patch=cone(loop), attributes={"color": np.full((1, 3), float(place))}
         )
         for place, loop in enumerate(loops)
     ]
@@ -180,7 +180,7 @@ def test_disks_with_holes_become_spheres(disk: object, apex: int) -> None:
 def test_the_watertight_check_notices_a_broken_patch(broken: str) -> None:
     mesh = as_mesh(tube())
     parts = [
-        LoopPatch(place=place, rim=loop.vertex_ids, patch=cone(loop), attributes={})
+        LoopPatch(index=place, rim=loop.vertex_ids, patch=cone(loop), attributes={})
         for place, loop in enumerate(find_boundary_loops(mesh))
     ]
     faces = joined(mesh, stitch(mesh, parts)).faces

@@ -1,4 +1,4 @@
-"""fill_hole gives back what it was given: arrays, tensors, trimesh, pymeshlab, files."""
+"""`fill_hole` returns the type that it was given: arrays, tensors, trimesh, pymeshlab, files."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def test_integer_labels_stay_classes_that_exist(tmp_path: Path, kind: str) -> No
     assert to_mesh(filled).labels == {"label"}
 
 
-def test_a_point_cloud_is_refused_with_what_to_do() -> None:
+def test_a_point_cloud_is_refused_with_advice() -> None:
     with pytest.raises(UnknownMeshTypeError, match=r"PointCloud .* reconstruct faces first"):
         fill_hole(trimesh.PointCloud(tube()[0]))
 

@@ -1,4 +1,4 @@
-"""Charts of the gallery: on their curves, of their areas, minimal, and exact rulers."""
+"""Charts of the gallery: their boundaries, their areas, zero mean curvature, and exact distances."""
 
 import math
 
@@ -95,7 +95,7 @@ def test_a_low_prism_s_disk_tends_to_its_square():
     [pytest.param(gallery.schwarz_prism(1.0), marks=pytest.mark.slow), gallery.schwarz_h(0.5)],
     ids=lambda known: known.name,
 )
-def test_a_solver_that_knows_no_answer_finds_the_area(known):
+def test_a_solver_without_the_known_answer_finds_the_area(known):
     # the loop's curved sides are splines through 24 points each
     assert abs(solve_plateau(loop_of(known, 96)).area / area_of(known) - 1) < 3e-6
 

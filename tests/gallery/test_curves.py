@@ -1,4 +1,4 @@
-"""The gallery's curves: closed, differentiated rightly, sampled with their corners."""
+"""The gallery's curves: closed, with correct derivatives, sampled with their corners."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Names of the gallery: each makes the surface that it is called by."""
+"""Names of the gallery: each gives its surface."""
 
 from __future__ import annotations
 

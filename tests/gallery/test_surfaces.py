@@ -1,4 +1,4 @@
-"""The gallery's surfaces agree with their own closed formulas and refuse what does not exist."""
+"""The gallery's surfaces agree with their own closed formulas and refuse parameters for which there is none."""
 
 import numpy as np
 import pytest

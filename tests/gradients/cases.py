@@ -54,13 +54,13 @@ LINKED = {"annulus, linked": [RING, RING[:, [0, 2, 1]] + [1, 0, 0]]}
 
 
 def names(*slow: str) -> list[Any]:
-    """The routes as parameters of a test; those of which a solve takes a second, and others, are slow."""
+    """The routes as parameters of a test; those whose solve takes a second, and some others, are slow."""
     slow = (*slow, "annular network", "circles", "network, curved sides", "flattened, rough")
     return [pytest.param(name, marks=pytest.mark.slow if name in slow else ()) for name in ROUTES]
 
 
 def solved(name: str, rims: list[np.ndarray] | None = None) -> PlateauSolution:
-    """The solution over the rims of a route, or over others in their place."""
+    """The solution over the rims of a route, or over the given rims."""
     kind = name.split(",")[0]
     loops = (ROUTES | LINKED)[name] if rims is None else rims
     corners = "auto" if kind != "network" else np.arange(4) * (len(loops[0]) // 4)

@@ -65,7 +65,7 @@ def test_centre_of_a_symmetric_quadrilateral():
     assert gradient.sum(0).numpy() == pytest.approx([0, 0, 1], abs=1e-6)
 
 
-def test_nearest_places_on_the_boundary_are_refused():
+def test_nearest_points_on_the_boundary_are_refused():
     solution = solve_plateau(RING)
     with pytest.raises(OptionError, match="place 1 is nearest to the boundary"):
         nearest(solution, np.array([[0.1, 0, 0], [1.5, 0, 0]]))

@@ -1,4 +1,4 @@
-"""Fast sums of Cauchy kernels: the direct sums, wherever the points are."""
+"""Fast sums of Cauchy kernels: equal to the direct sums for all positions of the points."""
 
 import time
 
@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.domain import FourierBoundary
-from spinor_geom.holomorphic import interpolant
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums, fast_sums
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.surface.module import as_module
@@ -63,7 +62,7 @@ def test_scale_of_the_plane_does_not_matter(scale, sums):
     np.testing.assert_allclose(scaled, sums(sources, strengths, targets), rtol=1e-9)
 
 
-def test_sources_in_one_place_and_targets_in_one_place():
+def test_sources_at_one_point_and_targets_at_one_point():
     rng = np.random.default_rng(0)
     check_sums(np.ones(40, dtype=complex), random_complex(rng, 40, 2), np.full(60, 3 + 1j))
     check_sums(ELLIPSE.point(np.arange(40) / 40), random_complex(rng, 40, 2), np.full(60, 0.2 + 0.1j))
@@ -110,26 +109,13 @@ def test_time_does_not_grow_with_the_product():
 
 
 def model_and_points():
-    z, dz, _ = (torch.from_numpy(row) for row in ELLIPSE.grid(200))
+    z, dz, _ = (torch.from_numpy(row) for row in ELLIPSE.grid(800))
     model = CauchyInterpolant(z, dz, torch.stack([torch.exp(z), z**3], dim=-1))
     rng = np.random.default_rng(0)
-    return as_module(model), torch.from_numpy(ELLIPSE.point(rng.uniform(size=500)) * rng.uniform(0, 1, 500))
+    return as_module(model), torch.from_numpy(ELLIPSE.point(rng.uniform(size=800)) * rng.uniform(0, 1, 800))
 
 
-@pytest.fixture
-def calls(monkeypatch):
-    """The numbers of points of the sums."""
-    heard = []
-
-    def sums(sources, strengths, targets):
-        heard.append(len(targets))
-        return cauchy_sums(sources, strengths, targets)
-
-    monkeypatch.setattr(interpolant, "cauchy_sums", sums)
-    return heard
-
-
-def test_interpolant_gives_the_same_values_either_way(calls):
+def test_values_at_many_points_are_exact():
     module, inner = model_and_points()
     model = module.untracked
     points = np.concatenate([inner.numpy(), model.nodes[::7], model.nodes[:9] * (1 - 1e-14)]).reshape(-1, 2)
@@ -137,7 +123,6 @@ def test_interpolant_gives_the_same_values_either_way(calls):
     np.testing.assert_allclose(model.value(points), plain, rtol=0, atol=1e-11)
     # at the nodes to the last bit
     np.testing.assert_array_equal(model.value(model.nodes), model.values)
-    assert calls == [points.size, len(model.nodes)]
 
 
 # derivatives and batches of values, in all the ways that torch knows
@@ -159,19 +144,17 @@ def tangent_of(function, z):
 # torch compiles some rules of forward mode on first use, by a function that it has itself deprecated
 @pytest.mark.filterwarnings("ignore:.*torch.jit.script:DeprecationWarning")
 @pytest.mark.parametrize("transform", TRANSFORMS.values(), ids=TRANSFORMS.keys())
-def test_transforms_go_the_plain_way(transform, calls):
+def test_values_at_many_points_can_be_transformed(transform):
     model, points = model_and_points()
-    points = 0.8 * points[:40]
+    points = 0.8 * points
 
     def exact(z):
         return torch.stack([torch.exp(z), z**3], dim=-1)
 
     with torch.no_grad():
         torch.testing.assert_close(transform(model.value, points), transform(exact, points), rtol=0, atol=1e-9)
-    assert calls == []
     # gradients of the parameters too
     assert model.value(points).requires_grad
-    assert calls == []
 
 
 def test_points_that_are_not_finite_do_not_change_the_values_at_others():

@@ -1,4 +1,4 @@
-"""CauchyInterpolant: exact at its nodes, exponentially accurate everywhere in Ω, and no trouble on its way to ∂Ω."""
+"""CauchyInterpolant: exact at its nodes, exponentially accurate in Ω, up to ∂Ω."""
 
 from __future__ import annotations
 

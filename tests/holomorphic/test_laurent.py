@@ -1,4 +1,4 @@
-"""Laurent series: values, derivatives, integrals and residues, with roots and without."""
+"""Laurent series: values, derivatives, integrals and residues, with and without square roots."""
 
 import numpy as np
 import pytest

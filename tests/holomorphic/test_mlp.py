@@ -1,4 +1,4 @@
-"""ComplexMLP: its start, scaling and linearisation; test_models has what it shares with other models."""
+"""ComplexMLP: initial weights, scaling and linearisation; test_models tests what all models have in common."""
 
 import numpy as np
 import pytest

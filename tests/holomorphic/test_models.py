@@ -1,4 +1,4 @@
-"""Every holomorphic model: holomorphic, with the right derivative, and the same again after saving."""
+"""Every holomorphic model: holomorphic, with the correct derivative, and unchanged by saving and loading."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Poles lie outside Ω, clear of it, and cluster at corners."""
+"""Poles lie outside Ω, at a distance from it, and cluster at corners."""
 
 import numpy as np
 import pytest

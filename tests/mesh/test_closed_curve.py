@@ -79,7 +79,7 @@ def circle(**changes) -> ClosedCurve:
     ],
     ids=["derivative", "second", "open", "kink", "infinite", "plane"],
 )
-def test_wrong_formulas_are_refused_with_the_place(wrong, reason):
+def test_wrong_formulas_are_refused_with_the_parameter(wrong, reason):
     with np.errstate(divide="ignore", invalid="ignore"), pytest.raises(CurveError, match=reason) as error:
         BoundaryCurve.from_formula(wrong)
     assert 0 <= error.value.parameter <= 1
@@ -112,7 +112,7 @@ def ellipse_run(depth: float, start: float) -> ClosedCurve:
 
 
 @pytest.mark.parametrize("start", [0.0, 0.1234567, 0.7])
-def test_a_curve_that_stands_still_is_refused_with_the_place(start):
+def test_a_curve_of_zero_speed_is_refused_with_the_parameter(start):
     with pytest.raises(CurveError, match="derivative of 0") as caught:
         BoundaryCurve.from_formula(ellipse_run(1.0, start))
     assert abs((caught.value.fields["parameter"] - start + 0.5) % 1 - 0.5) < 1e-4

@@ -1,4 +1,4 @@
-"""BoundaryCurve: interpolation, smoothness, choice of degree, convergence, corners, averages, nearest point."""
+"""BoundaryCurve: interpolation, smoothness, choice of degree, convergence, corners, means, nearest point."""
 
 from __future__ import annotations
 
@@ -215,7 +215,7 @@ class TestDegree:
 
     @settings(deadline=None, max_examples=20)
     @given(points=smooth_loops(min_points=60), motion=rigid_motions())
-    def test_degree_does_not_depend_on_place_or_scale(self, points: np.ndarray, motion: RigidMotion) -> None:
+    def test_degree_does_not_depend_on_position_or_scale(self, points: np.ndarray, motion: RigidMotion) -> None:
         curve, moved = curve_of(points, []), curve_of(1e3 * motion(points), [])
         assert moved.degree == curve.degree
         s = np.linspace(0, 1, 50)
@@ -346,7 +346,7 @@ class TestSamplings:
         ]
         assert np.log2(errors[0] / errors[1]) > 8
 
-    def test_jittered_points_keep_place_start_and_direction(self) -> None:
+    def test_jittered_points_keep_position_start_and_direction(self) -> None:
         points, s = folded_at(1, jittered_shares(96)), np.linspace(0, 1, 100)
         curve = curve_of(points, [])
         assert curve.kind == "analytic"

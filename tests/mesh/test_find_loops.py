@@ -127,7 +127,7 @@ class TestBowTies:
 
 
 class TestCoincidentEdges:
-    def test_soup_is_refused_and_the_error_says_how_to_merge(self) -> None:
+    def test_soup_is_refused_with_the_option_that_merges_it(self) -> None:
         points, faces = grid(3, 3)
         soup = TriangleMesh(points[faces.ravel()], np.arange(faces.size).reshape(-1, 3))
         with pytest.raises(DuplicateVertexError, match="merge") as caught:
@@ -183,7 +183,7 @@ class TestCoincidentEdges:
         assert loop.slit_fraction == 0
         assert len(loop.seam_edges) == 0
 
-    def test_edges_of_length_zero_at_one_place_are_no_seam(self) -> None:
+    def test_edges_of_length_zero_at_one_position_are_no_seam(self) -> None:
         points = np.array([[0.0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 0, 0], [0, 0, 0], [0, 1, 0]])
         loops = find_boundary_loops(TriangleMesh(points, [[0, 1, 2], [3, 4, 5]]))
         # each triangle's two long edges lie on each other

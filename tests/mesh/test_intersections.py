@@ -337,7 +337,7 @@ def test_a_figure_eight_crosses_once(count: int) -> None:
     assert len(loop_crossings(lifted)) == 0
 
 
-def test_two_vertices_in_one_place_are_found_through_their_edges() -> None:
+def test_two_vertices_at_one_position_are_found_through_their_edges() -> None:
     t = 2 * np.pi * np.arange(8) / 8
     circle = np.column_stack([1 - np.cos(t), np.sin(t), 0.2 * np.sin(2 * t)])
     pinched = np.concatenate([circle, circle * [-1, -1, 1]])

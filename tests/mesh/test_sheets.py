@@ -1,4 +1,4 @@
-"""Inconsistent faces are reported by the loops that they touch, and change no other loop."""
+"""Inconsistent faces are reported for the loops that they touch, and do not change other loops."""
 
 from __future__ import annotations
 

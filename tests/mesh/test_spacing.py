@@ -1,4 +1,4 @@
-"""Long edges: which they are, that smooth curves do not swing over them, and where more points are put on them."""
+"""Long edges: their detection, smooth curves that do not oscillate over them, and the points inserted on them."""
 
 import numpy as np
 import pytest

@@ -114,7 +114,7 @@ def test_coincident_vertices_equal_a_direct_search(rows: list[tuple[float, ...]]
 
 
 @pytest.mark.parametrize("count", [5, 200])
-def test_half_edges_of_one_edge_stand_side_by_side_lowest_first(count: int) -> None:
+def test_half_edges_of_one_edge_are_adjacent_lowest_first(count: int) -> None:
     faces = np.random.default_rng(count).integers(0, count, size=(40, 3))
     half_edges = HalfEdges.of(faces)
     ends = np.sort(np.stack([half_edges.origin, half_edges.target], axis=1), axis=1)

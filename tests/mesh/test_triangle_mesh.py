@@ -1,4 +1,4 @@
-"""TriangleMesh and MeshExtension: what they keep, what they refuse."""
+"""TriangleMesh and MeshExtension: the values that they keep, and those that they refuse."""
 
 from __future__ import annotations
 

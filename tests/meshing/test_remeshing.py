@@ -1,4 +1,4 @@
-"""Remeshed patches: the same rims and shape, edges of the wanted lengths, no thin triangles but those of the rim."""
+"""Remeshed patches: the same rims and shape, edges of the requested lengths, no thin triangles except at the rim."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ def test_no_chord_is_far_from_a_polygon_s_own_edges(monkeypatch: pytest.MonkeyPa
     assert len(edges_far_from_arcs(solution.domain, plane)) == 0
 
 
-def test_matched_places_are_interpolated_to_themselves() -> None:
+def test_matched_parameters_are_interpolated_to_themselves() -> None:
     (rim, _) = annulus().rims
     t, s = rim.matching.T
     assert np.array_equal(rim.parameters(s), t)

@@ -154,7 +154,7 @@ def test_an_unconverged_solution_gives_unconverged_patches() -> None:
     assert not solution.converged
     surface = solution.to_nurbs(tolerance=1e-2)
     assert not surface.converged
-    assert "misses its curve" in surface.reason
+    assert "the solution has not converged" in surface.reason
 
 
 @pytest.mark.slow
@@ -192,12 +192,12 @@ def test_work_is_bounded_where_the_boundary_residual_exceeds_the_tolerance() -> 
     assert surface.size < 25_000
 
 
-def test_surfaces_far_from_their_curve_are_told() -> None:
+def test_surfaces_far_from_their_curve_are_reported() -> None:
     loop = BoundaryLoop.from_points(gallery.random_curve(0).sample(60).points, corners=())
     solution = spinor_geom.solve_plateau(loop, max_iterations=1)
     surface = solution.to_nurbs(tolerance=1e-2)
     assert not surface.converged
-    assert "misses its curve" in surface.reason
+    assert "the solution has not converged" in surface.reason
 
 
 def test_bad_tolerances_and_suffixes_are_errors(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Rims whose minimal surfaces are known, and some that are compared."""
+"""Rims whose minimal surfaces are known, and rims for comparisons between routes."""
 
 from __future__ import annotations
 

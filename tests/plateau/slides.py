@@ -1,4 +1,4 @@
-"""Curves and domains for tests of Douglas's slide and of what is made from it."""
+"""Curves and domains for tests of Douglas's slide and of the surfaces computed from it."""
 
 from __future__ import annotations
 

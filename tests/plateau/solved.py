@@ -1,4 +1,4 @@
-"""Loops with known disks, solved once for all tests of the solver, and how far points and surfaces lie apart."""
+"""Loops with known disks, solved once for all tests of the solver, and distances between points and surfaces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Annuli on domains made for their rims: those of Douglas's route again, and those that crowd on a round annulus."""
+"""Annuli on domains made for their rims: those of Douglas's route, and those whose nodes crowd on a round one."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""Many loops at once: each as if it were alone, in order, with errors in their place."""
+"""Many loops at once: each is solved as if it were alone, and results and errors are in the order of the loops."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_solutions_are_the_same_to_the_last_bit_in_bundles_of_any_size():
             assert torch.equal(ours, own)
 
 
-def test_errors_stand_in_the_place_of_their_loops():
+def test_errors_are_returned_at_the_indices_of_their_loops():
     wrong = {1: BOW_TIE, 3: FOLDED}
     loops = [wrong.get(i, saddle(9, i)) for i in range(5)]
     for i, answer in enumerate(solve_plateau_batch(loops)):
@@ -107,7 +107,7 @@ def test_small_holes_of_a_real_mesh_take_few_steps_on_the_disk():
 
 
 def test_a_solution_holds_no_more_than_its_own_surface():
-    """What made it is as large as all loops that were solved with it, or as Ω's matrices."""
+    """The data of its computation are as large as those of all loops of the batch, or as the matrices of Ω."""
     noisy = gallery.noisy_loop(gallery.evenly_sampled(gallery.ellipse(2.0, 0.3), 60), 0.1, seed=1)
     for solution in solve_plateau_batch([gallery.tennis_seam(0.8).sample(48)] * 8 + [noisy]):
         numbers = sum(part.numel() for part in solution.surface.state_dict().values())
@@ -115,7 +115,7 @@ def test_a_solution_holds_no_more_than_its_own_surface():
         assert len(pickle.dumps(solution.evidence)) < 64 * numbers + 2 * domain
 
 
-def test_what_is_no_loop_has_an_error_in_its_place():
+def test_an_invalid_loop_gives_an_error_at_its_index():
     loop = gallery.tennis_seam(0.8).sample(48)
     error, solution, of_points, several = solve_plateau_batch([3, loop, loop.points, [loop, loop]])
     assert isinstance(error, UnknownMeshTypeError)
@@ -125,6 +125,6 @@ def test_what_is_no_loop_has_an_error_in_its_place():
 
 
 @pytest.mark.parametrize("what", [np.eye(3), gallery.tennis_seam(0.8).sample(48), 3, "mesh.obj"])
-def test_one_curve_in_the_place_of_several_is_refused_at_once(what):
+def test_one_curve_instead_of_several_is_refused_at_once(what):
     with pytest.raises(ArgumentTypeError, match="takes several loops"):
         solve_plateau_batch(what)

@@ -23,7 +23,7 @@ RING, THREE = domain([0], [0.3]), domain([0, 0.6, -0.3 - 0.5j], [0.3, 0.15, 0.1]
 
 
 def harmonic(z, centres):
-    """A harmonic function with a part of every kind, and the derivative of what it is the real part of."""
+    """A harmonic function with terms of every kind, and the derivative of the function whose real part it is."""
     value, slope = (z**3).imag, -3j * z**2
     for weight, c in enumerate(centres, start=1):
         value = value + (1 / (z - c)).real + weight * np.log(np.abs(z - c))

@@ -1,4 +1,4 @@
-"""Stages of a solve: their times add up to the whole, whatever stands inside what."""
+"""Stages of a solve: their times add up to the total, also for nested stages."""
 
 from __future__ import annotations
 

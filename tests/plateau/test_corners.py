@@ -1,4 +1,4 @@
-"""Corners of Ω and of Γ that belong together."""
+"""Corresponding corners of Ω and Γ."""
 
 import numpy as np
 import pytest
@@ -122,7 +122,7 @@ def test_moved_domain_keeps_its_corners_angles():
 
 @pytest.mark.parametrize("turns", [1.3, pytest.param(3.0, marks=pytest.mark.slow)])
 def test_helical_ramps_meet_the_tolerance(turns):
-    """Ω winds, and of 3 turns the moduli of its flattening are too far from right to meet it."""
+    """Ω winds; with 3 turns, the moduli of its flattening are too inaccurate to meet the tolerance."""
     curve = gallery.helical_ramp(turns)
     solution = solve_plateau(curve.sample(160), tolerance=1e-3)
     assert solution.converged

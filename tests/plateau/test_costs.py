@@ -1,4 +1,4 @@
-"""No loop takes far more work than others of its size: what costs too much is left for the next route."""
+"""No loop takes far more work than others of its size: a route that would cost too much gives way to the next."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_slides_and_domains_have_at_most_16_nodes_a_point(n: int) -> None:
 
 def test_narrow_domains_are_left_to_other_routes_before_they_are_made() -> None:
     circle = FourierBoundary.circle(1.0, 28)
-    with pytest.raises(DomainError, match="needs 2688 steps around it, at most 1024"):
+    with pytest.raises(DomainError, match="needs 2688 steps around it; at most 1024"):
         resolved_form(circle, 2688, NUMPY, most=1024)
 
 
@@ -59,7 +59,7 @@ def test_narrow_smooth_loops_keep_the_area_of_their_curve() -> None:
 
 @pytest.mark.parametrize("seed", every_second(range(3)))
 def test_networks_that_cannot_meet_the_tolerance_do_not_grow_on(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The work of a linearisation is the number of features cubed; as many as there may be take seconds."""
+    """The work of a linearisation is the number of features cubed; the largest number takes seconds."""
     fit, work = network_route.gauss_newton, []
 
     def counted(problem, readout, slide, **options):
@@ -75,7 +75,7 @@ def test_networks_that_cannot_meet_the_tolerance_do_not_grow_on(seed: int, monke
 
 
 @pytest.mark.parametrize("n", range(4, 9))
-def test_small_random_polygons_raise_nothing_raw(n: int) -> None:
+def test_small_random_polygons_raise_typed_errors_only(n: int) -> None:
     for seed in range(3):
         loop = BoundaryLoop.from_points(np.random.default_rng(seed).uniform(-1, 1, (n, 3)))
         with contextlib.suppress(SpinorGeomError):
@@ -136,12 +136,7 @@ def test_networks_far_from_their_loop_are_not_refined(monkeypatch: pytest.Monkey
     assert max(features) < 150
 
 
-def test_poles_at_many_corners_are_no_more_than_features_are_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
-    def counted(problem, readout, slide, **options):
-        raise KeyboardInterrupt(len(readout))
-
-    monkeypatch.setattr(network_route, "gauss_newton", counted)
+def test_poles_at_many_corners_are_no_more_than_features_are_allowed() -> None:
     loop = BoundaryLoop.from_points(star(32, 0).points, corners=range(32))
-    with pytest.raises(KeyboardInterrupt) as stopped:  # before the first step
-        solve_plateau(loop, model=Cauchy(degree=4), max_iterations=1)
-    assert stopped.value.args[0] <= 420
+    network = solve_plateau(loop, model=Cauchy(degree=4), max_iterations=1).array_surface.model
+    assert 300 < len(network.readout) <= 420

@@ -22,7 +22,7 @@ def energy(form, x):
 
 
 def harmonic_pair(boundary, n, function, derivative):
-    """Boundary values of the real and the imaginary part of a holomorphic function, and what Λ makes of them."""
+    """Boundary values of the real and the imaginary part of a holomorphic function, and their images under Λ."""
     z, dz, _ = boundary.grid(n)
     # the conjugate of Re f is Im f, that of Im f is −Re f
     slope = -1j * derivative(z) * dz / (2 * np.pi)
@@ -63,7 +63,7 @@ def test_on_a_disk_it_multiplies_fourier_series_by_their_frequency(form):
 
 
 def test_by_a_conformal_parameter_every_domain_is_a_disk():
-    """z = w + 0.2 w² maps the unit disk onto Ω; by w's angle Λ is that of the disk."""
+    """z = w + 0.2 w² maps the unit disk onto Ω; with w's angle as the parameter, Λ is that of the disk."""
     form = form_of(FourierBoundary(np.array([0, 0, 0, 1, 0.2]), 64), 64)
     assert float(np.abs(form.correction).max()) < 1e-12
 
@@ -108,7 +108,7 @@ def test_form_is_symmetric_and_positive_but_for_constants(boundary, seed):
     turn=st.floats(0, 2 * np.pi),
     size=st.floats(0.1, 10),
 )
-def test_energy_does_not_depend_on_the_parameter_nor_the_place_of_the_boundary(boundary, shift, stretch, turn, size):
+def test_energy_does_not_depend_on_the_parameter_or_the_position_of_the_boundary(boundary, shift, stretch, turn, size):
     def values(z):
         return real_and_imaginary(np.exp(z) + 0.3 * z**3)
 

@@ -1,4 +1,4 @@
-"""Douglas's slide: known energies, its derivatives, its gauge, and what it must not do."""
+"""Douglas's slide: known energies, derivatives, gauge, and limits."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_area_does_not_depend_on_the_domain(form):
     assert abs(disk.energy / SEAM_AREA - 1) < 1e-10
 
 
-def test_circle_is_left_in_place_from_every_start():
+def test_the_slide_of_a_circle_is_the_identity_from_every_start():
     t = 2 * np.pi * np.arange(64) / 64
     circle = tensors(BoundaryLoop.from_points(np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)))
     disk = solved(circle, DISK, even(256) + 0.05 * np.sin(4 * np.pi * even(256)))
@@ -166,7 +166,7 @@ def test_slide_that_is_a_solution_stays_bit_for_bit():
     assert np.array_equal(again.slide, disk.slide)
 
 
-def test_every_step_is_told_and_their_number_is_limited():
+def test_every_step_is_reported_and_their_number_is_limited():
     sizes = []
     disk = solved(NOISY, DISK, even(480), max_steps=3, on_step=sizes.append)
     assert disk.steps == len(sizes) == 3
@@ -183,7 +183,7 @@ def test_curves_of_a_batch_do_not_know_of_each_other(seed, tolerance):
     loops = [gallery.random_curve(int(random.integers(50))).sample(int(random.integers(20, 90))) for _ in range(3)]
     loops += [gallery.tennis_seam(0.8).sample(64), BoundaryLoop.from_points(random.normal(size=(3, 3)))]
     curves = [tensors(loop) for loop in loops]
-    told = [[] for _ in curves]
+    all_gradients = [[] for _ in curves]
     with one_thread():
         together = minimise_dirichlet_energies(
             CurveTensors.batch(curves),
@@ -192,9 +192,9 @@ def test_curves_of_a_batch_do_not_know_of_each_other(seed, tolerance):
             tolerances=[tolerance] * len(curves),
             max_steps=[25] * len(curves),
             negligible=[0.0] * len(curves),
-            on_step=[gradients.append for gradients in told],
+            on_step=[gradients.append for gradients in all_gradients],
         )
-    for curve, disk, gradients in zip(curves, together, told, strict=True):
+    for curve, disk, gradients in zip(curves, together, all_gradients, strict=True):
         alone = solved(curve, DISK, even(256), tolerance=tolerance, max_steps=25)
         disk = Solved.of(disk, curve, DISK, len(gradients))
         assert (disk.crowded, disk.steps) == (alone.crowded, alone.steps)
@@ -247,7 +247,7 @@ def test_energy_is_the_same_along_conformal_maps(a):
 
 
 @pytest.mark.parametrize("n", [256, 1024])
-def test_long_ellipse_crowds_on_the_disk_and_says_so(n):
+def test_long_ellipse_crowds_on_the_disk_and_reports_it(n):
     curve = tensors(gallery.ellipse(8.0).sample(200))
     assert solved(curve, DISK, even(n), tolerance=1e-8, max_steps=100).crowded
     assert not solved(curve, form_of(ellipse(8.0), 128), even(n), tolerance=1e-8).crowded

@@ -1,4 +1,4 @@
-"""The harmonic route: smooth loops to 1e-8, rough ones to the tolerance, wherever the loop lies and starts."""
+"""The harmonic route: smooth loops to 1e-8, rough ones to the tolerance, for any position and first point."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def same_area(first, second, error):
     [(gallery.tennis_seam(0.8).sample(80), 1e-11), (gallery.ellipse(4.0, 0.3).sample(161), 1e-9)],
     ids=["disk", "flattened"],
 )
-def test_start_orientation_place_and_scale_do_not_matter(loop, error):
+def test_start_orientation_position_and_scale_do_not_matter(loop, error):
     first = solve_plateau(loop, tolerance=1e-8)
     assert first.converged
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
@@ -160,7 +160,7 @@ def test_start_orientation_place_and_scale_do_not_matter(loop, error):
 
 
 def test_noisy_loop_may_start_anywhere():
-    """The tolerance leaves so much open: at a minimal disk the area changes by less than ∮ |δr| ds."""
+    """The tolerance allows such differences: at a minimal disk the area changes by less than ∮ |δr| ds."""
     loop = noisy_ellipse(80, amount=0.15, seed=3)
     first = solve_plateau(loop)
     for points in (np.roll(loop.points, -29, axis=0), loop.points[::-1]):
@@ -186,7 +186,7 @@ def test_sampling_does_not_matter_to_the_area(points):
 
 @pytest.mark.parametrize("first", [0, pytest.param(10, marks=pytest.mark.slow)])
 def test_reported_residual_of_random_curves_is_the_measured_one(first):
-    """Whatever strongly folded curves come to in few steps."""
+    """The surfaces of strongly folded curves after few steps."""
     found_some = 0
     for seed in range(first, first + 10):
         solver = harmonic_solver(gallery.random_curve(seed).sample(80), tolerance=1e-2, max_steps=25)
@@ -198,8 +198,9 @@ def test_reported_residual_of_random_curves_is_the_measured_one(first):
         assert len(solver.problem.steps.history) <= 25
         rms, largest = measured(found.surface, solver.problem.curve, 8 * len(found.matchings[0]))
         if found.misfit.rms <= solver.problem.allowed:
-            # told at half as many points of the boundary as it is measured at: four to the shortest waves, whose crests
-            # may lie an eighth of the wave beside them; far below the tolerance single bends carry most of the distance
+            # the solver samples the boundary at half as many points as `measured`, four to each of the shortest waves,
+            # so that a crest may be an eighth of a wave from a sample; far below the tolerance a few bends have most of
+            # the distance
             negligible = 1e-4 * solver.problem.allowed
             assert abs(rms - found.misfit.rms) < 0.02 * found.misfit.rms + negligible, seed
             share = 1 - np.cos(np.pi / 8)
@@ -209,8 +210,8 @@ def test_reported_residual_of_random_curves_is_the_measured_one(first):
     assert found_some >= 6
 
 
-def test_narrow_fingers_are_reached_not_passed_over():
-    """Four edges long and a tenth of an edge wide: without it the boundary would still be near to Γ everywhere."""
+def test_narrow_fingers_are_not_left_out():
+    """Four edges long and a tenth of an edge wide: without it the boundary would also be near to Γ everywhere."""
     solution = solve_plateau(gallery.random_curve(16).sample(120))
     assert solution.converged
     assert solution.boundary_residual.max_per_edge < 1e-2
@@ -241,7 +242,7 @@ def noisy_random_curve(seed):
 
 @pytest.mark.slow
 def test_noisy_folds_are_met_on_the_flattening_of_a_discrete_disk():
-    """Their unfolding is refused; a network came to 8e-4 of an edge."""
+    """Their unfolding is refused; a network reached 8e-4 of an edge."""
     solution = solve_plateau(noisy_random_curve(121), tolerance=2e-3, between="smooth")
     assert solution.converged
     assert solution.route == "flattened"
@@ -259,8 +260,8 @@ def test_noisy_folds_that_no_domain_is_found_for_are_met_within_a_hundredth_of_a
     assert distance.max() < 0.2 * solution.loop.mean_edge_length
 
 
-def test_crowded_disk_is_given_up_for_a_domain_of_the_loop_s_own():
-    """Just short enough for the disk to be tried."""
+def test_crowded_disk_is_replaced_by_a_domain_made_for_the_loop():
+    """The loop is just short enough that the disk is tried."""
     solution = solve_plateau(gallery.ellipse(2.4).sample(200), tolerance=1e-8)
     assert solution.converged
     assert abs(solution.area / (2.4 * np.pi) - 1) < 1e-8

@@ -1,4 +1,4 @@
-"""The solution does not depend on where, how large and from which point on a loop is given."""
+"""The solution does not depend on the position, size and first point of a loop."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def solved(points):
 
 
 def same_area(solution, other):
-    """Whether areas agree within what the residuals leave open: at a minimal disk δA = ∮ (δr · conormal) ds."""
+    """Whether areas agree within the error that the residuals allow: at a minimal disk δA = ∮ (δr · conormal) ds."""
     open_ = sum(s.boundary_residual.rms * s.loop.perimeter for s in (solution, other)) / other.area
     assert open_ < 1e-4
     return abs(solution.area / other.area - 1) < open_

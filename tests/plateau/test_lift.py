@@ -1,4 +1,4 @@
-"""The lift of harmonic surfaces to p and q: exact data come back, and the distance it tells is the surface's own."""
+"""The lift of harmonic surfaces to p and q: exact data are recovered, and the reported distance is correct."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def exact_surface(form, coefficients):
 
 
 def exact_disk(form, surface, n=256):
-    """Γ through many points of a surface's boundary, and the harmonic disk that the surface is, at n nodes."""
+    """Γ through many points of a surface's boundary, and the surface as a harmonic disk at n nodes."""
     curve = BoundaryCurve.from_loop(
         BoundaryLoop.from_points(surface.position(form.boundary.point(np.arange(400) / 400)), corners=())
     )
@@ -130,7 +130,7 @@ def test_branch_point_of_even_order_is_kept(form):
     assert np.abs(sign * found - expected).max() < 1e-10
 
 
-# --- what is told of the distance -------------------------------------------------------------------------------------
+# --- the reported distance --------------------------------------------------------------------------------------------
 
 
 def rough_disk(form, n):
@@ -246,7 +246,7 @@ def test_p_and_q_between_rims_come_back_up_to_their_sign(name):
 
 @pytest.mark.parametrize("name", BETWEEN)
 def test_rims_settle_and_stay_closed(name):
-    """X is not conformal: what its lift is off the curves is mostly slow, and it opens around the holes."""
+    """X is not conformal: the distance of its lift from the curves is mostly smooth, with periods around the holes."""
     _, curves, harmonic = between(name, 128, disturbed=3e-3)
     first, best = (
         lifted_between(harmonic.domain, harmonic.points, harmonic.slides, curves, allowed=allowed)
@@ -301,7 +301,7 @@ def test_disks_of_a_batch_do_not_know_of_each_other():
 @pytest.mark.parametrize("n", [128, 512])
 @pytest.mark.parametrize("name", ["ellipse", "bent"])
 def test_values_between_the_nodes_are_those_of_the_interpolant(name, n, each):
-    """Of no holomorphic function: the two rules are the same one, not only accurate."""
+    """The values are not those of a holomorphic function, so that the two rules are compared exactly."""
     form, random = FORMS[name], np.random.default_rng(0)
     z, dz, _ = (np.array(row) for row in form.boundary.grid(n))
     spectrum = random.normal(size=(n, 2)) + 1j * random.normal(size=(n, 2))

@@ -1,4 +1,4 @@
-"""Surfaces over rims with edges of unlike length: none bulges over a long edge, whatever Γ is between the points."""
+"""Surfaces over rims with edges of very different lengths do not bulge over long edges, for every kind of Γ."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_rough_rims_through_their_points_have_the_area_over_their_polygon(name: 
 
 
 def test_points_of_loops_with_long_edges_lie_on_the_surface() -> None:
-    """Γ has more pieces than the loop has points: the places in Ω are still the points' own."""
+    """Γ has more pieces than the loop has points: the parameters in Ω still correspond to the points."""
     points = roughened(bent(FLAT["half disk, 17 edges"], 0.3), 0.2, seed=1)
     solution = solve_plateau(BoundaryLoop.from_points(points), between="free")
     assert solution.route == "vertices"

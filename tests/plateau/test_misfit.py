@@ -1,4 +1,4 @@
-"""The distance between a boundary and Γ is one number for every route; neither may leave out a part of the other."""
+"""The distance between a boundary and Γ is defined equally for all routes, and covers all of both curves."""
 
 import numpy as np
 import pytest
@@ -37,11 +37,11 @@ def test_rms_is_a_mean_by_arc_length_however_the_boundary_is_sampled(bend):
     s = t + bend * np.sin(2 * np.pi * t) / (2 * np.pi)  # steps between a tenth and nearly two of the mean one
     off = OFF * (1 + np.cos(2 * np.pi * s))
     boundary = (1 + off)[:, None] * curve.point_and_derivative(np.array(s))[0]
-    told = misfit(boundary, s, curve)
-    assert told.rms == pytest.approx(OFF * 1.5**0.5, rel=5e-3)
-    assert told.max == pytest.approx(2 * OFF, rel=1e-9)
-    assert told.max_per_local_edge == pytest.approx(2 * OFF / (2 * np.sin(np.pi / 40)), rel=1e-9)
-    assert told.length == pytest.approx(2 * np.pi, rel=1e-4)
+    measured = misfit(boundary, s, curve)
+    assert measured.rms == pytest.approx(OFF * 1.5**0.5, rel=5e-3)
+    assert measured.max == pytest.approx(2 * OFF, rel=1e-9)
+    assert measured.max_per_local_edge == pytest.approx(2 * OFF / (2 * np.sin(np.pi / 40)), rel=1e-9)
+    assert measured.length == pytest.approx(2 * np.pi, rel=1e-4)
 
 
 def test_a_finger_that_is_passed_over_is_missed_by_many_of_its_edges():
@@ -50,11 +50,11 @@ def test_a_finger_that_is_passed_over_is_missed_by_many_of_its_edges():
     breaks = curve.breaks[:-1]
     chord = 2 * np.pi / 200
     near = np.concatenate([[0], np.arange(13, len(points))])
-    told = misfit(points[near], breaks[near], curve)
-    assert told.max == pytest.approx(2 * chord, rel=0.1)
-    assert told.max_per_local_edge > 6
-    assert 0.1 * chord < told.rms < chord
-    assert misfit(points, breaks, curve).max < 0.05 * told.max
+    measured = misfit(points[near], breaks[near], curve)
+    assert measured.max == pytest.approx(2 * chord, rel=0.1)
+    assert measured.max_per_local_edge > 6
+    assert 0.1 * chord < measured.rms < chord
+    assert misfit(points, breaks, curve).max < 0.05 * measured.max
 
 
 def test_a_boundary_that_runs_off_is_far():
@@ -64,18 +64,18 @@ def test_a_boundary_that_runs_off_is_far():
     # out to a distance of 1 and back while the nearest point of Γ stays
     out = np.interp(np.arange(50), [0, 25, 49], [0, 1, 0])
     spike = np.outer(1 + out, boundary[0])
-    told = misfit(np.concatenate([spike, boundary[1:]]), np.concatenate([1e-9 * np.arange(50), t[1:]]), curve)
-    assert told.max == pytest.approx(1, rel=1e-12)
+    measured = misfit(np.concatenate([spike, boundary[1:]]), np.concatenate([1e-9 * np.arange(50), t[1:]]), curve)
+    assert measured.max == pytest.approx(1, rel=1e-12)
     # ∫ x² over both ways, over the length of Γ
-    assert told.rms == pytest.approx((2 / 3 / (2 * np.pi)) ** 0.5, rel=0.02)
+    assert measured.rms == pytest.approx((2 / 3 / (2 * np.pi)) ** 0.5, rel=0.02)
 
 
 def test_a_boundary_that_has_collapsed_is_far():
     curve = tensors(circle(40))
     t = np.arange(400) / 400
-    told = misfit(np.repeat([[1.0, 0, 0]], 400, axis=0), t, curve)
+    measured = misfit(np.repeat([[1.0, 0, 0]], 400, axis=0), t, curve)
     # the mean of |Γ − Γ(0)|² on a unit circle is 2
-    assert told.rms == pytest.approx(2**0.5, rel=1e-2)
+    assert measured.rms == pytest.approx(2**0.5, rel=1e-2)
 
 
 def test_rims_are_weighed_by_their_lengths():
@@ -84,7 +84,7 @@ def test_rims_are_weighed_by_their_lengths():
     assert Misfit.together([near, far]) == Misfit(rms=3**0.5, max=4.0, max_per_local_edge=3.0, length=4.0)
 
 
-def test_a_local_miss_is_no_convergence_and_the_reason_says_so():
+def test_a_local_miss_is_no_convergence_and_is_given_as_the_reason():
     residual = BoundaryResidual(rms=9e-4, max=0.041, max_per_local_edge=2.0, mean_edge=1.0, diagonal=64.0)
     converged, reason = residual.verdict(1e-3, steps=7, limit="more units bring it no nearer")
     assert not converged

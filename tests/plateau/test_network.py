@@ -1,4 +1,4 @@
-"""Refinement, and a fit that misses its tolerance says what keeps it from it."""
+"""Refinement, and the reasons given for fits that miss their tolerance."""
 
 import numpy as np
 import pytest
@@ -62,12 +62,12 @@ def test_share_at_corners_counts_the_edges_that_end_there():
 
 @pytest.fixture
 def small_networks(monkeypatch):
-    """Networks of few features: fits that end because of something else come to the same end in less time."""
+    """Networks of few features: fits that end for another reason end in the same way, in less time."""
     monkeypatch.setattr(discretisation, "_MAX_FEATURES", 60)
 
 
 @pytest.mark.usefixtures("small_networks")
-def test_rough_loop_is_said_to_limit_a_full_network():
+def test_rough_loop_is_reported_to_limit_a_full_network():
     solution = solve_plateau(noisy_ellipse(40, amount=0.3), tolerance=1e-12, model=Cauchy(degree=4))
     assert not solution.converged
     assert "the network has the largest number of features" in solution.reason
@@ -75,7 +75,7 @@ def test_rough_loop_is_said_to_limit_a_full_network():
 
 
 @pytest.mark.usefixtures("small_networks")
-def test_corners_are_said_to_limit_a_fit_that_is_worst_there():
+def test_corners_are_reported_to_limit_a_fit_that_is_worst_there():
     solution = solve_plateau(gallery.l_shape(rise=0.25).sample(64), tolerance=1e-10)
     assert not solution.converged
     assert "% of the squared distance lies within an edge of the loop's corners" in solution.reason
@@ -91,7 +91,7 @@ def test_reentrant_corners_meet_small_tolerances():
 
 
 @pytest.mark.usefixtures("small_networks")
-def test_moduli_are_said_to_limit_a_fit_whose_domain_would_fold(monkeypatch):
+def test_moduli_are_reported_to_limit_a_fit_whose_domain_would_fold(monkeypatch):
     def folds(*_, **__):
         raise DomainError("the moved domain is not simple")
 
@@ -103,7 +103,7 @@ def test_moduli_are_said_to_limit_a_fit_whose_domain_would_fold(monkeypatch):
     assert "conformal moduli" in solution.reason
 
 
-def test_smooth_loop_is_said_to_gain_nothing_by_more_units():
+def test_smooth_loop_is_reported_to_gain_nothing_by_more_units():
     solution = solve_plateau(gallery.twisted_circle().sample(32), tolerance=1e-13, model="cauchy")
     assert not solution.converged
     assert "more features would not meet the tolerance" in solution.reason

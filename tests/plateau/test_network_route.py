@@ -1,4 +1,4 @@
-"""The surface of a fit: its paths keep clear of the poles, and where they do not the residual tells."""
+"""The surface of a fit: its paths avoid the poles, and the residual contains the error of paths that do not."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from spinor_geom.plateau.problem import PlateauProblem
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_residual_tells_what_the_surface_s_paths_lose(monkeypatch, order):
+def test_residual_contains_the_errors_of_the_surface_s_paths(monkeypatch, order):
     monkeypatch.setattr(network_route, "PATH_ORDER", order)
     loop = gallery.twisted_circle().sample(48)
     solution = solve_plateau(loop, model="cauchy", max_iterations=20)

@@ -1,4 +1,4 @@
-"""Domains made for a loop: their parameter, and their smoothness."""
+"""Domains made for a loop: the parameter of their boundary, and its smoothness."""
 
 from __future__ import annotations
 
@@ -124,10 +124,10 @@ def test_domains_that_cross_themselves_or_are_too_narrow_are_refused():
     eight = FourierBoundary(np.array([0.8, 0, 0, 1, 0]), 64)
     with pytest.raises(DomainError, match="crosses itself"):
         resolved_form(eight, 256, NUMPY)
-    with pytest.raises(DomainError, match="too narrow somewhere for 64 steps around it"):
+    with pytest.raises(DomainError, match="too narrow for 64 steps around it"):
         resolved_form(PEANUT, 64, NUMPY)
     # Λ of an ellipse is symmetric however few steps there are
-    with pytest.raises(DomainError, match="too narrow somewhere for 32 steps"):
+    with pytest.raises(DomainError, match="too narrow for 32 steps"):
         resolved_form(ellipse(8.0), 32, NUMPY)
     assert resolved_form(PEANUT, 256, NUMPY).error < 1e-5
 
@@ -139,14 +139,14 @@ def test_no_domain_is_made_after_the_time_limit():
 
 def test_domain_far_too_narrow_is_refused_before_its_form_is_made(monkeypatch):
     monkeypatch.setattr(DirichletForm, "of", None)
-    with pytest.raises(DomainError, match="too narrow somewhere for 128 steps"):
+    with pytest.raises(DomainError, match="too narrow for 128 steps"):
         resolved_form(ellipse(100.0), 128, NUMPY)
 
 
-def test_domain_that_asks_for_more_memory_than_there_is_room_for_is_refused_at_once(monkeypatch):
+def test_domain_that_needs_too_much_memory_is_refused_at_once(monkeypatch):
     monkeypatch.setattr(DirichletForm, "of", None)
     # what a slit of 400 to 1 asks for
-    with pytest.raises(DomainError, match="needs 7160 steps around it, at most 4096"):
+    with pytest.raises(DomainError, match="needs 7160 steps around it; at most 4096"):
         resolved_form(ellipse(400.0), 7160, NUMPY)
 
 

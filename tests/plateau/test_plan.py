@@ -1,4 +1,4 @@
-"""The plan of a loop, and the one rule by which its routes are run."""
+"""The list of routes of a loop, and the rule by which they are run."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_a_plan_can_be_read():
 
 @dataclass
 class Fake:
-    """A route to a given disk, so many times as far from Γ as it is, or to an error; it takes one step."""
+    """A route that returns a given disk with a multiple of its distance from Γ, or raises an error, after one step."""
 
     answer: RouteResult | Exception
     farther: float = 1.0
@@ -133,18 +133,18 @@ def test_the_first_route_that_meets_the_tolerance_is_the_last():
 
 
 @pytest.mark.parametrize("failure", FAILURES, ids=lambda error: type(error).__name__)
-def test_a_route_that_fails_leaves_the_word_to_the_next(failure):
-    heard = []
-    problem = problem_of(SMOOTH, on_iteration=heard.append)
+def test_after_a_route_that_fails_the_next_one_is_run(failure):
+    steps = []
+    problem = problem_of(SMOOTH, on_iteration=steps.append)
     disk = nearest_surface((Fake(failure), Fake(MET)), problem)
     assert disk.surface_at is MET.surface_at
     # its steps count
     assert [step.index for step in problem.solution(disk).history] == [1, 2]
-    assert tuple(heard) == problem.solution(disk).history
+    assert tuple(steps) == problem.solution(disk).history
 
 
 @pytest.mark.parametrize("failure", FAILURES, ids=lambda error: type(error).__name__)
-def test_a_poor_disk_stands_where_the_next_route_fails(failure):
+def test_a_poor_disk_is_kept_if_the_next_route_fails(failure):
     problem = problem_of(SMOOTH)
     assert nearest_surface((Fake(MET, farther=1e9), Fake(failure)), problem).surface_at is MET.surface_at
     assert len(problem.steps.history) == 2
@@ -152,7 +152,7 @@ def test_a_poor_disk_stands_where_the_next_route_fails(failure):
         nearest_surface((Fake(DomainError("crowded")), Fake(failure)), problem_of(SMOOTH))
 
 
-def test_of_failures_that_of_a_surface_is_told():
+def test_of_several_failures_that_of_a_surface_is_raised():
     with pytest.raises(SurfaceError, match="branched"):
         nearest_surface((Fake(SurfaceError("branched")), Fake(DomainError("folded"))), problem_of(SMOOTH))
 
@@ -178,8 +178,8 @@ def test_another_error_is_no_failure_of_a_route():
 
 
 def test_the_limit_on_steps_holds_for_the_whole_plan():
-    heard = []
-    solution = solve_plateau(SMOOTH, tolerance=1e-15, max_iterations=5, on_iteration=heard.append)
-    assert tuple(heard) == solution.history
-    assert [step.index for step in heard] == [1, 2, 3, 4, 5]
+    steps = []
+    solution = solve_plateau(SMOOTH, tolerance=1e-15, max_iterations=5, on_iteration=steps.append)
+    assert tuple(steps) == solution.history
+    assert [step.index for step in steps] == [1, 2, 3, 4, 5]
     assert "limit on steps" in solution.reason

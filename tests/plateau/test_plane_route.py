@@ -1,4 +1,4 @@
-"""Plane loops: their own inside, exactly, whatever their shape."""
+"""Plane loops: the surface is exactly the region that they bound."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ ROUTES = {
 
 @pytest.mark.parametrize("tolerance", every_second([1e-2, 1e-6]))
 @pytest.mark.parametrize("name", ROUTES)
-def test_flag_and_reason_say_what_the_residual_says(name: str, tolerance: float) -> None:
+def test_flag_and_reason_agree_with_the_residual(name: str, tolerance: float) -> None:
     rims, options, route = ROUTES[name]
     solution = solve_plateau(rims, tolerance=tolerance, max_iterations=20, **options)
     residual = solution.boundary_residual
@@ -83,12 +83,12 @@ def test_flag_and_reason_say_what_the_residual_says(name: str, tolerance: float)
     assert solution.tolerance == tolerance
     is_met = residual.rms_per_edge <= tolerance and residual.max_per_local_edge <= LOCAL_TOLERANCES * tolerance
     assert solution.converged == is_met
-    said = re.match(
+    reported = re.match(
         r"residual (\S+) of the mean edge after \d+ steps(, above the tolerance (\S+):|, but|;|$)", solution.reason
     )
     # the sentence has two digits
-    assert float(said[1]) == float(f"{residual.rms_per_edge:.1e}")
-    assert said[3] is None or float(said[3]) == tolerance
+    assert float(reported[1]) == float(f"{residual.rms_per_edge:.1e}")
+    assert reported[3] is None or float(reported[3]) == tolerance
     assert ("above" in solution.reason) == (not is_met)
     mean_edge = sum(rim.loop.perimeter for rim in solution.rims) / sum(len(rim.loop) for rim in solution.rims)
     # sums of lengths in another order

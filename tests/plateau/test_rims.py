@@ -1,4 +1,4 @@
-"""Minimal surfaces between three rims and more: known areas, symmetric ones, and what must not matter."""
+"""Minimal surfaces between three rims and more: known areas, symmetries, and invariance."""
 
 from functools import cache
 
@@ -148,7 +148,7 @@ def test_rims_too_far_apart_have_no_surface():
     assert answer.to_dict()["disk_area"] == answer.area
 
 
-def test_douglas_condition_is_told_of_every_partition():
+def test_douglas_condition_is_reported_for_every_partition():
     # more area than the disks, and no two of the rims have an annulus; on more points the search for one takes longer
     stable = solve_plateau(knoid(3, 0.5, count=16))
     assert stable.stability.verdict == "stable"
@@ -172,7 +172,7 @@ def test_partitions_of_many_rims_have_one_surface_beside_one_disk():
 # --- what must not matter ---------------------------------------------------------------------------------------------
 
 
-def test_order_direction_start_place_and_scale_do_not_matter():
+def test_order_direction_start_position_and_scale_do_not_matter():
     loops = knoid(3, 0.5)
     rotation = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
     tries = {
@@ -187,7 +187,7 @@ def test_order_direction_start_place_and_scale_do_not_matter():
         assert abs(solve_plateau(moved).area / (scale**2 * trinoid().area) - 1) < 1e-10
 
 
-def test_directions_are_told():
+def test_directions_are_reported():
     first, second, third = knoid(3, 0.5)
     assert len(set(trinoid().annulus.backward)) == 1
     turned = solve_plateau((first, second.reversed(), third))
@@ -251,9 +251,9 @@ def test_what_cannot_be_between_three_is_refused():
     loops = knoid(3, 0.5)
     with pytest.raises(LoopsMeetError, match="meet"):
         solve_plateau((*loops, loops[0]))
-    with pytest.raises(OptionError, match="at least one loop"):
+    with pytest.raises(OptionError, match="at least one boundary loop"):
         solve_plateau([])
-    with pytest.raises(OptionError, match="three loops or more"):
+    with pytest.raises(OptionError, match="support one or two loops"):
         solve_plateau(loops, model="cauchy")
 
 

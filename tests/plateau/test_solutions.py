@@ -1,4 +1,4 @@
-"""Several disks of one loop: known ones are found, unstable ones are left, and what fails is said."""
+"""Several disks of one loop: known ones are found, unstable ones are replaced, and failures are reported."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def test_round_positions_converge_to_the_surface():
 )
 def test_a_model_that_the_search_does_not_know_is_refused(rims, model):
     loops = [seam(0.75, 32), BoundaryLoop.from_points(seam(0.75, 32).points + 5.0)]
-    with pytest.raises(OptionError, match="all_solutions looks for"):
+    with pytest.raises(OptionError, match="all_solutions represents"):
         solve_plateau(loops[0] if rims == 1 else loops, model=model, all_solutions=True)
 
 
@@ -179,13 +179,13 @@ def test_unstable_disk_is_kept_on_request_and_left_otherwise(monkeypatch):
     assert kept.stability.verdict == "unstable"
     assert kept.stability.index == 1
     assert is_area(kept.area, symmetric.area)
-    heard = []
-    left = solve_plateau(seam(0.75), model="cauchy", on_iteration=heard.append)
+    steps = []
+    left = solve_plateau(seam(0.75), model="cauchy", on_iteration=steps.append)
     assert left.stability.verdict == "stable"
     assert left.converged
     assert is_area(left.area, stable.area)
     # the steps and times of the disk that was left count
-    assert tuple(heard) == left.history
+    assert tuple(steps) == left.history
     assert left.history[: len(kept.history)] == kept.history
     assert [step.index for step in left.history] == list(range(1, len(left.history) + 1))
     assert left.timings["unstable"] > 0
@@ -294,7 +294,7 @@ def test_search_in_which_nothing_converged_returns_the_nearest_disk():
 
 
 def test_number_of_starts_is_bounded():
-    """A solver that finds another unstable disk each time must not be followed for ever."""
+    """A solver that finds another unstable disk each time must not be started again without end."""
     exact = with_stability(exact_solution(ENNEPER, 32), UNSTABLE)
     areas = iter(np.linspace(2, 1, 1000))
     calls = []

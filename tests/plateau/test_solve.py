@@ -140,8 +140,8 @@ def test_enneper_before_its_loss_of_stability():
     assert abs(solution.area / gallery.enneper(0.9).area - 1) < 2e-6
 
 
-def test_enneper_beyond_its_loss_of_stability_is_told_by_its_area():
-    """For R = 1.1 the disk with the known area has index 1; another one that is found must be called what it is."""
+def test_enneper_beyond_its_loss_of_stability_is_identified_by_its_area():
+    """For R = 1.1 the disk with the known area has index 1; if another disk is found, its index must be correct."""
     known = gallery.enneper(1.1)
     solution = solve_plateau(known.rim(96))
     if abs(solution.area / known.area - 1) < 1e-4:
@@ -212,15 +212,15 @@ def test_matching_increases_over_one_turn():
 
 def test_solution_is_json_ready():
     solution = spanned("twisted circle")
-    told = json.loads(json.dumps(solution.to_dict()))
-    assert told["vertices"] == 128
-    assert told["area"] == solution.area
-    assert told["residual"]["rms_per_edge"] == solution.boundary_residual.rms_per_edge
-    assert told["stability"]["verdict"] == "stable"
-    assert told["converged"] is True
-    assert told["route"] == solution.route == "disk"
-    assert set(told["timings"]) == {"slide", "lift", "surface", "stability", "certificates"}
-    assert told["iterations"] == len(solution.history)
+    entry = json.loads(json.dumps(solution.to_dict()))
+    assert entry["vertices"] == 128
+    assert entry["area"] == solution.area
+    assert entry["residual"]["rms_per_edge"] == solution.boundary_residual.rms_per_edge
+    assert entry["stability"]["verdict"] == "stable"
+    assert entry["converged"] is True
+    assert entry["route"] == solution.route == "disk"
+    assert set(entry["timings"]) == {"slide", "lift", "surface", "stability", "certificates"}
+    assert entry["iterations"] == len(solution.history)
 
 
 def test_residual_ratios():
@@ -233,7 +233,7 @@ def test_residual_ratios():
     assert residual.rms < residual.max
 
 
-def test_tolerance_that_cannot_be_met_is_said():
+def test_tolerance_that_cannot_be_met_is_reported():
     loop = noisy_ellipse(40, amount=0.3)
     solution = solve_plateau(loop, tolerance=1e-12, model=Cauchy(degree=4))
     assert not solution.converged
@@ -259,7 +259,7 @@ def test_checks_are_made_when_they_are_read(unstable):
 
 
 @pytest.mark.parametrize("model", ["auto", "cauchy"])
-def test_limit_on_steps_is_said(model):
+def test_limit_on_steps_is_reported(model):
     solution = solve_plateau(gallery.tennis_seam(0.8).sample(48), tolerance=1e-9, max_iterations=2, model=model)
     assert len(solution.history) == 2
     assert not solution.converged
@@ -268,15 +268,15 @@ def test_limit_on_steps_is_said(model):
 
 @pytest.mark.parametrize(("model", "method"), [("auto", "Douglas-Newton"), ("cauchy", "Gauss-Newton")])
 def test_every_step_is_reported(model, method):
-    heard = []
-    solution = solve_plateau(SMALL, model=model, on_iteration=heard.append)
-    assert tuple(heard) == solution.history
-    assert all(isinstance(step, Iteration) for step in heard)
-    assert [step.index for step in heard] == list(range(1, len(heard) + 1))
-    assert len(heard) >= 2
-    assert {step.method for step in heard} == {method}
+    steps = []
+    solution = solve_plateau(SMALL, model=model, on_iteration=steps.append)
+    assert tuple(steps) == solution.history
+    assert all(isinstance(step, Iteration) for step in steps)
+    assert [step.index for step in steps] == list(range(1, len(steps) + 1))
+    assert len(steps) >= 2
+    assert {step.method for step in steps} == {method}
     if model == "cauchy":  # Newton's method lowers the energy, its gradient may rise
-        assert (np.diff([step.residual for step in heard]) < 0).all()
+        assert (np.diff([step.residual for step in steps]) < 0).all()
 
 
 def test_callers_thread_count_is_restored():

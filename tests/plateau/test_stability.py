@@ -151,7 +151,7 @@ def power(degree: int, factor: float) -> SpinorSurface:
 @pytest.mark.parametrize("degree", [16, 63, 64, 128, 200, 255, 256, 257, 512, 1000, 1024])
 @pytest.mark.parametrize("factor", [1.0, 1.5])
 def test_powers_that_meshes_do_not_resolve_are_not_stable(degree: int, factor: float) -> None:
-    """Their normals cover a hemisphere or more; at as many equal steps as the degree they are those of a plane."""
+    """Their normals cover a hemisphere or more; sampled at as many equal steps as the degree, they seem constant."""
     stability = assess_stability(power(degree, factor))
     assert stability.verdict != "stable"
     assert stability.index != 0
@@ -170,7 +170,7 @@ def test_impossible_curvature_decides_nothing(curvature: tuple[float, float]) ->
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_spinors_that_are_not_finite_leave_the_verdict_open(value: float) -> None:
+def test_spinors_that_are_not_finite_give_no_verdict(value: float) -> None:
     stability = assess_stability(power(1, value))
     assert (stability.verdict, stability.index, stability.eigenvalue) == ("undecided", None, None)
 

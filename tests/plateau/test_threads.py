@@ -19,7 +19,7 @@ def threads_of_blas() -> set[int]:
 
 @pytest.fixture(autouse=True)
 def _two_threads() -> Iterator[None]:
-    """Two threads before, whatever the environment says, so that a limit can be seen."""
+    """Two threads before, independently of the environment, so that a limit has an effect."""
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     with threadpool_limits(2, user_api="blas"):
@@ -30,7 +30,7 @@ def _two_threads() -> Iterator[None]:
 
 
 @pytest.mark.parametrize("first_out", [0, 1])
-def test_whoever_leaves_first_the_other_stays_on_one_thread(first_out: int) -> None:
+def test_the_limit_stays_at_one_thread_until_both_blocks_end(first_out: int) -> None:
     inside, left = [threading.Event(), threading.Event()], threading.Event()
     seen: dict[str, object] = {}
 
@@ -53,7 +53,7 @@ def test_whoever_leaves_first_the_other_stays_on_one_thread(first_out: int) -> N
     assert threads_of_blas() == {2}
 
 
-def test_many_threads_in_any_order_see_one_thread_inside() -> None:
+def test_many_threads_in_any_order_have_one_thread_inside() -> None:
     orders = np.random.default_rng(0).uniform(0, 2e-3, (8, 6))
     pause = threading.Event()
 

@@ -1,4 +1,4 @@
-"""Whenever time runs out: a typed error while there is no surface, and from then on surfaces that get no worse.
+"""Whenever time runs out: a typed error while there is no surface, and later the best surface so far.
 
 The clock counts how often it is read, so that each place in which time can run out is tried on any machine.
 """
@@ -19,7 +19,7 @@ from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
-    """Makes each look at the clock last a second, and tells how many there were."""
+    """Makes each reading of the clock take a second, and counts the readings."""
     counter = itertools.count()
     monkeypatch.setattr(deadline, "perf_counter", lambda: float(next(counter)))
     return lambda: next(counter)
@@ -72,7 +72,7 @@ SLOW = {
 
 
 def cuts(looks: int) -> list[int]:
-    """All places, or of many some that are spread evenly and the last ones."""
+    """All readings of the clock, or, if there are many, some at equal distances and the last ones."""
     return sorted({*np.linspace(1, looks, min(looks, 6)).astype(int).tolist(), *range(max(1, looks - 3), looks + 1)})
 
 

@@ -26,18 +26,18 @@ def farthest(solution, count=300):
 
 @pytest.mark.parametrize("optimizer", [None, "levenberg-marquardt", LevenbergMarquardt()])
 def test_levenberg_marquardt_is_the_default_and_meets_the_curve(optimizer):
-    heard = []
-    solution = solve_plateau(CURVE, model="mlp", optimizer=optimizer, on_iteration=heard.append)
+    steps = []
+    solution = solve_plateau(CURVE, model="mlp", optimizer=optimizer, on_iteration=steps.append)
     assert solution.route == "trained"
     assert solution.converged
     assert isinstance(solution.array_surface.model, ComplexMLP)
     assert farthest(solution) < 1.1e-6 * solution.loop.diagonal
     assert abs(solution.area / CURVE.disks[0].area - 1) < 1e-6
     assert solution.stability.verdict == "stable"
-    assert heard == list(solution.history)
-    assert [step.index for step in heard] == list(range(1, len(heard) + 1))
+    assert steps == list(solution.history)
+    assert [step.index for step in steps] == list(range(1, len(steps) + 1))
     # the curve is so smooth that the distilled network needs no polish
-    assert [*dict.fromkeys(step.method for step in heard)][:2] == ["Douglas-Newton", "distillation"]
+    assert [*dict.fromkeys(step.method for step in steps)][:2] == ["Douglas-Newton", "distillation"]
 
 
 def test_a_batch_trains_a_network_for_each_loop():
@@ -86,10 +86,10 @@ def test_rmsprop_goes_on_from_its_checkpoint(tmp_path):
     kept = replace(SMALL, checkpoint=tmp_path / "training.pt")
     straight = solve_plateau(CURVE, model="mlp", optimizer=SMALL)
     solve_plateau(CURVE, model="mlp", optimizer=replace(kept, epochs=2))
-    heard = []
-    solution = solve_plateau(CURVE, model="mlp", optimizer=kept, on_iteration=heard.append)
-    assert len(heard) == 1
-    assert heard[-1].residual == straight.history[-1].residual
+    steps = []
+    solution = solve_plateau(CURVE, model="mlp", optimizer=kept, on_iteration=steps.append)
+    assert len(steps) == 1
+    assert steps[-1].residual == straight.history[-1].residual
     assert solution.area == straight.area
 
 

@@ -1,4 +1,4 @@
-"""Minimal annuli between two rims: known areas, the answer that there is none, and what must not matter."""
+"""Minimal annuli between two rims: known areas, rims without a minimal annulus, and invariance."""
 
 from dataclasses import replace
 from functools import cache
@@ -144,7 +144,7 @@ def test_circles_too_far_apart_have_no_annulus(h):
     assert solve_plateau(coaxial(h), all_solutions=True) == ()
 
 
-def test_douglas_condition_tells_minima_from_local_ones():
+def test_douglas_condition_distinguishes_minima_from_local_ones():
     # equal at h = 0.5277
     assert catenoid(0.5).is_area_minimum
     assert not catenoid(0.6).is_area_minimum
@@ -215,7 +215,7 @@ def test_just_above_the_critical_distance_no_fold_is_overlooked():
 # --- what must not matter ---------------------------------------------------------------------------------------------
 
 
-def test_numbering_order_place_and_scale_do_not_matter():
+def test_numbering_order_position_and_scale_do_not_matter():
     first, second = (sampled(c, n) for c, n in zip(skew(), (60, 48), strict=True))
     rotation = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
     area = wavy().area
@@ -349,9 +349,9 @@ def test_rims_that_meet_are_refused():
 
 
 def test_models_without_annuli_are_refused():
-    with pytest.raises(OptionError, match="between several loops"):
+    with pytest.raises(OptionError, match="supports one loop only"):
         solve_plateau(coaxial(0.5), model="mlp")
-    with pytest.raises(OptionError, match="need two loops"):
+    with pytest.raises(OptionError, match="need two or more loops"):
         solve_plateau(ring(1.0, 0.0), model=Laurent())
     with pytest.raises(OptionError, match="modulus"):
         Laurent(modulus=-1.0)

@@ -1,4 +1,4 @@
-"""The associate family: isometric, its members those of the surface; animations and the page that show it."""
+"""The associate family: isometric, with the known members; animations and the page that show it."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def test_lines_of_the_grid_lie_in_the_domain_and_are_straight_there() -> None:
     assert len(lines) > 2 * GRID_LINES
 
 
-def test_a_pole_in_the_domain_has_no_family_and_the_error_says_so() -> None:
+def test_a_pole_in_the_domain_is_named_as_the_reason_for_no_family() -> None:
     with pytest.raises(PeriodError, match=r"the domain's boundary.*-12\.6") as caught:
         surface_layers(catenoid_on_a_ring(), family=True)
     np.testing.assert_allclose(caught.value.period, [0, 0, -4 * np.pi], atol=1e-9)
@@ -268,7 +268,7 @@ def test_a_surface_without_family_is_one_sentence(tmp_path: Path, capsys: pytest
     saved = tmp_path / "ring.safetensors"
     catenoid_on_a_ring().save(saved)
     assert main(["morph", str(saved), "-o", str(tmp_path / "ring.gif")]) == 2
-    said = capsys.readouterr().err
-    assert "does not close" in said
-    assert said.count("\n") == 1
+    errors = capsys.readouterr().err
+    assert "does not close" in errors
+    assert errors.count("\n") == 1
     assert not (tmp_path / "ring.gif").exists()

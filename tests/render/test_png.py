@@ -1,4 +1,4 @@
-"""The PNG: really drawn, patch in its own colour on the right only; clear errors where it cannot be drawn."""
+"""The PNG: the patch is in its colour, on the right only; clear errors where it cannot be drawn."""
 
 from __future__ import annotations
 
@@ -103,8 +103,8 @@ def test_a_failed_drawing_is_a_typed_error_and_leaves_no_file(
 )
 def test_the_advice_is_for_the_system(monkeypatch: pytest.MonkeyPatch, system: str, advice: str) -> None:
     monkeypatch.setattr("sys.platform", system)
-    for crash, said in (("an access violation", ""), ("", "ImportError: OpenGL32.dll")):
-        explained = png._explanation(FaultError("ended", kind="death", last={}, output=said, crash=crash))
+    for crash, message in (("an access violation", ""), ("", "ImportError: OpenGL32.dll")):
+        explained = png._explanation(FaultError("ended", kind="death", last={}, output=message, crash=crash))
         assert advice in explained
 
 
@@ -121,7 +121,7 @@ def test_a_job_is_a_closed_file_when_it_is_read(monkeypatch: pytest.MonkeyPatch)
     assert read == [("a", 1)]
 
 
-def test_the_command_says_so_before_it_works(
+def test_the_command_reports_it_before_it_works(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)

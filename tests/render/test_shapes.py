@@ -130,7 +130,7 @@ def test_what_a_notebook_shows_is_a_page_of_its_own_and_drawn(
         assert opened.foreign == []
 
 
-def test_names_are_escaped_twice_and_large_meshes_are_told_in_numbers() -> None:
+def test_names_are_escaped_twice_and_large_meshes_are_given_as_counts() -> None:
     shape = shapes.shape_of(sphere())
     frame = shape.framed(title='a"<b>')
     (inner,) = re.findall(r'srcdoc="([^"]*)"', frame)

@@ -1,4 +1,4 @@
-"""Pages with scenes to rotate: complete, and true to their meshes."""
+"""Pages with scenes to rotate: complete, with the data of their meshes."""
 
 import base64
 import json

@@ -112,7 +112,7 @@ def test_zeros_of_p_and_q_are_found_apart():
         plane_disk().surface.spinor_zeros()  # q = 0
 
 
-def test_zeros_of_p_and_q_in_different_places_are_regular():
+def test_zeros_of_p_and_q_at_different_points_are_regular():
     assert surface([-0.3, 1], [0.3, 1]).branch_points() == ()
 
 

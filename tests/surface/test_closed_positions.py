@@ -1,4 +1,4 @@
-"""Positions in closed form, and by quadrature along the paths that are needed."""
+"""Positions in closed form, and by quadrature along paths."""
 
 import numpy as np
 import pytest
@@ -128,7 +128,7 @@ def test_positions_of_a_few_points_are_those_of_many():
         np.testing.assert_allclose(surface.position(torch.from_numpy(points)), together, rtol=0, atol=rounding)
 
 
-def test_ways_from_the_root_hold_what_was_asked_for_and_all_before_it():
+def test_paths_from_the_root_have_the_requested_vertices_and_all_before_them():
     domain = PlaneDomain.disk(n=40)
     wanted = np.array([0, 7, 30])
     visited = domain.visited(wanted)

@@ -1,4 +1,4 @@
-"""Curvature by automatic differentiation: measured, not assumed."""
+"""Curvature by automatic differentiation of positions."""
 
 import numpy as np
 import pytest

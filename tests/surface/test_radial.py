@@ -1,4 +1,4 @@
-"""The paper's quadrature along rays: its orders, and the mean curvature it leaves."""
+"""The paper's quadrature along rays: its orders, and the mean curvature of its error."""
 
 import numpy as np
 import pytest

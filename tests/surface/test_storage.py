@@ -1,4 +1,4 @@
-"""Saved surfaces come back bit for bit, and nothing else comes back at all."""
+"""Saved surfaces are loaded bit for bit, and other files are refused."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The Weierstrass-Enneper form: the same surfaces as the spinors', and its branch points."""
+"""The Weierstrass-Enneper form: the same surfaces as in the spinor form, and branch points."""
 
 import numpy as np
 import torch

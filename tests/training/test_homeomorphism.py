@@ -92,7 +92,7 @@ def test_losses_of_known_curves():
     assert float(boundary_loss((circle, velocity), (lifted, circle), tangent_weight=0)) == pytest.approx(4)
 
 
-def test_it_leaves_the_random_numbers_of_all_torch_alone():
+def test_it_does_not_change_the_global_random_numbers_of_torch():
     torch.manual_seed(1)
     expected = torch.rand(3)
     torch.manual_seed(1)

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt: networks take given p and q, and their surfaces the curve."""
+"""Levenberg-Marquardt: networks approximate given p and q, and their surfaces the curve."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def trained(solution, **options):
 
 
 def distance(surface, curve, count=500):
-    """Largest distance of the boundary from the curve, by the surface's own positions and the curve's own search."""
+    """Largest distance of the boundary from the curve, by positions and nearest points."""
     r = surface.position(surface.domain.boundary.point(np.arange(count) / count))
     return np.linalg.norm(r - curve.point(curve.nearest(r)), axis=1).max()
 
@@ -65,18 +65,18 @@ def test_the_paper_network_reaches_the_twisted_circle(solutions):
     assert distance(result.surface, solutions["twisted circle"].curve) < 1.1e-5 * result.diagonal
 
 
-def test_the_result_tells_its_steps_and_its_distance(solutions):
-    heard = []
+def test_the_result_has_its_steps_and_its_distance(solutions):
+    steps = []
     solution = solutions["tennis seam"]
     result = train_by_levenberg_marquardt(
-        solution.curve, start=solution.surface, matching=solution.matching, on_step=heard.append
+        solution.curve, start=solution.surface, matching=solution.matching, on_step=steps.append
     )
-    assert heard == list(result.history)
-    assert [step.index for step in heard] == list(range(1, len(heard) + 1))
-    losses = [step.loss for step in heard if step.method == "distillation"]
+    assert steps == list(result.history)
+    assert [step.index for step in steps] == list(range(1, len(steps) + 1))
+    losses = [step.loss for step in steps if step.method == "distillation"]
     assert (np.diff(losses) <= 0).all()
     assert losses[-1] < 1e-5 * losses[0]
-    assert (np.diff([step.seconds for step in heard]) >= 0).all()
+    assert (np.diff([step.seconds for step in steps]) >= 0).all()
     assert result.misfit.rms < result.misfit.max < 1.1 * distance(result.surface, solution.curve, 2048)
     assert (np.diff(result.matching, axis=0) > 0).all()
 
@@ -172,13 +172,19 @@ def test_polishing_brings_a_rough_fit_nearer(solutions):
     assert rms(after) < rms(before) / 20
 
 
-def test_polishing_takes_steps_back_that_overflow(monkeypatch):
+class OverflowingPolish(Polish):
+    """A problem whose steps lead to values that overflow."""
+
+    def step(self, damping):
+        return torch.full((32, 2), 1e200, dtype=torch.complex128)
+
+
+def test_polishing_takes_steps_back_that_overflow():
     nodes = BoundaryNodes.on(PlaneDomain.disk(), 32, CPU)
     curve = CurveTensors.of(BoundaryCurve.from_formula(CURVES["twisted circle"]), Place(CPU))
     network = ComplexMLP(generator=torch.Generator().manual_seed(0))
     before = network.value(nodes.z).detach()
-    monkeypatch.setattr(Polish, "step", lambda self, damping: torch.full((32, 2), 1e200, dtype=torch.complex128))
-    fit = Polish(linear=network.linearised(nodes.z), nodes=nodes, curve=curve, slide=nodes.t, held=False)
+    fit = OverflowingPolish(linear=network.linearised(nodes.z), nodes=nodes, curve=curve, slide=nodes.t, held=False)
     descend(network, nodes.z, fit, damping=1e-6, tolerance=1e-9, max_steps=3)
     assert torch.equal(network.value(nodes.z), before)
 
@@ -220,7 +226,7 @@ def test_bad_options_are_refused(options):
         LevenbergMarquardt(**options)
 
 
-def test_the_reason_tells_limits_of_steps_and_of_time(solutions):
+def test_the_reason_names_limits_of_steps_and_of_time(solutions):
     few = {"distillation_steps": 2, "polishing_steps": 2}
     assert trained(solutions["tennis seam"], **few).reason.endswith("the limit of 2 polishing steps was reached")
     with time_limit(1e-9):

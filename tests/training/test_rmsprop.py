@@ -1,4 +1,4 @@
-"""The paper's Algorithm 1: it falls, goes on bit for bit from its checkpoints, and says when it diverges."""
+"""The paper's Algorithm 1: the loss falls, training resumes from checkpoints bit for bit, divergence is reported."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -48,7 +48,7 @@ def test_the_boundary_comes_near_to_the_curve(whole):
     assert (np.diff(result.matching, axis=0) > 0).all()
 
 
-def test_the_told_distance_is_that_of_the_surface(whole):
+def test_the_reported_distance_is_that_of_the_surface(whole):
     t = np.arange(512) / 512
     r = whole.surface.position(np.exp(2j * np.pi * t))
     gamma = CURVE.point(np.arange(4096) / 4096)
@@ -64,12 +64,12 @@ def test_a_surface_that_has_collapsed_to_a_point_of_the_curve_is_far_from_it():
         for parameter in training.boundary.network.parameters():
             parameter.zero_()
         training.boundary.constant.copy_(torch.tensor(CURVE.point(np.array(0.0))))
-    told = training._result("finished", "all epochs were done", 0.0)
+    result = training._result("finished", "all epochs were done", 0.0)
     gamma = CURVE.point(np.arange(4096) / 4096)
     away = np.linalg.norm(gamma - CURVE.point(np.array(0.0)), axis=1)
     speed = np.linalg.norm(CURVE.derivative(np.arange(4096) / 4096), axis=1)
-    assert told.misfit.rms == pytest.approx(np.sqrt(speed @ away**2 / speed.sum()), rel=1e-3)
-    assert told.misfit.max == pytest.approx(away.max(), rel=1e-3)
+    assert result.misfit.rms == pytest.approx(np.sqrt(speed @ away**2 / speed.sum()), rel=1e-3)
+    assert result.misfit.max == pytest.approx(away.max(), rel=1e-3)
 
 
 def test_splines_are_curves_too():
@@ -110,9 +110,9 @@ def test_a_checkpoint_goes_on_bit_for_bit(tmp_path):
     straight = train_by_rmsprop(CURVE, options=options)
     path = tmp_path / "training.pt"
     train_by_rmsprop(CURVE, options=replace(options, epochs=4, checkpoint=path, checkpoint_every=3))
-    heard = []
-    resumed = train_by_rmsprop(CURVE, options=replace(options, checkpoint=path), on_epoch=heard.append)
-    assert [step.index for step in heard] == [5, 6]
+    steps = []
+    resumed = train_by_rmsprop(CURVE, options=replace(options, checkpoint=path), on_epoch=steps.append)
+    assert [step.index for step in steps] == [5, 6]
     assert [step.loss for step in resumed.history] == [step.loss for step in straight.history]
     assert [step.boundary_error for step in resumed.history] == [step.boundary_error for step in straight.history]
     for one, other in zip(straight.surface.parameters(), resumed.surface.parameters(), strict=True):
@@ -164,7 +164,7 @@ def test_a_checkpoint_runs_nothing(tmp_path):
     assert not (tmp_path / "ran").exists()
 
 
-def test_a_time_that_was_up_is_said_to_be_the_reason():
+def test_the_time_limit_is_reported_as_the_reason():
     with deadline.time_limit(1e-9):
         result = train_by_rmsprop(CURVE, options=SMALL)
     assert (result.status, result.history) == ("stopped", ())
@@ -199,14 +199,14 @@ def test_a_boundary_that_moves_has_the_derivatives_of_its_own_curve(name):
     s, step = torch.linspace(0, 1, 9, dtype=torch.float64)[:-1].requires_grad_(), 1e-6
     with torch.no_grad():
         (r0, v0), (r1, v1) = (boundary.point_and_velocity(s + way * step) for way in (-1, 1))
-        for told, own in zip(
+        for value, own in zip(
             boundary.differentiable_point_and_velocity(s), boundary.point_and_velocity(s), strict=True
         ):
-            torch.testing.assert_close(told, own, rtol=0, atol=1e-14)
-    for told, other in zip(
+            torch.testing.assert_close(value, own, rtol=0, atol=1e-14)
+    for value, other in zip(
         boundary.differentiable_point_and_velocity(s), ((r1 - r0) / (2 * step), (v1 - v0) / (2 * step)), strict=True
     ):
-        (by_s,) = torch.autograd.grad(told[:, 0].sum(), s, retain_graph=True)
+        (by_s,) = torch.autograd.grad(value[:, 0].sum(), s, retain_graph=True)
         torch.testing.assert_close(by_s, other[:, 0], rtol=1e-6, atol=1e-6)
 
 

@@ -32,9 +32,9 @@ class DirichletForm:
     # smooth part of the Cauchy kernel on c equal steps, with the weight 1/c; and Λ − |k|. None on the disk
     kernel: Complex[Array, "c c"] | None
     correction: Float[Array, "c c"] | None
-    # the larger of two errors: of Λz = −i dz/dθ, relative to the largest |dz/dθ|, which does not detect parts of ∂Ω
-    # that face each other closely; and the asymmetry of the correction, relative to the largest entry of |k|, which is
-    # 0 on symmetric domains such as ellipses
+    # The larger of two errors. That of Λz = −i dz/dθ, relative to the largest |dz/dθ|, does not detect parts of ∂Ω that
+    # face each other closely. The asymmetry of the correction, relative to the largest entry of |k|, is 0 on symmetric
+    # domains such as ellipses.
     error: float
 
     @classmethod
@@ -56,7 +56,7 @@ class DirichletForm:
         k = np.fft.fftfreq(n, 1 / n)
         k[n // 2] = 0
         identity = np.eye(n)
-        # column j is e_j conjugated on the disk
+        # column j is the conjugate of e_j on the disk
         disk = np.fft.ifft((-1j * np.sign(k))[:, None] * np.fft.fft(identity, axis=0), axis=0).real
         require_time()  # the solution takes seconds for thousands of steps
         # a real density μ gives the boundary values (½ + Im kernel) μ and their conjugate (½ H − Re kernel) μ
@@ -77,7 +77,7 @@ class DirichletForm:
     def __call__(self, x: Float[Array, "*batch n k"]) -> Float[Array, "*batch n k"]:
         """Λ applied to columns of samples at t = j/n."""
         xp = namespace(x)
-        # transformed as rows: on some processors the rounding of a column depends on the number of columns
+        # transformed as rows, because on some processors the rounding of a column depends on the number of columns
         return xp.moveaxis(self.on_rows(contiguous(xp.moveaxis(x, -1, 0))), 0, -1)
 
     def on_rows(self, x: Float[Array, "*batch n"]) -> Float[Array, "*batch n"]:

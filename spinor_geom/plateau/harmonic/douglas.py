@@ -32,8 +32,8 @@ from spinor_geom.plateau.harmonic.dirichlet import DirichletForm, frequencies
 from spinor_geom.plateau.newton import SMALL, Rows, conjugate_gradients, dots, stationary
 from spinor_geom.plateau.stability import AMPLITUDES
 
-# Largest spacing of neighbouring nodes on Γ, over the mean spacing: beyond it the other nodes crowd. Without this limit
-# solves that crowd take twice as many steps, and end elsewhere.
+# Largest spacing of neighbouring nodes on Γ, over the mean spacing; if it is exceeded, the other nodes are crowded.
+# Without this limit such solves take twice as many steps, and end elsewhere.
 CROWDED = 40.0
 
 
@@ -57,7 +57,7 @@ def minimise_dirichlet_energies(
     near: bool = False,
     on_step: Sequence[Callable[[float], None]] = (),
 ) -> tuple[HarmonicDisk | None, ...]:
-    """Harmonic disks of stationary slides of several curves on one Ω, by Newton's method; None where time ran out.
+    """Harmonic disks of stationary slides of several curves on one Ω, by Newton's method; None if time ran out.
 
     The energy E(s) = π/n Σ Γ(s)·ΛΓ(s) is evaluated by fast Fourier transforms. Conformal maps of Ω onto itself (the
     gauge) do not change it. On the disk, steps are orthogonal to the gauge; on other Ω conjugate gradients hardly move
@@ -199,7 +199,7 @@ class Slides:
         return u - (shares[:, None] @ self.gauge)[:, 0]
 
     def hessian(self, damping: Float[Array, " b"] | None) -> Rows:
-        """The Hessian of the energy by arc length, as a map of rows; with damping negative `bend`s are reflected."""
+        """The Hessian of the energy in arc length, as a map of rows; with damping, negative `bend`s are reflected."""
         unit = self.tangent / self.speed
         bend = reflected(self.bend, damping) / square(self.speed)
 
@@ -228,7 +228,7 @@ _SCALARS, _VECTORS = ("slide", "bend", "energy"), ("points", "tangent", "normal"
 
 
 def reflected(bends: Float[Array, "b n"], damping: Float[Array, " #b"] | None) -> Float[Array, "b n"]:
-    """Γ″·ΛX; with damping 1, of a row or of all, its negative values change sign, with damping ½ they become 0."""
+    """Γ″·ΛX with its negative values changed by damping: they become 0 for damping ½, and change sign for damping 1."""
     return bends if damping is None else bends + 2 * damping[:, None] * namespace(bends).clip(-bends, min=0)
 
 

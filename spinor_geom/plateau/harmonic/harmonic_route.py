@@ -95,7 +95,7 @@ class HarmonicSolver:
     def on_flattening(self) -> RouteResult:
         """The minimal disk on a smooth Ω fitted to a flattened discrete disk: the problem's start, or a first fill.
 
-        Where the first fill is too coarse for a good Ω, a finer one is flattened.
+        If the surface on it is far from Γ, a finer discrete disk is flattened.
         """
         disk, (t, points) = self.problem.start, self._points
         if disk is not None:
@@ -130,7 +130,7 @@ class HarmonicSolver:
         return self._lifted(self._on_flattened(finer, t))
 
     def _lifted(self, fit: DiskFit) -> DiskFit:
-        """The fit; a DomainError if p and q of its harmonic surface do not close up, as over smooth loops they must."""
+        """The fit; raises a DomainError if p and q of its harmonic surface over a smooth loop do not close up."""
         if not self.is_rough and self._distance(fit) == math.inf:
             raise DomainError(
                 "the domain is too far from conformal for a minimal disk", vertices=len(self.problem.unit)
@@ -183,7 +183,7 @@ class HarmonicSolver:
         with self.problem.clock.stage("slide"):
             curve = self.exact
             if self.is_rough and not is_fine:
-                # smoothed: Ω has too few nodes to resolve its curvature
+                # smoothed, because Ω has too few nodes to resolve the curvature of Γ
                 curve = CurveTensors.of(self.problem.curve.smoothed(1 / self._density.points), place)
             (disk,) = minimise_dirichlet_energies(
                 CurveTensors.batch([curve]),
@@ -285,9 +285,9 @@ class HarmonicSolver:
         return min(most, self.problem.steps.left)
 
     def may_meet(self, misfit: Misfit, nodes: int) -> bool:
-        """Whether the most nodes would meet the tolerance over a smooth loop, if the distance decreases geometrically.
+        """Whether the largest number of nodes would meet the tolerance over a smooth loop.
 
-        It is one edge without nodes.
+        The distance is extrapolated geometrically from one edge at 0 nodes.
         """
         return self.is_rough or bool(
             self._in_edges(misfit) ** (self.most_nodes / nodes) <= self.problem.options.tolerance
@@ -307,7 +307,7 @@ UNFOLDING = Route("unfolded", lambda problem: HarmonicSolver(problem=problem).on
 
 
 def begun_on_unit_disk(problems: Sequence[PlateauProblem]) -> list[Route]:
-    """A route on the unit disk for each problem; their fits are run together, in batches."""
+    """A route on the unit disk for each problem; the fits run in batches."""
     fits = [HarmonicSolver(problem=problem)._begin() for problem in problems]
     fit_together(fits)
     return [replace(UNIT_DISK, solve=partial(_finished, fit)) for fit in fits]
@@ -324,7 +324,7 @@ def points_of_domain(loop: BoundaryLoop) -> int:
 
 @dataclass(kw_only=True, eq=False)
 class DiskFit:
-    """Attempts to solve one loop on one Ω with increasing numbers of nodes."""
+    """The attempts to solve for one loop on one Ω, with increasing numbers of nodes."""
 
     solver: HarmonicSolver
     form: DirichletForm
@@ -352,7 +352,7 @@ class DiskFit:
         elif self.best is not None and not self.solver.may_meet(self.best[0].misfit, self.nodes):
             self.limit = "more nodes on the domain's boundary would not meet the tolerance"
         elif self.nodes >= self.solver.most_nodes:
-            self.limit = f"{self.nodes} nodes are the most that are tried"
+            self.limit = f"{self.nodes} nodes are the largest number that is tried"
         elif not self.solver.problem.steps.left:
             self.limit = SPENT
         else:

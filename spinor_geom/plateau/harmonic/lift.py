@@ -3,8 +3,8 @@
 φ = 2∂X/∂z on ∂Ω follows from X and its conjugate. Its spinors p and q there are continued into Ω, as one power series
 per circle or by Cauchy's formula. Where X is not exactly conformal, φ is not exactly null and the surface of p and q
 differs from X. While its boundary is too far from Γ, Gauss-Newton steps in low powers of p and q remove the low
-frequencies of the error; the remaining error is subtracted from X before the next lift. The least change of the same
-powers keeps Re ∮ φ dz = 0 around holes.
+frequencies of the error, and the remaining error is subtracted from X before the next lift. The smallest change of the
+same powers makes Re ∮ φ dz = 0 around holes.
 """
 
 from __future__ import annotations
@@ -153,23 +153,23 @@ def _lifted(
     every = sampled = _SampledBoundary.of(traces, form, slides, curves)
     xp, place = namespace(slides), place_of(slides)
     number, is_lifted = place.put(np.arange(len(slides))), place.put(np.zeros(len(slides), dtype=bool))
-    best: _Placed | None = None
+    best: _Positioned | None = None
     while True:
         spinors, better = sampled.spinors(points)
-        placed = sampled.placed(spinors, sampled.start)
-        far = indices(better & (placed.rms > allowed[number]))
+        positioned = sampled.positioned(spinors, sampled.start)
+        far = indices(better & (positioned.rms > allowed[number]))
         if len(far):
-            placed = placed.replaced(far, sampled.at(far).brought_nearer(placed.at(far)))
+            positioned = positioned.replaced(far, sampled.at(far).brought_nearer(positioned.at(far)))
         if best is None:
-            best = placed
+            best = positioned
         else:
-            better = better & (placed.rms < WORTHWHILE * best.rms[number])
-            best = best.replaced(number[better], placed.at(indices(better)))
+            better = better & (positioned.rms < WORTHWHILE * best.rms[number])
+            best = best.replaced(number[better], positioned.at(indices(better)))
         is_lifted[number[better]] = True
-        left = indices(better & (placed.rms > allowed[number]))
+        left = indices(better & (positioned.rms > allowed[number]))
         if not len(left):
             return every.lifts(best, is_lifted)
-        points = points[left] - xp.moveaxis(placed.error[left][..., ::_EACH], 1, -1)
+        points = points[left] - xp.moveaxis(positioned.error[left][..., ::_EACH], 1, -1)
         number, sampled = number[left], sampled.at(left)
 
 
@@ -204,7 +204,7 @@ class _OnCurves:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Placed(_OnCurves):
+class _Positioned(_OnCurves):
     """Surfaces with given p and q and the best constants, and the closest points of Γ."""
 
     functions: Array  # (b, 2, m, terms), p and q
@@ -217,7 +217,7 @@ class _Placed(_OnCurves):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _SampledBoundary:
-    """∂Ω at k points of each rim, the n nodes and points between them, for b surfaces."""
+    """∂Ω at k points of each rim (the n nodes and points between them), for b surfaces."""
 
     traces: OnCircles | OnCurve
     form: CirclesForm | DirichletForm
@@ -254,7 +254,7 @@ class _SampledBoundary:
         p, q = spinors_from_phi(slopes(self.form, points) * (1 / self.dz[:, ::_EACH, None]))
         return self.traces.functions(namespace(p).stack([p, q], axis=1)), signs_close_up(p, q).all(-1)
 
-    def placed(self, functions: Complex[Array, "b 2 m t"], near: _OnCurves) -> _Placed:
+    def positioned(self, functions: Complex[Array, "b 2 m t"], near: _OnCurves) -> _Positioned:
         """The surfaces with given p and q, corrected to close around holes, and the closest points of Γ.
 
         The constant minimises the mean squared distance; Newton's method finds the closest points.
@@ -271,7 +271,7 @@ class _SampledBoundary:
         if len(far):
             near = near.replaced(far, _on(self.at(far).curves, near.slides[far]))
         error = null_curve.real - near.point
-        return _Placed(
+        return _Positioned(
             slides=near.slides,
             point=near.point,
             tangent=near.tangent,
@@ -288,35 +288,35 @@ class _SampledBoundary:
         """Mean with respect to arc length of Γ."""
         return (self.weights[:, None] * values).sum((-2, -1))
 
-    def brought_nearer(self, placed: _Placed) -> _Placed:
+    def brought_nearer(self, positioned: _Positioned) -> _Positioned:
         """The surfaces after Gauss-Newton steps in the powers of p and q that reduce the distance."""
-        number, sampled = place_of(placed.rms).put(np.arange(len(placed.rms))), self
+        number, sampled = place_of(positioned.rms).put(np.arange(len(positioned.rms))), self
         while True:
-            before = placed.at(number)
-            nearer = sampled.placed(before.functions + sampled._gauss_newton_step(before), before)
+            before = positioned.at(number)
+            nearer = sampled.positioned(before.functions + sampled._gauss_newton_step(before), before)
             better = indices(nearer.rms < before.rms)
-            placed = placed.replaced(number[better], nearer.at(better))
+            positioned = positioned.replaced(number[better], nearer.at(better))
             left = indices(nearer.rms <= WORTHWHILE * before.rms)
             if not len(left):
-                return placed
+                return positioned
             number, sampled = number[left], sampled.at(left)
 
-    def _gauss_newton_step(self, placed: _Placed) -> Complex[Array, "b 2 m t"]:
+    def _gauss_newton_step(self, positioned: _Positioned) -> Complex[Array, "b 2 m t"]:
         """The Gauss-Newton step of p and q, in low powers, for the errors normal to Γ at the nodes."""
         nodes, dz = (..., slice(None, None, _EACH)), self.dz[..., ::_EACH]
-        spinors, moves = placed.spinors[nodes], self.traces.powers_at_nodes * dz
+        spinors, moves = positioned.spinors[nodes], self.traces.powers_at_nodes * dz
         xp, b = namespace(spinors), len(spinors)
         by_p, by_q = (_side_by_side(self.traces.integral(spinors[:, i, None] * moves)) for i in (0, 1))
-        root, error = xp.sqrt(self.weights[nodes].reshape(b, 1, -1)), _side_by_side(placed.error[nodes])
+        root, error = xp.sqrt(self.weights[nodes].reshape(b, 1, -1)), _side_by_side(positioned.error[nodes])
         rows, right = [], []
-        for normal in normals_of(_side_by_side(placed.tangent[nodes]).mT):
+        for normal in normals_of(_side_by_side(positioned.tangent[nodes]).mT):
             e = root * normal.mT
             rows.append(xp.concat([moves_by(e, by_p, by_q), e], axis=1))
             right.append(-(e * error).sum(1))
         matrix = xp.concat(rows, axis=2)
         gram = xp.stack([one @ one.mT for one in matrix])
         own = xp.arange(gram.shape[1])
-        # the matrix is singular: conformal maps of Ω onto itself move the boundary along Γ
+        # the matrix is singular, because conformal maps of Ω onto itself move the boundary along Γ
         add_to_diagonal(gram, len(own) * EPS * gram[:, own, own].mean(-1)[:, None])
         wanted = (matrix * xp.concat(right, axis=1)[:, None]).sum(-1)
         if len(self.dz) == 1:
@@ -325,17 +325,20 @@ class _SampledBoundary:
             constraints = padded(gap_rows(spinors, moves).mT, 0, 3).mT
             solved = xp.linalg.solve(gram, xp.concat([wanted[..., None], constraints], axis=-1))
             free, response = solved[..., 0], solved[..., 1:]
-            violation = constraints.mT @ free[..., None] + gaps(placed.velocity)[..., None]
+            violation = constraints.mT @ free[..., None] + gaps(positioned.velocity)[..., None]
             multipliers = xp.linalg.solve(constraints.mT @ response, violation)
             x = free - (response @ multipliers)[..., 0]
         return changes(x[:, :-3], self.traces.powers)
 
-    def lifts(self, placed: _Placed, is_lifted: Bool[Array, " b"]) -> tuple[Lift | None, ...]:
+    def lifts(self, positioned: _Positioned, is_lifted: Bool[Array, " b"]) -> tuple[Lift | None, ...]:
         """The lift of each surface, or None."""
-        r, m, xp = placed.null_curve.real, len(self.dz), namespace(placed.rms)
+        r, m, xp = positioned.null_curve.real, len(self.dz), namespace(positioned.rms)
         slides, points, errors, tangents = (
             part.reshape(-1, *part.shape[2:])
-            for part in (placed.slides, *(xp.moveaxis(part, 1, -1) for part in (r, placed.error, placed.tangent)))
+            for part in (
+                positioned.slides,
+                *(xp.moveaxis(part, 1, -1) for part in (r, positioned.error, positioned.tangent)),
+            )
         )
         misfits = Misfit.each(
             points,
@@ -345,18 +348,18 @@ class _SampledBoundary:
             self.curves.local_edge(slides),
             alone=self.curves.alone,
         )
-        areas = np.pi * (r * placed.velocity.imag).sum((1, 2, 3)) / self.dz.shape[-1]
-        curvatures = curvature_within([*xp.permute_dims(placed.spinors, (2, 0, 3, 1))])
-        open_by = norm(gaps(placed.velocity).reshape(len(r), 3, m - 1).mT)
+        areas = np.pi * (r * positioned.velocity.imag).sum((1, 2, 3)) / self.dz.shape[-1]
+        curvatures = curvature_within([*xp.permute_dims(positioned.spinors, (2, 0, 3, 1))])
+        open_by = norm(gaps(positioned.velocity).reshape(len(r), 3, m - 1).mT)
         periods = 2 * np.pi * xp.max(padded(open_by, 0, 1), axis=-1)
         figures = xp.stack([areas, periods, *curvatures], axis=1).tolist()
         return tuple(
             Lift(
                 traces=self.traces,
-                functions=placed.functions[i],
-                # contiguous: the rounding of products depends on strides, which depend on the batch
-                null_curve=contiguous(xp.moveaxis(placed.null_curve[i], 0, -1)),
-                slides=placed.slides[i],
+                functions=positioned.functions[i],
+                # contiguous, because the rounding of products depends on strides, which depend on the batch
+                null_curve=contiguous(xp.moveaxis(positioned.null_curve[i], 0, -1)),
+                slides=positioned.slides[i],
                 misfit=Misfit.together(misfits[m * i : m * (i + 1)]),
                 area=area,
                 curvature=(curvature, error),
@@ -371,12 +374,12 @@ class _SampledBoundary:
 
 
 def _each_solved(matrices: Float[Array, "b n n"], right: Float[Array, "b n"]) -> Float[Array, "b n"]:
-    """Solutions of linear systems, on a CPU bit-equal to those of each alone; undefined for singular matrices."""
+    """Solutions of linear systems; on a CPU bit for bit those of single systems. Undefined for singular matrices."""
     if place_of(matrices) == NUMPY:
         solved, solve = [np.full_like(b, np.nan) for b in right], np.linalg.solve
         for x, one, b in zip(solved, matrices, right, strict=True):
             with suppress(np.linalg.LinAlgError):
-                # copied to an aligned address: LAPACK's rounding depends on alignment
+                # copied to an aligned address, because LAPACK's rounding depends on alignment
                 x[:] = solve(one.copy(), b)
         return np.stack(solved)
     import torch

@@ -36,7 +36,7 @@ def domain_of(lift: Lift, *boundaries: FourierBoundary) -> PlaneDomain:
 
 
 def surface_of(lift: Lift, domain: PlaneDomain) -> Callable[[float, Vector], ArraySurface]:
-    """A function that makes the surface of a lift at a scale and translation; of the lift it keeps p and q only."""
+    """A function that makes the surface of a lift at a scale and translation; it stores p and q only."""
     if domain.holes:
         root = place_of(lift.null_curve).put(domain.triangulation.points[[domain.root]])
         constant = null_vector(*lift.series.primitive(root)[0]).real + lift.shift
@@ -80,7 +80,7 @@ def circles_of(domain: CircularDomain, counts: Sequence[int]) -> list[FourierBou
 
 
 def _with_vertices(boundary: FourierBoundary, most: int) -> FourierBoundary:
-    """∂Ω with enough vertices that their polygon stays close to it: the model is undefined outside Ω."""
+    """∂Ω with enough vertices for a polygon close to ∂Ω, because the model is undefined outside Ω."""
     tangent = boundary.grid(most)[1]
     turn = np.append(0.0, np.cumsum(np.abs(np.angle(np.roll(tangent, -1) / tangent))))
     count = len(boundary.vertices)

@@ -29,9 +29,9 @@ _SHAPES = ((4, 0.35), (8, 0.2), (12, 0.2))
 class NodeDensity:
     """A parameter t of ∂Ω whose equal steps are denser at the vertices, bends and narrow places of a loop.
 
-    t is the mean of three cumulative shares of the loop: of its length, its vertices, and its turning. Places that are
-    narrower than the spacing of the points get more. The result is smoothed, so that ∂Ω and the slide along it can be
-    analytic. On a circle with equal edges t = s.
+    t is the mean of three cumulative shares of the loop: of its length, its vertices, and its turning. In places that
+    are narrower than the spacing of the points t increases faster. The result is smoothed, so that ∂Ω and the slide
+    along it can be analytic. On a circle with equal edges t = s.
 
     Attributes:
         points: the number of points that define Ω, with those added in narrow places.
@@ -63,7 +63,7 @@ class NodeDensity:
 
     @property
     def is_narrow(self) -> bool:
-        """Whether the loop has a place that needs more than twice the usual density of nodes, and thus a fine ∂Ω."""
+        """Whether a narrow place of the loop needs more than twice the usual density of nodes, and thus a fine ∂Ω."""
         return self.narrowest > 2
 
     def parameter(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
@@ -79,7 +79,7 @@ class NodeDensity:
 
 
 def has_narrow_place(curve: BoundaryCurve, points: int) -> bool:
-    """`NodeDensity.is_narrow`, after a test on the vertices that rules it out for most loops in a tenth of the time."""
+    """`NodeDensity.is_narrow`; a test on the vertices first excludes most loops in a tenth of the time."""
     vertices = curve.coefficients[-1]
     lengths = np.linalg.norm(shifted(vertices, -1, axis=0) - vertices, axis=1)
     along, whole, gap = np.cumsum(lengths) - lengths, float(lengths.sum()), 1.2 * float(lengths.max())
@@ -168,7 +168,7 @@ def resolved_form(boundary: FourierBoundary, n: int, place: Place, *, most: int 
     """
     if n > most:
         raise DomainError(
-            f"the domain is so narrow somewhere that it needs {n} steps around it, at most {most} are tried",
+            f"the plane domain has a narrow place that needs {n} steps around it; at most {most} are tried",
             vertices=len(boundary.vertices),
         )
     polygon = boundary.grid(n)[0]
@@ -178,7 +178,7 @@ def resolved_form(boundary: FourierBoundary, n: int, place: Place, *, most: int 
     form = DirichletForm.of(boundary, n, place) if is_wide else None
     if form is None or not form.error <= _RESOLVED:
         raise DomainError(
-            f"the domain crosses itself or is too narrow somewhere for {n} steps around it",
+            f"the plane domain crosses itself, or has a place that is too narrow for {n} steps around it",
             vertices=len(boundary.vertices),
         )
     return form

@@ -66,7 +66,7 @@ class OnCircles:
         if self.domain.rims == 1:
             return own
         own[..., 1:, 0] = 0
-        # the signs with which values on a circle agree best with the powers of the other circles
+        # the signs for which the values on a circle agree best with the powers of the other circles
         parts = parts_on_circles(self.domain, own, n)
         agreement = (spinors[..., None, :] * parts.conj()).sum((0, 1, -1)).real
         each = xp.arange(len(agreement))
@@ -108,7 +108,7 @@ class OnCircles:
         return min(_DEGREE + 1, self.nodes // 2)
 
     def model_of(self, spinors: Complex[Array, "2 m k"]) -> Callable[[], PowerSeries | LaurentSeries]:
-        """A function that makes the model of p and q; of large data it keeps only a copy of their coefficients."""
+        """A function that makes the model of p and q; it stores only a copy of their coefficients."""
         if self.domain.rims == 1:
             return partial(_power_series, _copied(spinors[:, 0].mT))
         return partial(_laurent_series, _copied(spinors), self.domain, self.antiperiodic)
@@ -239,7 +239,7 @@ def changes(x: Float[Array, "b f4"], powers: Complex[Array, "f m t"]) -> Complex
     """Changes of p and q from changes of the powers' coefficients, in the order of `moves_by`."""
     half = x.shape[1] // 2
     factors = complex_of(x[:, :half], x[:, half:]).reshape(len(x), 2, -1)
-    # one by one: in a batch BLAS rounds differently
+    # one by one, because in a batch BLAS rounds differently
     change = namespace(x).stack([one @ powers.reshape(len(powers), -1) for one in factors])
     return change.reshape(len(x), 2, *powers.shape[1:])
 

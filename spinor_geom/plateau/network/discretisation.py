@@ -1,9 +1,9 @@
 """Domain, network and nodes of one round of a fit, the residual between the nodes, and their refinement.
 
-For n corners, n − 3 conformal moduli of Ω (n if it has a hole) must be right before a surface over Ω can have all its
-corners on those of Γ. A domain flattened from a mesh has the moduli to a few digits. The fit moves it along fields
-v = conj(g), with g holomorphic and g' = 0 at the corners: they keep the angles there and change the moduli. Between two
-rims without corners the hole grows or shrinks.
+For n corners, Ω has n − 3 conformal moduli (n if it has a hole). A surface over Ω can have all its corners on those of
+Γ only for certain moduli. A domain flattened from a mesh has these moduli to a few digits. The fit moves ∂Ω along
+fields v = conj(g), with g holomorphic and g' = 0 at the corners, which change the moduli but not the angles. Between
+two rims without corners the hole grows or shrinks.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ class Discretisation:
         )
 
     def readout_of(self, spinors: Complex[Array, "nodes 2"]) -> Complex[Array, "n 2"]:
-        """Read-out weights that fit values of p and q at the nodes by least squares."""
+        """Coefficients of the features (read-out) that fit values of p and q at the nodes by least squares."""
         return self.problem.features[: self.problem.nodes].mT.conj() @ (self.problem.arc_weights[:, None] * spinors)
 
     def matchings(self, fit: Fit) -> tuple[Float[np.ndarray, "_ 2"], ...]:
@@ -224,7 +224,7 @@ def independent_residual(
 ) -> tuple[Misfit, Float[np.ndarray, " panels"]]:
     """Distance from Γ on panels of another order, which share no node with those of the fit.
 
-    Each point is projected on Γ near its matched parameter, so that a boundary along the wrong part of Γ has a large
+    Each point is projected on Γ near its matched parameter, so that a boundary along another part of Γ has a large
     residual.
 
     Returns:

@@ -107,7 +107,7 @@ def gauss_newton(
         fit, damping = _damped_step(problem, fit, linear, damping)
         if fit.energy < before:
             steps.take("Gauss-Newton", fit.residual)
-        # the Jacobian costs many times as much as a step; an energy of 0 or infinity does not decrease
+        # a Jacobian takes many times as long as a step; energies of 0 and infinity do not decrease
         if not fit.energy < before / 2:
             if fresh and (fit.energy <= allowed**2 or not fit.energy <= STALLED**2 * before):
                 break
@@ -146,7 +146,7 @@ class _Linear:
         directions = list(_directions(state.tangent, held))
         counts = [len(direction) for direction, _ in directions]
         n = 4 * parts.shape[2]
-        # written in place, by real products: copying rows costs as much as computing them
+        # written in place, by real products, because copying rows takes as long as computing them
         gaps = 3 * len(around)
         rows, end = zeros((sum(counts) + gaps, n + 3 + moved.shape[2]), parts), 0
         for (direction, nodes), count in zip(directions, counts, strict=True):
@@ -212,7 +212,7 @@ def _damped_step(problem: NetworkProblem, state: Fit, linear: _Linear, damping: 
             shift, amounts = step[4 * n : 4 * n + 3], step[4 * n + 3 :]
             unknowns = state.constant + shift, state.amounts + amounts
             error = Fit.at(problem, state.readout + change, state.slide, *unknowns).error
-            # damped too: at sharp turns of Γ a full step along its tangent moves away from it
+            # damped too, because at sharp turns of Γ a full step along the tangent increases the distance
             along = (state.tangent * error).sum(1) / (speed2 * (1 + damping))
             slide = problem.increasing(state.slide + along, speed2)
             trial = Fit.at(problem, state.readout + change, slide, *unknowns)

@@ -154,7 +154,7 @@ def slide_bounds(
         return np.broadcast_to([-np.inf, np.inf], (len(t), 2))
     ends = np.concatenate([corners[-1:] - 1, corners, corners[:1] + 1])
     side = np.searchsorted(boundary.parameters[:-1][boundary.corners], t, side="right")
-    # strictly inside the side: at a corner Γ′ is that of the next side
+    # strictly inside the side, because Γ′ at a corner is that of the next side
     return np.stack([ends[side] + 1e-13, ends[side + 1] - 1e-13], axis=1)
 
 

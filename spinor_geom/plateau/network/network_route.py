@@ -1,7 +1,7 @@
 """Minimal disks and annuli as Cauchy networks on an Ω flattened from a discrete surface, fitted by Gauss-Newton.
 
-The loops may have corners; two loops may crowd on a round annulus. The fit converges to the minimal surface nearest to
-its start, which may be unstable.
+The loops may have corners. Two loops may have shapes for which the points would be too close together on a round
+annulus. The fit converges to the minimal surface nearest to its start, which may be unstable.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class NetworkSolver:
             else:
                 surface = first_disk(*rims)
                 surface = finer_disk(surface, *self._sizes) if self._is_rough else surface
-        require_time()  # a start from an unfinished descent may lead to another surface
+        require_time()  # from an unfinished descent the fit may converge to another surface
         return surface
 
     @property
@@ -138,9 +138,9 @@ class NetworkSolver:
         with self.problem.clock.stage("surface"):
             surface, rms_offset = fitted_surface(fitted, allowed=self.problem.allowed)
             area = surface.area()
-        between = None
+        rims_result = None
         if surface.domain.holes:
-            between = RimsResult(
+            rims_result = RimsResult(
                 order=tuple(side.number for side in self._sides),
                 backward=tuple(side.backward for side in self._sides),
                 antiperiodic=(fitted.stage.branch is not None,),
@@ -153,9 +153,9 @@ class NetworkSolver:
             matchings=tuple(fitted.stage.matchings(fitted.fit)),
             misfit=fitted.misfit.with_offset(rms_offset),
             area=area,
-            route="network" if between is None else "annular network",
+            route="network" if rims_result is None else "annular network",
             limit=self._limit(fitted),
-            between=between,
+            rims_result=rims_result,
         )
 
     def _improved(self, fitted: Fitted, disk: Disk) -> Fitted:
@@ -168,7 +168,7 @@ class NetworkSolver:
             return fitted
 
     def _opened(self, fitted: Fitted, disk: Disk) -> Fitted:
-        """The better of a fit and a fit over Ω with opened corners; the first one where the second fails."""
+        """The better of a fit and a fit over Ω with opened corners; the first one if the second fails."""
         try:
             return min(fitted, self._fitted_from(disk, opened=True), key=lambda one: self.problem.excess(one.misfit))
         except (DomainError, SingularMatrixError, OutOfTimeError):
@@ -179,7 +179,7 @@ class NetworkSolver:
 
         Args:
             start: the surface.
-            opened: whether reentrant corners of Ω are opened; without any, a DomainError is raised.
+            opened: whether reentrant corners of Ω are opened; raises a DomainError if there are none.
         """
         sides, place = self._sides, self.problem.options.place
 
@@ -229,7 +229,7 @@ class NetworkSolver:
 
     def _refined(self, stage: Discretisation, readout: Complex[Array, "n 2"], slide: Float[Array, " nodes"]) -> Fitted:
         """The best of several rounds of Gauss-Newton, each with more poles where the last residual was large."""
-        # the moduli of a flattened mesh are inexact; with wrong moduli a fit may be near Γ at its nodes only
+        # the moduli of a flattened mesh are inexact, and a fit may then be near Γ at its nodes only
         begin = self._with_right_moduli if stage.has_moduli else self._fitted
         best = begin(stage, readout, slide)
         while self._is_missed(best) and not self._is_lost(best):
@@ -248,7 +248,7 @@ class NetworkSolver:
         return best
 
     def _is_lost(self, fitted: Fitted) -> bool:
-        """Whether the disk over a smooth loop is so far from Γ that more features do not bring it near."""
+        """Whether the disk over a smooth loop is too far from Γ for more features to help."""
         distance = self.problem.options.tolerance * self.problem.excess(fitted.misfit)  # in edges
         return self.problem.is_disk and not self._is_rough and distance > _LOST
 
@@ -301,7 +301,7 @@ class NetworkSolver:
         return self.problem.excess(fitted.misfit) > 1 and not self.problem.steps.are_spent
 
     def _limit(self, fitted: Fitted) -> str:
-        """Why a fit does not come nearer to Γ, as the end of a sentence."""
+        """Why the residual of a fit does not decrease further, as the end of a sentence."""
         stage, loops = fitted.stage, self.problem.units
         features = fitted.features
         if self.problem.steps.are_spent:
@@ -309,7 +309,7 @@ class NetworkSolver:
         if fitted.folds:
             return (
                 "the domain folds before it reaches the conformal moduli of the loop's corners; "
-                f"its network of {features} features comes no nearer to the boundary"
+                f"a network of {features} features does not reduce the residual further"
             )
         at_corners = stage.share_at_corners(fitted.energy)
         if at_corners > 0.5:
@@ -322,7 +322,7 @@ class NetworkSolver:
             where = "more features would not meet the tolerance"
         if stage.is_full:
             return f"the network has the largest number of features, {features}, and {where}"
-        return f"a network of {features} features comes no nearer to the boundary: {where}"
+        return f"a network of {features} features does not reduce the residual further: {where}"
 
 
 NETWORK = Route("network", lambda problem: NetworkSolver(problem=problem).solve())
@@ -358,14 +358,14 @@ def point_in_hole(hole: Complex[np.ndarray, " n"]) -> complex:
 def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[ArraySurface, float]:
     """The fitted surface at unit size, and the RMS distance of its boundary from the fit's.
 
-    The fit integrates φ along ∂Ω, the surface along paths in Ω: they agree unless a path comes too near to a pole.
+    The fit integrates φ along ∂Ω, the surface along paths in Ω. The results agree unless a path is too close to a pole.
     """
     stage, fit = fitted.stage, fitted.fit
     place, xp = place_of(fit.readout), namespace(fit.readout)
     network = replace(stage.network, readout=fit.readout)
     some = xp.arange(stage.panels.order // 2, len(stage.panels.t), stage.panels.order)
     weight = stage.problem.arc_weights.reshape(-1, stage.panels.order).sum(1)
-    # at notches edges of the polygon can leave Ω and come near poles; a finer polygon avoids this
+    # at notches, edges of the polygon can be outside Ω and close to poles; a finer polygon avoids this
     for parts in (1, _PARTS):
         domain = stage.domain if parts == 1 else stage.domain.divided(parts)
         order = PATH_ORDER * fitted.rounds
@@ -373,7 +373,7 @@ def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[ArraySurface, flo
             network = with_closed_period(network, domain, order)
         boundary = (stage.problem.positions(network.readout) + fit.constant)[some]
         offset = boundary - ArraySurface(network, domain, order=order).position(place.put(stage.panels.z)[some])
-        # the median ignores paths that come too near to a pole
+        # the median ignores paths that are too close to a pole
         constant = xp.sort(offset, axis=0)[(len(offset) - 1) // 2]
         rms_offset = float(weight @ square(offset - constant).sum(1)) ** 0.5
         if rms_offset <= max(fitted.misfit.rms, allowed):

@@ -1,8 +1,8 @@
 """Critical points of Douglas's energy E in the moduli of m rims, by continuation.
 
 T is the sum of the capacities of the rims, each against all others: a conformal invariant, symmetric in the rims. The
-critical points of E − λT form a path, parametrised by the mean modulus M = 2πm/T. Where λ = 0 on it there is a minimal
-surface over the rims, of any Morse index. For two rims the path has the least energy for each modulus.
+critical points of E − λT form a path, parametrised by the mean modulus M = 2πm/T. Points of the path with λ = 0 are
+minimal surfaces over the rims, of any Morse index. For two rims the path has the least energy for each modulus.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ def all_on_path(problem: RimsProblem, surface: HarmonicSurface | None) -> list[H
     here = None if near is None else near.at(near.log_modulus)
     if here is None or here.here.crowded:
         raise SurfaceError(
-            "the nodes crowd on the rims: the gap between them is too long or too uneven for round circles, and no "
-            "surface was found"
+            "the nodes on the rims are too crowded: the gap between the rims is too long or too uneven for round "
+            "circles, and no surface was found"
         )
     points = [*_followed(here, -1)[::-1], here, *_followed(here, 1)]
     if here.here.domain.rims == 2 and points[0].multiplier < 0:

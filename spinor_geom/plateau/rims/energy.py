@@ -35,9 +35,9 @@ from spinor_geom.plateau.harmonic.dirichlet import CirclesForm, derivative, with
 from spinor_geom.plateau.harmonic.douglas import CROWDED, reflected, resampled, slid, smoothed
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, Rows, conjugate_gradients, factored, stationary
 
-MOST_MODULUS = 20.0  # beyond it rims influence each other by less than 1e-9: there is no connected surface
-# Number of nodes on all rims up to which matrices are factored. With twice or half as many pairs of rims take an eighth
-# longer.
+MOST_MODULUS = 20.0  # above it, rims influence each other by less than 1e-9: there is no connected surface
+# Number of nodes on all rims up to which matrices are factored. With twice or half as many, pairs of rims take an
+# eighth longer.
 DENSE = 512
 
 # Largest step of a log modulus, or of a centre in widths of the gap. Without it Newton's method finds a surface of more
@@ -184,7 +184,7 @@ class HarmonicSurface:
         """The Hessian in the moduli."""
         if not self.fixed_moduli:
             return self.moduli.hessian
-        # any definite matrix, as slopes and mixed derivatives are 0
+        # any definite matrix, because slopes and mixed derivatives are 0
         definite = zeros(self.moduli.hessian.shape, self.slides)
         add_to_diagonal(definite, self.energy)
         return definite

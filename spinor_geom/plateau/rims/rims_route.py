@@ -60,8 +60,8 @@ def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> 
 def parted_by_cone(first: BoundaryCurve, second: BoundaryCurve) -> bool:
     """Whether two curves lie in the two halves of the cone ρ < 1.5089·|ζ| about the line between their centres.
 
-    Then no connected minimal surface spans them: it would touch one of the catenoids around that line, which fill
-    the outside of the cone. Each half is convex: it contains a curve if it contains the control points of its pieces.
+    Such curves bound no connected minimal surface: it would touch one of the catenoids around that line, which fill the
+    outside of the cone. Each half is convex, so it contains a curve if it contains the control points of its pieces.
 
     Source: Dierkes, Hildebrandt & Tromba, "Regularity of Minimal Surfaces" (2010), chapter 4, the cone theorem.
     """
@@ -100,7 +100,7 @@ class RimsSolver:
         else:
             best = self._descended
             if best is None and len(self.problem.units) == 2:
-                best = min(self._stable(), key=lambda placed: placed.surface.dirichlet_energy, default=None)
+                best = min(self._stable(), key=lambda oriented: oriented.surface.dirichlet_energy, default=None)
         if best is None:
             how = "as the modulus increases, without a minimum"
             if len(self.problem.units) > 2:
@@ -110,22 +110,24 @@ class RimsSolver:
 
     def through_points(self) -> RouteResult:
         """The surface through the points of rough rims."""
-        placed = self._descended
-        if placed is None:
+        oriented = self._descended
+        if oriented is None:
             raise SurfaceError("no minimal surface was found between the smoothed rims")
-        problem = self._problem(placed)
+        problem = self._problem(oriented)
         with self.problem.clock.stage("lift"):
-            smooth = _lifted(placed.surface, problem.curves, allowed=self.problem.allowed)
-            circles = self._circles(placed, placed.surface.domain)
+            smooth = _lifted(oriented.surface, problem.curves, allowed=self.problem.allowed)
+            circles = self._circles(oriented, oriented.surface.domain)
         points, starts = [], []
-        loops, averages = placed.as_directed(self.problem.units), placed.as_directed(self._averages)
+        loops, averages = oriented.as_directed(self.problem.units), oriented.as_directed(self._averages)
         for loop, average, slide, circle in zip(loops, averages, smooth.slides, circles, strict=True):
             match = RimMatch(loop=loop, curve=average, boundary=circle, matching=_matching(slide))
             points.append(loop.points)
             starts.append(self.problem.options.place.put(match.points_in_domain()))
         with self.problem.clock.stage("fit"):
             found = surface_through(smooth, starts, points, allowed=self.problem.allowed, steps=self.problem.steps)
-        return replace(found, between=_between(placed, smooth.series.antiperiodic, found.surface.largest_period()))
+        return replace(
+            found, rims_result=_rims_result(oriented, smooth.series.antiperiodic, found.surface.largest_period())
+        )
 
     @cached_property
     def _descended(self) -> OrientedSurface | None:
@@ -146,8 +148,8 @@ class RimsSolver:
     def _lower(self, start: OrientedSurface) -> OrientedSurface | None:
         """The minimum of the energy from a start, with more nodes until the solve converges.
 
-        None if the modulus of two rims is too large, the surface degenerates twice (few nodes on a small rim may all
-        meet in one point), or too many nodes are needed.
+        None if the modulus of two rims is too large, too many nodes are needed, or the surface degenerates twice (once
+        is not enough, because few nodes on a small rim may all meet in one point).
         """
         problem, n, fallen = self._problem(start), start.surface.slides.shape[1], 0
         while True:
@@ -169,7 +171,7 @@ class RimsSolver:
 
     @cached_property
     def _averages(self) -> tuple[BoundaryCurve, ...]:
-        """Of noisy loops smooth averages of the curves, on which the search starts; else the curves.
+        """For noisy loops smooth averages of the curves, with which the search starts; else the curves.
 
         2A − A², with A the average, does not shrink features much longer than its width.
         """
@@ -200,9 +202,9 @@ class RimsSolver:
             for curves in (self._averages, self.problem.curves)
         )
 
-    def _problem(self, placed: OrientedSurface, *, averaged: bool = True) -> RimsProblem:
+    def _problem(self, oriented: OrientedSurface, *, averaged: bool = True) -> RimsProblem:
         rims = self._rims[not averaged]
-        curves = [rims[rim.number].directions[flip] for rim, flip in zip(placed.rims, placed.backward, strict=True)]
+        curves = [rims[rim.number].directions[flip] for rim, flip in zip(oriented.rims, oriented.backward, strict=True)]
         return RimsProblem(
             curves=CurveTensors.batch(curves),
             negligible=_NEGLIGIBLE_POWER if self._is_noisy else ROUND_OFF,
@@ -224,7 +226,7 @@ class RimsSolver:
             problem = self._problem(start)
             # half of the nodes: an eighth of the cost
             coarse = problem.resampled(start.surface, max(FEWEST_POINTS, n // 2))
-            # of two rims, the slides alone; `all_on_path` then follows the moduli
+            # for two rims only the slides; `all_on_path` then varies the moduli
             start_of_path = problem.stationary(
                 replace(coarse, fixed_moduli=is_two), tolerance=SMALL, saddles=not is_two
             )
@@ -234,14 +236,14 @@ class RimsSolver:
             ]
 
     def _stable(self) -> list[OrientedSurface]:
-        return [placed for placed in self.all_critical() if placed.surface.index == 0]
+        return [oriented for oriented in self.all_critical() if oriented.surface.index == 0]
 
-    def fitted(self, placed: OrientedSurface) -> RouteResult:
+    def fitted(self, oriented: OrientedSurface) -> RouteResult:
         """The minimal surface near a harmonic one, with enough nodes to meet the tolerance."""
-        problem, saddles = self._problem(placed, averaged=False), placed.surface.index > 0
+        problem, saddles = self._problem(oriented, averaged=False), oriented.surface.index > 0
         tried: list[tuple[Lift, HarmonicSurface]] = []
         limit, before = "more nodes on the rims do not help", math.inf
-        for finer in self._finer(placed, saddles=saddles):
+        for finer in self._finer(oriented, saddles=saddles):
             goal = self.problem.allowed * (_WELL_BELOW if finer.count <= DENSE else 1.0)
             if self.problem.options.is_series:
                 goal = TINY
@@ -250,7 +252,7 @@ class RimsSolver:
             lift, harmonic = min(tried, key=lambda pair: pair[0].misfit.rms)
             if lift.misfit.excess(allowed=goal, tolerance=self.problem.options.tolerance) <= 1:
                 break
-            # at corners convergence is slow: continue while extrapolation reaches the allowed distance
+            # convergence at corners is slow: continue if the extrapolated distance is small enough
             now, doublings = tried[-1][0].misfit.rms, math.log2(_MOST_NODES / finer.slides.shape[1])
             can_reach = now > self.problem.allowed >= now * (now / before) ** doublings
             if now >= WORTHWHILE * before and (saddles or not can_reach):
@@ -258,24 +260,24 @@ class RimsSolver:
             before = lift.misfit.rms
         else:
             are_spent = self.problem.steps.are_spent
-            limit = SPENT if are_spent else f"{_MOST_NODES} nodes on each rim are the most that are tried"
+            limit = SPENT if are_spent else f"{_MOST_NODES} nodes on each rim are the largest number that is tried"
         with self.problem.clock.stage("surface"):
-            domain = domain_of(lift, *self._circles(placed, harmonic.domain))
+            domain = domain_of(lift, *self._circles(oriented, harmonic.domain))
         return RouteResult(
             domain=domain,
             surface_at=surface_of(lift, domain),
-            curves=tuple(placed.as_directed(self.problem.curves)),
+            curves=tuple(oriented.as_directed(self.problem.curves)),
             matchings=tuple(_matching(slide) for slide in lift.slides),
             misfit=lift.misfit,
             area=lift.area,
             route="annulus" if len(lift.slides) == 2 else "circles",
             limit=limit,
-            between=_between(replace(placed, surface=harmonic), lift.series.antiperiodic, lift.period),
+            rims_result=_rims_result(replace(oriented, surface=harmonic), lift.series.antiperiodic, lift.period),
         )
 
-    def _finer(self, placed: OrientedSurface, *, saddles: bool) -> Iterator[HarmonicSurface]:
+    def _finer(self, oriented: OrientedSurface, *, saddles: bool) -> Iterator[HarmonicSurface]:
         """Harmonic surfaces on the loops' own curves, with increasing numbers of nodes."""
-        problem, surface = self._problem(placed, averaged=False), placed.surface
+        problem, surface = self._problem(oriented, averaged=False), oriented.surface
         if self._is_noisy:
             n = even(_PER_EDGE * max(map(len, self.problem.units)))
             with self.problem.clock.stage("slides"):
@@ -302,15 +304,15 @@ class RimsSolver:
             negligible=negligible_energy(edges, self.problem.allowed) if self._is_noisy else 0.0,
         )
 
-    def _circles(self, placed: OrientedSurface, domain: CircularDomain) -> list[FourierBoundary]:
-        return circles_of(domain, [points_of_domain(self.problem.units[rim.number]) for rim in placed.rims])
+    def _circles(self, oriented: OrientedSurface, domain: CircularDomain) -> list[FourierBoundary]:
+        return circles_of(domain, [points_of_domain(self.problem.units[rim.number]) for rim in oriented.rims])
 
 
-def _between(placed: OrientedSurface, antiperiodic: tuple[bool, ...], period: float) -> RimsResult:
+def _rims_result(oriented: OrientedSurface, antiperiodic: tuple[bool, ...], period: float) -> RimsResult:
     return RimsResult(
-        order=tuple(rim.number for rim in placed.rims),
-        backward=placed.backward,
-        modulus=mean_modulus(placed.surface.domain),
+        order=tuple(rim.number for rim in oriented.rims),
+        backward=oriented.backward,
+        modulus=mean_modulus(oriented.surface.domain),
         antiperiodic=antiperiodic,
         period=period,
     )

@@ -40,7 +40,7 @@ class Rim:
 
     @property
     def place(self) -> Place:
-        """Where the curve is."""
+        """The place of the curve's arrays."""
         return place_of(self.directions[0].breaks)
 
     def samples(self, n: int, *, backward: bool = False) -> Float[np.ndarray, "n 3"]:
@@ -126,7 +126,7 @@ def projected_starts(rims: Sequence[Rim], n: int) -> list[OrientedSurface]:
 def _projected(
     rims: Sequence[Rim], samples: Float[np.ndarray, "m n 3"], view: Float[np.ndarray, "3"]
 ) -> OrientedSurface | None:
-    """The start from the projection around a view point; None where the projected rims overlap."""
+    """The start from the projection around a view point; None if the projected rims overlap."""
     m, n = samples.shape[:2]
     away = unit(samples - view)
     mean = away.mean(axis=1)

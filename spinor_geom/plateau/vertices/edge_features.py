@@ -1,7 +1,7 @@
 """Polynomials and Cauchy units at Gauss-Legendre nodes on the edges of a polygon.
 
-Along an edge a unit with a distant pole is nearly a polynomial of low degree: few nodes determine it. Only those with
-near poles are evaluated at all nodes. So there are few dense arrays of all edges and all poles.
+Along an edge a unit with a distant pole is nearly a polynomial of low degree and is interpolated from few nodes. Only
+units with near poles are evaluated at all nodes. This avoids most dense arrays of all edges and all poles.
 """
 
 from __future__ import annotations

@@ -41,9 +41,9 @@ NODES = 14
 # second linearisation of 1,200 points with 30 % noise, a third of the time, and cost a third one of 600 points.
 _LENGTHS = (1.0, 0.5, 0.25)
 _LONG = 1000
-# A linearisation costs as much as one step for every 30 points. One slow step, which does not halve the distance, is
-# taken for every 100 points before the next linearisation. For short rims, where linearisations cost little, they lead
-# to nearer solutions: with slow steps three of sixty rims cut along triangles keep a residual of 1e-3 of an edge.
+# A linearisation takes as long as one step for every 30 points. Before the next linearisation, one slow step, which
+# does not halve the distance, is allowed for every 100 points. For short rims a linearisation takes little time and
+# leads to closer solutions: with slow steps three of sixty rims cut along triangles keep a residual of 1e-3 of an edge.
 _POINTS_PER_SLOW_STEP = 100
 DEGREE = 24  # degree of the polynomials; with 12 two of these rims keep 1e-3 to 3e-3 of an edge, 48 improves none
 
@@ -186,7 +186,7 @@ class Basis:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Passing:
-    """A surface of given read-outs, and the points of all rims that it has to pass through."""
+    """A surface with given read-outs, and the points of all rims that it should pass through."""
 
     basis: Basis
     points: tuple[Float[Array, "_ 3"], ...]

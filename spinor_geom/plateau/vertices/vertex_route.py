@@ -1,9 +1,9 @@
 """The route for rough rims: the minimal surface through their points that is nearest to a discrete or a smooth one.
 
-A mesh has only the points of a rim, so Γ between them is the surface's own boundary. Points are added on long edges,
-where that boundary would bulge. n points give 3n equations for the read-outs of p and q, fewer than unknowns. The
-solution nearest to the p and q of a start in the H¹ norm on ∂Ω is taken: then p and q hardly vary along an edge, and Γ
-stays near the rim's edges. There is no slide, and two to six Newton steps suffice.
+A mesh has only the points of a rim, so Γ between them is the boundary of the surface. Points are added on long edges,
+where this boundary would be far from the edge. n points give 3n equations for the read-outs of p and q, fewer than
+unknowns. The solution is the one nearest to p and q of a start in the H¹ norm on ∂Ω: p and q then hardly vary along an
+edge, and Γ is close to the rim's edges. There is no slide, and two to six Newton steps suffice.
 
 For one rim the start is a discrete minimal disk, and Ω is the disk flattened with its boundary lengths. For several
 rims the start is the smooth surface over averages of the rims, on a circular domain. Its nearest points to the rims'
@@ -44,8 +44,8 @@ from spinor_geom.surface.interior import RimPrimitive
 
 # Largest distance of a start from the points, and of Γ from the rim's edges, in mean edges; one in seven rims cut along
 # triangles exceeds half of it. Along a rim the errors of a start's edges add up like a random walk, so starts of more
-# than _SHORT points may be farther off: of 1,200 points with noise of 30 % of an edge 3.4, from where Newton's method
-# converges. Of scans none beyond it did.
+# than _SHORT points may be farther away: 3.4 for 1,200 points with noise of 30 % of an edge, where Newton's method
+# still converges. For rims of scans it did not converge from starts beyond this limit.
 _FAR, _SHORT = 2.0, 300
 
 
@@ -78,7 +78,7 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
         except OutOfTimeError:
             if raw is None:
                 raise
-            break  # keep the surface of fewer nodes
+            break  # keep the surface with fewer nodes
         with clock.stage("surface"):
             network = basis.network(raw)
             (rim,) = ArraySurface(network, domain).rim_primitives(2 * nodes)
@@ -99,7 +99,7 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
         bulge = found.curves[0].bulge() / loop.mean_edge_length
         if not bulge <= _FAR:
             raise SurfaceError(
-                f"the surface through the loop's points is up to {bulge:.1f} edges away from the loop's edges"
+                f"the boundary of the surface through the loop's points is up to {bulge:.1f} edges away from its edges"
             )
         return found
 
@@ -126,7 +126,7 @@ def _fitted(
 
 
 def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], flat: Flattening) -> PlaneDomain:
-    """The inside of the flattened boundary, with the disk's triangles if none is flipped there."""
+    """The inside of the flattened boundary, with the triangles of the disk if none is flipped."""
     boundary = _polygon_through(flat.boundary)
     a, b, c = images[faces].T
     if not ((np.conj(b - a) * (c - a)).imag > 0).all():
@@ -191,7 +191,7 @@ def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Co
     if domain.contains(to_numpy(circles.centres)).any():
         raise DomainError("a hole of Ω is too narrow for the teeth of its rim", vertices=len(domain.vertices))
     for number, centre in enumerate(circles.centres.tolist(), 1):
-        # halfway to its centre, for low frequencies around the hole: as many as there are polynomials
+        # halfway to its centre, for low frequencies around the hole; as many poles as polynomials
         turn = np.exp(2j * np.pi * np.arange(DEGREE + 1) / (DEGREE + 1))
         radius = np.abs(domain.boundaries[number].vertices - centre).min() / 2
         poles[number] += Poles(positions=centre + radius * turn, scales=np.full(DEGREE + 1, radius))
@@ -244,7 +244,7 @@ def _passed(
         misfit=Misfit.together(misfits),
         area=area,
         route="vertices",
-        limit=f"no minimal surface near {near} is closer to the points",
+        limit=f"no minimal surface near {near} was found closer to the points",
     )
 
 
