@@ -130,6 +130,9 @@ class NetworkSolver:
         """The minimal surface fitted from the problem's start, or from a first discrete surface."""
         start = self.problem.start or self.first_surface
         fitted = self._fitted_from(start)
+        # a finer disk has moduli nearer to the right ones: eight corners of a prism are met only from it
+        if self.problem.is_disk and self._is_missed(fitted) and fitted.stage.has_moduli and not self._is_rough:
+            fitted = self._improved(fitted, start)
         if self.problem.is_disk and self._is_missed(fitted):
             fitted = self._opened(fitted, start)
         with self.problem.clock.stage("surface"):
@@ -154,6 +157,15 @@ class NetworkSolver:
             limit=self._limit(fitted),
             rims_result=rims_result,
         )
+
+    def _improved(self, fitted: Fitted, disk: Disk) -> Fitted:
+        """The better of a fit and a fit from a finer disk; the first one where the second fails."""
+        try:
+            with self.problem.clock.stage("first fill"):
+                finer = finer_disk(disk, *self._sizes)
+            return min(fitted, self._fitted_from(finer), key=lambda one: one.misfit.rms)
+        except (DomainError, SingularMatrixError, OutOfTimeError):
+            return fitted
 
     def _opened(self, fitted: Fitted, disk: Disk) -> Fitted:
         """The better of a fit and a fit over Ω with opened corners; the first one if the second fails."""

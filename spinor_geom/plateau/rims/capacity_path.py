@@ -24,7 +24,7 @@ from spinor_geom.plateau.harmonic.dirichlet import CirclesForm
 from spinor_geom.plateau.newton import MOST_STEPS, SMALL
 from spinor_geom.plateau.rims.energy import HarmonicSurface, Moduli, RimsProblem
 
-_STEP = 0.5  # largest step of log M
+_STEP = 0.5  # largest step of log M; with half or twice of it the same surfaces are found
 
 
 def mean_modulus(domain: CircularDomain, n: int = 64) -> float:

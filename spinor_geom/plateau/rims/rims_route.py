@@ -37,7 +37,9 @@ _MOST_NODES = 1 << 13  # largest number of nodes on each rim
 _PER_EDGE = 6  # first number of nodes for each edge of rough rims; with 3 solves take 7 % more steps
 # Over rough rims powers below this on other circles are omitted. With `ROUND_OFF` Λ takes four times as long.
 _NEGLIGIBLE_POWER = 1e-8
-_WELL_BELOW = 1e-3  # share of the allowed distance to reach while matrices are factored
+# Share of the allowed distance to reach while matrices are factored. With 0.1 surfaces between smooth rims keep 1e-6 of
+# an edge instead of 1e-10, for as much time; with 0 rims of free points do not converge.
+_WELL_BELOW = 1e-3
 # Largest relative gradient of a critical point. With 1e-4 rims of a cube with noise get more nodes than their averages
 # need, and the surface bulges.
 _SETTLED = 1e-3
