@@ -1,5 +1,6 @@
 """Compiles the kernels of triangulations; everything else is in pyproject.toml."""
 
+import glob
 import os
 import shutil
 import sys
@@ -32,7 +33,8 @@ setup(
     ext_modules=[
         Extension(
             "spinor_geom.domain._kernel",
-            ["spinor_geom/domain/kernel.cpp", "spinor_geom/discrete/first_fill.cpp"],
+            ["spinor_geom/domain/cpp/kernel.cpp", "spinor_geom/discrete/first_fill.cpp"],
+            depends=glob.glob("spinor_geom/domain/cpp/*.hpp"),
             language="c++",
             extra_compile_args=flags,
         )

@@ -1,4 +1,4 @@
-"""The compiled part: `kernel.cpp` called through ctypes."""
+"""The compiled part, `cpp/kernel.cpp`, called through ctypes."""
 
 import ctypes
 from functools import cache
