@@ -72,7 +72,7 @@ class SplineBoundary:
         """The distances from the starts of the pieces, and the numbers of the pieces."""
         t = np.mod(t, 1.0)
         piece = np.searchsorted(self.parameters[1:-1], t, side="right")
-        return t - self.parameters[piece], piece
+        return np.asarray(t - self.parameters[piece]), np.asarray(piece)
 
     def divided(self, parts: int) -> SplineBoundary:
         """The same curve with each piece divided into `parts` pieces."""

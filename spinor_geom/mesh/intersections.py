@@ -39,6 +39,8 @@ def self_intersections(vertices: Points, faces: Faces) -> Pairs:
     Source: Shewchuk (1997), Adaptive precision floating-point arithmetic and fast robust geometric predicates; Guigue &
     Devillers (2003), Fast and robust triangle-triangle overlap test using orientation predicates.
     """
+    if not len(faces):
+        return np.zeros((0, 2), dtype=np.int64)
     corners, indices = igl_arrays(vertices, faces)
     # igl's test is exact for faces without a common vertex only
     _, apart, _ = igl.predicates.find_self_intersections(corners, indices)
