@@ -42,7 +42,7 @@ SMOOTH: dict[str, Callable[[], PlateauSolution]] = {
     "catenoid": lambda: circles(-0.4, 0.4),
 }
 CORNERED: dict[str, Callable[[], PlateauSolution]] = {
-    "quadrilateral": lambda: spinor_geom.solve_plateau(schwarz.schwarz_d_quadrilateral(), tolerance=1e-5),
+    "quadrilateral": lambda: spinor_geom.solve_plateau(schwarz.schwarz_d_quadrilateral()),
     "hexagon": lambda: spinor_geom.solve_plateau(schwarz.schwarz_d_hexagon()),
     "helicoid": lambda: spinor_geom.solve_plateau(surfaces.helicoid().rim(96)),
 }
@@ -98,7 +98,7 @@ def test_k_noids_have_their_known_area(k: int, radius: float) -> None:
 @pytest.mark.parametrize("name", CORNERED)
 def test_cornered_films_meet_their_edges(name: str) -> None:
     solution = CORNERED[name]()
-    surface = solution.to_nurbs()
+    surface = solution.to_nurbs(tolerance=2e-6)  # the quadrilateral has a residual of 1e-6
     assert surface.converged
     assert sides_agree(surface)
     assert abs(surface.area / solution.area - 1) < 1e-6
