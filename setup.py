@@ -1,9 +1,10 @@
 """Compiles the kernels of triangulations; everything else is in pyproject.toml."""
 
-import glob
 import os
 import shutil
 import sys
+import zlib
+from pathlib import Path
 
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
@@ -14,12 +15,13 @@ class BuildKernel(build_ext):
 
     def run(self) -> None:
         """Compiles and copies."""
+        self.force = True  # the times of files do not say whether the sources are those of the last compilation
         super().run()
         self.copy_extensions_to_source()
 
     def get_export_symbols(self, ext: Extension) -> list[str]:
-        """The exported functions of a DLL on Windows."""
-        return ["sizes", "refine", "minimum_area_splits"]
+        """None: the sources mark the functions of a DLL on Windows."""
+        return []
 
 
 # a C++ compiler that is a Python package, for machines without one
@@ -27,14 +29,16 @@ has_compiler = sys.platform == "win32" or "CC" in os.environ or shutil.which("c+
 if not has_compiler:
     os.environ.update(CC=f"{sys.executable} -m ziglang c++", CXX=f"{sys.executable} -m ziglang c++")
 
+sources = sorted(Path("spinor_geom/cpp").glob("*.[ch]pp"))
+digest = zlib.crc32(b"".join(source.read_bytes() for source in sources))  # as in spinor_geom/kernel.py
 # Plain C functions, which ctypes calls: no headers of Python are needed. Fused operations would round differently.
 flags = ["/std:c++17", "/EHsc"] if sys.platform == "win32" else ["-std=c++17", "-O3", "-ffp-contract=off"]
 setup(
     ext_modules=[
         Extension(
-            "spinor_geom.domain._kernel",
-            ["spinor_geom/domain/cpp/kernel.cpp", "spinor_geom/discrete/first_fill.cpp"],
-            depends=glob.glob("spinor_geom/domain/cpp/*.hpp"),
+            "spinor_geom._kernel",
+            [file.as_posix() for file in sources if file.suffix == ".cpp"],
+            define_macros=[("SOURCES_DIGEST", f"{digest}u")],
             language="c++",
             extra_compile_args=flags,
         )

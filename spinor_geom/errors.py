@@ -315,6 +315,13 @@ class MissingLibraryError(MissingPackageError):
     sentence = "{package} is not installed; install it with: pip install {package}"
 
 
+class CompiledPartError(SpinorGeomError, ImportError):
+    sentence = (
+        "the compiled part of spinor_geom {problem}; install the package again, or run `python setup.py build_ext` in "
+        "its source folder"
+    )
+
+
 class RenderError(SpinorGeomError, RuntimeError):
     """A picture cannot be drawn."""
 

@@ -128,7 +128,7 @@ def test_the_wheel_holds_every_module_and_nothing_else(wheel: Path) -> None:
     assert held == expected | {
         "spinor_geom/__init__.pyi",
         "spinor_geom/py.typed",
-        f"spinor_geom/domain/_kernel{EXTENSION_SUFFIXES[0]}",
+        f"spinor_geom/_kernel{EXTENSION_SUFFIXES[0]}",
         *(f"spinor_geom/render/{name}" for name in ("page.css", "three.LICENSE", "three.min.js", "viewer.js")),
     }
 

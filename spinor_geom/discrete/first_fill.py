@@ -8,9 +8,10 @@ from jaxtyping import Complex, Float, Int
 from scipy.sparse import csc_array
 
 from spinor_geom.arrays import cross, norm, shifted
+from spinor_geom.deadline import seconds_left
 from spinor_geom.domain.flattening import DirichletToNeumann, flatten_boundary
-from spinor_geom.domain.kernel import library
 from spinor_geom.errors import DomainError, FirstFillError
+from spinor_geom.kernel import call, checked
 from spinor_geom.mesh.operators import intrinsic_angles, intrinsic_laplacian
 from spinor_geom.mesh.spacing import edge_lengths
 
@@ -67,8 +68,8 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
     Source: Barequet & Sharir, "Filling gaps in the boundary of a polyhedron", CAGD 12 (1995).
     """
     split = np.zeros((len(points), len(points)), dtype=np.int64)
-    points = np.ascontiguousarray(points, dtype=np.float64)
-    library().minimum_area_splits(len(points), points.ctypes.data, _DIAGONAL_WEIGHT, split.ctypes.data)
+    points = checked("points", points, np.float64, None, 3)
+    call("minimum_area_splits", len(points), points, _DIAGONAL_WEIGHT, seconds_left(), split)
     return triangles_of(split)
 
 

@@ -6,13 +6,15 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from spinor_geom.domain.delaunay import rim_successors
-from spinor_geom.domain.kernel import KernelRegion
-from spinor_geom.errors import OptionError
+from spinor_geom.domain.kernel_region import KernelRegion
+from spinor_geom.errors import OptionError, require_count, require_positive
+from spinor_geom.kernel import checked
 
 Polygon = Complex[np.ndarray, " _"]
 
 # largest increase and decrease of the edge length per unit of distance from the boundary
 GROWTH, DECAY = 0.35, 0.5
+MOST_NEIGHBOURS = 8  # as in size_field.hpp
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,7 +35,7 @@ class SizeField:
             distances.
 
     Raises:
-        OptionError: a length is not positive and finite.
+        OptionError: a number is out of its range or not finite, or there is not one length for each sample.
     """
 
     growth: float = GROWTH
@@ -43,9 +45,15 @@ class SizeField:
     neighbours: int = 1
 
     def __post_init__(self) -> None:
-        wrong = ~((self.lengths > 0) & np.isfinite(self.lengths))
-        if wrong.any():
-            raise OptionError(f"wanted edge lengths must be positive and finite, got {self.lengths[wrong][0]}")
+        require_positive("growth", self.growth)
+        require_positive("decay", self.decay, finite=False)
+        require_count(neighbours=self.neighbours)
+        if self.neighbours > MOST_NEIGHBOURS:
+            raise OptionError(f"neighbours must be at most {MOST_NEIGHBOURS}, not {self.neighbours}")
+        samples = checked("samples", self.samples, np.complex128, None)
+        lengths = checked("wanted edge lengths", self.lengths, np.float64, len(samples), least=np.finfo(float).tiny)
+        object.__setattr__(self, "samples", samples)
+        object.__setattr__(self, "lengths", lengths)
 
     def over(self, *polygons: Polygon) -> KernelRegion:
         """The field in a region bounded by polygons."""

@@ -200,7 +200,7 @@ def test_polygon_that_is_not_simple_is_refused(boundary):
 
 @pytest.mark.parametrize("length", [0.0, -1.0, np.nan, np.inf])
 def test_size_that_is_not_positive_and_finite_is_refused(length):
-    with pytest.raises(OptionError, match="positive and finite"):
+    with pytest.raises(OptionError, match="wanted edge lengths must be"):
         constant_size(length)
 
 

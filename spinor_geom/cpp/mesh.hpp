@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <numeric>
@@ -13,6 +12,7 @@
 #include <vector>
 
 #include "boundary.hpp"
+#include "entry.hpp"
 
 namespace plane {
 
@@ -32,22 +32,20 @@ constexpr std::array<double, 6> kPolishing = {0.3, 0.3, 0.15, 0.15, 0.08, 0.08};
 constexpr int kAround = 8;
 constexpr int kLongestWalk = 64;  // triangles after which a walk to a circumcentre counts as blocked
 
-inline double now() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
-
 struct Triangle {
     std::array<int, 3> vertex, across;
 };
 
 class Mesh {
 public:
-    Mesh(const Region& region, const SizeField& size, const Boundary& boundary, Output& output)
+    Mesh(const Region& region, const SizeField& size, const Boundary& boundary, TimeLimit& limit, Output& output)
         : region_(region),
           size_(size),
           boundary_(boundary),
+          limit_(limit),
           output_(output),
           m_(static_cast<int>(region.boundary_size)),
-          n_(m_),
-          stop_(now() + output.seconds) {
+          n_(m_) {
         std::copy(region.boundary, region.boundary + m_, output.points);
         for (int i = 0; i < m_; ++i) wanted_.push_back(size_(region.boundary[i]));
         for (int64_t t = 0; t < output.face_count; ++t) {
@@ -67,7 +65,7 @@ public:
         for (size_t before = 0; stride; before = stride, stride /= 4)
             for (size_t k = 0; k < points.size() && n_ < m_ + output_.most_points; k += stride)
                 if (!before || k % before) {
-                    if (late()) return;
+                    if (limit_.is_over()) return;
                     const int t = containing(points[k], at);
                     if (t >= 0 && insert(points[k], t, 0)) at = static_cast<int>(triangles_.size()) - 1;
                 }
@@ -77,7 +75,7 @@ public:
     void refine() {
         for (int t = 0; t < static_cast<int>(triangles_.size()); ++t) enqueue(t);
         is_refining_ = true;
-        while (!queue_.empty() && n_ < m_ + output_.most_points && !late()) {
+        while (!queue_.empty() && n_ < m_ + output_.most_points && !limit_.is_over()) {
             const Poor poor = queue_.top();
             queue_.pop();
             if (version_[poor.triangle] != poor.version || !is_poor(poor) || boundary_.too_near(poor.centre)) continue;
@@ -198,11 +196,6 @@ private:
     };
 
     Point point(int i) const { return output_.points[i]; }
-
-    bool late() {
-        if (++steps_ % 1024 == 0) is_late_ = is_late_ || now() > stop_;
-        return is_late_;
-    }
 
     void connect() {
         std::vector<std::array<int, 4>> edges;  // smaller vertex, larger vertex, triangle, place
@@ -448,11 +441,10 @@ private:
     const Region& region_;
     const SizeField& size_;
     const Boundary& boundary_;
+    TimeLimit& limit_;
     Output& output_;
     int m_, n_;
-    double stop_;
-    bool is_late_ = false, is_refining_ = false;
-    int64_t steps_ = 0;
+    bool is_refining_ = false;
     int round_ = 0;
     std::vector<Triangle> triangles_;
     std::vector<double> wanted_;  // edge lengths at the points

@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <limits>
+#include <stdexcept>
 
 namespace plane {
 
@@ -12,6 +14,12 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kTiny = 1e-290;
 const double kPi = std::acos(-1.0);
 constexpr double kRounding = 1e-13;  // of the determinants, relative to the sums of their terms
+
+constexpr size_t kMostPoints = size_t{1} << 28;  // so that the indices of their triangles and neighbours are ints
+
+inline void require_numbers(size_t points) {
+    if (points > kMostPoints) throw std::length_error("points");
+}
 
 struct Point {
     double x, y;

@@ -12,7 +12,7 @@
 
 namespace plane {
 
-// What kernel.py passes; see `SizeField` and `triangulate_polygon`.
+// What kernel_region.py passes; see `SizeField` and `triangulate_polygon`.
 struct Region {
     int64_t boundary_size;
     const Point* boundary;
@@ -32,10 +32,9 @@ struct Seeds {
 
 struct Output {
     int64_t most_points;  // inner ones
-    double seconds;       // time limit
-    Point* points;        // boundary_size + most_points + room for one point beside each bridge
+    Point* points;
     int64_t* faces;
-    int64_t point_count, face_count;
+    int64_t &point_count, &face_count;
 };
 
 constexpr int kMostNeighbours = 8;

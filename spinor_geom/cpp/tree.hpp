@@ -18,6 +18,7 @@ public:
 
     Tree(std::vector<Point> points, std::vector<double> radii)
         : points_(std::move(points)), radii_(std::move(radii)), order_(points_.size()) {
+        require_numbers(order_.size());
         std::iota(order_.begin(), order_.end(), 0);
         if (!order_.empty()) build(0, static_cast<int>(order_.size()));
     }
