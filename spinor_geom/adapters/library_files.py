@@ -1,23 +1,19 @@
-"""Files that libraries read and write: VTK's polygonal data (.vtp, .vtk) by PyVista, 3MF by trimesh."""
+"""Files that libraries read and write: VTK's polygonal data (.vtp, .vtk) by PyVista."""
 
-import io
 import re
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-from zipfile import ZIP_DEFLATED, BadZipFile, ZipFile
 
 import numpy as np
 
-from spinor_geom.adapters.contents import METRES, FileContents, malformed
-from spinor_geom.adapters.polygon_faces import Polygons, appearance_of, seam_representatives
+from spinor_geom.adapters.contents import FileContents, malformed
+from spinor_geom.adapters.polygon_faces import appearance_of, seam_representatives
 from spinor_geom.adapters.pyvista_mesh import polygons_of
 from spinor_geom.adapters.registry import extend, to_mesh
 from spinor_geom.adapters.vertex_data import cast_values
-from spinor_geom.errors import MeshFileError
-from spinor_geom.files import MOST_RATIO, is_bomb
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 _READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
@@ -51,34 +47,6 @@ def read_vtk(data: bytes, *, suffix: str) -> FileContents:
     return _contents(surface, suffix, appended)
 
 
-def read_3mf(data: bytes) -> FileContents:
-    """All meshes of a 3MF file, at all positions in its build; colours and materials are not read."""
-    import trimesh
-
-    try:
-        with ZipFile(io.BytesIO(data)) as packed:
-            size = sum(entry.file_size for entry in packed.infolist())
-        if is_bomb(size, len(data)):
-            raise malformed("", f"unpacks to over {MOST_RATIO} times its size", "do not use it")
-        scene = trimesh.load_scene(io.BytesIO(data), file_type="3mf", process=False)
-    except MeshFileError:
-        raise
-    # errors of trimesh and lxml for malformed files; lxml's errors are SyntaxErrors
-    except (BadZipFile, SyntaxError, KeyError, IndexError, StopIteration, TypeError, ValueError) as error:
-        raise malformed("", f"trimesh cannot read it ({type(error).__name__}: {error})") from error
-    unseen = set(scene.geometry)
-    for node in scene.graph.nodes_geometry:
-        transform, name = scene.graph[node]
-        if name not in unseen:
-            scene.add_geometry(scene.geometry[name].copy(), node_name=node, geom_name=node, transform=transform)
-        unseen.discard(name)
-    for name in sorted(unseen):  # trimesh would not write them; it leaves `update` untyped
-        scene.graph.update(name, geometry=name, matrix=np.eye(4))  # type: ignore[no-untyped-call]
-    unit = str(scene.metadata.get("units", "")).removesuffix("s")
-    unit = unit if unit in METRES else "millimeter"
-    return _contents(scene, ".3mf", lambda extension: _3mf_bytes(extend(scene, extension), unit), unit)
-
-
 def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
     """A new .vtp or .vtk (binary) file with undivided faces, curves as lines and all attributes as point data."""
     import pyvista
@@ -102,20 +70,8 @@ def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
     return _vtk_bytes(mesh, suffix)
 
 
-def encode_3mf(contents: FileContents) -> bytes:
-    """A new 3MF file of one mesh: positions and triangles only, in millimetres if the unit is not known."""
-    import trimesh
-
-    triangles, _ = contents.polygons.triangulated(contents.vertices)
-    scene = trimesh.Scene([trimesh.Trimesh(contents.vertices, triangles, process=False)])
-    return _3mf_bytes(scene, contents.unit or "millimeter")
-
-
-def _contents(
-    mesh_object: Any, suffix: str, appended: Callable[[MeshExtension], bytes], unit: str = ""
-) -> FileContents:
-    mesh = to_mesh(mesh_object)
-    polygons = Polygons.of_triangles(mesh.faces) if suffix == ".3mf" else polygons_of(mesh_object)
+def _contents(mesh_object: Any, suffix: str, appended: Callable[[MeshExtension], bytes]) -> FileContents:
+    mesh, polygons = to_mesh(mesh_object), polygons_of(mesh_object)
     return FileContents(
         vertices=mesh.vertices,
         polygons=polygons,
@@ -123,7 +79,6 @@ def _contents(
         labels=mesh.labels,
         color_scale=255.0,
         representatives=seam_representatives(mesh.vertices, polygons, appearance_of(mesh.vertex_attributes)),
-        unit=unit,
         suffix=suffix,
         appended=appended,
     )
@@ -139,13 +94,3 @@ def _vtk_bytes(mesh: Any, suffix: str) -> bytes:
         path = Path(folder) / f"mesh{suffix}"
         mesh.save(path)
         return path.read_bytes()
-
-
-def _3mf_bytes(scene: Any, unit: str) -> bytes:
-    written, changed = io.BytesIO(scene.export(file_type="3mf")), io.BytesIO()
-    # trimesh always writes millimetres
-    with ZipFile(written) as source, ZipFile(changed, "w", ZIP_DEFLATED) as target:
-        for name in source.namelist():
-            old, new = b'unit="millimeter"', f'unit="{unit}"'.encode()
-            target.writestr(name, source.read(name).replace(old, new, int(name.endswith(".model"))))
-    return changed.getvalue()

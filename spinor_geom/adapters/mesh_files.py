@@ -16,12 +16,13 @@ from jaxtyping import Int
 
 from spinor_geom.adapters.contents import FileContents, malformed, nonfinite_rows
 from spinor_geom.adapters.glb import encode_glb, names_in_glb, read_glb
-from spinor_geom.adapters.library_files import encode_3mf, encode_vtk, read_3mf, read_vtk
+from spinor_geom.adapters.library_files import encode_vtk, read_vtk
 from spinor_geom.adapters.obj import encode_obj, read_obj
 from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, names_in_ply, read_ply
 from spinor_geom.adapters.polygon_faces import Polygons, close_seams
 from spinor_geom.adapters.stl import encode_stl, read_stl
+from spinor_geom.adapters.threemf import encode_3mf, read_3mf
 from spinor_geom.adapters.vertex_data import append_attributes
 from spinor_geom.errors import (
     MeshError,
@@ -54,7 +55,7 @@ FORMATS = {
     ".glb": Format(read_glb, encode_glb, names_in_glb),
     ".vtp": Format(partial(read_vtk, suffix=".vtp"), partial(encode_vtk, suffix=".vtp"), _attributes, ("pyvista",)),
     ".vtk": Format(partial(read_vtk, suffix=".vtk"), partial(encode_vtk, suffix=".vtk"), _attributes, ("pyvista",)),
-    ".3mf": Format(read_3mf, encode_3mf, lambda contents: (), ("lxml", "networkx")),
+    ".3mf": Format(read_3mf, encode_3mf, lambda contents: ()),
 }
 
 
@@ -62,9 +63,9 @@ FORMATS = {
 class MeshFile(Shown):
     """A mesh file in memory: its contents, its triangles, and appended elements.
 
-    If it is written in the format that was read, all bytes are kept (GLB: all elements; VTK's formats and 3MF: what
-    their libraries read), and new elements follow the old ones. In another format, vertices, faces, curves and the
-    attributes that the format supports are kept.
+    If it is written in the format that was read, all bytes are kept (GLB: all elements; VTK's formats: what its library
+    reads; 3MF: the meshes and their positions), and new elements follow the old ones. In another format, vertices,
+    faces, curves and the attributes that the format supports are kept.
 
     Attributes:
         path: the file that was read, or None.
@@ -230,7 +231,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
         ArgumentTypeError: `path` is not a path.
         MeshFileError: no such file, no known format, or malformed; names the file and the place in it.
         NonFiniteVertexError: a coordinate is NaN or infinite.
-        MissingPackageError: the library that reads this format (.vtp, .vtk, .3mf) is not installed.
+        MissingPackageError: the library that reads this format (.vtp, .vtk) is not installed.
     """
     takes = "the path of a mesh file (fill_hole and to_mesh take meshes of every type)"
     require_type(path, (str, os.PathLike), function="read_mesh", takes=takes)

@@ -1,18 +1,15 @@
-"""Formats read by other libraries: .vtp and .vtk by PyVista, .3mf by trimesh."""
+"""Formats read by other libraries: .vtp and .vtk by PyVista."""
 
 from __future__ import annotations
 
 import re
-import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 import pyvista
-import trimesh
 
 from spinor_geom.adapters import read_mesh
-from spinor_geom.adapters.contents import METRES
 from spinor_geom.cli.main import main
 from spinor_geom.errors import MeshFileError, MissingPackageError, NonFiniteVertexError
 from spinor_geom.fill.fill_hole import fill_hole
@@ -118,68 +115,7 @@ def test_counts_for_which_there_is_no_memory_are_refused_before_vtk_ends_the_pro
         read_mesh(path)
 
 
-@pytest.mark.parametrize("builds", [2, 0])
-def test_a_mesh_that_a_3mf_file_builds_twice_or_never_is_kept(tmp_path: Path, builds: int) -> None:
-    pytest.importorskip("lxml")
-    scene = trimesh.Scene(trimesh.Trimesh(*tube(), process=False))
-    scene.export(tmp_path / "one.3mf")
-    with zipfile.ZipFile(tmp_path / "one.3mf") as one, zipfile.ZipFile(tmp_path / "built.3mf", "w") as built:
-        for name in one.namelist():
-            data = one.read(name)
-            if name.endswith(".model"):
-                (item,) = re.findall(rb"<item [^>]*>", data)
-                (number,) = re.findall(rb'objectid="[^"]*"', item)
-                moved = b"<item %b transform='1 0 0 0 1 0 0 0 1 5 0 0'/>" % number
-                data = data.replace(item, item + moved if builds else item.replace(b'objectid="', b'objectid="9'))
-            built.writestr(name, data)
-    filled, report = fill_hole(tmp_path / "built.3mf", return_report=True)
-    assert len(report.loops) == 2 * (builds or 1)
-    for suffix in (".3mf", ".ply"):
-        filled.write(tmp_path / f"filled{suffix}")
-        mesh = read_mesh(tmp_path / f"filled{suffix}").mesh
-        assert is_closed(mesh)
-        assert np.round(np.ptp(mesh.vertices, axis=0)).tolist() == [7.0 if builds else 2.0, 2.0, 1.0]
-        assert len(mesh.faces) == len(report.original.faces) + len(report.extension.faces)
-
-
-def test_a_3mf_file_is_filled_part_by_part(tmp_path: Path) -> None:
-    pytest.importorskip("lxml")
-    scene = trimesh.Scene()
-    for x in (0.0, 5.0):
-        place = trimesh.transformations.translation_matrix([x, 0, 0])
-        scene.add_geometry(trimesh.Trimesh(*tube(), process=False), geom_name=f"at {x}", transform=place)
-    scene.export(tmp_path / "two.3mf")
-    filled, report = fill_hole(tmp_path / "two.3mf", return_report=True)
-    assert report.watertight
-    assert len(report.loops) == 4
-    filled.write(tmp_path / "filled.3mf")
-    again = trimesh.load_scene(tmp_path / "filled.3mf", process=False)
-    assert len(again.geometry) == 2
-    assert all(part.is_watertight for part in again.geometry.values())
-    assert all(np.array_equal(part.vertices[:48], tube()[0]) for part in again.geometry.values())
-    filled.write(tmp_path / "filled.ply")
-    read_mesh(tmp_path / "filled.ply").write(tmp_path / "joined.3mf")
-    assert is_closed(read_mesh(tmp_path / "joined.3mf").mesh)
-    whole = (tmp_path / "two.3mf").read_bytes()
-    for data in (b"hello", whole[: len(whole) // 2]):
-        (tmp_path / "damaged.3mf").write_bytes(data)
-        with pytest.raises(MeshFileError, match=r"damaged.3mf: trimesh cannot read it"):
-            read_mesh(tmp_path / "damaged.3mf")
-
-
-@pytest.mark.parametrize("size", [1 << 20, 1 << 25])
-def test_a_3mf_file_that_unpacks_to_far_more_than_it_is_is_refused(tmp_path: Path, size: int) -> None:
-    trimesh.creation.box().export(tmp_path / "bomb.3mf")
-    with zipfile.ZipFile(tmp_path / "bomb.3mf", "a", zipfile.ZIP_DEFLATED) as packed:
-        packed.writestr("3D/beside.bin", bytes(size))
-    if size < 1 << 24:  # which costs no harm
-        assert len(read_mesh(tmp_path / "bomb.3mf").mesh.faces) == 12
-        return
-    with pytest.raises(MeshFileError, match=r"bomb.3mf: unpacks to over 200 times its size"):
-        read_mesh(tmp_path / "bomb.3mf")
-
-
-@pytest.mark.parametrize(("suffix", "package"), [(".vtp", "pyvista"), (".vtk", "pyvista"), (".3mf", "lxml")])
+@pytest.mark.parametrize(("suffix", "package"), [(".vtp", "pyvista"), (".vtk", "pyvista")])
 def test_a_library_that_is_missing_is_named_with_what_installs_it(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -196,34 +132,6 @@ def test_a_library_that_is_missing_is_named_with_what_installs_it(
     monkeypatch.setattr("spinor_geom.cli.fill.fill_hole", None)
     assert main(["fill", str(MESH), "-o", str(tmp_path / f"b{suffix}")]) == 2
     assert f"{package} is not installed" in capsys.readouterr().err
-
-
-def in_unit(path: Path, unit: str) -> Path:
-    trimesh.Scene([trimesh.Trimesh(*tube(), process=False)]).export(path)
-    with zipfile.ZipFile(path) as archive:
-        held = {name: archive.read(name) for name in archive.namelist()}
-    with zipfile.ZipFile(path, "w") as archive:
-        for name, data in held.items():
-            archive.writestr(name, data.replace(b'unit="millimeter"', f'unit="{unit}"'.encode()))
-    return path
-
-
-@pytest.mark.parametrize(("unit", "metres"), list(METRES.items()))
-def test_3mf_keeps_its_unit_and_glb_is_in_metres(tmp_path: Path, unit: str, metres: float) -> None:
-    file = read_mesh(in_unit(tmp_path / "tube.3mf", unit))
-    assert file.contents.unit == unit
-    for number, one in enumerate((file, fill_hole(file), file.merged())):
-        one.write(tmp_path / f"{number}.3mf")
-        again = read_mesh(tmp_path / f"{number}.3mf")
-        assert again.contents.unit == unit
-        np.testing.assert_array_equal(again.mesh.vertices[:48], file.mesh.vertices)
-    file.write(tmp_path / "tube.glb")
-    # 32-bit numbers
-    np.testing.assert_allclose(read_mesh(tmp_path / "tube.glb").mesh.vertices, file.mesh.vertices * metres, rtol=1e-6)
-    read_mesh(tmp_path / "tube.glb").write(tmp_path / "back.3mf")
-    assert read_mesh(tmp_path / "back.3mf").contents.unit == "meter"
-    file.write(tmp_path / "tube.obj")
-    np.testing.assert_array_equal(read_mesh(tmp_path / "tube.obj").mesh.vertices, file.mesh.vertices)
 
 
 NAMED = {"H\u00f6he": (".ply",), "Temp": (), "temp": (".glb",), "a b": (), "a_b": (), "\u540d": (".ply",)}
