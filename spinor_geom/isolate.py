@@ -16,6 +16,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Mapping
 from functools import partial
+from pathlib import Path
 from time import monotonic
 from typing import IO, Any, Literal, TypeAlias
 
@@ -28,9 +29,10 @@ CHECK_INTERVAL = 0.05  # seconds between checks of the limits
 KEPT_OUTPUT = 4000  # bytes of the output of a job
 # the exit status of a process on Windows is the code of the exception that ended it
 EXCEPTIONS = {0xC0000005: "an access violation", 0xC00000FD: "a stack overflow", 0xC0000409: "an abort"}
-START = (
-    "import json, runpy, sys; sys.path[:] = json.loads(sys.argv[1]); runpy.run_module(sys.argv[2], run_name='__main__')"
-)
+# `python -c` would import from the current folder, so its module path is replaced before anything is imported. Later
+# versions import modules before they run this line; they have an option that leaves the folder out.
+START = "import sys; module, *sys.path = sys.argv[1:]; import runpy; runpy.run_module(module, run_name='__main__')"
+OPTIONS = ["-I"] if sys.flags.isolated else ["-P"] if sys.version_info >= (3, 11) else []
 
 
 class FaultError(Exception):
@@ -124,7 +126,7 @@ class Process:
         self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
         self._begin, self._next_check = 0, 0.0
         self._process = subprocess.Popen(
-            [sys.executable, "-c", START, json.dumps(sys.path), self._module],
+            [sys.executable, *OPTIONS, "-c", START, self._module, *module_path()],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._log,
@@ -184,6 +186,22 @@ class Process:
     def _output(self) -> str:
         self._log.seek(max(self._begin, self._log.seek(0, os.SEEK_END) - KEPT_OUTPUT))
         return self._log.read().decode("utf-8", "replace").strip()
+
+
+def module_path() -> list[str]:
+    """The folders that processes import modules from: those of this process, without the current folder.
+
+    It may hold anything, such as downloaded meshes. It is kept only if this package was imported from it, or the
+    environment variable PYTHONPATH names it by an absolute path.
+    """
+    named = set(filter(os.path.isabs, os.environ.get("PYTHONPATH", "").split(os.pathsep)))
+
+    def is_current(folder: str | os.PathLike[str]) -> bool:
+        return os.path.isdir(folder) and os.path.samefile(folder, os.curdir)
+
+    if is_current(Path(__file__).parents[1]):
+        return sys.path
+    return [entry for entry in sys.path if entry in named or not is_current(entry or os.curdir)]
 
 
 def crash_of(status: int) -> str:

@@ -6,12 +6,13 @@ import os
 import pickle
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from spinor_geom.isolate import Event, FaultError, Process, crash_of
+from spinor_geom.isolate import Event, FaultError, Process, crash_of, module_path
 from tests.systems import signals
 
 BUSY = """
@@ -158,3 +159,61 @@ def test_a_caller_that_stops_listening_ends_the_process(process: Process) -> Non
         process.run({"talk": 1}, interrupted, seconds=30.0)
     process.run({}, events.append, seconds=30.0)
     assert events[0] != events[1]
+
+
+ROOT = Path(__file__).parents[1]
+# a start-up file of processes, which puts a decoy into the folder {0} just before any module is looked for
+DECOYS = """
+import sys
+
+def make_decoy(event, about):
+    if event == "import":
+        with open({0!r} + "/" + about[0].partition(".")[0] + ".py", "w") as file:
+            file.write("open({1!r}, 'a').write(__name__ + ' ')")
+
+sys.addaudithook(make_decoy)
+"""
+# of the benchmark, a small task
+MEASURE = """
+from spinor_geom.bench.runner import TASKS, run_isolated
+task = {"suite": "fills", "method": "spinor", "case": "enneper-0.8", "n": 16, "repeat": 1, "view": None}
+run_isolated([task], module=TASKS, time_limit=100.0, on_record=lambda _, record: print(record["status"]))
+"""
+
+
+def test_no_process_imports_from_the_folder_of_the_mesh(tmp_path: Path) -> None:
+    program, executed = str(Path(sys.executable).with_name("spinor-geom")), tmp_path / "executed"
+    folder, start = tmp_path / "scans", tmp_path / "start"
+    folder.mkdir()
+    start.mkdir()
+    (folder / "mesh.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\nf 1 4 2\n")
+    (start / "sitecustomize.py").write_text(DECOYS.format(str(folder), str(executed)))
+    (tmp_path / "measure.py").write_text(MEASURE)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(start)])}
+    for command in (
+        [program, "batch", "mesh.obj", "-o", "batch", "--workers", "1"],
+        [program, "render", "mesh.obj", "-o", "mesh.png"],
+        [program, "fill", "mesh.obj", "-o", "filled.obj", "--picture", "picture.png"],
+        [sys.executable, str(tmp_path / "measure.py")],
+    ):
+        subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True, timeout=300)
+        assert not executed.exists(), executed.read_text()
+    decoys = {path.stem for path in folder.glob("*.py")}
+    assert decoys >= {"json", "runpy", "spinor_geom", "vtkmodules", "igl"}  # of this process and its workers
+
+
+def test_a_process_has_the_current_folder_only_if_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package, here, other = str(ROOT), str(tmp_path), str(tmp_path.parent)
+    monkeypatch.chdir(tmp_path)
+    cases = [
+        (["", ".", here, other], "", [other]),
+        ([here, other], os.pathsep.join(["", "."]), [other]),
+        ([here, other, ""], here, [here, other]),
+    ]
+    for path, named, kept in cases:
+        monkeypatch.setattr(sys, "path", path)
+        monkeypatch.setenv("PYTHONPATH", named)
+        assert module_path() == kept
+    monkeypatch.chdir(ROOT)  # the package itself was found here
+    monkeypatch.setattr(sys, "path", ["", package, other])
+    assert module_path() == ["", package, other]
