@@ -8,7 +8,13 @@ from jaxtyping import Float, Int
 
 from spinor_geom.errors import OptionError, require_count
 from spinor_geom.mesh.array_checks import igl_arrays
-from spinor_geom.mesh.operators import cotangent_laplacian, internal_angles, mass_matrix, vertex_normals
+from spinor_geom.mesh.operators import (
+    cotangent_laplacian,
+    internal_angles,
+    mass_matrix,
+    nearest_on_mesh,
+    vertex_normals,
+)
 from spinor_geom.mesh.topology import boundary_edges, referenced_vertices
 
 
@@ -99,11 +105,8 @@ def distances_to_mesh(
     points: Float[np.ndarray, "k 3"], vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f c"]
 ) -> Float[np.ndarray, " k"]:
     """Exact distances of points from a mesh of triangles or of segments."""
-    squared, _, _ = igl.point_mesh_squared_distance(
-        np.ascontiguousarray(points, dtype=np.float64), *igl_arrays(vertices, faces)
-    )
-    # round-off can make it negative
-    return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
+    squared, _, _ = nearest_on_mesh(points, vertices, faces)
+    return np.asarray(np.sqrt(squared))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -43,7 +43,7 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
         # closer to equilateral, because slivers would dominate the straightening
         rounder = angles + _TO_EQUILATERAL * (np.pi / 3 - angles)
         # the sides of a triangle are proportional to the sines of its angles
-        return intrinsic_laplacian(np.sin(rounder), triangles)
+        return intrinsic_laplacian(np.sin(rounder), triangles, len(corners))
 
     try:
         neumann = DirichletToNeumann(laplacian, len(corners))

@@ -121,7 +121,7 @@ def dirichlet_to_neumann(vertices: Vertices, faces: Faces, boundary_size: int) -
     Source: Sawhney & Crane, "Boundary First Flattening", ACM TOG 37 (2018), sections 3 and 4.
     """
     lengths = mollified_edge_lengths(vertices, faces)
-    neumann = DirichletToNeumann(lambda: intrinsic_laplacian(lengths, faces), boundary_size)
+    neumann = DirichletToNeumann(lambda: intrinsic_laplacian(lengths, faces, len(vertices)), boundary_size)
     defect = np.full(len(vertices), 2 * np.pi)
     defect -= np.bincount(faces.ravel(), intrinsic_angles(lengths).ravel(), minlength=len(vertices))
     return neumann, defect[:boundary_size] - np.pi + neumann.inner_load(defect[boundary_size:])

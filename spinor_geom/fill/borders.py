@@ -23,7 +23,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import igl
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.ndimage import uniform_filter1d
@@ -33,10 +32,9 @@ from spinor_geom.discrete.first_fill import disk_without_inner_points
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.errors import SheetBorderError, SpinorGeomError
 from spinor_geom.fill.patched_mesh import PatchedMesh
-from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import loop_crossings
-from spinor_geom.mesh.operators import face_areas, vertex_normals
+from spinor_geom.mesh.operators import face_areas, nearest_on_mesh, vertex_normals
 
 _LEAST_RISE = np.sin(np.radians(25.5))  # rule 3
 _LEAST_TURNING = 0.89  # rule 4, in units of 2π
@@ -174,9 +172,7 @@ def _nearest_on(
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
     """The nearest points on a loop, and the arc length up to each."""
     first = np.arange(len(loop))
-    corners, edges = igl_arrays(loop.points, np.stack([first, np.roll(first, -1)], axis=1))
-    _, edge, foot = igl.point_mesh_squared_distance(np.ascontiguousarray(points), corners, edges)
-    edge, foot = np.asarray(edge).reshape(-1), np.asarray(foot)
+    _, edge, foot = nearest_on_mesh(points, loop.points, np.stack([first, np.roll(first, -1)], axis=1))
     along = np.cumsum(loop.edge_lengths)[edge] - loop.edge_lengths[edge]
     return foot, along + np.linalg.norm(foot - loop.points[edge], axis=1)
 

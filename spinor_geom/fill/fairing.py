@@ -214,9 +214,7 @@ class _Equations:
     def _gradient_form(self, x: Positions, bending: Bending) -> csc_array:
         if self._known is None:
             return bending.laplacian
-        form = mollified_laplacian(x, self._known)
-        form.resize((len(x), len(x)))
-        return form
+        return mollified_laplacian(x, self._known)
 
     def _stiffness(self, x: Positions, bending: Bending) -> csc_array:
         """Derivative of the residual with respect to displacements along the normals, without lower-order terms."""

@@ -12,7 +12,7 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from spinor_geom.arrays import TINY, shifted
-from spinor_geom.errors import SingularMatrixError
+from spinor_geom.errors import NoFacesError, NonFiniteVertexError, SingularMatrixError
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.topology import HalfEdges
 
@@ -51,18 +51,19 @@ def mollified_edge_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray
     return np.asarray(length + np.maximum(_SLACK * longest - slack, 0.0)[:, None])
 
 
-def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Faces) -> csc_array:
-    """`cotangent_laplacian` from the lengths of the edges opposite to the corners."""
+def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Faces, count: int) -> csc_array:
+    """`cotangent_laplacian` of `count` vertices from the lengths of the edges opposite to the corners."""
+    if not len(faces):  # libigl would look for the largest index
+        return csc_array((count, count))
     laplacian = csc_array(igl.cotmatrix_intrinsic(*igl_arrays(lengths, faces)))
     np.negative(laplacian.data, out=laplacian.data)
+    laplacian.resize((count, count))  # the last vertices may be unused
     return laplacian
 
 
 def mollified_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
     """`cotangent_laplacian` of the `mollified_edge_lengths`: finite for any faces."""
-    laplacian = intrinsic_laplacian(mollified_edge_lengths(vertices, faces), faces)
-    laplacian.resize((len(vertices), len(vertices)))  # the last vertices may be unused
-    return laplacian
+    return intrinsic_laplacian(mollified_edge_lengths(vertices, faces), faces, len(vertices))
 
 
 def intrinsic_angles(lengths: Float[np.ndarray, "*f 3"]) -> Float[np.ndarray, "*f 3"]:
@@ -75,6 +76,8 @@ def intrinsic_angles(lengths: Float[np.ndarray, "*f 3"]) -> Float[np.ndarray, "*
 
 def graph_laplacian(faces: Faces) -> csc_array:
     """The graph Laplacian of a mesh's edges, all of weight 1."""
+    if not len(faces):  # libigl would look for the largest index
+        return csc_array((0, 0))
     adjacent = csc_array(igl.adjacency_matrix(np.ascontiguousarray(faces, dtype=np.int64)), dtype=np.float64)
     return csc_array(diags_array(adjacent.sum(axis=0)) - adjacent)
 
@@ -95,7 +98,12 @@ def mass_matrix(vertices: Vertices, faces: Faces, kind: Literal["voronoi", "bary
     Source: Meyer, Desbrun, Schröder & Barr (2003), Discrete differential-geometry operators for triangulated
     2-manifolds, for the mixed Voronoi cells.
     """
-    return csc_array(igl.massmatrix(*igl_arrays(vertices, faces), getattr(igl, f"MASSMATRIX_TYPE_{kind.upper()}")))
+    count = len(vertices)
+    if not len(faces):  # libigl would look for the largest index
+        return csc_array((count, count))
+    matrix = csc_array(igl.massmatrix(*igl_arrays(vertices, faces), getattr(igl, f"MASSMATRIX_TYPE_{kind.upper()}")))
+    matrix.resize((count, count))  # the last vertices may be unused
+    return matrix
 
 
 def face_areas(vertices: Vertices, faces: Faces) -> Float[np.ndarray, " f"]:
@@ -124,6 +132,27 @@ def winding_numbers(polygon: Float[np.ndarray, "m 2"], points: Float[np.ndarray,
     m = np.arange(len(polygon))
     edges = np.stack([m, shifted(m, -1)], axis=1)
     return np.asarray(igl.winding_number(*igl_arrays(polygon, edges), np.ascontiguousarray(points))).reshape(-1)
+
+
+def nearest_on_mesh(
+    points: Float[np.ndarray, "k 3"], vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f c"]
+) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, "k 3"]]:
+    """The nearest point of a mesh of triangles or of segments for each point: squared distance, face and position.
+
+    Raises:
+        NoFacesError: the mesh is empty.
+        NonFiniteVertexError: a distance is not finite; libigl then gives any number as face.
+    """
+    if not len(faces):
+        raise NoFacesError(vertices=len(vertices))
+    squared, face, nearest = igl.point_mesh_squared_distance(
+        np.ascontiguousarray(points, dtype=np.float64), *igl_arrays(vertices, faces)
+    )
+    finite = np.isfinite(squared)
+    if not finite.all():
+        raise NonFiniteVertexError(vertex=int(np.argmin(finite)), place="points whose distance from a mesh is searched")
+    # round-off can make it negative
+    return np.maximum(squared, 0.0), np.asarray(face, dtype=np.int64), np.asarray(nearest)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -20,8 +20,7 @@ from scipy.spatial import cKDTree
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.domain.sizes import DECAY, GROWTH
-from spinor_geom.mesh.array_checks import igl_arrays
-from spinor_geom.mesh.operators import face_areas, face_normals, internal_angles, vertex_normals
+from spinor_geom.mesh.operators import face_areas, face_normals, internal_angles, nearest_on_mesh, vertex_normals
 from spinor_geom.mesh.topology import HalfEdges, referenced_vertices
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import require_few_points
@@ -123,10 +122,8 @@ def remesh_region(
 
 def _points_at(patch: Patch, faces: Faces, positions: Positions) -> Complex[np.ndarray, " k"]:
     """Positions in Ω of the points of some faces of a patch that are nearest to positions in space."""
-    _, face, nearest = igl.point_mesh_squared_distance(
-        np.ascontiguousarray(positions), *igl_arrays(patch.vertices, faces)
-    )
-    corners = faces[np.asarray(face).reshape(-1)]
+    _, face, nearest = nearest_on_mesh(positions, patch.vertices, faces)
+    corners = faces[face]
     weights = igl.barycentric_coordinates(
         np.ascontiguousarray(nearest), *(np.ascontiguousarray(patch.vertices[corners[:, k]]) for k in range(3))
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import igl
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 from scipy.spatial import cKDTree
@@ -15,7 +14,7 @@ from spinor_geom.domain.plane_domain import Boundary, PlaneDomain, panel_breaks
 from spinor_geom.domain.quadrature import Panels, through_gauss_nodes
 from spinor_geom.errors import DomainError
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
-from spinor_geom.mesh.array_checks import igl_arrays
+from spinor_geom.mesh.operators import nearest_on_mesh
 
 Places = Complex[np.ndarray, " k"]
 Breaks = Float[np.ndarray, " b"]
@@ -120,9 +119,8 @@ def find_anchors(z: Places, domain: PlaneDomain) -> Int[np.ndarray, " k"]:
     """
     require_finite(z)
     mesh = domain.triangulation
-    triangles = igl_arrays(flat_coordinates(mesh.points), mesh.faces)
-    _, face, _ = igl.point_mesh_squared_distance(flat_coordinates(z), *triangles)
-    corners = mesh.faces[np.asarray(face).reshape(-1)]
+    _, face, _ = nearest_on_mesh(flat_coordinates(z), flat_coordinates(mesh.points), mesh.faces)
+    corners = mesh.faces[face]
     distance = np.abs(mesh.points[corners] - z[:, None])
     on_boundary = corners < mesh.boundary_size
     closest = np.where(on_boundary, distance + 2 * distance.max(initial=0.0), distance).argmin(axis=1)

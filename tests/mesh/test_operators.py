@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
+from scipy.sparse import csc_array
 
+from spinor_geom.errors import NoFacesError, NonFiniteVertexError
 from spinor_geom.mesh.operators import (
     cotangent_laplacian,
     face_areas,
@@ -15,6 +20,7 @@ from spinor_geom.mesh.operators import (
     mass_matrix,
     mollified_edge_lengths,
     mollified_laplacian,
+    nearest_on_mesh,
 )
 from tests.strategies import HoledDisk, holed_disks
 
@@ -101,7 +107,34 @@ def test_the_laplacian_of_a_graph_has_degrees_on_its_diagonal_and_rows_of_sum_ze
     assert laplacian[1, 3] == 0
 
 
-def test_laplacians_have_a_row_for_unused_vertices() -> None:
-    vertices, faces = np.vstack([np.eye(3), np.ones((2, 3))]), np.array([[0, 1, 2]])
-    for laplacian in (cotangent_laplacian(vertices, faces), mollified_laplacian(vertices, faces)):
-        assert laplacian.shape == (5, 5)
+@pytest.mark.parametrize("faces", [np.zeros((0, 3), dtype=np.int64), FACE], ids=["no faces", "an unused vertex"])
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        cotangent_laplacian,
+        mollified_laplacian,
+        partial(mass_matrix, kind="voronoi"),
+        partial(mass_matrix, kind="barycentric"),
+    ],
+    ids=["cotangent", "mollified", "voronoi", "barycentric"],
+)
+def test_matrices_have_a_row_for_every_vertex(matrix: Callable[..., csc_array], faces: np.ndarray) -> None:
+    found = matrix(np.vstack([RIGHT_TRIANGLE, np.ones((2, 3))]), faces)
+    assert found.shape == (5, 5)
+    assert found[:, 3:].nnz == 0
+    assert (found.nnz > 0) == (len(faces) > 0)
+
+
+def test_a_graph_without_edges_has_an_empty_laplacian() -> None:
+    assert graph_laplacian(np.zeros((0, 3), dtype=np.int64)).shape == (0, 0)
+
+
+@pytest.mark.parametrize("points", [[[np.nan, 0, 0]], [[0, 0, 0], [np.inf, 0, 0]], [[1e200, 0, 0]]])
+def test_the_nearest_face_of_a_point_at_infinity_is_an_error(points: list[list[float]]) -> None:
+    with pytest.raises(NonFiniteVertexError, match=f"vertex {len(points) - 1} "):
+        nearest_on_mesh(np.array(points), RIGHT_TRIANGLE, FACE)
+
+
+def test_a_mesh_without_faces_has_no_nearest_point() -> None:
+    with pytest.raises(NoFacesError):
+        nearest_on_mesh(RIGHT_TRIANGLE, RIGHT_TRIANGLE, np.zeros((0, 3), dtype=np.int64))
