@@ -19,7 +19,7 @@ from spinor_geom.batching.settings import BatchOptions, Limits, What
 from spinor_geom.batching.store import Store, log_line, opened_store
 from spinor_geom.batching.workers import Workers, open_workers, run_block
 from spinor_geom.errors import BatchError, OptionError, require, require_positive
-from spinor_geom.fill.fill_options import TIME_LIMIT, Continuity, Islands
+from spinor_geom.fill.fill_options import TIME_LIMIT, ContinuityName, Islands
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -92,7 +92,7 @@ def batch(
     loop: Literal["all"] | int | Sequence[int] = "all",
     bridge: Sequence[int] | None = None,
     islands: Islands = "ignore",
-    continuity: Continuity = "C0",
+    continuity: ContinuityName = "C0",
     merge: bool | float = False,
     keep_largest: bool = False,
     max_perimeter: float | None = None,
@@ -130,7 +130,7 @@ def batch(
         loop: as for `fill_hole`, for every file. A file without such a loop fails.
         bridge: as for `fill_hole`, for every file.
         islands: as for `fill_hole`.
-        continuity: as for `fill_hole`. Curves always get minimal surfaces.
+        continuity: as for `fill_hole`, one for all loops. Curves always get minimal surfaces.
         merge: as for `fill_hole`. Curves keep their points.
         keep_largest: as for `fill_hole`, for every file.
         max_perimeter: as for `fill_hole`.

@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from spinor_geom.errors import OptionError, require_positive
 from spinor_geom.files import MESH_SUFFIXES
-from spinor_geom.fill.fill_options import Choice, PatchOptions, require_merge
+from spinor_geom.fill.fill_options import Choice, ContinuityName, PatchOptions, known_continuity, require_merge
 
 What: TypeAlias = Literal["fill", "surface", "loops"]
 
@@ -25,6 +25,7 @@ class BatchOptions(Choice, PatchOptions):
 
     what: What = "fill"
     format: str | None = None
+    continuity: ContinuityName = "C0"
     merge: bool | float = False
     edge_length: float | Literal["auto"] = "auto"
     strict: bool = False
@@ -39,6 +40,7 @@ class BatchOptions(Choice, PatchOptions):
                 raise OptionError(f"{name} must be one of {choices}, not {getattr(self, name)!r}")
         for name in ("loop", "bridge"):
             object.__setattr__(self, name, _as_json(name, getattr(self, name)))
+        object.__setattr__(self, "continuity", known_continuity(self.continuity))
         Choice.__post_init__(self)
         PatchOptions.__post_init__(self)
         require_merge(self.merge)

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from spinor_geom.bench.holes import Hole
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, discrete_minimal_surface
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.fill_options import Continuity
+from spinor_geom.fill.fill_options import ContinuityName
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.meshing.embed import Patch, mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
@@ -95,7 +95,7 @@ def _filled(vertices: Any, faces: Any, **more: Any) -> Filled:
     return Filled(vertices=np.array(vertices, dtype=np.float64), faces=np.array(faces, dtype=np.int64), **more)
 
 
-def _spinor(hole: Hole, *, continuity: Continuity) -> Prepared:
+def _spinor(hole: Hole, *, continuity: ContinuityName) -> Prepared:
     # if all loops are rims, none is selected, and `fill_hole` leaves borders of sheets open
     some = {} if len(hole.rim_indices) == len(hole.loops) else {"loop": hole.rim_indices}
     options: dict[str, Any] = {"bridge": hole.rim_indices} if hole.facing else some

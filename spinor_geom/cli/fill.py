@@ -12,10 +12,12 @@ from rich.text import Text
 from spinor_geom.adapters.mesh_files import known_suffix
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines, show_table
 from spinor_geom.cli.source import read_surface, require_writable
-from spinor_geom.errors import SpinorGeomError, require
+from spinor_geom.errors import OptionError, SpinorGeomError, require
 from spinor_geom.files import write_json
 from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.fill_options import LoopContinuity
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
+from spinor_geom.fill.loop_choice import LoopChoice
 
 if TYPE_CHECKING:
     from spinor_geom.comparison import Comparison
@@ -44,14 +46,15 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         if path is not None:
             require_writable(path, arguments.input, *outputs)
             outputs.append(path)
+    loop, continuity = _choice(arguments)
     with progress("filling") as bar:
         done = count(1)
         filled, result = fill_hole(
             mesh,
-            "all" if arguments.loop is None else arguments.loop,
+            loop,
             bridge=arguments.bridge,
             islands=arguments.islands,
-            continuity=arguments.continuity,
+            continuity=continuity,
             keep_largest=arguments.keep_largest,
             max_perimeter=arguments.max_perimeter,
             target_edge_length=edge_length,
@@ -85,6 +88,17 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         complain(note)
     good = result.closed and result.intersection_free and (result.complete or not arguments.strict)
     return ExitStatus.DONE if good else ExitStatus.IMPERFECT
+
+
+def _choice(arguments: argparse.Namespace) -> tuple[LoopChoice, LoopContinuity]:
+    """The loops to fill, and the continuity of each; raises an OptionError for a loop with two of them."""
+    film, smooth = arguments.film or (), arguments.smooth or ()
+    if twice := sorted({*film} & {*smooth}):
+        raise OptionError(f"loop {twice[0]} is in --film and in --smooth; name it in one of them")
+    loop: LoopChoice = "all"
+    if arguments.loop is not None or ((film or smooth) and arguments.continuity is None):
+        loop = [*(arguments.loop or ()), *film, *smooth]
+    return loop, {"default": arguments.continuity or "C0", **dict.fromkeys(film, "C0"), **dict.fromkeys(smooth, "C1")}
 
 
 def _add_comparisons(

@@ -16,7 +16,7 @@ from spinor_geom.batching.settings import FORMAT, WHAT
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.experiments import NAMES as EXPERIMENTS
 from spinor_geom.files import MESH_SUFFIXES
-from spinor_geom.fill.fill_options import CONTINUITY, ISLANDS, TIME_LIMIT
+from spinor_geom.fill.fill_options import CONTINUITIES, ISLANDS, TIME_LIMIT
 
 _MODULES = {  # of the commands that have no module of the same name
     **dict.fromkeys(("view", "render", "morph"), "pictures"),
@@ -155,6 +155,15 @@ def _bytes(text: str) -> int:
     return int(float(number) * 2.0 ** (10 * " kmgt".index(unit or " ")))
 
 
+def _range(text: str) -> range:
+    """The numbers of "3" or "2-9"."""
+    first, _, last = text.partition("-")
+    numbers = range(int(first), int(last or first) + 1)
+    if not 0 < len(numbers) <= _MOST_LOOPS:
+        raise ValueError
+    return numbers
+
+
 def _path(metavar: str) -> dict[str, Any]:
     return {"metavar": metavar, "type": Path}
 
@@ -162,6 +171,7 @@ def _path(metavar: str) -> dict[str, Any]:
 _Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
 _positive = _checked(float, "a positive number", lambda x: 0 < x < math.inf)
 _from_zero = _checked(float, "a number of at least 0", lambda x: 0 <= x < math.inf)
+_MOST_LOOPS = 1_000_000  # in a range
 _MERGE, _ROUNDING = "--merge", "rounding"  # the option, and its value if no number is given
 _FORMATS = ", ".join(suffix[1:] for suffix in MESH_SUFFIXES)
 _FLAG: dict[str, Any] = {"action": "store_true"}
@@ -174,9 +184,9 @@ _merge_distance = _checked(
     lambda text: text == _ROUNDING or float(text), "a number of at least 0", lambda within: 0 <= within < math.inf
 )
 _loops = _checked(
-    lambda text: [int(part) for part in text.split(",")],
-    "a list of numbers such as 0,2,5; loops are numbered from 0",
-    lambda numbers: min(numbers) >= 0,
+    lambda text: [number for part in text.split(",") for number in _range(part)],
+    "a list of numbers such as 0,2,5-8; loops are numbered from 0",
+    lambda numbers: True,
 )
 _LOOP: dict[str, Any] = {"metavar": "N[,N…]", "type": _loops, "action": "extend"}
 _pixels = _checked(
@@ -203,6 +213,10 @@ def _add_fill(commands: _Commands) -> None:
     _add_input(add)
     add("-o", "--output", **_path("OUT"), required=True, help="filled mesh; the suffix selects the format")
     _add_filling(fill)
+    fill.set_defaults(continuity=None)  # unlike "c0" it does not name all loops
+    named = "fill these loops, and of the others only those of --loop or, with --continuity, all"
+    add("--film", **_LOOP, help=f"continuity C0 for these loops; {named}")
+    add("--smooth", **_LOOP, help="continuity C1 for these loops; otherwise as --film")
     add("--report", **_path("JSON"), help="write a JSON report")
     add("--html", **_path("HTML"), help="write an HTML page that shows the filled mesh")
     add("--quiet", **_FLAG, help="do not list filled loops on standard error when standard output is not a terminal")
@@ -218,9 +232,9 @@ def _add_filling(parser: argparse.ArgumentParser) -> None:
     which.add_argument("--bridge", metavar="I,J[,K…]", type=_loops, help=together)
     loose = "loose pieces in a hole: connect them to its rim (join), or fill each loop separately (ignore, default)"
     add("--islands", choices=ISLANDS, default="ignore", help=loose)
-    minimal = "C0: minimal surfaces, which meet the mesh at an angle (default)"
-    smooth = "C1: patches that continue the tangents and curvature of the mesh"
-    add("--continuity", choices=CONTINUITY, default="C0", help=f"{minimal}; {smooth}")
+    minimal = "C0 or film: minimal surfaces, which meet the mesh at an angle (default)"
+    smooth = "C1 or smooth: patches that continue the tangents and curvature of the mesh"
+    add("--continuity", type=str.lower, choices=CONTINUITIES, default="c0", help=f"{minimal}; {smooth}")
     residual = "largest RMS boundary residual, relative to the mean edge length of the loop (default: %(default)s)"
     add("--tolerance", metavar="T", type=_positive, default=1e-3, help=residual)
     add("--keep-largest", **_FLAG, help="leave the longest loop open")

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinor_geom.domain.delaunay import unique_edges
+from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.operators import Bending, crossing_angles
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 
-CREASE = np.radians(40)  # curvature is not continued across an edge with a larger angle between its faces' normals
+# Curvature is not continued across a crease: an edge where the angle between the faces is more than 40°, and more than
+# twice the mean over the rim's vertices of the largest angle at an edge there. A prism, with equal angles, has none.
+CREASE, _SHARPER = np.radians(40), 2.0
+_LONG = 2.0  # longer edges of the first ring, in rim edges, are shortened: see `_shortened`
 _RINGS = 3  # rings of faces from which the correlation of H is estimated
 
 
@@ -70,20 +73,30 @@ def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) ->
     half_edges = HalfEdges.of(faces)
     angles = crossing_angles(half_edges, vertices)
     creased = np.zeros(len(ids), dtype=bool)
-    creased[half_edges.origin[angles > CREASE]] = True
+    leaves = np.flatnonzero((half_edges.origin < m) & (half_edges.target >= m))
+    largest = np.zeros(m)
+    np.maximum.at(largest, half_edges.origin[leaves], angles[leaves])
+    creased[half_edges.origin[angles > max(CREASE, _SHARPER * largest.mean())]] = True
     bends &= ~creased
     bending = Bending.of(vertices, faces)
     length, roughness = _correlation(bending, half_edges, bends & (np.arange(len(ids)) >= m), vertices)
+    bend = _bend(half_edges, vertices, angles, np.flatnonzero(half_edges.twin >= 0))
+    curvature = np.where(bends, bending.curvature, 0.0)
+    vertices, faces = vertices[:size], faces[: len(rings[0])]
+    if not length:  # no curvature is continued: the faces at the rim are enough
+        faces, ends, shares = _shortened(vertices, faces, patch)
+        vertices = vertices[ends[:, 0]] + shares[:, None] * (vertices[ends[:, 1]] - vertices[ends[:, 0]])
+        bends, curvature = bends[ends[:, 1]], curvature[ends[:, 1]]
     return Collar(
-        vertices=vertices[:size],
-        faces=faces[: len(rings[0])],
+        vertices=vertices,
+        faces=faces,
         boundary_size=m,
-        bends=bends[:size],
-        curvature=np.where(bends, bending.curvature, 0.0)[m:size],
+        bends=bends[: len(vertices)],
+        curvature=curvature[m : len(vertices)],
         length=length,
         roughness=roughness,
         creased=int(creased[:m].sum()),
-        bend=_bend(half_edges, vertices, angles, np.flatnonzero(half_edges.twin >= 0)),
+        bend=bend,
     )
 
 
@@ -101,6 +114,50 @@ def bend_inside(patch: Patch) -> Bend:
     half_edges = HalfEdges.of(np.asarray(patch.faces))
     inner = np.minimum(half_edges.origin, half_edges.target) >= patch.boundary_size
     return _bend(half_edges, patch.vertices, crossing_angles(half_edges, patch.vertices), np.flatnonzero(inner))
+
+
+def _shortened(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], patch: Patch
+) -> tuple[Int[np.ndarray, "g 3"], Int[np.ndarray, "w 2"], Float[np.ndarray, " w"]]:
+    """The first ring of faces, cut off about one rim edge away from the rim where its edges are much longer.
+
+    Otherwise a vertex of the rim would have a large part of a long face for its area, and a kink there a small H.
+
+    Returns:
+        The faces; and for each of their vertices, the rim's first, the ends of the edge that it lies on, and its place
+        there, from 0 to 1.
+    """
+    m = patch.boundary_size
+    after = rim_successors(patch.rims)
+    ahead = np.linalg.norm(vertices[after] - vertices[:m], axis=1)
+    step = (ahead + ahead[np.argsort(after)]) / 2
+    # the rim's vertices come first in each face
+    turn = np.argmax((faces < m) & (np.roll(faces, 1, axis=1) >= m), axis=1)
+    faces = np.take_along_axis(faces, (turn[:, None] + np.arange(3)) % 3, axis=1)
+    count = (faces < m).sum(axis=1)
+    fans, strips = faces[count == 1], faces[count == 2]
+    edges = np.concatenate([fans[:, [0, 1]], fans[:, [0, 2]], strips[:, [1, 2]], strips[:, [0, 2]]])
+    length = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
+    is_long = length > _LONG * step[edges[:, 0]]
+    edges = np.where(is_long[:, None], edges, edges[:, [1, 1]])
+    ends, place = np.unique(edges, axis=0, return_inverse=True)
+    place = m + place.reshape(-1)
+    a, b, c, d = np.split(place, np.cumsum([len(fans), len(fans), len(strips)]))
+    ring = np.concatenate(
+        [
+            faces[count == 3],
+            np.column_stack([fans[:, 0], a, b]),
+            np.column_stack([strips[:, 0], strips[:, 1], c]),
+            np.column_stack([strips[:, 0], c, d])[c != d],
+        ]
+    )
+    rim = np.arange(m)
+    ends = np.concatenate([np.column_stack([rim, rim]), ends])
+    length = np.linalg.norm(vertices[ends[:, 1]] - vertices[ends[:, 0]], axis=1)
+    shares = np.divide(
+        step[np.minimum(ends[:, 0], m - 1)], length, out=np.ones(len(ends)), where=ends[:, 0] < ends[:, 1]
+    )
+    return ring, ends, shares
 
 
 def _bend(

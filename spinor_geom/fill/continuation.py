@@ -23,6 +23,7 @@ _ROUNDS = 4  # of remeshing, to bound the time: two give the same results on all
 # The report has a remark if the bend inside a patch exceeds this multiple of the bend of the mesh around it by more
 # than so many degrees. The ratio is at most 1.5 on spheres, cylinders, tori and scans.
 _MOST_BENT, _SLIGHT_BEND = 2.0, 1.0
+_KINK = 5.0  # degrees by which the bend across the rim may exceed that of the mesh around it without a remark
 MOST_AREA = 2.0  # ratio of the areas after and before, as of hemisphere and disk; a larger patch gets a remark
 
 # errors of remeshing and of the continuation after it; the patch before is kept then
@@ -122,6 +123,9 @@ class Continuation:
             found.append(f"the patch is a thin plate, because the continuation of the mean curvature {self.lowered}")
         if self.area_ratio > MOST_AREA:
             found.append(f"the patch has {self.area_ratio:.2g} times the area of the surface it started from")
+        if self.after.rms > self.around.rms + _KINK:
+            degrees = f"{self.after.rms:.2g}° (RMS), the faces of the mesh around bend by {self.around.rms:.2g}°"
+            found.append(f"the patch meets the mesh at {degrees}")
         if self.inside.rms > _MOST_BENT * self.around.rms + _SLIGHT_BEND:
             degrees = f"{self.inside.rms:.2g}° from face to face, the mesh around by {self.around.rms:.2g}°"
             found.append(f"the patch bends by {degrees}")

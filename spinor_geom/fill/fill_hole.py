@@ -11,7 +11,7 @@ from spinor_geom.adapters import MeshFile, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning
 from spinor_geom.fill.exact_patches import minimal_patches
 from spinor_geom.fill.fill_loop import Stopwatch
-from spinor_geom.fill.fill_options import TIME_LIMIT, Choice, Continuity, FillOptions, Islands
+from spinor_geom.fill.fill_options import TIME_LIMIT, Choice, ContinuityName, FillOptions, Islands, LoopContinuity
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.fill.filling import Filling
 from spinor_geom.fill.loop_choice import LoopChoice
@@ -33,7 +33,7 @@ class _Rest(TypedDict, total=False):
 
     bridge: Sequence[int] | None
     islands: Islands
-    continuity: Continuity
+    continuity: ContinuityName | LoopContinuity
     merge: bool | float
     keep_largest: bool
     max_perimeter: float | None
@@ -67,7 +67,7 @@ def fill_hole(
     *,
     bridge: Sequence[int] | None = None,
     islands: Islands = "ignore",
-    continuity: Continuity = "C0",
+    continuity: ContinuityName | LoopContinuity = "C0",
     merge: bool | float = False,
     keep_largest: bool = False,
     max_perimeter: float | None = None,
@@ -100,8 +100,10 @@ def fill_hole(
         bridge: two or more indices; joins these loops by one minimal surface, and fills no other.
         islands: "join" joins a hole and the loose pieces in it by one surface, "ignore" fills them separately; the
             report lists the loose pieces in each hole.
-        continuity: "C0" for the minimal surface over each rim; "C1" for a patch that continues the tangents and the
-            curvature of the mesh around it, as the top of a sphere or, between two rims, as a tube.
+        continuity: "C0" or "film" for the minimal surface over each rim; "C1" or "smooth" for a patch that continues
+            the tangents and the curvature of the mesh around it, as the top of a sphere or, between two rims, as a
+            tube. Or one for each loop, by index, and one for the others ("C0" if it is not given):
+            `{4: "film", 9: "film", "default": "smooth"}`. A bridge has that of its first loop.
         merge: merges vertices first: with True those of equal position up to rounding to single precision, with a
             number those up to that distance, in mesh units. The first of merged vertices is kept, with its attributes;
             the result is the merged mesh with the patches. Not available for trimesh's scenes.

@@ -128,7 +128,7 @@ def _new_patch(
     options.on_stage(index, "crossings")
     new = new.fitted(patched)
     clock.lap("crossings")
-    if options.continuity == "C0":
+    if options.continuity_of(index) == "C0":
         new = _cleared(patched, new)
     else:
         options.on_stage(index, "continuation")
@@ -150,7 +150,7 @@ def _first_patch(index: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, 
         rims = [match.loop for match in solution.rims]
         return NewPatch(patch=patch, rims=rims, solution=solution, reason="" if solution.converged else solution.reason)
     assert isinstance(patch, SpinorGeomError)
-    can_be_strip = options.continuity == "C1" and len(loops) == 2 and isinstance(patch, SurfaceError)
+    can_be_strip = options.continuity_of(index) != "C0" and len(loops) == 2 and isinstance(patch, SurfaceError)
     if isinstance(patch, (NoAreaError, TooManyPointsError)) or (len(loops) > 1 and not can_be_strip):
         raise patch
     reason, target = str(patch), edge_length_over(loops, options.target_edge_length)

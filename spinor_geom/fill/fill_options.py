@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from spinor_geom.errors import OptionError, require_positive
@@ -15,9 +15,12 @@ if TYPE_CHECKING:
     from spinor_geom.plateau.options import Model
 
 Continuity: TypeAlias = Literal["C0", "C1"]
+ContinuityName: TypeAlias = Continuity | Literal["c0", "film", "c1", "smooth"]
+LoopContinuity: TypeAlias = Mapping[int | Literal["default"], ContinuityName]
 Islands: TypeAlias = Literal["join", "ignore"]
 
-CONTINUITY: tuple[Continuity, ...] = get_args(Continuity)
+# the continuity of each spelling, in lower case
+CONTINUITIES: dict[str, Continuity] = {"c0": "C0", "film": "C0", "c1": "C1", "smooth": "C1"}
 ISLANDS: tuple[Islands, ...] = get_args(Islands)
 TIME_LIMIT = 20.0  # seconds for each stage of a loop, see `fill_hole`
 
@@ -60,13 +63,10 @@ class PatchOptions:
 
     tolerance: float = 1e-3
     time_limit: float = TIME_LIMIT
-    continuity: Continuity = "C0"
 
     def __post_init__(self) -> None:
         require_positive("tolerance", self.tolerance)
         require_positive("time_limit", self.time_limit, finite=False)
-        if self.continuity not in CONTINUITY:
-            raise OptionError(f"continuity must be 'C0' or 'C1', not {self.continuity!r}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,6 +75,7 @@ class FillOptions(PatchOptions):
 
     target_edge_length: float | Literal["auto"] = "auto"
     model: Model = "auto"
+    continuity: ContinuityName | LoopContinuity = "C0"
     on_stage: Callable[[int, str], None] = lambda index, stage: None
 
     def __post_init__(self) -> None:
@@ -82,8 +83,35 @@ class FillOptions(PatchOptions):
 
         super().__post_init__()
         require_model(self.model)
+        if isinstance(self.continuity, Mapping):
+            for index, name in self.continuity.items():
+                known_continuity(name)
+                if index != "default" and (isinstance(index, bool) or not isinstance(index, Integral)):
+                    raise OptionError(f"continuity has loop indices and 'default' as keys, not {index!r}")
+        else:
+            known_continuity(self.continuity)
         if not (isinstance(self.target_edge_length, str) and self.target_edge_length == "auto"):
             require_positive("target_edge_length", self.target_edge_length, instead="'auto' or ")
+
+    @property
+    def named_loops(self) -> list[int]:
+        """The loops with a continuity of their own."""
+        return (
+            [index for index in self.continuity if index != "default"] if isinstance(self.continuity, Mapping) else []
+        )
+
+    def continuity_of(self, index: int) -> Continuity:
+        """The continuity of the patch over a loop."""
+        if isinstance(self.continuity, Mapping):
+            return known_continuity(self.continuity.get(index, self.continuity.get("default", "C0")))
+        return known_continuity(self.continuity)
+
+
+def known_continuity(name: Any) -> Continuity:
+    """The continuity with a name, in any case; raises an OptionError for an unknown one."""
+    if isinstance(name, str) and name.lower() in CONTINUITIES:
+        return CONTINUITIES[name.lower()]
+    raise OptionError(f"continuity must be 'C0' ('film') or 'C1' ('smooth'), not {name!r}")
 
 
 def require_merge(merge: Any) -> None:

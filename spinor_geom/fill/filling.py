@@ -43,6 +43,7 @@ class Filling:
         self.mesh_notes = mesh_notes(mesh, self.loops, sheets)
         self._unclosed = sheets.unclosed(mesh.faces, len(mesh.vertices))
         self._options, self._names_loops = options, choice.names_loops
+        chosen_indices(options.named_loops, self.loops)  # raises
         indices = chosen_indices(choice.loop if choice.bridge is None else choice.bridge, self.loops)
         reasons = reasons_to_leave_open(
             self.loops, indices, keep_largest=choice.keep_largest, max_perimeter=choice.max_perimeter

@@ -101,10 +101,34 @@ def test_a_choice_of_loops_leaves_the_others_open_with_status_0(
     assert second["filled"]
 
 
-def test_loops_may_be_listed_with_commas_or_one_by_one(mesh_path: Path, tmp_path: Path) -> None:
-    for choice in (["--loop", "0,1"], ["--loop", "0", "--loop", "1"]):
+def test_loops_may_be_listed_with_commas_ranges_or_one_by_one(mesh_path: Path, tmp_path: Path) -> None:
+    for choice in (["--loop", "0,1"], ["--loop", "0-1"], ["--loop", "0", "--loop", "1"]):
         assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), *choice]) == 0
         assert boundary_loops(tmp_path / "filled.obj") == []
+
+
+@pytest.mark.parametrize(
+    ("options", "kinds"),
+    [
+        (["--film", "0", "--smooth", "1"], ["minimal", "smooth"]),
+        (["--smooth", "0"], ["smooth", None]),
+        (["--smooth", "0", "--loop", "1"], ["smooth", "minimal"]),
+        (["--continuity", "Smooth", "--film", "1"], ["smooth", "minimal"]),
+    ],
+)
+def test_each_loop_has_its_continuity(
+    mesh_path: Path, tmp_path: Path, options: list[str], kinds: list[str | None]
+) -> None:
+    report = tmp_path / "report.json"
+    assert main(["fill", str(mesh_path), "-o", str(tmp_path / "f.obj"), "--report", str(report), *options]) == 0
+    assert [loop["kind"] for loop in json.loads(report.read_text())["loops"]] == kinds
+
+
+def test_a_loop_cannot_have_two_continuities(
+    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["fill", str(mesh_path), "-o", str(tmp_path / "f.obj"), "--film", "0-1", "--smooth", "1"]) == 2
+    assert "loop 1 is in --film and in --smooth" in capsys.readouterr().err
 
 
 def test_a_missed_tolerance_is_reported_and_gives_status_1_if_strict(

@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 
 from spinor_geom.bench.ragged import reported_bowls
 from spinor_geom.deadline import time_limit
-from spinor_geom.errors import OptionError, SingularMatrixError, SpinorGeomError, TooManyPointsError
+from spinor_geom.errors import LoopIndexError, OptionError, SingularMatrixError, SpinorGeomError, TooManyPointsError
 from spinor_geom.fill.collar import bend_across, collar_of
 from spinor_geom.fill.continuation import continue_patch
 from spinor_geom.fill.fairing import Faired, minimised_curvature
@@ -117,6 +117,24 @@ def test_windows_in_cylinders_and_tori_are_closed_round() -> None:
         new, _ = continued(without(torus, np.linalg.norm(centres(torus) - place, axis=1) < 0.35))
         off = np.hypot(np.hypot(new[:, 0], new[:, 1]) - 1, new[:, 2]) - 0.4
         assert rms(off) < 2e-3
+
+
+@pytest.mark.parametrize(("sides", "rows"), [(16, 1), (32, 1), (32, 4), (64, 2)])
+def test_prisms_are_continued_without_a_kink(sides: int, rows: int) -> None:
+    # quads as long as CAD writes them: up to twenty rim edges
+    _, outcome = continued(cylinder(sides, rows + 1, half=1.0), loop=0)
+    assert outcome.continuation is not None
+    assert outcome.continuation.after.rms < outcome.continuation.around.rms + 5
+    assert not any("meets the mesh" in remark for remark in outcome.remarks)
+
+
+def test_a_kink_is_remarked() -> None:
+    # the six edges of a coarse prism bend by 60°, more than a crease, but all are alike
+    _, outcome = continued(cylinder(6, 2, half=1.0), loop=0)
+    assert outcome.continuation is not None
+    assert outcome.continuation.creased == 0
+    assert outcome.continuation.after.rms > outcome.continuation.around.rms + 5
+    assert any("the patch meets the mesh at" in remark for remark in outcome.remarks)
 
 
 def test_plane_surroundings_give_the_plane() -> None:
@@ -421,9 +439,24 @@ def test_the_report_has_the_bend_and_the_surface_before() -> None:
     assert outcome.solution.area < 1.7 < entry["area"] < 2.1
 
 
-def test_an_unknown_continuity_is_refused() -> None:
-    with pytest.raises(OptionError, match="continuity must be 'C0' or 'C1', not 'C2'"):
-        fill_hole(tube(), continuity="C2")  # type: ignore[call-overload]
+@pytest.mark.parametrize("continuity", ["C2", None, {0: "C2"}, {"0": "C0"}, {True: "C0"}, {2: "C1"}, {-1: "C1"}])
+def test_an_unknown_continuity_is_refused(continuity: Any) -> None:
+    with pytest.raises(LoopIndexError if continuity in ({2: "C1"}, {-1: "C1"}) else OptionError):
+        fill_hole(tube(), continuity=continuity)
+
+
+@pytest.mark.parametrize(
+    ("continuity", "kinds"),
+    [
+        ("Smooth", ["smooth", "smooth"]),
+        ("film", ["minimal", "minimal"]),
+        ({1: "c1"}, ["minimal", "smooth"]),
+        ({1: "film", "default": "smooth"}, ["smooth", "minimal"]),
+    ],
+)
+def test_continuity_can_be_given_for_each_loop(continuity: Any, kinds: list[str]) -> None:
+    _, report = fill_hole(cylinder(16, 3), continuity=continuity, return_report=True)
+    assert [outcome.kind for outcome in report.loops] == kinds
 
 
 def test_the_bend_is_the_angle_between_the_faces_at_the_rim() -> None:
