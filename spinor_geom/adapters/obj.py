@@ -172,7 +172,7 @@ class _Reader:
 
 
 class _Block:
-    """Part of an OBJ file, split into lines; one that ends with a backslash is joined to the next.
+    """Part of an OBJ file, split into lines; one that ends with a backslash, outside a comment, is joined to the next.
 
     Attributes:
         line_numbers: of each line in the file, from 1.
@@ -183,7 +183,8 @@ class _Block:
     def __init__(self, data: bytes, *, first_line: int) -> None:
         data += 2 * NEWLINE  # so that two letters follow the first letter of every word
         ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord(NEWLINE))
-        for mark, pattern in ((b"\\", rb"\\\n"), (b"#", rb"#[^\n]*")):
+        # comments first: one that ends with a backslash ends there, too
+        for mark, pattern in ((b"#", rb"#[^\n]*"), (b"\\", rb"\\\n")):
             if mark in data:
                 data = re.sub(pattern, lambda match: b" " * len(match[0]), data)
         letters = np.array(np.frombuffer(data, np.uint8))

@@ -14,6 +14,8 @@ from spinor_geom.errors import MeshFileError
 
 # in Geomview's order; the prefixes 4 and n (four or n coordinates) are not supported
 KEYWORD = re.compile(rb"(ST|st)?(C|c)?(N)?(?:OFF|off)$")
+# ModelNet's files have the keyword and the first count in one word
+WORD = re.compile(rb"(?:ST|st)?[Cc]?N?(?:OFF|off)(?=\d)|[^\s#]+|#[^\n]*")
 SIZE = re.compile(rb"([3-9]|[1-9]\d{1,8})$")  # of a face
 COLORS = ("red", "green", "blue", "alpha")
 CORNERS = Property("vertex_indices", np.dtype("i4"), np.dtype("u4"))
@@ -70,7 +72,7 @@ def encode_off(contents: FileContents) -> bytes:
 
 def _header(text: bytes) -> tuple[tuple[bytes | None, ...], Element, Element]:
     """The prefixes of the keyword, and the elements "vertex" and "face" without their records."""
-    found = re.compile(rb"[^\s#]+|#[^\n]*").finditer(text, text.startswith(BYTE_ORDER_MARK) and len(BYTE_ORDER_MARK))
+    found = WORD.finditer(text, text.startswith(BYTE_ORDER_MARK) and len(BYTE_ORDER_MARK))
     words = list(islice((word for word in found if not word[0].startswith(b"#")), 3))
     keyword: tuple[bytes | None, ...] = ()
     if words and not words[0][0].isdigit():

@@ -6,13 +6,14 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, color_scale_of, malformed, nonfinite_rows
 from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
 from spinor_geom.adapters.records import Element, Property, Records, binary_records, parse_rows, read_binary, split_rows
 from spinor_geom.adapters.vertex_data import most_frequent_row
 from spinor_geom.errors import PolygonError
+from spinor_geom.mesh.find_loops import repeats_a_vertex
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 NUMPY_TYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
@@ -28,6 +29,7 @@ GROUPS: Mapping[str, tuple[tuple[str, ...], ...]] = {
     "uv": (("s", "t"), ("u", "v"), ("texture_u", "texture_v")),
 }
 FACE_LISTS = ("vertex_indices", "vertex_index")
+STRIPS = "tristrips"  # the element of triangle strips; −1 begins another strip
 
 
 def read_ply(data: bytes) -> FileContents:
@@ -106,26 +108,28 @@ def contents_of_records(records: Records, *, suffix: str) -> FileContents:
     Colours, normals and texture coordinates become "color", "normal" and "uv"; every other scalar property of the
     vertices becomes an attribute under its own name. Edges along which texture coordinates or normals differ are seams.
     """
-    for name, what in (("vertex", "vertices"), ("face", "faces")):
-        if name not in records.elements or records.elements[name].count == 0:
-            raise malformed("header", f"has no {what}", "give a file with a surface in it")
-    vertices, faces = records.elements["vertex"], records.elements["face"]
-    corner_list = next((name for name in FACE_LISTS if name in faces.lengths), None)
+    vertices, faces, strips = (records.elements.get(name) for name in ("vertex", "face", STRIPS))
+    has_strips = strips is not None and strips.count > 0
+    if vertices is None or vertices.count == 0:
+        raise malformed("header", "has no vertices", "give a file with a surface in it")
+    if not has_strips and (faces is None or faces.count == 0):
+        raise malformed("header", "has no faces", "give a file with a surface in it")
     if not set("xyz") <= vertices.values.keys() - vertices.lengths.keys():
         raise malformed("header", "the vertices have no x, y and z")
-    if corner_list is None:
-        raise malformed("header", "the faces have no list 'vertex_indices'")
-    corners = faces.values[corner_list]
-    if corners.dtype.kind not in "iu":
-        raise malformed("header", "the corners of faces are not integers")
+    polygons = Polygons.of_triangles(np.zeros((0, 3), dtype=np.int64))
+    if faces is not None and faces.count > 0:
+        corner_list = _corner_list(faces)
+        polygons = Polygons.of_sizes(faces.values[corner_list], faces.lengths[corner_list])
+    if strips is not None and has_strips:
+        polygons = polygons.followed_by(_triangles_of_strips(strips, vertices.count))
     points, groups = _table(vertices, tuple("xyz")), _attribute_groups(vertices)
     attributes = {attribute: _table(vertices, names) for attribute, names in groups.items()}
-    polygons = Polygons.of_sizes(corners, faces.lengths[corner_list])
     try:
         polygons.require_valid(len(points))
     except PolygonError as error:
         face, problem = error.fields["face"], error.fields["problem"]
-        place = ", ".join(filter(None, (faces.line(face), f"face {face}")))
+        line = faces.line(face) if faces is not None and face < faces.count else ""
+        place = ", ".join(filter(None, (line, f"face {face}")))
         raise malformed(place, problem, "correct or remove the face") from None
     appearance = [attributes[name] for name in ("uv", "normal") if name in groups]
     wrong, color_scale = nonfinite_rows(points), 1.0
@@ -144,9 +148,41 @@ def contents_of_records(records: Records, *, suffix: str) -> FileContents:
         color_scale=color_scale,
         representatives=seam_representatives(points, polygons, appearance),
         first_nonfinite=vertices.line(wrong[0]) if len(wrong) else "",
-        suffix=suffix,
-        appended=partial(_appended, records, groups, corner_list),
+        # strips cannot be extended; many programs read them only where there are no faces
+        suffix="" if has_strips else suffix,
+        notes=("triangle strips were changed into faces",) if has_strips else (),
+        appended=None if has_strips else partial(_appended, records, groups, corner_list),
     )
+
+
+def _corner_list(element: Element) -> str:
+    """The name of the list of the corners of faces or strips."""
+    name = next((name for name in FACE_LISTS if name in element.lengths), None)
+    if name is None:
+        raise malformed("header", f"the element '{element.name}' has no list 'vertex_indices'")
+    if element.values[name].dtype.kind not in "iu":
+        raise malformed("header", f"the corners of the element '{element.name}' are not integers")
+    return name
+
+
+def _triangles_of_strips(strips: Element, vertices: int) -> Int[np.ndarray, "t 3"]:
+    """The triangles of all strips; each three corners in a row are one, of which every second is reversed.
+
+    Strips turn by repeating a corner; such triangles are left out.
+    """
+    name = _corner_list(strips)
+    stored, lengths = strips.values[name], strips.lengths[name]
+    corners = stored.astype(np.int64)
+    # −1 in an unsigned type, where it is no vertex
+    largest = np.iinfo(stored.dtype).max
+    ends = (corners == -1) | (stored.dtype.kind == "u" and largest >= vertices) * (corners == largest)
+    record, place = np.repeat(np.arange(len(lengths)), lengths), np.arange(len(corners))
+    begins = np.append(True, ends[:-1] | (np.diff(record) > 0))[: len(corners)]
+    parity = (place - np.maximum.accumulate(np.where(begins, place, 0)))[:-2] % 2
+    rows = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
+    rows[parity == 1] = rows[parity == 1][:, ::-1]
+    is_triangle = (record[:-2] == record[2:]) & ~(ends[:-2] | ends[1:-1] | ends[2:]) & ~repeats_a_vertex(rows)
+    return np.asarray(rows[is_triangle])
 
 
 def _appended(

@@ -55,6 +55,17 @@ def test_forms_of_a_face(face: str, newline: str) -> None:
     assert file.mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]]
 
 
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
+def test_a_comment_ends_at_the_end_of_its_line(newline: str) -> None:
+    path = "C:\\scans\\"
+    text = f"# {path}\nv 0 0 0 # {path}\nv 1 0 0\nv 0 \\\n1 0\n#\\\nf 1 2 \\\n3 # \\\\\nv 5 5 5\n"
+    file = parsed(text.replace("\n", newline))
+    assert file.mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]]
+    assert file.mesh.faces.tolist() == [[0, 1, 2]]
+    with pytest.raises(MeshFileError, match=r"line 4: 'x' is not a number"):
+        parsed(f"# {path}\nv 0 0 0\n# {path}\nv x 0 0\n")
+
+
 def test_negative_indices_count_from_the_current_position() -> None:
     file = parsed(TRIANGLE + "f -1 -2 -3\nv 3 3 3\nf -1 -2 -3\n")
     assert file.mesh.faces.tolist() == [[2, 1, 0], [3, 2, 1]]

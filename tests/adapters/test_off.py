@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from spinor_geom.adapters import MeshFile, read_mesh
 from spinor_geom.adapters.mesh_files import path_in_errors
 from spinor_geom.adapters.off import read_off
+from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.topology import boundary_edges
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, lid_for, open_cube
 
@@ -42,6 +43,11 @@ def again(file: MeshFile, folder: Path) -> MeshFile:
         CUBE.replace("4 0 1 3 2\n", "4 0 1 3 2 255 0 0\n\n"),
         CUBE.rstrip("\n"),
         CUBE.replace("8 5 0", "8 5"),
+        CUBE.replace("OFF\n", "OFF"),
+        "\ufeff" + CUBE.replace("OFF\n", "OFF"),
+        CUBE.replace("OFF\n8 5 0\n", "# one\n\tOFF8\t5 # two\n"),
+        CUBE.replace("OFF\n", "off").replace("\n", "\r\n"),
+        CUBE.replace("OFF\n8 5 0", "OFF 8 5 0 # counts"),
     ],
 )
 def test_forms_of_a_file_keep_their_quads_and_close(tmp_path: Path, text: str) -> None:
@@ -91,6 +97,24 @@ def test_colors_under_the_plain_keyword_and_unknown_columns(tmp_path: Path) -> N
     assert is_closed(again(extra.extended(lid_for(extra.mesh)), tmp_path).mesh)
     two = parsed(CUBE.replace(".0\n", ".0 4.5 6\n", 8)).mesh.vertex_attributes
     assert [two[name][0].tolist() for name in ("extra_0", "extra_1")] == [[4.5], [6]]
+
+
+@pytest.mark.parametrize("keyword", ["COFF", "NOFF", "STOFF", "CNOFF", "STCNOFF"])
+def test_every_keyword_may_be_joined_to_the_counts(keyword: str) -> None:
+    rows = POINTS.replace(
+        ".0\n", ".0" + " 3" * ("N" in keyword) * 3 + " 9" * ("C" in keyword) * 3 + " 5" * 2 * ("T" in keyword) + "\n"
+    )
+    rows = rows.replace(" 3" * 3, " 0 0 1")
+    one, other = (parsed(f"{keyword}{gap}8 5 0\n{rows}{QUADS}").mesh for gap in ("\n", ""))
+    assert len(one.vertex_attributes) == len(keyword.replace("OFF", "").replace("ST", "T"))
+    for name, values in one.vertex_attributes.items():
+        assert np.array_equal(other.vertex_attributes[name], values)
+
+
+@pytest.mark.parametrize("keyword", ["4OFF", "nOFF", "4nOFF", "C4OFF", "4OFF8", "OFF BINARY", "LIST"])
+def test_other_kinds_are_refused_by_name(keyword: str) -> None:
+    with pytest.raises(MeshFileError, match=rf"a\.off, line 1: '{keyword}' is not a supported kind of OFF"):
+        parsed(CUBE.replace("OFF\n", keyword + "\n"))
 
 
 def test_normal_seam_is_no_boundary() -> None:

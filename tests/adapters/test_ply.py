@@ -260,7 +260,7 @@ def test_an_attribute_called_like_a_coordinate_is_written_beside_it(tmp_path: Pa
 
 
 def test_faces_of_other_sizes_after_many_equal_ones_are_read() -> None:
-    faces = [[0, 1, 2], [2, 1, 3], [0, 1, 3, 2], [3, 1, 0], [0, 2, 3, 1]]
+    faces = [[0, 1, 2], [3, 2, 1], [0, 1, 3, 2], [3, 1, 0], [0, 2, 3, 1]]
     body = b"".join(struct.pack(f"<B{len(face)}iB", len(face), *face, 7 + len(face)) for face in faces)
     header = (
         "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
@@ -311,3 +311,52 @@ def test_new_faces_have_a_colour_that_a_face_has(text: bool, shares: list[int], 
     kinds, counts = np.unique(rows[:, :3], axis=0, return_counts=True)
     best = kinds[counts == counts.max()]
     assert all((best == row).all(axis=1).any() for row in added)
+
+
+STRIPS = {
+    "int": ([[0, 1, 2, 3, -1, 4, 5, 6]], [[0, 1, 2], [3, 2, 1], [4, 5, 6]]),
+    "char": ([[-1, 0, 1, 2, 3], [], [4, 5, 6, 7]], [[0, 1, 2], [3, 2, 1], [4, 5, 6], [7, 6, 5]]),
+    # a repeated corner turns a strip; the orientation goes on as without it
+    "short": ([[0, 1, 2, 2, 3, 4, -1, -1, 5, 6]], [[0, 1, 2], [4, 3, 2]]),
+    "uchar": ([[0, 1, 2, 255, 3, 4, 5], [6, 7]], [[0, 1, 2], [3, 4, 5]]),
+    "ushort": ([[0, 1, 2, 3]], [[0, 1, 2], [3, 2, 1]]),
+    "uint": ([[7, 6, 5, 4294967295, 2, 1, 0, 3]], [[7, 6, 5], [2, 1, 0], [3, 0, 1]]),
+}
+NUMPY = {"int": "i4", "char": "i1", "short": "i2", "uchar": "u1", "ushort": "u2", "uint": "u4"}
+
+
+def strips_ply(encoding: str, kind: str, strips: list[list[int]], faces: list[list[int]], newline: str = "\n") -> bytes:
+    head, data = ply(encoding, CUBE_POINTS, faces, newline=newline).split(b"end_header" + newline.encode())
+    declared = [f"element tristrips {len(strips)}", f"property list int {kind} vertex_indices", "end_header", ""]
+    order = ">" if encoding == "binary_big_endian" else "<"
+    if encoding == "ascii":
+        rows = newline.join([*(" ".join(map(str, [len(strip), *strip])) for strip in strips), ""]).encode()
+    else:
+        rows = b"".join(
+            np.array([len(strip)], order + "i4").tobytes() + np.array(strip, order + NUMPY[kind]).tobytes()
+            for strip in strips
+        )
+    return head + newline.join(declared).encode() + data + rows
+
+
+@pytest.mark.parametrize("encoding", FORMATS)
+@pytest.mark.parametrize("kind", list(STRIPS))
+@pytest.mark.parametrize("faces", [[], [[0, 4, 1]]], ids=["alone", "with faces"])
+def test_triangle_strips_are_faces(tmp_path: Path, encoding: str, kind: str, faces: list[list[int]]) -> None:
+    strips, triangles = STRIPS[kind]
+    file = parsed(strips_ply(encoding, kind, strips, faces, "\r\n" if kind == "short" else "\n"))
+    assert file.polygons.rows() == faces + triangles
+    assert file.notes == ("triangle strips were changed into faces",)
+    file.write(tmp_path / "faces.ply")
+    assert read_mesh(tmp_path / "faces.ply").polygons.rows() == faces + triangles
+
+
+def test_triangle_strips_that_trimesh_orients_alike_and_strips_with_wrong_corners() -> None:
+    random = np.random.default_rng(5)
+    strips = [np.insert(random.permutation(8), random.integers(0, 9), -1).tolist() for _ in range(20)]
+    runs = [run for strip in strips for run in (strip[: strip.index(-1)], strip[strip.index(-1) + 1 :])]
+    expected = trimesh.util.triangle_strips_to_faces([run for run in runs if len(run) > 2])
+    assert np.array_equal(parsed(strips_ply("ascii", "int", strips, [])).mesh.faces, expected)
+    for strip, problem in (([0, 1, 2, 8], "vertex index 8"), ([0, 1, 2, -2], "vertex index -2")):
+        with pytest.raises(MeshFileError, match=problem):
+            parsed(strips_ply("ascii", "int", [strip], []))
