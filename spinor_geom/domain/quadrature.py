@@ -15,6 +15,7 @@ from spinor_geom.errors import OptionError
 from spinor_geom.mesh.array_checks import shared
 
 RuleName = Literal["trapezoid", "simpson", "gauss"]
+LARGEST_ORDER = 1000  # the time for the nodes of "gauss" grows with its cube
 
 
 class Rule(NamedTuple):
@@ -31,10 +32,10 @@ def rule(name: RuleName, n: int) -> Rule:
     The error is O(n⁻²), O(n⁻⁴), or 0 for polynomials of degree 2n − 1, respectively.
 
     Raises:
-        OptionError: the name is unknown, n < 1, or n is odd for "simpson".
+        OptionError: the name is unknown, n is not from 1 to `LARGEST_ORDER`, or odd for "simpson".
     """
-    if n < 1:
-        raise OptionError(f"a quadrature rule needs n of at least 1, got {n}")
+    if not 1 <= n <= LARGEST_ORDER:
+        raise OptionError(f"a quadrature rule needs n from 1 to {LARGEST_ORDER}, got {n}")
     if name not in get_args(RuleName):
         raise OptionError(f"unknown quadrature rule {name!r}; choose 'trapezoid', 'simpson' or 'gauss'")
     if name == "gauss":

@@ -7,11 +7,18 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, ClassVar, TypeVar
 
+import numpy as np
 from jaxtyping import Complex
+from numpy.typing import DTypeLike
 
 from spinor_geom.arrays import Array, Place
 
 M = TypeVar("M", bound="ArrayModel")
+
+
+def blank(*shape: int, dtype: DTypeLike = np.complex128) -> np.ndarray:
+    """Read-only zeros that take no memory, whatever the shape, for models whose arrays are replaced."""
+    return np.broadcast_to(np.zeros((), dtype=dtype), shape)
 
 
 class ArrayModel(ABC):

@@ -12,7 +12,7 @@ from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import Array, complex_of, namespace, place_of, zeros
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials, barycentric_weights, leja_points
-from spinor_geom.holomorphic.array_model import ArrayModel
+from spinor_geom.holomorphic.array_model import ArrayModel, blank
 from spinor_geom.holomorphic.blocks import in_blocks, require_complex
 from spinor_geom.holomorphic.cauchy_sums import direct_sums
 from spinor_geom.holomorphic.interpolant import interpolated, interpolated_slope
@@ -170,14 +170,14 @@ class CauchyNetwork(ArrayModel):
         """A network of zeros with the given sizes."""
         degree, poles, features = int(config["degree"]), int(config["poles"]), int(config["features"])
         return cls(
-            hessenberg=np.zeros((degree + 1, degree), dtype=np.complex128),
-            poles=np.zeros(poles, dtype=np.complex128),
-            scales=np.zeros(poles),
-            mixing=np.zeros((degree + 1 + poles, features), dtype=np.complex128),
-            leja=np.zeros(degree + 1, dtype=np.complex128),
-            at_leja=np.zeros((degree + 1, degree + 1), dtype=np.complex128),
-            branch=np.zeros(int(config["antiperiodic"]), dtype=np.complex128),
-            readout=np.zeros((features, 2), dtype=np.complex128),
+            hessenberg=blank(degree + 1, degree),
+            poles=blank(poles),
+            scales=blank(poles, dtype=np.float64),
+            mixing=blank(degree + 1 + poles, features),
+            leja=blank(degree + 1),
+            at_leja=blank(degree + 1, degree + 1),
+            branch=blank(int(config["antiperiodic"])),
+            readout=blank(features, 2),
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Complex
 
 from spinor_geom.arrays import TINY, Array, is_numpy, namespace, square
-from spinor_geom.holomorphic.array_model import ArrayModel
+from spinor_geom.holomorphic.array_model import ArrayModel, blank
 from spinor_geom.holomorphic.blocks import in_blocks, require_complex
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
 
@@ -66,7 +66,7 @@ class CauchyInterpolant(ArrayModel):
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> CauchyInterpolant:
         """An interpolant of zeros with the given size."""
-        zeros = np.zeros((int(config["nodes"]), 4), dtype=np.complex128)
+        zeros = blank(int(config["nodes"]), 4)
         return cls(zeros[:, 0], zeros[:, 1], zeros[:, 2:])
 
 

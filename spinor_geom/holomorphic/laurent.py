@@ -14,7 +14,7 @@ from scipy.fft import next_fast_len
 
 from spinor_geom.arrays import Array, arange, is_real, namespace, padded, zeros
 from spinor_geom.errors import DtypeError, OptionError
-from spinor_geom.holomorphic.array_model import ArrayModel
+from spinor_geom.holomorphic.array_model import ArrayModel, blank
 from spinor_geom.holomorphic.cauchy import sign_changing
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.series import power_sums
@@ -172,8 +172,8 @@ class LaurentSeries(ArrayModel):
         centres = np.array([complex(*centre) for centre in config["centres"]], dtype=np.complex128)
         holes = CircularDomain(centres=centres, log_radii=np.array(config["log_radii"], dtype=np.float64))
         return cls(
-            np.zeros((int(config["outward"]), 2), dtype=np.complex128),
-            np.zeros((len(centres), int(config["inward"]), 2), dtype=np.complex128),
+            blank(int(config["outward"]), 2),
+            blank(len(centres), int(config["inward"]), 2),
             holes,
             antiperiodic=config["antiperiodic"],
         )

@@ -147,6 +147,13 @@ class ComplexMLP(torch.nn.Module):
     @classmethod
     def of_arrays(cls, config: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> ComplexMLP:
         """The network with given sizes and parameters. Raises RuntimeError if they do not fit."""
+        depth, width = config["depth"], config["width"]
+        wanted, found = (
+            2 * ((depth - 1) * width**2 + (depth + 2) * width + 1),
+            sum(array.size for array in arrays.values()),
+        )
+        if wanted != found:  # before memory is taken for them
+            raise RuntimeError(f"it needs {wanted} parameters, got {found}")
         network = cls.from_config(config)
         network.load_state_dict({name: torch.tensor(array) for name, array in arrays.items()})
         return network

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Complex
 
 from spinor_geom.arrays import Array
-from spinor_geom.errors import OptionError, StorageError
+from spinor_geom.errors import StorageError
 from spinor_geom.holomorphic.array_model import ArrayModel
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
@@ -70,5 +70,5 @@ def rebuild(kind: str, config: Mapping[str, Any], arrays: Mapping[str, np.ndarra
             raise TypeError(f"it needs arrays of shapes {wanted}, got {found}")
         whole: HolomorphicModel = model.with_arrays(arrays)
         return whole
-    except (KeyError, TypeError, RuntimeError, OptionError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, RuntimeError) as error:
         raise StorageError(f"the saved {kind!r} model does not fit its description: {error}") from error

@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import Array, arange, is_numpy, is_real, namespace
 from spinor_geom.errors import DtypeError, require_positive
-from spinor_geom.holomorphic.array_model import ArrayModel
+from spinor_geom.holomorphic.array_model import ArrayModel, blank
 
 # rows and columns of a table of powers that fits the cache
 _POWERS, _POINTS = 32, 1 << 10
@@ -71,7 +71,7 @@ class PowerSeries(ArrayModel):
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> PowerSeries:
         """A series of zeros with the given sizes."""
-        zeros = np.zeros((int(config["terms"]), 2), dtype=np.complex128)
+        zeros = blank(int(config["terms"]), 2)
         return cls(zeros, center=complex(*config["center"]), radius=float(config["radius"]))
 
 

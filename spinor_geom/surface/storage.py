@@ -94,7 +94,7 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
         )
     try:
         return _parts(description, tensors)
-    except (KeyError, TypeError, ValueError, IndexError, RuntimeError, StorageError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError, RuntimeError, StorageError) as error:
         raise StorageError(f"{name} is not a complete saved surface: {error}", path=name) from error
 
 

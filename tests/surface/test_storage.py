@@ -179,6 +179,8 @@ def test_rewriting_without_a_change_still_loads(tmp_path):
         {"description": {"quadrature": "euler"}},
         {"description": {"order": 0}},
         {"description": {"order": "many"}},
+        {"description": {"order": 10**9}},
+        {"description": {"order": 10**30}},
     ],
     ids=str,
 )
@@ -187,6 +189,20 @@ def test_damaged_or_foreign_descriptions_are_refused(change, tmp_path):
     rewrite(path, **change)
     with pytest.raises(StorageError, match="surface"):
         SpinorSurface.load(path)
+
+
+@pytest.mark.parametrize("make", SURFACES.values(), ids=SURFACES.keys())
+def test_sizes_are_compared_with_the_arrays_before_memory_is_taken_for_them(make, tmp_path):
+    path = tmp_path / "surface.safetensors"
+    make().save(path)
+    whole, surface = path.read_bytes(), SpinorSurface.load(path)
+    config = surface.model.config()
+    for name in (name for name, value in config.items() if type(value) is int):
+        for size in (10**9, 10**15, 10**30, 1e300, -1):
+            path.write_bytes(whole)
+            rewrite(path, description={"model": {"kind": surface.model.kind, "config": {**config, name: size}}})
+            with pytest.raises(StorageError, match="does not fit its description"):
+                SpinorSurface.load(path)
 
 
 def test_truncated_files_are_refused(tmp_path):
