@@ -1,42 +1,27 @@
 """Files that libraries read and write: VTK's polygonal data (.vtp, .vtk) by PyVista."""
 
-import re
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from spinor_geom.adapters.contents import FileContents, malformed
+from spinor_geom.adapters.contents import FileContents
 from spinor_geom.adapters.polygon_faces import appearance_of, seam_representatives
 from spinor_geom.adapters.pyvista_mesh import polygons_of
 from spinor_geom.adapters.registry import extend, to_mesh
 from spinor_geom.adapters.vertex_data import cast_values
+from spinor_geom.adapters.vtk_legacy import read_legacy
+from spinor_geom.adapters.vtk_xml import read_xml
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
-_READERS = {".vtp": ("vtkIOXML", "vtkXMLPolyDataReader"), ".vtk": ("vtkIOLegacy", "vtkGenericDataObjectReader")}
-_MOST_PER_BYTE = 1000  # numbers for each byte of a compressed file
+_READERS = {".vtp": read_xml, ".vtk": read_legacy}
 
 
 def read_vtk(data: bytes, *, suffix: str) -> FileContents:
     """Polygonal data in XML (.vtp), or legacy polygonal data or an unstructured grid of faces (.vtk)."""
-    import pyvista
-
-    # VTK ends the process if it cannot allocate them
-    for count in re.findall(rb"""NumberOf\w+\s*=\s*["'](\d+)""", data):
-        if float(count) > _MOST_PER_BYTE * len(data):
-            raise malformed("", f"declares {float(count):.0e} items in {len(data)} bytes")
-    module, name = _READERS[suffix]
-    reader = getattr(import_module(f"vtkmodules.{module}"), name)()
-    reader.SetReadFromInputString(True)
-    reader.SetBinaryInputString(data, len(data))
-    with pyvista.vtk_verbosity("off"), pyvista.VtkErrorCatcher(send_to_logging=False) as caught:
-        reader.Update()
-    if caught.events:  # VTK returns a mesh after errors, too
-        raise malformed("", f"VTK cannot read it ({caught.events[0].alert.splitlines()[-1]})")
-    surface = pyvista.wrap(reader.GetOutput())
+    surface = _READERS[suffix](data).to_pyvista()
 
     def appended(extension: MeshExtension) -> bytes:
         extended = extend(surface, extension)

@@ -58,11 +58,11 @@ class PyVistaAdapter:
             cells = pyvista.CellArray.from_arrays(faces.starts, faces.corners)
             made = pyvista.PolyData(points, faces=cells, lines=obj.lines, verts=obj.verts)
         for (name, _), values in zip(obj.point_data.items(), attributes.values(), strict=True):
-            made.point_data[name] = values
+            set_array(made.point_data, name, values)
         for name, values in obj.cell_data.items():
-            made.cell_data[name] = append_most_frequent(values, len(extension.faces))
+            set_array(made.cell_data, name, append_most_frequent(values, len(extension.faces)))
         for name, values in obj.field_data.items():
-            made.field_data[name] = values
+            set_array(made.field_data, name, values)
         _activate(obj.point_data, made.point_data)
         _activate(obj.cell_data, made.cell_data)
         return made
@@ -119,6 +119,21 @@ def _arrays(mesh: Any) -> dict[str, Any]:
     }
     taken = {"normal", "uv", "color"}
     return {special.get(n) or (f"attribute {n}" if n in taken else n): values for n, values in data.items()}
+
+
+def set_array(data: Any, name: str, values: np.ndarray) -> None:
+    """Adds an array to the data of a mesh; PyVista itself refuses texts that are not ASCII."""
+    if values.dtype.kind != "U":
+        data.set_array(values, name)
+        return
+    from vtkmodules.vtkCommonCore import vtkStringArray
+
+    texts = vtkStringArray()
+    texts.SetName(name)
+    texts.SetNumberOfComponents(values.size // max(len(values), 1))
+    for text in values.ravel().tolist():
+        texts.InsertNextValue(text)
+    data.VTKObject.AddArray(texts)
 
 
 def _activate(old: Any, new: Any) -> None:

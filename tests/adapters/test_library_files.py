@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -77,7 +76,7 @@ def test_a_damaged_vtk_file_is_an_error_that_names_it_and_nothing_is_printed(
     # VTK itself reads half of a legacy file as a mesh without its normals
     for data in (whole[: len(whole) // 2], b"hello world\n", bytes(range(256))):
         path.write_bytes(data)
-        with pytest.raises(MeshFileError, match=rf"damaged\{suffix}: VTK cannot read it \(.+\); check"):
+        with pytest.raises(MeshFileError, match=rf"damaged\{suffix}"):
             read_mesh(path)
     assert capfd.readouterr() == ("", "")
 
@@ -88,13 +87,13 @@ def test_what_is_no_surface_or_not_finite_is_refused_with_the_file_name(tmp_path
     sphere.save(tmp_path / f"strips{suffix}")
     with pytest.raises(MeshFileError, match=r"strips.*: the mesh has triangle strips"):
         read_mesh(tmp_path / f"strips{suffix}")
-    if suffix == ".vtk":  # the XML reader cannot even read NaN
-        pyvista.PolyData.from_regular_faces(CUBE_POINTS * [1, 1, np.nan], CUBE_QUADS).save(tmp_path / "nan.vtk")
-        with pytest.raises(NonFiniteVertexError, match=r"nan\.vtk: vertex 0"):
-            read_mesh(tmp_path / "nan.vtk")
-        pyvista.ImageData(dimensions=(2, 2, 2)).save(tmp_path / "image.vtk")
-        with pytest.raises(MeshFileError, match=r"image.vtk: pyvista.ImageData is not a supported mesh type"):
-            read_mesh(tmp_path / "image.vtk")
+    pyvista.PolyData.from_regular_faces(CUBE_POINTS * [1, 1, np.nan], CUBE_QUADS).save(tmp_path / f"nan{suffix}")
+    with pytest.raises(NonFiniteVertexError, match=rf"nan\{suffix}: vertex 0"):
+        read_mesh(tmp_path / f"nan{suffix}")
+    image = tmp_path / {".vtp": "image.vti", ".vtk": "image_.vtk"}[suffix]
+    pyvista.ImageData(dimensions=(2, 2, 2)).save(image)
+    with pytest.raises(MeshFileError, match=r"holds '.*', not .*; extract the surface"):
+        read_mesh(image.rename(tmp_path / f"image{suffix}"))
 
 
 @pytest.mark.parametrize("offsets", ["0 3 6 900000", "0 -3 6 9", "3 6 9 9"])
@@ -102,17 +101,8 @@ def test_cells_of_a_vtk_file_that_lie_outside_it_are_refused(tmp_path: Path, off
     head = "# vtk DataFile Version 5.1\nt\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\n"
     cells = f"POLYGONS 4 9\nOFFSETS vtktypeint64\n{offsets}\nCONNECTIVITY vtktypeint64\n0 1 2 0 1 3 0 2 3\n"
     (tmp_path / "cells.vtk").write_text(head + cells)
-    with pytest.raises(MeshFileError, match=r"cells\.vtk: the offsets of the cells"):
+    with pytest.raises(MeshFileError, match=r"cells\.vtk, POLYGONS: the offsets of the cells"):
         read_mesh(tmp_path / "cells.vtk")
-
-
-@pytest.mark.parametrize("what", ["NumberOfPoints", "NumberOfPolys", "NumberOfComponents"])
-def test_counts_for_which_there_is_no_memory_are_refused_before_vtk_ends_the_process(tmp_path: Path, what: str) -> None:
-    path = tmp_path / "huge.vtp"
-    pyvista.Sphere().save(path)
-    path.write_bytes(re.sub(rf'{what}="\d+"'.encode(), f'{what}="99999999999"'.encode(), path.read_bytes()))
-    with pytest.raises(MeshFileError, match=r"huge\.vtp: declares 1e\+11 items"):
-        read_mesh(path)
 
 
 @pytest.mark.parametrize(("suffix", "package"), [(".vtp", "pyvista"), (".vtk", "pyvista")])
