@@ -52,10 +52,11 @@ class PolygonError(VertexIndexError):
 class NonFiniteVertexError(MeshError):
     """A coordinate is NaN or infinite."""
 
-    def __init__(self, message: str | None = None, *, vertex: int, place: str = "") -> None:
+    def __init__(self, message: str | None = None, *, vertex: int, face: int | None = None, place: str = "") -> None:
         where = f"{place}: " if place else ""
-        default = f"{where}vertex {vertex} has a NaN or infinite coordinate; correct it"
-        super().__init__(message or default, vertex=vertex, place=place)
+        use = "" if face is None else f" and is used by face {face}"
+        default = f"{where}vertex {vertex} has a NaN or infinite coordinate{use}; correct it"
+        super().__init__(message or default, vertex=vertex, face=face, place=place)
 
 
 class NoFacesError(MeshError):
@@ -293,6 +294,13 @@ class UnknownMeshTypeError(SpinorGeomError, TypeError):
 
 class MeshFileError(SpinorGeomError, ValueError):
     """A mesh file is missing, malformed, or of an unknown format."""
+
+
+class PrecisionError(MeshFileError):
+    sentence = (
+        "the 32-bit numbers of {suffix} files do not hold this mesh: different vertices would become equal, or edges "
+        "would change by over 0.1 %; write .obj or .off, or move the mesh to the origin"
+    )
 
 
 class CadFileError(SpinorGeomError, ValueError):

@@ -84,6 +84,8 @@ def loops_of(x: float) -> int:
 def test_a_nan_in_a_process_pool_is_one_sentence() -> None:
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         found = [pool.submit(loops_of, x) for x in (np.nan, 0.0)]
-        with pytest.raises(NonFiniteVertexError, match=r"^vertex 2 has a NaN or infinite coordinate; correct it$"):
+        with pytest.raises(
+            NonFiniteVertexError, match=r"^vertex 2 has a NaN or infinite coordinate and is used by face 0; correct it$"
+        ):
             found[0].result(timeout=120)
         assert found[1].result(timeout=120) == 1

@@ -11,10 +11,12 @@ from jaxtyping import Float, Int, Real
 
 from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.errors import MeshFileError
+from spinor_geom.mesh.topology import coincident_vertices
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # what some editors put before UTF-8 text
 LONGEST_PROBLEM = 240  # characters
+MOST_CHANGE = 1e-3  # of an edge, by rounding to single precision, relative to its length
 Value = TypeVar("Value")
 METRES = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
 """The units of 3MF files, in metres."""
@@ -40,7 +42,8 @@ class FileContents:
     polygon_names: Int[np.ndarray, " p"] | None = None  # for each polygon an index into `names`; None without names
     polyline_names: tuple[str, ...] = ()  # for each curve the name of its first piece
     unit: str = ""  # of lengths, one of `METRES`, if the format has units
-    first_nonfinite: str = ""  # the place of the first vertex that is NaN or infinite, as "line 12"; may be empty
+    # the places of vertices that are NaN or infinite, as "line 12", by index; may be empty
+    nonfinite_places: Mapping[int, str] = field(default_factory=dict)
     is_text_stl: bool = False  # whether an STL file is to be written as text, with all digits
     notes: tuple[str, ...] = ()  # sentences on changes after reading
     suffix: str = ""  # the format that was read, as ".obj"; "" where the contents were changed
@@ -66,11 +69,6 @@ def malformed(place: str, problem: str, advice: str = "check that the file is co
     return MeshFileError(f"{place}{': ' if place else ''}{problem}; {advice}", place=place)
 
 
-def nonfinite_rows(vertices: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, " n"]:
-    """The indices of the vertices that are NaN or infinite."""
-    return np.flatnonzero(~np.isfinite(vertices).all(axis=1))
-
-
 def text_rows(*tables: Real[np.ndarray, "n _"]) -> list[str]:
     """Tables side by side as text, a line for each row, with all digits."""
     columns = [list(map(repr, column.tolist())) for table in tables for column in table.T]
@@ -79,7 +77,7 @@ def text_rows(*tables: Real[np.ndarray, "n _"]) -> list[str]:
 
 def color_scale_of(values: np.ndarray) -> float:
     """Full intensity in colours given as real numbers: 1, or 255 if one of them is larger than 1."""
-    return 255.0 if values.max(initial=0.0) > 1.0 else 1.0
+    return 255.0 if np.fmax.reduce(values, axis=None, initial=0.0) > 1.0 else 1.0
 
 
 def real_numbers(words: Sequence[bytes]) -> list[float]:
@@ -113,6 +111,32 @@ def first_unreadable(items: Sequence[Value], convert: Callable[[list[Value]], ob
         return False
 
     return next(number for number, item in enumerate(items) if fails(item))
+
+
+def is_held_in_single_precision(contents: FileContents, positions: Float[np.ndarray, "v 3"]) -> bool:
+    """Whether single precision holds the vertices of a mesh's faces at some positions.
+
+    Different vertices must stay different, and each edge must change by at most `MOST_CHANGE` of its length. Edges of
+    new faces may change more if the vertices of all others do not change: their mesh was in single precision before.
+    """
+    corners = contents.polygons.corners
+    used = np.unique(corners)
+    with np.errstate(over="ignore"):  # reported by `single_precision`
+        rounded = positions.astype(np.float32).astype(np.float64)
+    if not np.isfinite(rounded[used]).all():
+        return True
+    if len(np.unique(coincident_vertices(rounded[used]))) < len(np.unique(coincident_vertices(positions[used]))):
+        return False
+    following = np.arange(1, len(corners) + 1)
+    following[contents.polygons.starts[1:] - 1] = contents.polygons.starts[:-1]
+    is_old = np.repeat(contents.loop_of_faces < 0, contents.polygons.sizes)
+    if not is_old.all() and np.array_equal(rounded[corners[is_old]], positions[corners[is_old]]):
+        return True
+    # as fractions of the longest edge, because squares of lengths may overflow
+    edges = positions[corners] - positions[corners[following]]
+    longest = np.abs(edges).max(initial=0.0) or 1.0
+    change = (rounded[corners] - rounded[corners[following]] - edges) / longest
+    return bool((np.linalg.norm(change, axis=1) <= MOST_CHANGE * np.linalg.norm(edges / longest, axis=1)).all())
 
 
 def single_precision(values: np.ndarray) -> np.ndarray:

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.contents import METRES, FileContents, malformed, single_precision
+from spinor_geom.adapters.contents import METRES, FileContents, is_held_in_single_precision, malformed, single_precision
 from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer, Json
 from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
 from spinor_geom.adapters.vertex_data import cast_values, parts_of_faces, unit_vectors
-from spinor_geom.errors import MeshFileError
+from spinor_geom.errors import MeshFileError, PrecisionError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 TRIANGLES, STRIPS_AND_FANS = 4, (5, 6)  # a primitive's mode
@@ -82,7 +82,9 @@ def _appended(data: bytes, pieces: Sequence[PlacedPrimitive], extension: MeshExt
         piece = pieces[number]
         node = nodes[piece.node]
         used, faces = np.unique(extension.faces[owners == number], return_inverse=True)
-        _, nearest = KDTree(piece.decoded("POSITION")).query(vertices[used])
+        own = piece.decoded("POSITION")
+        finite = np.flatnonzero(np.isfinite(own).all(axis=1))
+        nearest = finite[KDTree(own[finite]).query(vertices[used])[1]]
         attributes = {}
         like = meshes[node["mesh"]]["primitives"][piece.primitive]
         for semantic, rows in piece.rows.items():
@@ -122,9 +124,12 @@ def names_in_glb(contents: FileContents) -> dict[str, str]:
 
 
 def encode_glb(contents: FileContents) -> bytes:
-    """A new GLB file with one mesh: positions as float32, in metres if the unit is known, and supported attributes."""
-    scale = METRES.get(contents.unit, 1.0)
-    rows = {"POSITION": single_precision(contents.vertices * scale)}
+    """A new GLB file with one mesh: positions as float32, in metres if the unit is known, and supported attributes.
+
+    If single precision does not hold the positions, they are relative to `glb_offset`, the translation of the node.
+    """
+    offset = glb_offset(contents)
+    rows = {"POSITION": single_precision(_positions(contents) - offset)}
     for name, semantic in names_in_glb(contents).items():
         values = contents.attributes[name]
         if name == "uv":
@@ -140,10 +145,32 @@ def encode_glb(contents: FileContents) -> bytes:
         "asset": {"version": "2.0", "generator": "spinor_geom"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
+        "nodes": [{"mesh": 0, "translation": offset.tolist()} if offset.any() else {"mesh": 0}],
         "meshes": [{"primitives": [primitive]}],
     }
     return container.encoded()
+
+
+def glb_offset(contents: FileContents) -> Float[np.ndarray, "3"]:
+    """The point that positions in a new GLB file are relative to: the origin, or near the middle of the mesh.
+
+    Raises a PrecisionError if single precision does not hold the mesh in either case.
+    """
+    positions, none = _positions(contents), np.zeros(3)
+    if is_held_in_single_precision(contents, positions):
+        return none
+    used = positions[contents.polygons.corners]
+    # a multiple of a power of two near the size, which has few digits
+    step = 2.0 ** np.floor(np.log2(np.ptp(used, axis=0).max(initial=0.0) or 1.0))
+    middle = used.min(axis=0, initial=np.inf) / 2 + used.max(axis=0, initial=-np.inf) / 2
+    offset = np.rint(middle / step) * step + 0.0  # not −0
+    if not is_held_in_single_precision(contents, positions - offset):
+        raise PrecisionError(suffix=".glb")
+    return np.asarray(offset)
+
+
+def _positions(contents: FileContents) -> Float[np.ndarray, "v 3"]:
+    return contents.vertices * METRES.get(contents.unit, 1.0)
 
 
 def _representatives(vertices: Float[np.ndarray, "v 3"], pieces: list[PlacedPrimitive]) -> Int[np.ndarray, " v"]:

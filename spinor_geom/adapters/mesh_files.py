@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from spinor_geom.adapters.contents import FileContents, malformed, nonfinite_rows
-from spinor_geom.adapters.glb import encode_glb, names_in_glb, read_glb
+from spinor_geom.adapters.contents import FileContents, is_held_in_single_precision, malformed
+from spinor_geom.adapters.glb import encode_glb, glb_offset, names_in_glb, read_glb
 from spinor_geom.adapters.library_files import encode_vtk, read_vtk
 from spinor_geom.adapters.obj import encode_obj, read_obj
 from spinor_geom.adapters.off import encode_off, read_off
@@ -28,12 +28,15 @@ from spinor_geom.errors import (
     MeshError,
     MeshFileError,
     NonFiniteVertexError,
+    PrecisionError,
     UnknownMeshTypeError,
     require,
     require_type,
 )
 from spinor_geom.files import atomic_path
-from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
+from spinor_geom.mesh.array_checks import nonfinite_rows, with_finite_rows
+from spinor_geom.mesh.topology import coincident_vertices
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within, require_finite
 from spinor_geom.shown import Shown, shortened
 
 
@@ -44,18 +47,22 @@ class Format(NamedTuple):
     encode: Callable[[FileContents], bytes]
     names: Callable[[FileContents], Collection[str]]  # the attributes that a new file can hold
     packages: tuple[str, ...] = ()  # required besides those of the project
+    holds_nan: bool = True  # whether positions may be NaN or infinite
 
 
 _attributes = attrgetter("attributes")
+_NAN = "vertices that are NaN or infinite have the position of another one, because {suffix} files hold no such numbers"
 FORMATS = {
     ".obj": Format(read_obj, encode_obj, lambda contents: ("color", "uv", "normal")),
     ".ply": Format(read_ply, encode_ply, names_in_ply),
     ".stl": Format(read_stl, encode_stl, lambda contents: ()),
     ".off": Format(read_off, encode_off, lambda contents: ("color",)),
-    ".glb": Format(read_glb, encode_glb, names_in_glb),
-    ".vtp": Format(partial(read_vtk, suffix=".vtp"), partial(encode_vtk, suffix=".vtp"), _attributes, ("pyvista",)),
+    ".glb": Format(read_glb, encode_glb, names_in_glb, holds_nan=False),
+    ".vtp": Format(
+        partial(read_vtk, suffix=".vtp"), partial(encode_vtk, suffix=".vtp"), _attributes, ("pyvista",), False
+    ),
     ".vtk": Format(partial(read_vtk, suffix=".vtk"), partial(encode_vtk, suffix=".vtk"), _attributes, ("pyvista",)),
-    ".3mf": Format(read_3mf, encode_3mf, lambda contents: ()),
+    ".3mf": Format(read_3mf, encode_3mf, lambda contents: (), holds_nan=False),
 }
 
 
@@ -90,9 +97,10 @@ class MeshFile(Shown):
         cls, contents: FileContents, *, path: Path | None, read_sizes: tuple[int, int] | None = None
     ) -> MeshFile:
         """Splits the polygons and closes the seams; without `read_sizes` nothing counts as appended."""
-        if len(wrong := nonfinite_rows(contents.vertices)):
-            raise NonFiniteVertexError(vertex=int(wrong[0]), place=contents.first_nonfinite)
         triangles, polygons = contents.polygons.triangulated(contents.vertices)
+        require_finite(
+            contents.vertices, contents.polygons.corners, contents.polygons.starts, contents.nonfinite_places
+        )
         faces, kept = close_seams(triangles, contents.representatives)
         mesh = TriangleMesh(contents.vertices, faces, vertex_attributes=contents.attributes, labels=contents.labels)
         return cls(
@@ -151,7 +159,9 @@ class MeshFile(Shown):
         polygons = self.polygons.renumbered(new_index).without_repeats()
         before, after = len(new_index), len(mesh.vertices)
         degenerate = len(self.polygons) - len(polygons)
-        moved = float(np.linalg.norm(mesh.vertices[new_index] - self.contents.vertices, axis=1).max(initial=0.0))
+        pairs = np.stack([mesh.vertices[new_index], self.contents.vertices])
+        pairs = pairs[:, np.isfinite(pairs[1]).all(axis=1)]
+        moved = float(np.linalg.norm(pairs[0] - pairs[1], axis=1).max(initial=0.0))
         up_to = f" up to {moved:.2g}" if moved else ""
         notes = [f"vertices of equal position{up_to} were merged: {before} became {after}"] if after < before else []
         notes += [f"degenerate faces were removed after merging: {degenerate}"] if degenerate else []
@@ -174,10 +184,11 @@ class MeshFile(Shown):
         After an error an old file of that name is unchanged.
 
         Returns:
-            A sentence for each attribute that the format cannot hold.
+            A sentence for each attribute that the format cannot hold, and for positions that are stored otherwise.
 
         Raises:
             MeshFileError: no known format, or the file cannot be written.
+            PrecisionError: single precision (.stl, .glb) does not hold the mesh.
             MissingPackageError: the library of the format is not installed.
         """
         target = Path(path)
@@ -191,12 +202,18 @@ class MeshFile(Shown):
         return tuple(f"{target}: {note}" for note in self.left_out(suffix))
 
     def left_out(self, suffix: str) -> tuple[str, ...]:
-        """A sentence for each attribute that a file of a format (such as ".ply") cannot hold."""
+        """A sentence for each attribute that a file of a format (such as ".ply") cannot hold, and as for `write`."""
         if suffix not in FORMATS or self._follows(suffix):
             return ()
         kept = FORMATS[suffix].names(self.contents)
         why = f"left out: {suffix} files do not support it, its name, or its number of columns"
-        return tuple(f"the attribute {name!r} is {why}" for name in self.contents.attributes if name not in kept)
+        notes = [f"the attribute {name!r} is {why}" for name in self.contents.attributes if name not in kept]
+        if not FORMATS[suffix].holds_nan and len(nonfinite_rows(self.contents.vertices)):
+            notes.append(_NAN.format(suffix=suffix))
+        if suffix == ".glb" and (offset := glb_offset(self.contents)).any():
+            place = ", ".join(f"{x:.17g}" for x in offset.tolist())
+            notes.append(f"the positions are relative to ({place}), the translation of the node, for lack of digits")
+        return tuple(notes)
 
     def _follows(self, suffix: str) -> bool:
         """Whether a file of this format is written as the file that was read, with new elements appended."""
@@ -204,10 +221,10 @@ class MeshFile(Shown):
 
     def _encoded(self, suffix: str) -> bytes:
         if self.contents.appended is None or not self._follows(suffix):
-            return FORMATS[suffix].encode(self.contents)
+            return encoded(self.contents, suffix)
         vertices, faces = self.read_sizes
         new = self.contents.polygons.corners[self.contents.polygons.starts[faces] :].reshape(-1, 3)
-        return self.contents.appended(
+        data = self.contents.appended(
             MeshExtension(
                 vertices=self.contents.vertices[vertices:],
                 faces=new,
@@ -215,6 +232,25 @@ class MeshFile(Shown):
                 vertex_attributes={name: values[vertices:] for name, values in self.contents.attributes.items()},
             )
         )
+        # only then may the file's own numbers be too short for the new vertices
+        if not is_held_in_single_precision(self.contents, self.contents.vertices):
+            written = FORMATS[suffix].read(data)
+            if _count_of_positions(written) < _count_of_positions(self.contents):
+                raise PrecisionError(suffix=suffix)
+        return data
+
+
+def _count_of_positions(contents: FileContents) -> int:
+    """The number of different positions of the corners of faces."""
+    return len(np.unique(coincident_vertices(contents.vertices)[contents.polygons.corners]))
+
+
+def encoded(contents: FileContents, suffix: str) -> bytes:
+    """The bytes of a new file of a format; raises as `MeshFile.write`."""
+    if not FORMATS[suffix].holds_nan:
+        finite = with_finite_rows(contents.vertices, contents.polygons.corners)
+        contents = replace(contents, vertices=finite)
+    return FORMATS[suffix].encode(contents)
 
 
 def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
@@ -230,7 +266,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     Raises:
         ArgumentTypeError: `path` is not a path.
         MeshFileError: no such file, no known format, or malformed; names the file and the place in it.
-        NonFiniteVertexError: a coordinate is NaN or infinite.
+        NonFiniteVertexError: a coordinate of a vertex that a face uses is NaN or infinite.
         MissingPackageError: the library that reads this format (.vtp, .vtk) is not installed.
     """
     takes = "the path of a mesh file (fill_hole and to_mesh take meshes of every type)"
@@ -277,7 +313,7 @@ def path_in_errors(path: Path) -> Iterator[None]:
         yield
     except NonFiniteVertexError as error:
         place = ", ".join(filter(None, (str(path), error.fields["place"])))
-        raise NonFiniteVertexError(vertex=error.fields["vertex"], place=place) from None
+        raise NonFiniteVertexError(vertex=error.fields["vertex"], face=error.fields["face"], place=place) from None
     except (MeshFileError, MeshError, UnknownMeshTypeError) as error:
         place = error.fields.get("place", "")
         raise MeshFileError(f"{path}{', ' if place else ': '}{error}", path=path, place=place) from error

@@ -20,11 +20,11 @@ from spinor_geom.adapters.contents import (
     color_scale_of,
     convert_words,
     malformed,
-    nonfinite_rows,
     real_numbers,
 )
 from spinor_geom.adapters.polygon_faces import Polygons, chained
 from spinor_geom.errors import MeshFileError
+from spinor_geom.mesh.array_checks import nonfinite_rows
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 BLOCK_SIZE = 1 << 22
@@ -73,7 +73,7 @@ class _Reader:
         self.counts = dict.fromkeys(NUMBERS, 0)
         self.widths: dict[bytes, set[int]] = {key: set() for key in NUMBERS}  # numbers of words after the keyword
         self.values: dict[bytes, list[Float[np.ndarray, "n k"]]] = {key: [] for key in NUMBERS}
-        self.first_nonfinite = ""
+        self.nonfinite_places: dict[int, str] = {}
         self.unreadable: dict[bytes, MeshFileError] = {}  # raised only if the numbers are needed
         # for each block the corners of its elements, and the size, the line and the name of each element
         none = np.zeros(0, dtype=np.int64)
@@ -89,8 +89,12 @@ class _Reader:
             widths = block.widths(b"v")
             rows = block.floats(b"v", min(widths) if widths in COLORED else 3)
             self.values[b"v"].append(rows)
-            if not self.first_nonfinite and len(wrong := nonfinite_rows(rows[:, :3])):
-                self.first_nonfinite = f"line {block.line_numbers[lines[wrong[0]]]}"
+            wrong = nonfinite_rows(rows[:, :3])
+            numbers = block.line_numbers[lines[wrong]].tolist()
+            first = self.counts[b"v"]
+            self.nonfinite_places |= {
+                first + vertex: f"line {number}" for vertex, number in zip(wrong.tolist(), numbers, strict=True)
+            }
         for key in (b"vt", b"vn"):
             if len(self.widths[key]) == 1 and key not in self.unreadable:
                 try:
@@ -165,7 +169,7 @@ class _Reader:
             names=names,
             polygon_names=faces[3],
             polyline_names=tuple(names[curves[3][first]] for first, _ in chains),
-            first_nonfinite=self.first_nonfinite,
+            nonfinite_places=self.nonfinite_places,
             suffix=".obj",
             appended=partial(_appended, data, newline * ending, newline, "color" in attributes, indices),
         )

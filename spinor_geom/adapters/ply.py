@@ -8,11 +8,12 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, color_scale_of, malformed, nonfinite_rows
+from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, color_scale_of, malformed
 from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
 from spinor_geom.adapters.records import Element, Property, Records, binary_records, parse_rows, read_binary, split_rows
 from spinor_geom.adapters.vertex_data import most_frequent_row
 from spinor_geom.errors import PolygonError
+from spinor_geom.mesh.array_checks import nonfinite_rows
 from spinor_geom.mesh.find_loops import repeats_a_vertex
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
@@ -132,7 +133,7 @@ def contents_of_records(records: Records, *, suffix: str) -> FileContents:
         place = ", ".join(filter(None, (line, f"face {face}")))
         raise malformed(place, problem, "correct or remove the face") from None
     appearance = [attributes[name] for name in ("uv", "normal") if name in groups]
-    wrong, color_scale = nonfinite_rows(points), 1.0
+    wrong, color_scale = nonfinite_rows(points).tolist() if vertices.lines else [], 1.0
     if "color" in groups:
         stored = vertices.values[groups["color"][0]].dtype
         color_scale = color_scale_of(attributes["color"]) if stored.kind == "f" else float(np.iinfo(stored).max)
@@ -147,7 +148,7 @@ def contents_of_records(records: Records, *, suffix: str) -> FileContents:
         ),
         color_scale=color_scale,
         representatives=seam_representatives(points, polygons, appearance),
-        first_nonfinite=vertices.line(wrong[0]) if len(wrong) else "",
+        nonfinite_places={vertex: vertices.line(vertex) for vertex in wrong},
         # strips cannot be extended; many programs read them only where there are no faces
         suffix="" if has_strips else suffix,
         notes=("triangle strips were changed into faces",) if has_strips else (),

@@ -62,7 +62,7 @@ def to_mesh(obj: Any) -> TriangleMesh:
 
     Raises:
         UnknownMeshTypeError: no adapter supports the type.
-        MeshError: the mesh has an index out of range, a coordinate that is not finite, or arrays of the wrong shape.
+        MeshError: an index is out of range, a vertex of a face is not finite, or an array has the wrong shape.
         MeshFileError: the file is missing or malformed.
     """
     return _adapter_of(obj).to_mesh(obj)

@@ -11,15 +11,16 @@ from spinor_geom.adapters.contents import (
     BYTE_ORDER_MARK,
     FileContents,
     convert_words,
+    is_held_in_single_precision,
     malformed,
-    nonfinite_rows,
     real_numbers,
     single_precision,
     text_rows,
 )
 from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.adapters.vertex_data import unit_vectors
-from spinor_geom.errors import MeshFileError
+from spinor_geom.errors import MeshFileError, PrecisionError
+from spinor_geom.mesh.array_checks import nonfinite_rows
 
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 HEADER = 80
@@ -45,12 +46,11 @@ def read_stl(data: bytes) -> FileContents:
     if len(corners) == 0:
         raise malformed("", "has no facets")
     vertices = corners.reshape(-1, 3).astype(np.float64)
-    wrong = nonfinite_rows(vertices)
     return FileContents(
         vertices=vertices,
         polygons=Polygons.of_triangles(np.arange(len(vertices)).reshape(-1, 3)),
         representatives=np.arange(len(vertices)),
-        first_nonfinite=f"facet {wrong[0] // 3}" if len(wrong) else "",
+        nonfinite_places={vertex: f"facet {vertex // 3}" for vertex in nonfinite_rows(vertices).tolist()},
         is_text_stl=is_text,
     )
 
@@ -63,6 +63,8 @@ def encode_stl(contents: FileContents) -> bytes:
     size = np.abs(corners).max(axis=(1, 2), keepdims=True, initial=0.0)
     a, b, c = np.moveaxis(np.divide(corners, size, out=np.zeros_like(corners), where=size > 0), 1, 0)
     normals = unit_vectors(np.cross(b - a, c - a))
+    if not contents.is_text_stl and not is_held_in_single_precision(contents, contents.vertices):
+        raise PrecisionError(suffix=".stl")
     if contents.is_text_stl:
         rows = text_rows(corners.reshape(-1, 3))
         blocks = [

@@ -123,11 +123,12 @@ class Store:
         except (OSError, MeshFileError) as error:
             # writers of meshes raise MeshFileError from the error of the disk
             cause = error if isinstance(error, OSError) else error.__cause__
-            reason = str(error)
+            reason, status = str(error), "failed"  # the format does not hold the mesh
             if isinstance(cause, OSError):
+                status = "fault"
                 self._require_room(cause)
                 reason = f"its results cannot be written ({cause}); check the output folder"
-            record = failure(source.key, reason, status="fault")
+            record = failure(source.key, reason, status=status)
             with suppress(OSError):
                 self._write(source, record, {})
         return summary(record)

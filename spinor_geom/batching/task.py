@@ -12,9 +12,9 @@ from jaxtyping import Float
 
 from spinor_geom.adapters.contents import FileContents
 from spinor_geom.adapters.mesh_files import (
-    FORMATS,
     MeshFile,
     contents_of_bytes,
+    encoded,
     known_suffix,
     mesh_of_contents,
 )
@@ -76,9 +76,7 @@ class FileTask:
                 raise
             # the curves can be used without the mesh
             self.problem = str(error) if len(self._curve_contents.polygons) else ""
-            vertices = self._curve_contents.vertices
-            usable = np.isfinite(vertices).all(axis=1)
-            self._curve_contents = FileContents.without_faces(np.where(usable[:, None], vertices, 0.0))
+            self._curve_contents = FileContents.without_faces(self._curve_contents.vertices)
             mesh = MeshFile.of_contents(self._curve_contents, path=None)
         self._mesh = mesh
         self.hole_names = [] if self.filling is None else list(_hole_names(self.filling, mesh))
@@ -254,4 +252,4 @@ def _write(contents: FileContents, path: Path) -> None:
         triangles, _ = contents.polygons.triangulated(contents.vertices)
         np.savez(path, vertices=contents.vertices, faces=contents.representatives[triangles])
     else:
-        path.write_bytes(FORMATS[path.suffix].encode(contents))
+        path.write_bytes(encoded(contents, path.suffix))

@@ -68,6 +68,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         path.parent.mkdir(parents=True, exist_ok=True)
     left_out = filled.write(arguments.output)
     report = {"input": str(arguments.input), "output": str(arguments.output), **result.to_dict()}
+    report["notes"] += left_out
     comparisons = _add_comparisons(report, result, edge_length) if arguments.compare else {}
     if arguments.report is not None:
         write_json(arguments.report, report)

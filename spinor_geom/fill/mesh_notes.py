@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.arrays import shifted
 from spinor_geom.errors import SpinorGeomError, advised_distance, merge_advice
+from spinor_geom.mesh.array_checks import nonfinite_rows
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.topology import SHARE_OF_EDGE, HalfEdges, face_components
@@ -24,6 +25,9 @@ def mesh_notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets
 
 def _notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets) -> Iterator[str]:
     half_edges = sheets.half_edges
+    if len(wrong := nonfinite_rows(mesh.vertices)):
+        which = f"{len(wrong)} vertices, first vertex {wrong[0]}, have" if len(wrong) > 1 else f"vertex {wrong[0]} has"
+        yield f"{which} a NaN or infinite coordinate, but no face uses {'them' if len(wrong) > 1 else 'it'}"
     if not is_orientable(half_edges):
         yield "the mesh is not orientable, so the orientation of patches is arbitrary"
     elif len(sheets.face_ids) == len(mesh.faces) and (half_edges.counts == 2).all():

@@ -57,6 +57,21 @@ def freeze_points(points: ArrayLike, *, name: str) -> Float[np.ndarray, "n 3"]:
     return copy
 
 
+def nonfinite_rows(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " k"]:
+    """The indices of the points with a coordinate that is NaN or infinite."""
+    return np.flatnonzero(~np.isfinite(points).all(axis=1))
+
+
+def with_finite_rows(points: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "*any"]) -> Float[np.ndarray, "n 3"]:
+    """The same points, but those that are NaN or infinite, which no face uses, at the position of one that is used."""
+    wrong = nonfinite_rows(points)
+    if not len(wrong):
+        return points
+    changed = np.array(points)
+    changed[wrong] = points[faces.ravel()[0]] if faces.size else 0.0
+    return changed
+
+
 def freeze_attributes(
     attributes: Mapping[str, ArrayLike], *, vertices: int
 ) -> Mapping[str, Float[np.ndarray, "{vertices} _"]]:

@@ -187,7 +187,9 @@ def near_vertices(
     limit = float(reach.max(initial=0.0))
     if limit == 0.0:
         return exact
-    pairs = cKDTree(points[unique], balanced_tree=False).query_pairs(limit, output_type="ndarray")
+    finite = np.flatnonzero(np.isfinite(points[unique]).all(axis=1))
+    tree = cKDTree(points[unique[finite]], balanced_tree=False)
+    pairs = finite[tree.query_pairs(limit, output_type="ndarray")]
     apart = norm(points[unique[pairs[:, 0]]] - points[unique[pairs[:, 1]]])
     within = apart <= reach[unique[pairs]].min(axis=1)
     pairs, apart = pairs[within], apart[within]

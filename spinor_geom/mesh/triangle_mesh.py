@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from spinor_geom.errors import MeshExtentError, NoFacesError, VertexIndexError
-from spinor_geom.mesh.array_checks import freeze_attributes, freeze_points, frozen
+from spinor_geom.errors import MeshExtentError, NoFacesError, NonFiniteVertexError, VertexIndexError
+from spinor_geom.mesh.array_checks import freeze_attributes, freeze_points, frozen, nonfinite_rows
 from spinor_geom.mesh.topology import SHARE_OF_EDGE, longest_sides, near_vertices
 from spinor_geom.shown import Shown, shortened
 
@@ -25,7 +26,7 @@ class TriangleMesh(Shown):
     """A triangle mesh in space with vertex attributes; arrays become read-only copies.
 
     Faces are counter-clockwise seen from the side of their normals. The arrays are checked; inconsistent faces beside a
-    loop are reported by `find_boundary_loops`. Unused vertices are allowed.
+    loop are reported by `find_boundary_loops`. Unused vertices are allowed, and may be NaN or infinite.
 
     Attributes:
         vertices: (V, 3) float64 positions, in mesh units.
@@ -36,7 +37,7 @@ class TriangleMesh(Shown):
 
     Raises:
         MeshShapeError: an array has the wrong shape or dtype.
-        NonFiniteVertexError: a coordinate is NaN or infinite.
+        NonFiniteVertexError: a coordinate of a vertex that a face uses is NaN or infinite.
         VertexIndexError: a vertex index of a face is out of range.
     """
 
@@ -57,9 +58,10 @@ class TriangleMesh(Shown):
         vertex_attributes: Mapping[str, ArrayLike] | None = None,
         labels: Collection[str] | None = None,
     ) -> None:
-        points = freeze_points(vertices, name="vertices")
+        points = frozen(vertices, "real numbers", None, 3, name="vertices")
         corners = frozen(faces, "integers", None, 3, name="faces (triangles)")
         require_existing_vertices(corners, vertices=len(points))
+        require_finite(points, corners.ravel(), np.arange(0, corners.size + 1, 3))
         given = vertex_attributes or {}
         if labels is None:
             labels = [name for name, values in given.items() if name != COLOR and np.asarray(values).dtype.kind in "iu"]
@@ -109,7 +111,7 @@ def rounding_reach(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f
     times the largest coordinate. The distance is at most 1 % of the longest edge at a vertex.
     """
     # text files are often written from single precision, or with 6 to 9 digits
-    precision = 2 * float(np.finfo(np.float32).eps) * float(np.abs(vertices).max(initial=0.0))
+    precision = 2 * float(np.finfo(np.float32).eps) * float(np.abs(vertices[np.isfinite(vertices)]).max(initial=0.0))
     return np.minimum(precision, SHARE_OF_EDGE * longest_sides(vertices, faces))
 
 
@@ -152,7 +154,9 @@ def require_faces(mesh: TriangleMesh) -> None:
 
 
 def box_sides(points: Float[np.ndarray, "n 3"]) -> tuple[float, ...]:
-    """The lengths of the sides of the bounding box of points; 0 without points."""
+    """The lengths of the sides of the bounding box of the finite points; 0 without any."""
+    if len(wrong := nonfinite_rows(points)):
+        points = np.delete(points, wrong, axis=0)
     with np.errstate(over="ignore"):  # the difference of two finite numbers may be infinite
         # column by column: a fiftieth of the time of ptp(axis=0)
         return tuple(float(np.ptp(column)) if len(column) else 0.0 for column in points.T)
@@ -163,6 +167,25 @@ def require_extent(points: Float[np.ndarray, "n 3"]) -> None:
     extent = max(box_sides(points))
     if extent and not SMALLEST_EXTENT < extent < LARGEST_EXTENT:
         raise MeshExtentError(extent=extent)
+
+
+def require_finite(
+    points: Float[np.ndarray, "n 3"],
+    corners: Int[np.ndarray, " c"],
+    starts: Int[np.ndarray, " p"],
+    places: Mapping[int, str] = MappingProxyType({}),
+) -> None:
+    """Raises a NonFiniteVertexError for the first face with a vertex that is NaN or infinite.
+
+    Face i has the corners corners[starts[i]:starts[i + 1]]. `places` are those of such vertices in a file.
+    """
+    if not len(wrong := nonfinite_rows(points)):
+        return
+    is_wrong = np.zeros(len(points), dtype=bool)
+    is_wrong[wrong] = True
+    for corner in np.flatnonzero(is_wrong[corners])[:1]:
+        vertex, face = int(corners[corner]), int(np.searchsorted(starts, corner, side="right")) - 1
+        raise NonFiniteVertexError(vertex=vertex, face=face, place=places.get(vertex, ""))
 
 
 def require_existing_vertices(faces: Int[np.ndarray, "f 3"], *, vertices: int) -> None:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinor_geom.mesh.array_checks import with_finite_rows
 from spinor_geom.render.camera import Camera, upright
 
 # Colours of meshes, patches, rims and values.
@@ -56,6 +57,10 @@ class Faces(Layer):
     inside: str | None = None  # colour of the back side; None: the same colour
     fields: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)  # by name, with the unit
     edges: bool | str = False  # whether edges are drawn, or the check box of the page's panel that shows them
+
+    def __post_init__(self) -> None:
+        """Vertices that are NaN are in no face; without them the scene has a size."""
+        self.__dict__.update(vertices=with_finite_rows(self.vertices, self.faces))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -5,11 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import pyvista
+import trimesh
 
 from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
 from spinor_geom.adapters.mesh_files import FORMATS
-from spinor_geom.errors import MeshFileError, MeshShapeError, VertexIndexError
+from spinor_geom.errors import MeshFileError, MeshShapeError, NonFiniteVertexError, VertexIndexError
+from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.topology import boundary_edges
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, DATA, glb_file, is_closed, lid, lid_for, nothing, open_cube
 
 SUFFIXES = [".obj", ".ply", ".stl", ".off", ".glb"]
@@ -201,10 +205,10 @@ def test_extreme_sizes_are_exact_in_text_and_refused_where_they_do_not_fit(tmp_p
         file.write(tmp_path / f"b{suffix}")
         assert np.array_equal(read_mesh(tmp_path / f"b{suffix}").mesh.vertices, vertices * scale)
     for suffix in (".stl", ".glb"):
-        if scale < 1e38:
+        if 1e-38 < scale < 1e38:
             file.write(tmp_path / f"b{suffix}")
         else:
-            with pytest.raises(MeshFileError, match=r"1e\+300 is too large"):
+            with pytest.raises(MeshFileError, match=r"1e\+300 is too large|the 32-bit numbers of"):
                 file.write(tmp_path / f"b{suffix}")
 
 
@@ -218,3 +222,81 @@ def test_a_file_that_was_read_is_closed_so_that_windows_lets_it_be_replaced(suff
     assert not maps.exists() or str(path) not in maps.read_text()
     file.write(path)
     assert len(read_mesh(path).mesh.faces) == len(file.mesh.faces)
+
+
+def with_unused_nan(path: Path) -> Path:
+    """The open cube with three vertices more, NaN or infinite, in the middle of its vertices; no face uses them."""
+    points = np.insert(CUBE_POINTS, [3, 3, 5], [[np.nan] * 3, [0, np.inf, 0], [-np.inf, np.nan, 1]], axis=0)
+    quads = CUBE_QUADS[:-1]
+    quads = quads + 2 * (quads >= 3) + (quads >= 5)
+    rows = [" ".join(map(repr, row)) for row in points.tolist()]
+    if path.suffix == ".obj":
+        text = "".join(f"v {row}\n" for row in rows) + "vt nan nan\nvn nan 0 0\n"
+        text += "".join(f"f {' '.join(map(str, quad))}\n" for quad in (quads + 1).tolist())
+    elif path.suffix == ".off":
+        text = "\n".join(
+            ["OFF", f"{len(points)} 5 0", *rows, *(f"4 {' '.join(map(str, quad))}" for quad in quads.tolist())]
+        )
+    else:
+        data = pyvista.PolyData.from_regular_faces(points, quads)
+        if path.suffix == ".vtk":
+            data.save(path)
+            return path
+        text = "ply\nformat ascii 1.0\nelement vertex 11\nproperty double x\nproperty double y\nproperty double z\n"
+        text += "element face 5\nproperty list uchar int vertex_indices\nend_header\n"
+        text += "\n".join([*rows, *(f"4 {' '.join(map(str, quad))}" for quad in quads.tolist()), ""])
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("source", [".obj", ".ply", ".off", ".vtk"])
+def test_vertices_that_are_nan_and_in_no_face_stay_and_are_told(tmp_path: Path, source: str) -> None:
+    file = read_mesh(with_unused_nan(tmp_path / f"nan{source}"))
+    filled, report = fill_hole(file, return_report=True)
+    assert report.watertight
+    told = "3 vertices, first vertex 3, have a NaN or infinite coordinate, but no face uses them"
+    assert told in report.notes
+    for target in FORMATS:
+        notes = filled.write(tmp_path / f"filled{target}")
+        again = read_mesh(tmp_path / f"filled{target}")
+        assert is_closed(again.mesh if target != ".glb" else again.merged().mesh)
+        assert any("NaN" in note for note in notes) == (target in (".glb", ".3mf", ".vtp"))
+        if target in (".obj", ".ply", ".off", ".vtk"):
+            assert again.mesh.vertices.tobytes() == filled.mesh.vertices.tobytes()
+    for merge in (True, 1e-3):
+        merged, report = fill_hole(file, merge=merge, return_report=True)
+        assert report.watertight
+        assert np.array_equal(merged.mesh.vertices[:11], file.mesh.vertices, equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("source", "place"), [(".obj", "line 4: "), (".ply", "line 13: "), (".off", "line 6: "), (".vtk", "")]
+)
+def test_a_vertex_that_is_nan_and_in_a_face_is_refused_with_both(tmp_path: Path, source: str, place: str) -> None:
+    path = with_unused_nan(tmp_path / f"nan{source}")
+    file = read_mesh(path)
+    corners = np.array(file.polygons.corners)
+    corners[9] = 3
+    polygons = replace(file.polygons, corners=corners)
+    with pytest.raises(
+        NonFiniteVertexError, match=rf"^{place}vertex 3 has a NaN .* and is used by face 2; correct it$"
+    ):
+        MeshFile.of_contents(replace(file.contents, polygons=polygons), path=None)
+
+
+def test_arrays_with_unused_nan_are_filled_in_their_type() -> None:
+    vertices, faces = open_cube()
+    vertices = np.vstack([vertices, [[np.nan, 0, 0]]])
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    for obj in (
+        (vertices, faces),
+        mesh,
+        TriangleMesh(vertices, faces),
+        pyvista.PolyData.from_regular_faces(vertices, faces),
+    ):
+        filled, report = fill_hole(obj, return_report=True)
+        assert report.watertight
+        assert report.notes[0] == "vertex 8 has a NaN or infinite coordinate, but no face uses it"
+        assert np.isnan(to_mesh(filled).vertices[8, 0])
+    with pytest.raises(NonFiniteVertexError, match=r"vertex 8 has a NaN .* and is used by face 2"):
+        to_mesh((vertices, np.concatenate([faces[:2], [[0, 8, 1]]])))
