@@ -9,8 +9,9 @@ import re
 import secrets
 import shutil
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ _LONGEST_PART, _LONGEST_NAME = 100, 140
 _FREE_SIZE, MOST_RATIO = 1 << 24, 200
 SURFACE_SUFFIX = ".safetensors"  # of saved surfaces
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".vtp", ".vtk", ".3mf")  # of mesh files that can be read
+_group: ContextVar[list[tuple[Path, Path]] | None] = ContextVar("files of `together`", default=None)
 NUMBERED = "%~"  # in no other safe name: there two hexadecimal digits or nothing follow a %
 _UNSAFE = re.compile(r"[\x00-\x1f\x7f\\/:*?\"<>|%\ud800-\udfff]|^[. ]|[. ]$")
 # devices of Windows, whatever suffix follows
@@ -31,8 +33,9 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A temporary path to write to, which is renamed to `path` if the context ends without an error.
 
     The temporary file is in the same folder, has the same suffix and is flushed to the disk (fsync). A replaced file's
-    access rights are kept. After an error or interrupt the old file is unchanged and the temporary file is removed. If
-    `path` is a symbolic link, its target is replaced. Devices and pipes (`/dev/stdout`) are written to directly.
+    access rights are kept. Inside `together` the file is renamed later. After an error or interrupt the old file is
+    unchanged and the temporary file is removed. If `path` is a symbolic link, its target is replaced. Devices and pipes
+    (`/dev/stdout`) are written to directly.
 
     Raises:
         OSError: the folder does not exist or is not writable, the disk is full, `path` is a folder, or (on Windows) it
@@ -45,18 +48,83 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         with _naming(path, target):
             yield target
         return
-    temporary = target.with_name(f".{target.stem[:32]}.{secrets.token_hex(8)}{target.suffix}")
+    temporary, group = _beside(target), _group.get()
     with _naming(path, temporary):
-        os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
         try:
+            os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
             yield temporary
             _flush(temporary)
             if target.exists() and os.name != "nt":  # the only mode there, read-only, prevents renaming
                 temporary.chmod(stat.S_IMODE(target.stat().st_mode))
-            os.replace(temporary, target)
-            _flush_names(target.parent)
+            if group is None:
+                _replace([(temporary, target)])
+            else:
+                group.append((temporary, target))
         finally:
+            if group is None or (temporary, target) not in group:
+                temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def together() -> Iterator[None]:
+    """The files that `atomic_path` writes inside are renamed when the context ends without an error: all or none.
+
+    After an error or interrupt, also during the renaming, all old files are unchanged.
+
+    Raises:
+        OSError: as `atomic_path`.
+    """
+    if _group.get() is not None:  # the outer group renames
+        yield
+        return
+    group: list[tuple[Path, Path]] = []
+    token = _group.set(group)
+    try:
+        yield
+        _replace(group)
+    finally:
+        _group.reset(token)
+        for temporary, _ in group:
             temporary.unlink(missing_ok=True)
+
+
+def _beside(target: Path) -> Path:
+    """A new hidden name in the same folder, with the same suffix."""
+    return target.with_name(f".{target.stem[:32]}.{secrets.token_hex(8)}{target.suffix}")
+
+
+def _replace(files: Sequence[tuple[Path, Path]]) -> None:
+    """Renames written files to their targets, all or none."""
+    old: dict[Path, Path | None] = {}  # where the replaced file of each target is
+    try:
+        for temporary, target in files:
+            with _naming(target, temporary):
+                if len(files) > 1 and target not in old:
+                    old[target] = _copied(target) if target.exists() else None
+                os.replace(temporary, target)
+        for folder in {target.parent for _, target in files}:
+            _flush_names(folder)
+    except BaseException:
+        for target, copy in old.items():
+            if copy is None:
+                target.unlink(missing_ok=True)
+            else:
+                os.replace(copy, target)
+        raise
+    finally:
+        for copy in old.values():
+            if copy is not None:
+                copy.unlink(missing_ok=True)
+
+
+def _copied(target: Path) -> Path:
+    """Another name of a file, or a copy where the disk has no links."""
+    copy = _beside(target)
+    try:
+        os.link(target, copy)
+    except OSError:
+        shutil.copy2(target, copy)
+    return copy
 
 
 @contextmanager

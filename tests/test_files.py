@@ -3,11 +3,13 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
-from spinor_geom.files import atomic_folder, atomic_path, safe_name, write_json, write_text
+from spinor_geom import files
+from spinor_geom.files import atomic_folder, atomic_path, safe_name, together, write_json, write_text
 from tests.systems import links, modes
 
 
@@ -230,3 +232,58 @@ def test_names_leave_room_in_the_longest_path_of_windows() -> None:
         name = safe_name(parts)
         assert max(map(len, map(os.fsencode, name.split("/")))) <= 255
         assert len(os.fsencode(name)) + results <= 260 - 30  # a drive and a folder or two above the output
+
+
+FILES = {"a.txt": "old a", "b.txt": None, "c.txt": "old c"}  # the old text of each
+
+
+def write_all(folder: Path) -> None:
+    with together():
+        for name in FILES:
+            write_text(folder / name, f"new {name}")
+            assert (folder / name).exists() == (FILES[name] is not None)
+
+
+@pytest.mark.parametrize("step", ["_flush", "os.replace", "_flush_names", "_copied", "nothing"])
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(errno.EIO, "no"), OSError(errno.EACCES, "no", "x")])
+def test_files_that_are_written_together_are_all_new_or_all_old(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str, count: int, error: BaseException
+) -> None:
+    for name, text in FILES.items():
+        if text is not None:
+            (tmp_path / name).write_text(text)
+    calls, raised = 0, False
+    module, attribute = (os, "replace") if step == "os.replace" else (files, step)
+    own = getattr(module, attribute, None)
+
+    def failing(*arguments: object) -> object:
+        nonlocal calls, raised
+        calls += 1
+        if calls == count:
+            raised = True
+            raise error
+        assert own is not None
+        return own(*arguments)
+
+    if own is not None:
+        monkeypatch.setattr(module, attribute, failing)
+    with suppress(KeyboardInterrupt, OSError):
+        write_all(tmp_path)
+    monkeypatch.undo()
+    expected = FILES if raised else {name: f"new {name}" for name in FILES}
+    assert {name: (tmp_path / name).read_text() for name in names(tmp_path)} == {k: v for k, v in expected.items() if v}
+
+
+def test_a_group_inside_a_group_belongs_to_the_outer_one(tmp_path: Path) -> None:
+    with suppress(ZeroDivisionError), together():
+        with together():
+            write_text(tmp_path / "one.txt", "one")
+        assert not (tmp_path / "one.txt").exists()
+        raise ZeroDivisionError
+    assert names(tmp_path) == []
+    with together():
+        write_text(tmp_path / "one.txt", "one")
+        write_text(tmp_path / "one.txt", "two")
+    assert (tmp_path / "one.txt").read_text() == "two"
+    assert names(tmp_path) == ["one.txt"]

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.settings import BatchOptions
 from spinor_geom.batching.store import Store, explanation, failure, log_line, summary
-from spinor_geom.files import atomic_path, write_text
+from spinor_geom.files import atomic_path, together, write_text
 from spinor_geom.render.camera import Camera, upright
 from spinor_geom.render.page import document, table
 from spinor_geom.render.scene import RIM_COLOUR
@@ -38,25 +38,26 @@ TABLE, PAGE = "loops.csv", "summary.html"
 
 
 def write_summary(store: Store, sources: Iterable[Source], options: BatchOptions, seconds: float) -> tuple[Path, Path]:
-    """Writes table, log and page from the records; returns the paths of the table and the page."""
+    """Writes table, log and page from the records, all or none; returns the paths of the table and the page."""
     path, page = Path(store.output, TABLE), Path(store.output, PAGE)
     content = _PageContent()
-    with (
-        atomic_path(store.log) as log_path,
-        log_path.open("w", encoding="utf-8") as log,
-        atomic_path(path) as table_path,
-        table_path.open("w", encoding="utf-8", newline="") as file,
-    ):
-        rows = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        rows.writeheader()
-        for source in sources:
-            record = store.record(source.key) or failure(source.key, NO_RESULTS)
-            content.add(record)
-            if record["status"] != "done":
-                log.write(log_line(summary(record)))
-            rows.writerows({key: _no_formula(value) for key, value in row.items()} for row in _rows(record))
-    settings = {**asdict(options), "seconds": f"{seconds:.1f}", "version": program_version()}
-    write_text(page, _page(content, settings))
+    with together():
+        with (
+            atomic_path(store.log) as log_path,
+            log_path.open("w", encoding="utf-8") as log,
+            atomic_path(path) as table_path,
+            table_path.open("w", encoding="utf-8", newline="") as file,
+        ):
+            rows = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+            rows.writeheader()
+            for source in sources:
+                record = store.record(source.key) or failure(source.key, NO_RESULTS)
+                content.add(record)
+                if record["status"] != "done":
+                    log.write(log_line(summary(record)))
+                rows.writerows({key: _no_formula(value) for key, value in row.items()} for row in _rows(record))
+        settings = {**asdict(options), "seconds": f"{seconds:.1f}", "version": program_version()}
+        write_text(page, _page(content, settings))
     return path, page
 
 

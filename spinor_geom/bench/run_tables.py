@@ -16,7 +16,7 @@ from spinor_geom.bench.machine import Record, is_older, machine_text
 from spinor_geom.bench.measured import DISTANCE, REMOVED
 from spinor_geom.bench.promises import Promise, bend_ratios, crossings, is_whole, names, promises
 from spinor_geom.bench.runner import METHODS, VIEWS, Run
-from spinor_geom.files import write_text
+from spinor_geom.files import together, write_text
 from spinor_geom.render.page import Views, cell, document
 from spinor_geom.render.scene import Faces, Scale, Scene
 from spinor_geom.render.tables import Table
@@ -37,12 +37,13 @@ _short = partial(shorten, width=160, placeholder="…")
 
 
 def write(run: Run) -> None:
-    """Writes the files of a run into its folder, each atomically."""
+    """Writes the files of a run into its folder, all or none."""
     shown = [*tables(run.records), option_table()]
     text = "\n\n".join([machine_text(run.description["machine"]), *(table.markdown() for table in shown)])
-    write_text(run.folder / TABLES, text + "\n")
-    write_text(run.folder / CSV, csv_text(run.records))
-    write_text(run.folder / PAGE, page_text(run, shown))
+    with together():
+        write_text(run.folder / TABLES, text + "\n")
+        write_text(run.folder / CSV, csv_text(run.records))
+        write_text(run.folder / PAGE, page_text(run, shown))
 
 
 def csv_text(records: Sequence[Record]) -> str:

@@ -13,7 +13,7 @@ from spinor_geom.adapters.mesh_files import known_suffix
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines, show_table
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.errors import OptionError, SpinorGeomError, require
-from spinor_geom.files import write_json
+from spinor_geom.files import together, write_json
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_options import LoopContinuity
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
@@ -32,7 +32,7 @@ BEND, CROSSINGS = "bend", "crossings"
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Fills the holes and writes the outputs; raises an error before solving if an output cannot be written."""
+    """Fills the holes and writes all outputs or none; raises an error before solving if one cannot be written."""
     if arguments.picture is not None:
         require("pyvista", extra="render")
     if arguments.html is not None:
@@ -66,21 +66,22 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         )
     for path in outputs:
         path.parent.mkdir(parents=True, exist_ok=True)
-    left_out = filled.write(arguments.output)
     report = {"input": str(arguments.input), "output": str(arguments.output), **result.to_dict()}
-    report["notes"] += left_out
     comparisons = _add_comparisons(report, result, edge_length) if arguments.compare else {}
-    if arguments.report is not None:
-        write_json(arguments.report, report)
-    if arguments.picture is not None:
-        from spinor_geom.render.fill_scene import fill_scene
-        from spinor_geom.render.png import write_png
+    with together():
+        left_out = filled.write(arguments.output)
+        report["notes"] += left_out
+        if arguments.report is not None:
+            write_json(arguments.report, report)
+        if arguments.picture is not None:
+            from spinor_geom.render.fill_scene import fill_scene
+            from spinor_geom.render.png import write_png
 
-        write_png(fill_scene(result), arguments.picture)
-    if arguments.html is not None:
-        from spinor_geom.render.report import report as write_page
+            write_png(fill_scene(result), arguments.picture)
+        if arguments.html is not None:
+            from spinor_geom.render.report import report as write_page
 
-        write_page(result, arguments.html, comparisons=comparisons)
+            write_page(result, arguments.html, comparisons=comparisons)
     # after all files are written, because standard output may be closed or full
     for index, comparison in comparisons.items():
         show_lines(f"loop {index}\n{comparison}", piped=True)

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import NAMES
-from spinor_geom.files import atomic_path, finite, write_json, write_text
+from spinor_geom.files import atomic_path, finite, together, write_json, write_text
 from spinor_geom.render.page import document, picture
 from spinor_geom.render.tables import Table
 from spinor_geom.training import LevenbergMarquardt, RMSprop
@@ -124,8 +124,9 @@ def reproduce(
     chosen, done = {name: experiment(name) for name in names}, list[Results]()
     for name, one in chosen.items():
         done.append(_run(name, one, Path(folder) / name, quick))
-        write_text(Path(folder) / REPORT, report(done, quick=quick))
-        write_text(Path(folder) / PAGE, page(done, Path(folder), quick=quick))
+        with together():
+            write_text(Path(folder) / REPORT, report(done, quick=quick))
+            write_text(Path(folder) / PAGE, page(done, Path(folder), quick=quick))
         if on_done is not None:
             on_done(done[-1])
     return tuple(done)

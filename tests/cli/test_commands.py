@@ -432,7 +432,7 @@ def test_a_report_that_was_there_survives_a_failure(
     with pytest.raises(ZeroDivisionError):
         main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), "--report", str(report)])
     assert report.read_text() == "old"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["filled.obj", "report.json", "tube.obj"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["report.json", "tube.obj"]
 
 
 PROGRAM = "import sys; from spinor_geom.cli.main import main; sys.exit(main(sys.argv[1:]))"
@@ -698,3 +698,26 @@ def test_nothing_is_suggested_where_nothing_is_near(capsys: pytest.CaptureFixtur
     with pytest.raises(SystemExit):
         main(["fill", "in.obj", "-o", "out.obj", "--zzz"])
     assert "did you mean" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(28, "No space left on device")])
+@pytest.mark.parametrize("writer", ["fill.write_json", "png.atomic_path", "report.write_text", "files._replace"])
+def test_an_interrupted_fill_changes_none_of_its_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writer: str, error: BaseException
+) -> None:
+    pytest.importorskip("pyvista")
+    outputs = {"-o": "out.obj", "--report": "out.json", "--picture": "out.png", "--html": "out.html"}
+    for name in list(outputs.values())[::2]:
+        (tmp_path / name).write_text("old")
+
+    def failing(*_: object) -> None:
+        raise error
+
+    module, name = writer.split(".")
+    package = {"fill": "cli.", "files": ""}.get(module, "render.")
+    monkeypatch.setattr(f"spinor_geom.{package}{module}.{name}", failing)
+    mesh = str(Path(__file__).parents[2] / "data" / "trimesh_reference.obj")
+    arguments = [word for option, name in outputs.items() for word in (option, str(tmp_path / name))]
+    expected = 130 if isinstance(error, KeyboardInterrupt) else 2
+    assert main(["fill", mesh, *arguments]) == expected
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"out.obj": b"old", "out.png": b"old"}
