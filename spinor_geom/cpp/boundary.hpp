@@ -8,6 +8,7 @@
 #include <numeric>
 #include <vector>
 
+#include "entry.hpp"
 #include "size_field.hpp"
 
 namespace plane {
@@ -31,8 +32,12 @@ public:
             high_ = std::max(high_, a.y);
         }
         tree_ = Tree(std::move(centres), std::move(radii));
-        // the edges that each of m horizontal strips meets
-        first_.assign(m + 1, 0);
+        // The edges that each of some horizontal strips meets: m strips, or fewer where edges are as high as many of
+        // them, so that there are at most 4m more entries than edges.
+        double rise = 0;
+        for (int64_t i = 0; i < m; ++i) rise += std::abs(end(i).y - start(i).y);
+        strips_ = static_cast<int64_t>(std::clamp(4 * m * (high_ - low_) / rise, 1.0, static_cast<double>(m)));
+        first_.assign(strips_ + 1, 0);
         for (int round = 0; round < 2; ++round) {
             for (int64_t i = 0; i < m; ++i) {
                 const double a = start(i).y, b = end(i).y;
@@ -42,8 +47,8 @@ public:
             }
             if (!round) {
                 std::partial_sum(first_.begin(), first_.end(), first_.begin());
-                edges_.resize(first_[m]);
-                filled_.assign(m, 0);
+                edges_.resize(first_[strips_]);
+                filled_.assign(strips_, 0);
             }
         }
     }
@@ -72,6 +77,12 @@ public:
         return inside;
     }
 
+    // Number of edges that `is_inside` looks at.
+    size_t strip_size(Point p) const {
+        const int64_t k = strip(p.y);
+        return static_cast<size_t>(first_[k + 1] - first_[k]);
+    }
+
     bool has_room(Point p) const { return is_inside(p) && !too_near(p); }
 
     double area() const {
@@ -86,14 +97,15 @@ public:
         return sum;
     }
 
-    // Points inside of the triangular lattice with rows along the x-axis.
-    std::vector<Point> lattice(double spacing) const {
+    // Points inside of the triangular lattice with rows along the x-axis; fewer rows if the time is over.
+    std::vector<Point> lattice(double spacing, TimeLimit& limit) const {
         std::vector<Point> points;
         std::vector<double> crossings;
         const double height = std::sqrt(0.75) * spacing;
         for (double row = std::ceil(low_ / height); row * height < high_; ++row) {
             const double y = row * height;
             const int64_t k = strip(y);
+            if (limit.is_over(strip_size({0, y}))) break;
             crossings.clear();
             for (int64_t j = first_[k]; j < first_[k + 1]; ++j) {
                 const Point a = start(edges_[j]), b = end(edges_[j]);
@@ -110,13 +122,14 @@ public:
 
 private:
     int64_t strip(double y) const {
-        const double m = static_cast<double>(region_.boundary_size);
-        return static_cast<int64_t>(std::clamp(std::floor((y - low_) / (high_ - low_) * m), 0.0, m - 1));
+        const double count = static_cast<double>(strips_);
+        return static_cast<int64_t>(std::clamp(std::floor((y - low_) / (high_ - low_) * count), 0.0, count - 1));
     }
 
     const Region& region_;
     double low_, high_;
     Tree tree_;
+    int64_t strips_;
     std::vector<int64_t> first_, filled_, edges_;
 };
 

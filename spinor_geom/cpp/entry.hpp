@@ -3,7 +3,7 @@
 #pragma once
 
 #include <chrono>
-#include <cstdint>
+#include <cstddef>
 #include <new>
 #include <stdexcept>
 
@@ -36,19 +36,23 @@ int outcome_of(Function function) noexcept {
     }
 }
 
-// A time limit, which loops look at in each step; the clock itself is read every 1024 steps.
+// A time limit, which loops look at in each step; the clock itself is read every 1024 steps. A long step counts as many.
 class TimeLimit {
 public:
     explicit TimeLimit(double seconds) : end_(now() + seconds), is_over_(seconds < 0) {}
 
-    bool is_over() {
-        if (++steps_ % 1024 == 0) is_over_ = is_over_ || now() > end_;
+    bool is_over(size_t steps = 1) {
+        steps_ += steps;
+        if (steps_ >= 1024) {
+            steps_ = 0;
+            is_over_ = is_over_ || now() > end_;
+        }
         return is_over_;
     }
 
     // For loops whose results are of no use before the end.
-    void require_time() {
-        if (is_over()) throw OutOfTime();
+    void require_time(size_t steps = 1) {
+        if (is_over(steps)) throw OutOfTime();
     }
 
 private:
@@ -58,5 +62,5 @@ private:
 
     double end_;
     bool is_over_;
-    int64_t steps_ = 0;
+    size_t steps_ = 0;
 };

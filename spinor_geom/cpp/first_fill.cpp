@@ -22,7 +22,7 @@ ENTRY_POINT int minimum_area_splits(int64_t n, const double* points, double weig
             }
         for (int64_t d = 2; d < n; ++d)
             for (int64_t i = 0; i + d < n; ++i) {
-                limit.require_time();
+                limit.require_time(static_cast<size_t>(d));
                 const int64_t j = i + d;
                 const double *a = &ahead[n * i], *b = &behind[n * j], *before = &cost_ahead[n * i];
                 const double *after = &cost_behind[n * j], square = a[d] * a[d];

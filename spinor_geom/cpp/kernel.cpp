@@ -45,7 +45,9 @@ ENTRY_POINT int refine(
         const Boundary edges(region);
         Output output{most_points, points, faces, counts[0], counts[1]};
         Mesh mesh(region, size, edges, limit, output);
-        mesh.insert_all(seed_count < 0 ? lattice_points(edges, size, most_points) : tips_and_seeds(region, edges, size, seeds));
+        mesh.insert_all(
+            seed_count < 0 ? lattice_points(edges, size, most_points, limit)
+                           : tips_and_seeds(region, edges, size, seeds, limit));
         mesh.refine();
         mesh.split_long_bridges();
         mesh.smooth();

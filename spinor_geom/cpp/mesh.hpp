@@ -116,6 +116,7 @@ public:
             });
             const int before = n_;
             for (const Bridge& bridge : bridges) {
+                if (limit_.is_over()) return;
                 if (n_ == m_ + output_.most_points + m_ || boundary_.too_near(bridge.place)) continue;
                 const int t = containing(bridge.place, bridge.triangle);
                 if (t >= 0) insert(bridge.place, t, 0.4 * bridge.length);
@@ -128,7 +129,7 @@ public:
     // stay if they would be too near to the boundary, or would flip a triangle or make it thin.
     void smooth() {
         if (n_ == m_) return;
-        for (int round = 0; round < kMoves; ++round) {
+        for (int round = 0; round < kMoves && !limit_.is_over(triangles_.size()); ++round) {
             std::vector<Point> moved(n_, Point{0, 0});
             std::vector<int> degree(n_, 0);
             for (const Triangle& t : triangles_)
@@ -150,6 +151,7 @@ public:
     // Moves inner points of triangles with an angle below 25 degrees to the best of a few places nearby.
     void polish() {
         for (const double step : kPolishing) {
+            if (limit_.is_over(triangles_.size())) return;
             const std::vector<std::vector<std::pair<int, int>>> stars = worst_stars();
             if (stars.empty()) break;
             for (const auto& star : stars) {
@@ -236,9 +238,9 @@ private:
     }
 
     // The triangle that contains p, or -1 if p is outside.
-    int containing(Point p, int from) const {
+    int containing(Point p, int from) {
         const int found = walk(p, from, triangles_.size());
-        if (found >= 0 || !boundary_.is_inside(p)) return found;
+        if (found >= 0 || limit_.is_over(triangles_.size()) || !boundary_.is_inside(p)) return found;
         for (int t = 0; t < static_cast<int>(triangles_.size()); ++t) {
             const auto& v = triangles_[t].vertex;
             if (side(point(v[0]), point(v[1]), p) >= 0 && side(point(v[1]), point(v[2]), p) >= 0 &&
@@ -397,7 +399,7 @@ private:
         std::vector<int> stack(triangles_.size());
         std::iota(stack.begin(), stack.end(), 0);
         // rounding could make cocircular points flip for ever
-        for (size_t left = 100 * triangles_.size(); !stack.empty() && left; --left) {
+        for (size_t left = 100 * triangles_.size(); !stack.empty() && left && !limit_.is_over(); --left) {
             const int t = stack.back();
             stack.pop_back();
             for (int k = 0; k < 3; ++k)

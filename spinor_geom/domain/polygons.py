@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.arrays import EPS, shifted
 from spinor_geom.domain.delaunay import cross, flat_coordinates, plane_coordinates
-from spinor_geom.mesh.boxes import edges_with_near_boxes
 from spinor_geom.mesh.intersections import LEAST_ANGLE, LEAST_DISTANCE, crossings_between
+from spinor_geom.mesh.near_edges import near_edges
 from spinor_geom.mesh.operators import winding_numbers
 
 
@@ -20,9 +20,6 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
     m = len(polygon)
     ends = np.stack([polygon, shifted(polygon, -1)])
     edge = ends[1] - ends[0]
-    i, j = edges_with_near_boxes(flat_coordinates(ends[0]), flat_coordinates(ends[1]), 0.0)
-    apart = (j - i > 1) & (j - i < m - 1)
-    i, j = i[apart], j[apart]
     on_line = 1e-12 * np.abs(edge) * np.abs(polygon - polygon[0]).max()
 
     def has_ends_on_both_sides(one: Int[np.ndarray, " k"], other: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
@@ -31,12 +28,15 @@ def crossing_edges(polygon: Complex[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]
         side[np.abs(side) <= on_line[one]] = 0
         return np.asarray(side[0] * side[1] < 0)
 
-    hit = has_ends_on_both_sides(i, j)
-    hit[hit] = has_ends_on_both_sides(j[hit], i[hit])
+    def cross_each_other(i: Int[np.ndarray, " k"], j: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+        apart = (j - i > 1) & (j - i < m - 1)
+        return np.asarray(apart & has_ends_on_both_sides(i, j) & has_ends_on_both_sides(j, i))
+
+    hits = near_edges(flat_coordinates(ends[0]), flat_coordinates(ends[1]), 0.0, cross_each_other)
     turn = np.conj(edge) * shifted(edge, -1)
     back = np.flatnonzero((turn.imag == 0) & (turn.real < 0))
     folds = np.sort(np.stack([back, (back + 1) % m], axis=1), axis=1)
-    pairs = np.concatenate([np.stack([i[hit], j[hit]], axis=1), folds])
+    pairs = np.concatenate([hits, folds])
     return np.asarray(pairs[np.lexsort(pairs.T[::-1])])
 
 

@@ -15,7 +15,7 @@ from spinor_geom.arrays import EPS, cross, norm, shifted
 from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.boxes import edges_with_near_boxes
+from spinor_geom.mesh.near_edges import near_edges
 from spinor_geom.mesh.topology import HalfEdges
 
 Points = Float[np.ndarray, "k 3"]
@@ -127,10 +127,11 @@ def _meeting_edges(starts: Chain, ends: Chain, wanted: Callable[..., Bool[np.nda
     """The wanted pairs i < j of edges that meet, and the tolerance in mesh units."""
     tolerance = MEETING_PER_DIAGONAL * float(np.linalg.norm(np.ptp(starts, axis=0)))
     tolerance += 4 * EPS * float(np.abs(starts).max())
-    i, j = edges_with_near_boxes(starts, ends, tolerance)
-    pairs = np.stack([i, j], axis=1)[wanted(i, j)]
-    i, j = pairs.T
-    return pairs[_segment_distances(starts[i], ends[i], starts[j], ends[j]) <= tolerance], tolerance
+
+    def meet(i: Numbers, j: Numbers) -> Bool[np.ndarray, " k"]:
+        return np.asarray(wanted(i, j) & (_segment_distances(starts[i], ends[i], starts[j], ends[j]) <= tolerance))
+
+    return near_edges(starts, ends, tolerance, meet), tolerance
 
 
 def require_simple(loop: BoundaryLoop) -> None:

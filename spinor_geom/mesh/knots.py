@@ -1,11 +1,11 @@
 """Detection of knotted polygons by the Alexander polynomial."""
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from spinor_geom.mesh.boundary_loop import turning_angles
-from spinor_geom.mesh.boxes import edges_with_near_boxes
 from spinor_geom.mesh.intersections import is_star
+from spinor_geom.mesh.near_edges import Numbers, near_edges
 
 Passed = Float[np.ndarray, " c"]  # positions of crossings: edge number plus share of the edge
 
@@ -42,16 +42,23 @@ def knot_determinant(points: Float[np.ndarray, "m 3"]) -> float | None:
 def _crossings(points: Float[np.ndarray, "m 3"]) -> tuple[Passed, Passed, Int[np.ndarray, " c"]]:
     """Positions of the over- and undercrossings in the projection along the third axis, and their signs."""
     flat = points * [1, 1, 0]
-    first, second = edges_with_near_boxes(flat, np.roll(flat, -1, axis=0), 0.0)
     z = flat @ [1, 1j, 0]
     along = np.roll(z, -1) - z
-    u, v, w = along[first], along[second], z[second] - z[first]
-    turn = (u.conj() * v).imag
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s, t = (w.conj() * v).imag / turn, (w.conj() * u).imag / turn
-    meet = (s >= 0) & (s < 1) & (t >= 0) & (t < 1) & (turn != 0)
-    meet &= (second - first > 1) & (second - first < len(points) - 1)
-    first, second, s, t, turn = first[meet], second[meet], s[meet], t[meet], turn[meet]
+
+    def places_of(first: Numbers, second: Numbers) -> tuple[Passed, Passed, Passed]:
+        """Where two edges meet, as shares of both, and the sine of their angle times their lengths."""
+        u, v, w = along[first], along[second], z[second] - z[first]
+        turn = (u.conj() * v).imag
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return (w.conj() * v).imag / turn, (w.conj() * u).imag / turn, turn
+
+    def cross_each_other(first: Numbers, second: Numbers) -> Bool[np.ndarray, " k"]:
+        s, t, turn = places_of(first, second)
+        apart = (second - first > 1) & (second - first < len(points) - 1)
+        return np.asarray(apart & (s >= 0) & (s < 1) & (t >= 0) & (t < 1) & (turn != 0))
+
+    first, second = near_edges(flat, np.roll(flat, -1, axis=0), 0.0, cross_each_other).T
+    s, t, turn = places_of(first, second)
     rise = np.roll(points[:, 2], -1) - points[:, 2]
     above = points[first, 2] + s * rise[first] > points[second, 2] + t * rise[second]
     places = np.stack([first + s, second + t])

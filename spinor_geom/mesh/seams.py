@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinor_geom.arrays import norm, shifted
-from spinor_geom.mesh.boxes import edges_with_near_boxes
+from spinor_geom.mesh.near_edges import near_edges
 from spinor_geom.mesh.topology import SHARE_OF_EDGE, near_vertices
 
 Points = Float[np.ndarray, "n 3"]
@@ -107,7 +107,7 @@ def _points_on_edges(
     if not len(edges):
         return edges, edges, np.zeros(0), np.zeros(0)
     ends = successor[edges]
-    i, j = edges_with_near_boxes(points[edges], points[ends], float(reach.max()))
+    i, j = near_edges(points[edges], points[ends], float(reach.max()), np.less).T  # all pairs
     edge = np.concatenate([edges[i], edges[i], edges[j], edges[j]])
     entry = np.concatenate([edges[j], ends[j], edges[i], ends[i]])
     inside = (place[entry] != place[edge]) & (place[entry] != place[successor[edge]])
