@@ -31,7 +31,7 @@ def is_out_of_time() -> bool:
     return seconds_left() < 0
 
 
-def require_time() -> None:
-    """Raises an OutOfTimeError if the time limit has expired, for computations without a partial result."""
-    if is_out_of_time():
+def require_time(seconds: float = 0.0) -> None:
+    """Raises an OutOfTimeError if fewer seconds are left: before a step of that length which cannot be interrupted."""
+    if seconds_left() < seconds:
         raise OutOfTimeError

@@ -362,7 +362,7 @@ def test_an_unknown_output_format_is_refused_before_the_work(
     def too_late(*_: object, **__: object) -> None:
         pytest.fail("the solver ran")
 
-    monkeypatch.setattr("spinor_geom.fill.exact_patches.solve_plateau_batch", too_late)
+    monkeypatch.setattr("spinor_geom.fill.solved_loops.solve_plateau_batch", too_late)
     path = write(tmp_path / "tube.obj", obj_text(tube()))
     assert main(["fill", str(path), "-o", str(tmp_path / "o.docx")]) == 2
     assert ".docx" in capsys.readouterr().err

@@ -16,8 +16,8 @@ from spinor_geom.batching.settings import BatchOptions
 from spinor_geom.batching.store import Store, Writer, failure
 from spinor_geom.batching.task import FileTask
 from spinor_geom.errors import ArchiveError, BatchError, OptionError, SpinorGeomError
-from spinor_geom.fill.exact_patches import SolvedLoop, minimal_patches
 from spinor_geom.fill.fill_options import FillOptions
+from spinor_geom.fill.solved_loops import SolvedLoop, solved_loops
 from spinor_geom.isolate import Send, serve
 from spinor_geom.plateau.options import usable_place
 
@@ -92,7 +92,7 @@ def _patches(
     loops: list[Any], fill_options: FillOptions, options: BatchOptions, send: Send, *, is_rim: bool = True
 ) -> Iterator[SolvedLoop]:
     """The patch of each loop in order, or the error instead."""
-    for solved in minimal_patches(loops, fill_options, is_rim=is_rim, device=options.device):
+    for solved in solved_loops(loops, fill_options, is_rim=is_rim, device=options.device):
         send({"solving": ""})
         yield solved
 

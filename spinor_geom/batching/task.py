@@ -26,13 +26,13 @@ from spinor_geom.batching.store import STATUSES, Writer, failure
 from spinor_geom.comparison import compare
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import safe_name
-from spinor_geom.fill.exact_patches import SolvedLoop
 from spinor_geom.fill.fill_loop import Stopwatch, fill_loop, unfilled
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.filling import Filling
 from spinor_geom.fill.merging import merged
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
+from spinor_geom.fill.solved_loops import SolvedLoop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.triangle_mesh import TriangleMesh, require_faces
 from spinor_geom.plateau.solution import PlateauSolution

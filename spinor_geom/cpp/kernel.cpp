@@ -30,7 +30,8 @@ ENTRY_POINT int sizes(
 
 // Refines a constrained Delaunay triangulation of the boundary until the time is over. `points` has room for
 // boundary_size + most_points and one point beside each bridge, `faces` for twice as many, after the `counts[1]` given
-// ones. `counts` becomes the numbers of points and of faces. `seed_count` is -1 for a lattice.
+// ones. `counts` becomes the numbers of points and of faces, and 0 if a limit ended the refinement. `seed_count` is -1
+// for a lattice.
 ENTRY_POINT int refine(
     int64_t boundary_size, const Point* boundary, const int64_t* after, double growth, double decay,
     int64_t sample_count, const Point* samples, const double* log_lengths, int64_t neighbours,
@@ -43,7 +44,7 @@ ENTRY_POINT int refine(
         require_numbers(static_cast<size_t>(boundary_size + most_points));
         const SizeField size(region);
         const Boundary edges(region);
-        Output output{most_points, points, faces, counts[0], counts[1]};
+        Output output{most_points, points, faces, counts[0], counts[1], counts[2]};
         Mesh mesh(region, size, edges, limit, output);
         mesh.insert_all(
             seed_count < 0 ? lattice_points(edges, size, most_points, limit)

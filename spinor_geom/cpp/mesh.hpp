@@ -75,10 +75,14 @@ public:
     void refine() {
         for (int t = 0; t < static_cast<int>(triangles_.size()); ++t) enqueue(t);
         is_refining_ = true;
-        while (!queue_.empty() && n_ < m_ + output_.most_points && !limit_.is_over()) {
+        while (!queue_.empty()) {
             const Poor poor = queue_.top();
             queue_.pop();
             if (version_[poor.triangle] != poor.version || !is_poor(poor) || boundary_.too_near(poor.centre)) continue;
+            if (n_ >= m_ + output_.most_points || limit_.is_over()) {
+                output_.is_complete = false;
+                break;
+            }
             const int t = walk(poor.centre, poor.triangle, kLongestWalk);
             if (t >= 0) insert(poor.centre, t, 0);
         }

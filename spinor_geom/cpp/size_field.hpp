@@ -35,6 +35,7 @@ struct Output {
     Point* points;
     int64_t* faces;
     int64_t &point_count, &face_count;
+    int64_t& is_complete;  // 0 if the limit on points or on time ended the refinement
 };
 
 constexpr int kMostNeighbours = 8;

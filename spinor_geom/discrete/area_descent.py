@@ -7,10 +7,9 @@ from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csc_array
 
 from spinor_geom.arrays import shifted
-from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.triangulation import PlaneTriangulation
-from spinor_geom.errors import SingularMatrixError
+from spinor_geom.errors import OutOfTimeError, SingularMatrixError
 from spinor_geom.mesh.operators import face_areas, factor_symmetric, mollified_laplacian, vertex_normals
 
 Vertices = Float[np.ndarray, "n 3"]
@@ -35,7 +34,7 @@ class Disk:
 
 
 def harmonic_extension(laplacian: csc_array, boundary: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n k"]:
-    """Values at all vertices, given at the first m and discretely harmonic at the others."""
+    """Values at all vertices, given at the first m and harmonic at the others; raises as `factor_symmetric`."""
     m = len(boundary)
     if laplacian.shape[0] == m:
         return np.array(boundary)
@@ -45,7 +44,7 @@ def harmonic_extension(laplacian: csc_array, boundary: Float[np.ndarray, "m k"])
 
 
 def descend_from_plane(plane: PlaneTriangulation, boundary: Vertices, *, relative_change: float) -> Disk:
-    """`descend_area` from the harmonic map of a plane mesh to given boundary points in space."""
+    """`descend_area` from the harmonic map of a plane mesh to points in space; raises as `factor_symmetric`."""
     mapped = harmonic_extension(mollified_laplacian(plane_coordinates(plane.points), plane.faces), boundary)
     return descend_area(mapped, plane.faces, len(boundary), relative_change=relative_change)
 
@@ -53,7 +52,7 @@ def descend_from_plane(plane: PlaneTriangulation, boundary: Vertices, *, relativ
 def descend_area(
     vertices: Vertices, faces: Faces, boundary_size: int, *, relative_change: float, max_iterations: int = 100
 ) -> Disk:
-    """Moves the inner vertices until the area is stationary for motions along the vertex normals.
+    """Moves the inner vertices until the area is stationary for motions along the vertex normals, or time is out.
 
     First by harmonic maps of the current surface: ∇area = L(x)x with L the positive cotangent Laplacian, so the step
     −L⁻¹∇area to the harmonic map descends. Then by Newton's method for displacements along the vertex normals.
@@ -71,9 +70,10 @@ def descend_area(
         return Disk(vertices=x, faces=faces, areas=tuple(areas), converged=True)
     newton = converged = False
     for _ in range(max_iterations):
-        if is_out_of_time():
+        try:
+            step, slope = (_newton_step if newton else _harmonic_step)(x, faces, m)
+        except OutOfTimeError:
             break
-        step, slope = (_newton_step if newton else _harmonic_step)(x, faces, m)
         allowed = (relative_change if newton else max(FIRST_CHANGE, relative_change)) * areas[-1]
         length = 1.0
         while length > _SHORTEST_STEP:

@@ -33,7 +33,7 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     """
     kept = _thinned(points)
     corners = points[kept]
-    triangles = minimum_area_triangulation(corners)
+    triangles = minimum_area_triangulation(corners, seconds=seconds_left())
     side = corners[triangles[:, [2, 0, 1]]] - corners[triangles[:, [1, 2, 0]]]
     angles = intrinsic_angles(norm(side))
     turning = np.pi - np.bincount(triangles.ravel(), angles.ravel(), minlength=len(corners))
@@ -60,7 +60,9 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
     return np.asarray(np.interp(along, along[kept], flat.boundary, period=edge.sum()))
 
 
-def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "t 3"]:
+def minimum_area_triangulation(
+    points: Float[np.ndarray, "n 3"], *, seconds: float = math.inf
+) -> Int[np.ndarray, "t 3"]:
     """Triangles (i, j, k), i < j < k, of least total area that span a closed curve without inner vertices.
 
     Dynamic programming over the splits of every chord, O(n³) time.
@@ -69,7 +71,7 @@ def minimum_area_triangulation(points: Float[np.ndarray, "n 3"]) -> Int[np.ndarr
     """
     split = np.zeros((len(points), len(points)), dtype=np.int64)
     points = checked("points", points, np.float64, None, 3)
-    call("minimum_area_splits", len(points), points, _DIAGONAL_WEIGHT, seconds_left(), split)
+    call("minimum_area_splits", len(points), points, _DIAGONAL_WEIGHT, seconds, split)
     return triangles_of(split)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,23 +11,24 @@ from jaxtyping import Complex, Float, Int
 
 from spinor_geom.adapters import to_rims
 from spinor_geom.arrays import TINY
-from spinor_geom.deadline import require_time
+from spinor_geom.deadline import require_time, seconds_left
 from spinor_geom.discrete.area_descent import FIRST_CHANGE, Disk, descend_area, descend_from_plane, harmonic_extension
 from spinor_geom.discrete.first_fill import disk_without_inner_points, unfolded_loop
 from spinor_geom.discrete.strip import discrete_annulus
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.domain.sizes import SizeField
-from spinor_geom.domain.triangulation import MOST_POINTS, triangulate_polygon
+from spinor_geom.domain.sizes import SizeField, edge_length_of
+from spinor_geom.domain.triangulation import MOST_POINTS, PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import (
     DomainError,
     FirstFillError,
     OptionError,
+    OutOfTimeError,
     TooManyRimsError,
     require_positive,
 )
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.operators import face_areas, mollified_laplacian
+from spinor_geom.mesh.operators import face_areas, mollified_laplacian, vertices_to_factor
 from spinor_geom.mesh.spacing import edge_lengths
 from spinor_geom.mesh.topology import boundary_edges, is_disk
 from spinor_geom.shown import Shown, shortened
@@ -41,6 +41,7 @@ FINE_CHANGE = 1e-8
 _FINE_GROWTH = 0.15
 _MOST_STRETCHED = 4.0  # times the mean stretch from the plane; a larger one does not refine the mesh further
 _REMESHING_STEPS = 5
+_STEPS = 10  # of a descent, each with a factorisation; most descents take fewer
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,6 +58,7 @@ class DiscreteMinimalSurface(Shown):
         reason: why it did not converge, or the fallback that was used, in one sentence; else empty.
         method: the `method` argument.
         seconds: wall time.
+        is_complete: false if a limit on time or on vertices makes the triangles larger than asked for.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -68,6 +70,7 @@ class DiscreteMinimalSurface(Shown):
     reason: str
     method: DiscreteMethod
     seconds: float
+    is_complete: bool = True
 
     def __repr__(self) -> str:
         state = "converged" if self.converged else f"not converged: {self.reason}"
@@ -132,16 +135,35 @@ def discrete_minimal_surface(
     if method not in ("libigl", "pymeshlab"):
         raise OptionError(f"unknown method {method!r}; choose 'libigl' or 'pymeshlab'")
     start = time.perf_counter()
-    unit = (loop.points - loop.centroid) / loop.diagonal
-    length = loop.mean_edge_length if target_edge_length is None and method == "pymeshlab" else target_edge_length
-    target = None if length is None else length / loop.diagonal
-    disk = _stationary_disk(unit, relative_change, target)
-    if method == "pymeshlab" and target is not None:
-        # n equilateral pairs of triangles of edge h have the area n·h²·√3/2
-        shortest = math.sqrt(2 * disk.areas[-1] / (math.sqrt(3) * MOST_POINTS))
-        vertices, faces = remeshed(disk.vertices, disk.faces, len(loop), max(target, shortest))
-        disk = descend_area(vertices, faces, len(loop), relative_change=relative_change)
-    return _result(disk, loop.points, scale=loop.diagonal, centre=loop.centroid, method=method, start=start)
+    if method == "libigl":
+        return surface_over_plane(loop, target_edge_length, relative_change)[0]
+    target = (loop.mean_edge_length if target_edge_length is None else target_edge_length) / loop.diagonal
+    disk, _ = _stationary_disk(_at_unit_size(loop), relative_change, target)
+    shortest = edge_length_of(disk.areas[-1], MOST_POINTS)
+    vertices, faces = remeshed(disk.vertices, disk.faces, len(loop), max(target, shortest))
+    disk = descend_area(vertices, faces, len(loop), relative_change=relative_change)
+    surface = _result(disk, loop.points, scale=loop.diagonal, centre=loop.centroid, method=method, start=start)
+    return replace(surface, is_complete=target >= shortest)
+
+
+def surface_over_plane(
+    loop: BoundaryLoop, target: float | None, relative_change: float = FINE_CHANGE
+) -> tuple[DiscreteMinimalSurface, PlaneTriangulation]:
+    """The discrete minimal surface over one loop by "libigl", and the plane triangulation it was made from.
+
+    Under a time limit it has at most as many vertices as can be moved ten times in the time that is left.
+
+    Raises:
+        OutOfTimeError: the time limit was reached before there was a surface.
+    """
+    start, scale = time.perf_counter(), loop.diagonal
+    disk, plane = _stationary_disk(_at_unit_size(loop), relative_change, None if target is None else target / scale)
+    surface = _result(disk, loop.points, scale=scale, centre=loop.centroid, start=start)
+    return replace(surface, is_complete=plane.is_complete), plane
+
+
+def _at_unit_size(loop: BoundaryLoop) -> Float[np.ndarray, "m 3"]:
+    return np.asarray((loop.points - loop.centroid) / loop.diagonal)
 
 
 def relaxed_surface(
@@ -177,8 +199,10 @@ def _result(
     )
 
 
-def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, target: float | None) -> Disk:
-    """A disk of stationary area over any closed curve, or the best one found, with the reason.
+def _stationary_disk(
+    points: Float[np.ndarray, "m 3"], relative_change: float, target: float | None
+) -> tuple[Disk, PlaneTriangulation]:
+    """A disk of stationary area over any closed curve, or the best one found, with the reason; and its plane mesh.
 
     The domain of the first disk is the unfolding, or else a round one. The domain of the final disk is the flattened
     first disk, or else the first domain.
@@ -186,29 +210,47 @@ def _stationary_disk(points: Float[np.ndarray, "m 3"], relative_change: float, t
     domain, failure = np.empty(0), ""
     try:
         domain = unfolded_loop(points)
-        first = descend_from_plane(triangulate_polygon(domain), points, relative_change=FIRST_CHANGE)
+        first_plane, first = _descended(domain, SizeField(), points, FIRST_CHANGE)
     except (DomainError, FirstFillError) as error:
-        # on the unit circle, by the mean of index and arc length
-        length = edge_lengths(points)
-        domain = np.exp(1j * np.cumsum(np.pi * (length / length.sum() + 1 / len(points))))
+        domain = on_circle(points)
         failure = f"it started from a round domain: {error}"
-        first = descend_from_plane(triangulate_polygon(domain), points, relative_change=FIRST_CHANGE)
+        first_plane, first = _descended(domain, SizeField(), points, FIRST_CHANGE)
+    # an edge length for which the area can be lowered in several steps
+    shortest = edge_length_of(first.areas[-1], min(MOST_POINTS, vertices_to_factor(seconds_left() / _STEPS)))
+    length = None if target is None else max(target, shortest)
     try:
         flat = flatten(first.vertices, first.faces, len(points)).boundary
-        plane = triangulate_polygon(flat, _capped(flat, first, target))
-        disk = descend_from_plane(plane, points, relative_change=relative_change)
+        plane, disk = _descended(flat, _capped(flat, first, length), points, relative_change)
     except DomainError as error:
         failure = f"it was not remeshed on its flattening: {error}"
-        plane = triangulate_polygon(domain, _capped(domain, first, target))
-        disk = descend_from_plane(plane, points, relative_change=relative_change)
+        plane, disk = _descended(domain, _capped(domain, first, length), points, relative_change)
+    except OutOfTimeError:
+        plane, disk = replace(first_plane, is_complete=False), replace(first, converged=False)
+        failure = "the time limit was reached after the first fill"
+    plane = replace(plane, is_complete=plane.is_complete and length == target)
     if disk.converged and not failure:
-        return disk
+        return disk, plane
     faces = disk_without_inner_points(points)
     area = float(face_areas(points, faces).sum())
     if area < disk.areas[-1]:
         why = "the triangulation without inner vertices has less area"
-        return Disk(vertices=points, faces=faces, areas=(area,), converged=False, reason=why)
-    return replace(disk, reason=disk.reason or failure)
+        without = PlaneTriangulation(points=on_circle(points), faces=faces, boundary_size=len(points))
+        return Disk(vertices=points, faces=faces, areas=(area,), converged=False, reason=why), without
+    return replace(disk, reason=disk.reason or failure), plane
+
+
+def _descended(
+    domain: Complex[np.ndarray, " m"], size: SizeField, points: Float[np.ndarray, "m 3"], relative_change: float
+) -> tuple[PlaneTriangulation, Disk]:
+    """A triangulated plane domain, and the disk of stationary area over it; raises as `descend_from_plane`."""
+    plane = triangulate_polygon(domain, size, seconds=seconds_left())
+    return plane, descend_from_plane(plane, points, relative_change=relative_change)
+
+
+def on_circle(points: Float[np.ndarray, "m 3"]) -> Complex[np.ndarray, " m"]:
+    """Points of the unit circle for those of a closed curve, by the mean of index and arc length."""
+    length = edge_lengths(points)
+    return np.asarray(np.exp(1j * np.cumsum(np.pi * (length / length.sum() + 1 / len(points)))))
 
 
 def first_disk(points: Float[np.ndarray, "m 3"]) -> Disk:

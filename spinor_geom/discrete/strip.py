@@ -7,6 +7,7 @@ import math
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
+from spinor_geom.deadline import seconds_left
 from spinor_geom.discrete.area_descent import (
     FIRST_CHANGE,
     Disk,
@@ -120,7 +121,7 @@ def ruled_annulus(first: Rim, second: OtherRim, target: float) -> tuple[PlaneTri
     samples = (radii[:, None] * np.exp(2j * np.pi * np.arange(_GRID) / _GRID)).ravel()
     lengths = 2 * np.pi * np.abs(samples) * target / length
     size = SizeField(decay=GROWTH, samples=samples, lengths=lengths, neighbours=4)
-    plane = triangulate_polygon(places[0], size, holes=[places[1]])
+    plane = triangulate_polygon(places[0], size, holes=[places[1]], seconds=seconds_left())
     inner = plane.points[plane.boundary_size :]
     share = (np.log(np.abs(inner)) / math.log(abs(places[1][0])))[:, None]
     ends = [

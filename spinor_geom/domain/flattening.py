@@ -12,6 +12,7 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU
 
 from spinor_geom.arrays import EPS, cis, norm, shifted
+from spinor_geom.deadline import require_time
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.polygons import bound_domain, outer_clearance, untangled
 from spinor_geom.errors import DomainError, SingularMatrixError
@@ -188,9 +189,13 @@ def _least_straightened(
     clearance: float,
     drawn: Drawn | None,
 ) -> Flattening | None:
-    """The first simple boundary with enough clearance, else the first with half of it, else the first simple one."""
+    """The first simple boundary with enough clearance, else the first with half of it, else the first simple one.
+
+    Raises an OutOfTimeError if the time limit was reached before one with enough clearance.
+    """
     found: list[Flattening] = []
     for boundary in boundaries:
+        require_time()
         rims = tuple(rim for rim in boundary if rim is not None)
         if len(rims) < len(boundary) or not bound_domain(rims) or (drawn is not None and not bound_domain(drawn(rims))):
             continue

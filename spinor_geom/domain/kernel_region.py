@@ -54,11 +54,12 @@ class KernelRegion:
         seeds: tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"]] | None,
         max_points: int,
         seconds: float,
-    ) -> tuple[Complex[np.ndarray, "_"], Int[np.ndarray, "_ 3"]]:
+    ) -> tuple[Complex[np.ndarray, "_"], Int[np.ndarray, "_ 3"], bool]:
         """The inner points and faces of a refinement of a triangulation of the boundary, whose vertices come first.
 
         Refinement starts from seeds, points and their spacings, or from a lattice. It stops at `max_points`, except
-        for points that split long edges between boundary vertices, and after some seconds.
+        for points that split long edges between boundary vertices, and after some seconds. The last value is
+        false in both cases.
         """
         m = len(self.points)
         require_count(least=0, max_points=max_points)
@@ -71,7 +72,7 @@ class KernelRegion:
         points = np.empty(2 * m + max_points, dtype=np.complex128)
         made = np.empty((len(faces) + 2 * (m + max_points), 3), dtype=np.int64)
         made[: len(faces)] = faces
-        counts = np.array([m, len(faces)])
+        counts = np.array([m, len(faces), 1])
         call("refine", *self._region, seed_count, places, spacing, max_points, seconds, points, made, counts)
         inner = points[m : counts[0]] * self.scale + self.centre
-        return inner, made[: counts[1]].copy()
+        return inner, made[: counts[1]].copy(), bool(counts[2])

@@ -1,5 +1,6 @@
 """Wanted edge lengths at any point of a plane region, from the lengths of its boundary edges."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +16,11 @@ Polygon = Complex[np.ndarray, " _"]
 # largest increase and decrease of the edge length per unit of distance from the boundary
 GROWTH, DECAY = 0.35, 0.5
 MOST_NEIGHBOURS = 8  # as in size_field.hpp
+
+
+def edge_length_of(area: float, points: float) -> float:
+    """The edge length of equilateral triangles of which some points, two triangles for each, cover an area."""
+    return math.sqrt(2 * area / (math.sqrt(3) * max(points, 1.0)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,5 +1,6 @@
 """Triangulation of simple plane polygons with holes that keeps the boundary vertices and adds none."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.deadline import seconds_left
 from spinor_geom.domain.delaunay import Rims, constrained_delaunay, unique_edges
 from spinor_geom.domain.sizes import Polygon, SizeField
 from spinor_geom.errors import DomainError
@@ -35,6 +35,7 @@ class PlaneTriangulation:
     faces: Int[np.ndarray, "t 3"]  # counter-clockwise
     boundary_size: int  # number of boundary vertices, including those of holes
     hole_sizes: tuple[int, ...] = ()
+    is_complete: bool = True  # false if a limit on points or on time ended the refinement
 
     @property
     def rims(self) -> Rims:
@@ -61,13 +62,14 @@ def triangulate_polygon(
     holes: Sequence[Polygon] = (),
     seeds: Seeds | None = None,
     max_points: int = MOST_POINTS,
+    seconds: float = math.inf,
 ) -> PlaneTriangulation:
     """Triangulates a simple polygon with inner points so that edges are about `size` long and angles are large.
 
     Delaunay refinement inserts circumcentres of triangles that are too large or have an angle below 25°, and never
     close to a boundary edge, so no boundary edge is split. Then inner edges between two boundary vertices are split
     where there is room, inner points are smoothed, and points of triangles that are still poor are moved one by one.
-    Small angles that the boundary imposes remain. Refinement ends at the time limit; the triangulation is then coarser.
+    Small angles that the boundary imposes remain.
 
     Args:
         boundary: the polygon, counter-clockwise.
@@ -75,7 +77,8 @@ def triangulate_polygon(
         holes: polygons inside, clockwise, which are left out.
         seeds: inner points to start from; those outside or too near to the boundary are omitted, and points along the
             boundary are added. By default a lattice with the largest wanted size as spacing.
-        max_points: limit for the number of inner points.
+        max_points: limit for the number of inner points; the largest triangles are refined first.
+        seconds: limit for the time of the refinement.
 
     Raises:
         DomainError: a polygon runs in the wrong direction, has fewer than three vertices, a vertex that is not finite,
@@ -91,9 +94,15 @@ def triangulate_polygon(
     faces = constrained_delaunay(region.points, rims)
     _require_simple(faces, rims)
     # triangles get no inner points
-    inner, faces = region.refined(faces, seeds, max_points if len(given) > 3 else 0, seconds_left())
-    points = np.concatenate([given, inner])
-    return PlaneTriangulation(points=points, faces=faces, boundary_size=len(given), hole_sizes=rims[1:])
+    is_triangle = len(given) == 3
+    inner, faces, is_complete = region.refined(faces, seeds, 0 if is_triangle else max_points, seconds)
+    return PlaneTriangulation(
+        points=np.concatenate([given, inner]),
+        faces=faces,
+        boundary_size=len(given),
+        hole_sizes=rims[1:],
+        is_complete=is_complete or is_triangle,
+    )
 
 
 def _require_polygons(polygons: Sequence[Polygon]) -> None:

@@ -1,5 +1,7 @@
 """Attributes at the inner vertices of a patch: harmonic interpolation, labels of the nearest vertex, normals."""
 
+from typing import Literal
+
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
@@ -20,32 +22,35 @@ def patch_attributes(
     patch: Patch,
     surface: ArraySurface | None,
     *,
-    triangulated_in_domain: bool,
+    by: Literal["domain", "edges", "nearest"],
 ) -> dict[str, Float[np.ndarray, "n _"]]:
     """The attributes of a mesh at the inner vertices of a patch; `rim` are the mesh vertices of its boundary.
 
     Attributes are interpolated harmonically; integer ones are those of the nearest rim vertex. "normal" is the unit
     normal of the surface, on the side of the patch's faces. A value on the rim that is not finite is replaced by the
-    nearest finite one. The Laplacian is the cotangent Laplacian for a patch that was triangulated in Ω
-    (`triangulated_in_domain`), otherwise the graph Laplacian, because triangles in Ω may be degenerate.
+    nearest finite one. The Laplacian is the cotangent Laplacian for a patch that was triangulated in Ω ("domain"),
+    otherwise the graph Laplacian ("edges"), because triangles in Ω may be degenerate. With "nearest" all values are
+    those of the nearest rim vertex.
+
+    Raises:
+        OutOfTimeError: the time limit is too short for the interpolation.
 
     Source: Pinkall & Polthier (1993), the discrete Dirichlet energy.
     """
     size, attributes = patch.boundary_size, mesh.vertex_attributes
     columns = {name: _finite(attributes[name][rim], patch.vertices[:size]) for name in attributes if name != NORMAL}
     values: dict[str, Float[np.ndarray, "n _"]] = {}
-    if smooth := [name for name in columns if name not in mesh.labels]:
+    constant = columns if by == "nearest" else mesh.labels
+    if smooth := [name for name in columns if name not in constant]:
         faces = np.asarray(patch.faces)
         # the Dirichlet energy is conformally invariant: harmonic functions in Ω are those of the surface
         laplacian = (
-            cotangent_laplacian(plane_coordinates(patch.points), faces)
-            if triangulated_in_domain
-            else graph_laplacian(faces)
+            cotangent_laplacian(plane_coordinates(patch.points), faces) if by == "domain" else graph_laplacian(faces)
         )
         inner = harmonic_extension(laplacian, np.hstack([columns[name] for name in smooth]))[size:]
         ends = np.cumsum([columns[name].shape[1] for name in smooth])[:-1]
         values = dict(zip(smooth, np.split(inner, ends, axis=1), strict=True))
-    if labels := [name for name in columns if name in mesh.labels]:
+    if labels := [name for name in columns if name in constant]:
         nearest = cKDTree(patch.vertices[:size]).query(patch.vertices[size:])[1]
         values |= {name: columns[name][nearest] for name in labels}
     if NORMAL in attributes and surface is None:

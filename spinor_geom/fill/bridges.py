@@ -9,12 +9,12 @@ from time import perf_counter
 import numpy as np
 
 from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TwistedRimsError
-from spinor_geom.fill.exact_patches import Solved, exact_patch
 from spinor_geom.fill.fill_loop import fill_loop
 from spinor_geom.fill.fill_options import FillOptions, Islands
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.no_holes import require_hole
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
+from spinor_geom.fill.solved_loops import Solved, solved_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets
 from spinor_geom.mesh.operators import winding_numbers
@@ -121,7 +121,7 @@ def fill_between(
         surface = _surface_between(patched, indices, loops, options)
     except SpinorGeomError as error:
         surface = error
-    solved = exact_patch(loops[first], surface, perf_counter() - begin, options)
+    solved = solved_loop(loops[first], surface, perf_counter() - begin)
     beyond = {index: loops[index] for index in others}
     outcome, patch = fill_loop(patched, first, loops[first], solved, options, others=beyond)
     further = [
@@ -148,7 +148,7 @@ def _surface_between(
     """The exact surface between loops; raises a SurfaceError if there is none."""
     rims = [loops[index] for index in indices]
     solution = solve_plateau(
-        rims, model=options.model, tolerance=options.tolerance, between="free", time_limit=options.time_limit
+        rims, model=options.model, tolerance=options.tolerance, between="free", time_limit=options.seconds_to_solve
     )
     if isinstance(solution, NoConnectedSurface):
         advice = f"fill the {'two ' if len(indices) == 2 else ''}loops one by one instead"

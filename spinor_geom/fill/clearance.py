@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.spatial import cKDTree
 
+from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import PatchedMesh, patch_chords, split_chords
@@ -36,6 +37,8 @@ def cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
     farthest = _FARTHEST * float(np.linalg.norm(edges, axis=1).mean())
     wall, split, start = _Wall(patched, new.rim, patch, crossings.mesh[:, 1]), new.edges_split, patch.vertices
     for _ in range(_ROUNDS):
+        if is_out_of_time():
+            break
         faces, count = np.asarray(patch.faces), len(patch.vertices)
         own, old = crossings.mesh[:, 0] - patched.face_count, crossings.mesh[:, 1]
         chords = patch_chords(patch)

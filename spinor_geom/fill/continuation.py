@@ -163,6 +163,7 @@ def continue_patch(patch: Patch, collar: Collar, target: float) -> Faired:
     Raises:
         SingularMatrixError: triangles of the patch are degenerate.
         TooManyPointsError: the target length needs too many vertices.
+        OutOfTimeError: the time limit was reached before there was a result.
     """
     faired = minimised_curvature(patch, collar)
     if faired.defect and not patch.hole_sizes and not is_out_of_time():
@@ -171,7 +172,10 @@ def continue_patch(patch: Patch, collar: Collar, target: float) -> Faired:
             faired = replace(again, steps=faired.steps + again.steps, remeshed=True)
     faired = _remeshed(faired, collar, target)
     if faired.defect and not is_out_of_time():
-        plate = replace(thin_plate(patch, collar), lowered=faired.defect)
+        try:
+            plate = replace(thin_plate(patch, collar), lowered=faired.defect)
+        except OutOfTimeError:
+            return faired
         if plate.is_thin and not plate.folds:
             plate = _remeshed(plate, collar, target)
         if not plate.defect:

@@ -8,6 +8,7 @@ smooth mesh continues far into the patch, that of a rough one does not.
 Source: Schneider & Kobbelt (2001), Geometric fairing of irregular meshes for free-form surface design, for ΔH = 0.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, TypeAlias
@@ -18,6 +19,7 @@ from scipy.sparse import csc_array, diags_array
 
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
+from spinor_geom.errors import OutOfTimeError
 from spinor_geom.fill.collar import Collar
 from spinor_geom.mesh.operators import (
     Bending,
@@ -114,21 +116,31 @@ def folded_sides(patch: Patch) -> int:
 
 
 def thin_plate(patch: Patch, collar: Collar) -> Faired:
-    """Minimises ∫|Δx|², with the Laplacian of the patch: a linear problem."""
+    """Minimises ∫|Δx|², with the Laplacian of the patch: a linear problem; raises as `factor_symmetric`."""
     equations = _Equations(patch, collar)
     x = equations.smoothed(np.concatenate([patch.vertices[patch.boundary_size :], collar.vertices]))
     return replace(_faired(patch, x[: equations.free], 0, 0.0), order="thin plate")
 
 
 def minimised_curvature(patch: Patch, collar: Collar) -> Faired:
-    """Minimises ∫H² + ℓ²|∇H|² by Newton's method from several starts; the result with the smallest next step."""
+    """Minimises ∫H² + ℓ²|∇H|² by Newton's method from several starts; the result with the smallest next step.
+
+    Raises:
+        SingularMatrixError: triangles of the patch are degenerate.
+        OutOfTimeError: the time limit was reached before there was a result.
+    """
     equations, steps = _Equations(patch, collar), 0
     start = near = np.concatenate([patch.vertices[patch.boundary_size :], collar.vertices])
     best, least = near, np.inf
     for attempt in range(_STARTS + 1):
         # the last start is the patch itself, which is closer to convergence if it was remeshed
-        near = equations.smoothed(near) if attempt < _STARTS else start
-        x, more, left = equations.solved(near)
+        try:
+            near = equations.smoothed(near) if attempt < _STARTS else start
+            x, more, left = equations.solved(near)
+        except OutOfTimeError:
+            if attempt == 0:
+                raise
+            break
         steps += more
         if left < least:
             best, least = x, left
@@ -196,9 +208,10 @@ class _Equations:
                 continue
             steps += 1
             if damping < 1 or following_length > _QUICK * length:
-                factor = factor_symmetric(self._stiffness(moved, there))
-                following = -factor.solve(self._residual(moved, there))
-                following_length = float(np.sqrt(np.mean(following**2)))
+                with suppress(OutOfTimeError):  # the steps with the old factors converge more slowly
+                    factor = factor_symmetric(self._stiffness(moved, there))
+                    following = -factor.solve(self._residual(moved, there))
+                    following_length = float(np.sqrt(np.mean(following**2)))
             x, bending, step, length, damping = moved, there, following, following_length, 1.0
         left = float(np.abs(step).max() / edge)
         if left <= STEP_TOLERANCE:

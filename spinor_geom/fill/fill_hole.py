@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, o
 
 from spinor_geom.adapters import MeshFile, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning
-from spinor_geom.fill.exact_patches import minimal_patches
 from spinor_geom.fill.fill_loop import Stopwatch
 from spinor_geom.fill.fill_options import TIME_LIMIT, Choice, ContinuityName, FillOptions, Islands, LoopContinuity
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.fill.filling import Filling
 from spinor_geom.fill.loop_choice import LoopChoice
 from spinor_geom.fill.merging import merged
+from spinor_geom.fill.solved_loops import solved_loops
 from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.threads import one_thread
@@ -154,7 +154,7 @@ def fill_hole(
     with one_thread():
         filling = Filling(triangles, choice, options)
         clock.lap("loops")
-        outcomes, patches = filling.filled(minimal_patches(filling.rims, options), on_loop)
+        outcomes, patches = filling.filled(solved_loops(filling.rims, options), on_loop)
     clock.lap("fill")
     result = filling.result(source, outcomes, patches, clock)
     if return_report:

@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from types import MappingProxyType
 
-from spinor_geom.deadline import time_limit
+import numpy as np
+from jaxtyping import Float
+
+from spinor_geom.deadline import is_out_of_time, seconds_left, time_limit
 from spinor_geom.discrete.strip import ruled_annulus
 from spinor_geom.errors import (
     NoAreaError,
+    OutOfTimeError,
     SheetBorderError,
     SingularMatrixError,
     SpinorGeomError,
@@ -23,18 +28,21 @@ from spinor_geom.fill.clearance import cleared
 from spinor_geom.fill.collar import bend_across, collar_of
 from spinor_geom.fill.continuation import MOST_AREA, Continuation, continue_patch
 from spinor_geom.fill.discrete_patch import discrete_patch
-from spinor_geom.fill.exact_patches import SolvedLoop
 from spinor_geom.fill.fairing import folded_sides
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
 from spinor_geom.fill.retriangulation import retriangulated
+from spinor_geom.fill.solved_loops import SolvedLoop
 from spinor_geom.fill.thin_triangles import without_thin_triangles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
-from spinor_geom.meshing.embed import Patch, edge_length_over
+from spinor_geom.meshing.embed import Patch, edge_length_over, mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
+
+# reason for a patch of an exact surface that `mesh_patch` could not refine
+_COARSE = "its mesh of {} vertices has triangles larger than asked for (the limit on time or on vertices)"
 
 
 class Stopwatch:
@@ -73,20 +81,18 @@ def fill_loop(
         TooManyPointsError: `target_edge_length` needs too many vertices.
     """
     joined_to = next(iter(others), None)
-    clock = Stopwatch(solved.seconds)
+    clock = Stopwatch({"solve": solved.seconds})
     try:
-        new = _new_patch(patched, index, (loop, *others.values()), solved, options, clock)
+        with time_limit(options.time_limit - solved.seconds):
+            new = _new_patch(patched, index, (loop, *others.values()), solved, options, clock)
+            attributes, lowered = _attributes(patched, new)
     except SpinorGeomError as error:
         if isinstance(error, TooManyPointsError) and options.target_edge_length != "auto":
             raise
         clock.lap("failed")
         timings = clock.seconds()
         return unfilled(index, loop, error, solution=solved.solution, joined_to=joined_to, timings=timings), None
-    patch, is_remeshed = new.patch, new.continuation is not None and new.continuation.remeshed
-    triangulated_in_domain = new.solution is not None and not new.faces_replaced and not is_remeshed
-    attributes = patch_attributes(
-        patched.mesh, new.rim, patch, new.surface, triangulated_in_domain=triangulated_in_domain
-    )
+    patch = new.patch
     clock.lap("attributes")
     outcome = LoopOutcome(
         index=index,
@@ -107,7 +113,7 @@ def fill_loop(
         self_intersections=len(new.crossings.own),
         mesh_intersections=len(new.crossings.mesh),
         patch_intersections=len(new.crossings.patches),
-        remarks=(*loop.remarks, *new.remarks, *new.notes, *_without_area(patch)),
+        remarks=(*loop.remarks, *new.remarks, *new.notes, *lowered, *_without_area(patch)),
         timings=clock.seconds(),
     )
     return outcome, LoopPatch(index=index, rim=new.rim, patch=patch, attributes=attributes)
@@ -123,7 +129,8 @@ def _new_patch(
 ) -> NewPatch:
     """A patch to be joined to the mesh: meshed, fitted, continued if `continuity` is "C1", and cleared."""
     options.on_stage(index, "mesh")
-    new = _first_patch(index, loops, solved, options)
+    with time_limit(seconds_left() / (1 if options.continuity_of(index) == "C0" else 2)):
+        new = _first_patch(index, loops, solved, options)
     clock.lap("mesh")
     options.on_stage(index, "crossings")
     new = new.fitted(patched)
@@ -133,39 +140,63 @@ def _new_patch(
     else:
         options.on_stage(index, "continuation")
         target = edge_length_over(new.rims, options.target_edge_length)
-        with time_limit(options.time_limit):
-            smooth = _continued(patched, new, target)
+        smooth = _continued(patched, new, target)
         clock.lap("continuation")
         new = _cleared_continuation(patched, smooth, new)
-        with time_limit(options.time_limit):
-            new = _with_larger_angles(patched, new, target)
+        new = _with_larger_angles(patched, new, target)
     clock.lap("clearance")
     return new
 
 
 def _first_patch(index: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, options: FillOptions) -> NewPatch:
     """The mesh of the exact surface; without one a discrete patch, or a strip between two loops to be continued."""
-    solution, patch = solved.solution, solved.patch
-    if solution is not None and isinstance(patch, Patch):
-        rims = [match.loop for match in solution.rims]
-        return NewPatch(patch=patch, rims=rims, solution=solution, reason="" if solution.converged else solution.reason)
-    assert isinstance(patch, SpinorGeomError)
-    can_be_strip = options.continuity_of(index) != "C0" and len(loops) == 2 and isinstance(patch, SurfaceError)
-    if isinstance(patch, (NoAreaError, TooManyPointsError)) or (len(loops) > 1 and not can_be_strip):
-        raise patch
-    reason, target = str(patch), edge_length_over(loops, options.target_edge_length)
+    solution, error = solved.solution, solved.error
+    if solution is not None and error is None:
+        try:
+            return _exact_patch(solution, options)
+        except SpinorGeomError as problem:
+            error = problem
+    assert error is not None
+    can_be_strip = options.continuity_of(index) != "C0" and len(loops) == 2 and isinstance(error, SurfaceError)
+    if isinstance(error, (NoAreaError, TooManyPointsError)) or (len(loops) > 1 and not can_be_strip):
+        raise error
+    reason, target = str(error), edge_length_over(loops, options.target_edge_length)
     if can_be_strip:
         return NewPatch(
             patch=Patch.over(*ruled_annulus(loops[0].points, loops[1].points, target)), rims=loops, reason=reason
         )
     options.on_stage(index, "discrete surface")
-    discrete, what = discrete_patch(loops[0], target, seconds=options.time_limit)
+    discrete, what = discrete_patch(loops[0], target)
     return NewPatch(patch=discrete, rims=loops, reason=f"{what}, because: {reason}")
+
+
+def _exact_patch(solution: PlateauSolution, options: FillOptions) -> NewPatch:
+    """The mesh of an exact surface; raises as `mesh_patch`, or a SurfaceError for a surface that is not finite."""
+    patch = mesh_patch(solution, options.target_edge_length)
+    if not np.isfinite(patch.vertices).all():
+        raise SurfaceError("the surface that was found is not finite everywhere")
+    coarse = "" if patch.is_complete else _COARSE.format(len(patch.vertices))
+    reason = "; ".join(filter(None, ["" if solution.converged else solution.reason, coarse]))
+    return NewPatch(patch=patch, rims=[match.loop for match in solution.rims], solution=solution, reason=reason)
+
+
+def _attributes(patched: PatchedMesh, new: NewPatch) -> tuple[dict[str, Float[np.ndarray, "n _"]], tuple[str, ...]]:
+    """The attributes of the patch's inner vertices, and a remark if there was no time to interpolate them."""
+    is_remeshed = new.continuation is not None and new.continuation.remeshed
+    in_domain = new.solution is not None and not new.faces_replaced and not is_remeshed
+    own = partial(patch_attributes, patched.mesh, new.rim, new.patch, new.surface)
+    try:
+        return own(by="domain" if in_domain else "edges"), ()
+    except OutOfTimeError:
+        return own(by="nearest"), ("the attributes are those of the nearest rim vertices: the time limit was reached",)
 
 
 def _cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
     """Moves a patch away from the mesh, and retriangulates it where it still intersects something."""
-    return retriangulated(patched, cleared(patched, new))
+    new = retriangulated(patched, cleared(patched, new))
+    if not len(new.crossings) or not is_out_of_time():
+        return new
+    return replace(new, remarks=(*new.remarks, "the time limit ended the removal of intersections"))
 
 
 def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch:
@@ -180,6 +211,8 @@ def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch
         faired = continue_patch(start.patch, collar, target)
     except (SingularMatrixError, TooManyPointsError) as error:
         return _not_continued(start, f": {error}")
+    except OutOfTimeError:
+        return _not_continued(start, " within the time limit; raise time_limit (--time-limit)")
     before, after = bend_across(collar, start.patch), bend_across(collar, faired.patch)
     ratio = faired.patch.area / start.patch.area
     reason_against = (

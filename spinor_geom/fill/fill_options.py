@@ -22,7 +22,7 @@ Islands: TypeAlias = Literal["join", "ignore"]
 # the continuity of each spelling, in lower case
 CONTINUITIES: dict[str, Continuity] = {"c0": "C0", "film": "C0", "c1": "C1", "smooth": "C1"}
 ISLANDS: tuple[Islands, ...] = get_args(Islands)
-TIME_LIMIT = 20.0  # seconds for each stage of a loop, see `fill_hole`
+TIME_LIMIT = 20.0  # seconds for each loop, see `fill_hole`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +67,11 @@ class PatchOptions:
     def __post_init__(self) -> None:
         require_positive("tolerance", self.tolerance)
         require_positive("time_limit", self.time_limit, finite=False)
+
+    @property
+    def seconds_to_solve(self) -> float:
+        """The part of the time limit for the exact surface; the rest is for the patch."""
+        return self.time_limit / 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

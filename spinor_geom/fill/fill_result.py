@@ -28,11 +28,12 @@ class LoopOutcome:
         loop: the loop itself.
         requested: False if the caller's options exclude it, or if it is left open as a border.
         filled: whether it has a patch.
-        reason: why it was left open, or why its patch has not `converged`; else empty.
+        reason: why it was left open, or why its patch has not `converged`; else empty. The mesh of an exact surface is
+            coarser than asked for if the time limit ends its refinement.
         is_border: whether it was left open as the border of a sheet: its patch would lie on the mesh.
         solution: the exact surface from which the patch was made; for an open loop the one that was found, if any.
-        patch: the patch, with the positions of its vertices in Ω; None if the loop is open. Ω is the unit disk for a
-            discrete patch. In a patch that was remeshed, triangles may overlap in Ω.
+        patch: the patch, with the positions of its vertices in Ω; None if the loop is open. Ω is
+            flattened for a discrete patch. In a patch that was remeshed, triangles may overlap in Ω.
         continuation: measures of the smooth continuation; None if there was none.
         joined_to: the index of the next loop of its bridge, of the first for the last one; None without a bridge. Only
             the outcome of the first loop of a bridge has the patch and its measures.
@@ -100,9 +101,7 @@ class LoopOutcome:
     @property
     def converged(self) -> bool:
         """Whether the patch is an exact minimal surface within the tolerance, or a converged continuation."""
-        if self.continuation is not None:
-            return self.continuation.converged
-        return self.kind == "minimal" and self.solution is not None and bool(self.solution.converged)
+        return self.kind in ("minimal", "smooth") and not self.reason
 
     @property
     def area(self) -> float | None:
@@ -123,6 +122,8 @@ class LoopOutcome:
         """Sentences for the warning that `fill_hole` gives without a report."""
         name = f"loop {self.index} ({len(self.loop)} vertices)"
         state = "was left open" if self.kind is None else _STATES[self.kind]
+        if self.kind == "minimal" and self.solution is not None and self.solution.converged:
+            state = "has a coarser mesh than asked for"
         is_short = self.is_border or (self.requested and not self.converged)
         return (*([f"{name} {state}: {self.reason}"] if is_short else []), *(f"{name}: {n}" for n in self.remarks))
 

@@ -10,7 +10,6 @@ from spinor_geom.adapters import MeshFile, extend
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.borders import require_no_border
 from spinor_geom.fill.bridges import fill_between, planned_joins
-from spinor_geom.fill.exact_patches import SolvedLoop
 from spinor_geom.fill.fill_loop import Stopwatch, fill_loop, unfilled
 from spinor_geom.fill.fill_options import Choice, FillOptions
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
@@ -18,6 +17,7 @@ from spinor_geom.fill.loop_choice import chosen_indices, reasons_to_leave_open
 from spinor_geom.fill.mesh_notes import mesh_notes
 from spinor_geom.fill.no_holes import require_hole, require_no_seams
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh, stitch
+from spinor_geom.fill.solved_loops import SolvedLoop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight_with

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Int
 
+from spinor_geom.deadline import is_out_of_time
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.outlines import Outline, outlines_of
 from spinor_geom.fill.patched_mesh import Crossings, PatchedMesh
@@ -20,13 +21,13 @@ from spinor_geom.meshing.embed import Patch
 def retriangulated(patched: PatchedMesh, new: NewPatch) -> NewPatch:
     """Retriangulates regions around the intersecting faces of a patch, without inner vertices.
 
-    The regions grow until nothing intersects or they cover the patch. Regions with outlines of more than 160 points are
-    not changed. Nor are faces that intersect something at the rim only, as every patch does there.
+    The regions grow until nothing intersects, they cover the patch, or time is out. Regions with outlines of more than
+    160 points are not changed. Nor are faces that intersect something at the rim only, as every patch does there.
     """
     if not len(new.crossings):
         return new
     rings, at_rim, is_replaced = 0, RimCrossings(patched, new), np.zeros(len(new.patch.faces), dtype=bool)
-    while True:
+    while not is_out_of_time():
         faces, wrong = np.asarray(new.patch.faces), at_rim.avoidable(new.patch, new.crossings)
         region = np.zeros(len(faces), dtype=bool)
         region[np.concatenate([wrong.own.ravel(), wrong.others[:, 0]]) - patched.face_count] = True
@@ -76,7 +77,7 @@ def _with_new_triangles(
         if len(crossings) < len(new.crossings if best is None else best.crossings):
             parts = [is_replaced[outside], *(one.is_replaced(is_replaced) for one in outlines)]
             best, is_best_replaced = replace(new, patch=patch, crossings=crossings), np.concatenate(parts)
-        if not len(crossings) or not any(one.is_open for one in outlines):
+        if not len(crossings) or not any(one.is_open for one in outlines) or is_out_of_time():
             break
     if best is None:
         return new, is_replaced

@@ -12,6 +12,7 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from spinor_geom.arrays import TINY, shifted
+from spinor_geom.deadline import require_time
 from spinor_geom.errors import NoFacesError, NonFiniteVertexError, SingularMatrixError
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.topology import HalfEdges
@@ -23,6 +24,9 @@ Faces = Int[np.ndarray, "f 3"]
 _LEAST_SHARE = 0.3
 # Least excess of two sides of a mollified triangle over the third, per longest side: it bounds the cotangents.
 _SLACK = 1e-6
+# Upper bound of the seconds of a factorisation, for matrices of plane meshes with n entries: 6e-8 n^(4/3). Measured are
+# 2.5e-8 to 3.9e-8 for Laplacians of 2,000 to 180,000 vertices, and 1.3e-8 to 3.4e-8 for their squares.
+_FACTOR_SECONDS, _FACTOR_POWER = 6e-8, 4 / 3
 
 
 def cotangent_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
@@ -82,8 +86,19 @@ def graph_laplacian(faces: Faces) -> csc_array:
     return csc_array(diags_array(adjacent.sum(axis=0)) - adjacent)
 
 
+def vertices_to_factor(seconds: float) -> float:
+    """Number of vertices of a mesh whose Laplacian, of seven entries for each, is factored in some seconds."""
+    return float((max(seconds, 0.0) / _FACTOR_SECONDS) ** (1 / _FACTOR_POWER) / 7)
+
+
 def factor_symmetric(matrix: csc_array) -> SuperLU:
-    """Sparse LU of a symmetric matrix, with its inertia in the signs of U's diagonal; raises a SingularMatrixError."""
+    """Sparse LU of a symmetric matrix, with its inertia in the signs of U's diagonal.
+
+    Raises:
+        SingularMatrixError: the matrix is singular or not finite.
+        OutOfTimeError: the estimated time is longer than what is left of the time limit.
+    """
+    require_time(_FACTOR_SECONDS * matrix.nnz**_FACTOR_POWER)
     if not np.isfinite(matrix.data).all():
         raise SingularMatrixError(size=matrix.shape[0])
     try:

@@ -71,7 +71,7 @@ def remesh(patch: Patch, target: float, taken: Int[np.ndarray, "e 2"]) -> Patch:
     mesh.flip()
     new = mesh.vertices[patch.boundary_size :]
     points = np.concatenate([patch.points[: patch.boundary_size], _points_at(patch, old, new)])
-    return replace(patch, vertices=mesh.vertices, faces=mesh.faces, points=points)
+    return replace(patch, vertices=mesh.vertices, faces=mesh.faces, points=points, is_complete=True)
 
 
 def remesh_region(

@@ -8,6 +8,7 @@ through them is triangulated, and a fan of triangles fills the gap to the edge.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -130,4 +131,4 @@ def _closed(
     if len(unique_edges(faces, len(plane.points))) != (3 * len(faces) + m) // 2:
         return None
     points = np.concatenate([own, plane.points[~is_own]])
-    return PlaneTriangulation(points=points, faces=faces, boundary_size=m, hole_sizes=sizes[1:])
+    return replace(plane, points=points, faces=faces, boundary_size=m, hole_sizes=sizes[1:])

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import TINY, median, shifted
-from spinor_geom.deadline import require_time
+from spinor_geom.deadline import seconds_left
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.polygons import lattice_inside
 from spinor_geom.domain.sizes import DECAY, SizeField
@@ -60,20 +60,19 @@ def piece_of(surface: ArraySurface, rims: Sequence[Complex[np.ndarray, " _"]], t
 
 
 def triangulate_piece(piece: Piece) -> PlaneTriangulation:
-    """Triangulates a part of Ω.
+    """Triangulates a part of Ω; its refinement ends at the time limit.
 
     Raises:
         TooManyPointsError: the edge length requires too many vertices.
         DomainError: the boundary is not a simple polygon with holes inside.
-        OutOfTimeError: the time limit was reached.
     """
     require_few_points(piece.area, piece.target)
     triangles = 4 * piece.area / (np.sqrt(3) * piece.target**2)
     most = int(POINTS_PER_VERTEX * sum(map(len, piece.rims)) + POINTS_PER_TRIANGLE * triangles)
     outer, *holes = piece.rims
-    plane = triangulate_polygon(outer, size_field(piece), holes=holes, seeds=piece.seeds, max_points=most)
-    require_time()
-    return plane
+    return triangulate_polygon(
+        outer, size_field(piece), holes=holes, seeds=piece.seeds, max_points=most, seconds=seconds_left()
+    )
 
 
 def size_field(piece: Piece) -> SizeField:

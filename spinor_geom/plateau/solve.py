@@ -6,6 +6,7 @@ import itertools
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, overload
 
 import numpy as np
@@ -235,11 +236,13 @@ def _side_by_side(
     loops: Iterator[BoundaryLoop], options: Options, seconds: float
 ) -> Iterator[PlateauSolution | SpinorGeomError]:
     while chunk := list(itertools.islice(loops, BATCH_NODES // FEWEST_NODES)):
+        start = perf_counter()
         with one_thread():
             planned = [_planned(problem) for problem in PlateauProblem.each(chunk, options)]
-            _begin_together(planned, seconds)
+            _begin_together(planned, seconds / 2)
+        left = seconds - (perf_counter() - start) / len(chunk)
         for one in planned:
-            yield one if isinstance(one, SpinorGeomError) else _solved(*one, seconds)
+            yield one if isinstance(one, SpinorGeomError) else _solved(*one, left)
 
 
 def _planned(problem: PlateauProblem | SpinorGeomError) -> _Planned | SpinorGeomError:

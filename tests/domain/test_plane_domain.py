@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from spinor_geom.deadline import time_limit
 from spinor_geom.domain import FourierBoundary, PlaneDomain, SplineBoundary
 from spinor_geom.domain.plane_domain import Boundary, sampled
 from spinor_geom.errors import DomainError, DtypeError, OptionError
@@ -249,3 +250,13 @@ def test_parameters_of_no_boundary_are_refused(t):
 def test_fourier_boundaries_take_an_odd_number_of_coefficients(shape):
     with pytest.raises(DtypeError, match="odd number of coefficients"):
         FourierBoundary(np.ones(shape), 16)
+
+
+def test_a_time_limit_changes_no_domain():
+    # the triangulations of domains are cached: one that a limit cut would be returned without a limit, too
+    t = 2 * np.pi * np.arange(300) / 300
+    vertices = (1 + 0.3 * np.cos(7 * t)) * np.exp(1j * t)
+    with time_limit(-1.0):
+        under_limit = PlaneDomain.from_boundary(vertices)
+    assert under_limit.triangulation.is_complete
+    assert under_limit.triangulation.angles.min() > 20

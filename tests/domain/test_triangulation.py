@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.deadline import time_limit
 from spinor_geom.domain.delaunay import constrained_delaunay
 from spinor_geom.domain.sizes import SizeField
 from spinor_geom.domain.triangulation import PlaneTriangulation, Seeds, triangulate_polygon
@@ -159,6 +158,9 @@ def test_number_of_points_is_limited():
     result = triangulate_polygon(boundary, constant_size(1e-3), max_points=260)
     check_is_a_triangulation(result, boundary)
     assert len(result.points) <= 320
+    assert not result.is_complete
+    assert triangulate_polygon(boundary, constant_size(0.1), max_points=260).is_complete
+    assert triangulate_polygon(np.array([0, 1, 1j]), constant_size(0.01)).is_complete  # triangles are not refined
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
@@ -225,10 +227,10 @@ def test_limit_holds_with_holes_too():
 
 def test_time_limit_ends_a_refinement():
     boundary = polygon(SQUARE, 40)
-    with time_limit(0.0):
-        result = triangulate_polygon(boundary, constant_size(1e-3), max_points=10**6)
+    result = triangulate_polygon(boundary, constant_size(1e-3), max_points=10**6, seconds=0.0)
     check_is_a_triangulation(result, boundary)
     assert len(result.points) < 10**5
+    assert not result.is_complete
 
 
 def uneven_polygon(rng, most=60):

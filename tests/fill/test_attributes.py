@@ -43,7 +43,7 @@ def inner_values(
 ) -> dict[str, np.ndarray]:
     count = len(next(iter(attributes.values())))
     mesh = TriangleMesh(np.zeros((count, 3)), [], vertex_attributes=attributes, labels=labels)
-    return patch_attributes(mesh, rim, patch, FlatSurface() if flat else None, triangulated_in_domain=flat)  # type: ignore[arg-type]
+    return patch_attributes(mesh, rim, patch, FlatSurface() if flat else None, by="domain" if flat else "edges")  # type: ignore[arg-type]
 
 
 def harmonic_values(disk: Patch, rim_values: np.ndarray) -> np.ndarray:

@@ -10,14 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from spinor_geom.deadline import time_limit
 from spinor_geom.discrete.first_fill import disk_without_inner_points, minimum_area_triangulation
 from spinor_geom.errors import FirstFillError, NoAreaError, OutOfTimeError, SurfaceError, TooManyPointsError
 from spinor_geom.fill import discrete_patch as module
 from spinor_geom.fill.discrete_patch import discrete_patch
-from spinor_geom.fill.exact_patches import exact_patch
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.fill_options import FillOptions
+from spinor_geom.fill.fill_options import Continuity
 from spinor_geom.fill.no_holes import require_area
+from spinor_geom.fill.solved_loops import solved_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.topology import is_watertight
@@ -50,15 +51,12 @@ def test_long_curves_are_spanned_once_by_triangles_oriented_like_them(count: int
     assert face_areas(loop.points, faces).sum() == pytest.approx(least, rel=1e-2)
 
 
-def test_a_discrete_patch_has_the_loop_as_its_rim_and_lies_over_the_disk() -> None:
+def test_a_discrete_patch_has_the_loop_as_its_rim_and_lies_over_a_plane_domain() -> None:
     loop = BoundaryLoop.from_points(wavy(40))
-    patch, what = discrete_patch(loop, loop.mean_edge_length, seconds=60.0)
+    patch, what = discrete_patch(loop, loop.mean_edge_length)
     assert what == "a discrete minimal surface"
     np.testing.assert_array_equal(patch.vertices[:40], loop.points)
-    assert np.abs(patch.points[:40]) == pytest.approx(1.0)
-    assert (np.abs(patch.points[40:]) < 1).all()
     corners = patch.points[patch.faces]
-    # every vertex in the middle of its neighbours: no face is turned over
     assert (((corners[:, 1] - corners[:, 0]).conj() * (corners[:, 2] - corners[:, 0])).imag > 0).all()
 
 
@@ -66,7 +64,7 @@ def test_where_the_descent_fails_triangles_over_the_points_close_the_hole(monkey
     def fails(*_: object, **__: object) -> None:
         raise FirstFillError("it does not unfold")
 
-    monkeypatch.setattr(module, "discrete_minimal_surface", fails)
+    monkeypatch.setattr(module, "surface_over_plane", fails)
     _, report = fill_hole(collar(wavy(40), np.array([0, 0, 0.3])), time_limit=1e-9, return_report=True)
     assert report.watertight
     for outcome in report.loops:
@@ -91,11 +89,47 @@ def test_a_plane_loop_needs_no_time() -> None:
     assert isinstance(answer, PlateauSolution)
 
 
+@pytest.mark.parametrize("continuity", ["C0", "C1"])
+def test_without_time_an_exact_surface_is_kept_and_its_mesh_is_coarse(continuity: Continuity) -> None:
+    mesh = collar(wavy(400) * [1, 1, 0], np.array([0, 0, 0.3]))
+    _, whole = fill_hole(mesh, 0, time_limit=60.0, return_report=True)
+    _, report = fill_hole(mesh, 0, time_limit=1e-9, continuity=continuity, return_report=True)
+    (full, cut) = (each.loops[0] for each in (whole, report))
+    assert (full.converged, full.reason) == (True, "")
+    assert full.patch is not None
+    assert full.patch.is_complete
+    # a plane surface takes no time
+    assert cut.kind == "minimal"
+    assert cut.solution is not None
+    assert cut.solution.converged
+    assert cut.area == full.area
+    assert cut.patch is not None
+    assert not cut.patch.is_complete
+    assert len(cut.patch.vertices) < len(full.patch.vertices) / 2
+    assert not cut.converged
+    assert not report.complete
+    assert "triangles larger than asked for" in cut.reason
+    assert "has a coarser mesh than asked for" in cut.shortcomings[0]
+    assert any("not continued smoothly within the time limit" in note for note in cut.notes) == (continuity == "C1")
+
+
+def test_a_discrete_patch_has_as_many_vertices_as_its_time_allows() -> None:
+    loop = BoundaryLoop.from_points(wavy(40))
+    fine, coarse = loop.mean_edge_length / 12, loop.mean_edge_length
+    with time_limit(3.0):  # a tenth of it is enough to factor 15,000 vertices
+        patch, what = discrete_patch(loop, fine / 4)
+    assert not patch.is_complete
+    assert "triangles larger than asked for" in what
+    assert len(patch.vertices) < 20_000
+    with time_limit(1e3):
+        assert discrete_patch(loop, coarse)[0].is_complete
+
+
 def test_a_loop_that_would_take_minutes_is_closed_when_its_time_is_over() -> None:
     mesh = collar(wavy(150, noise=1.5), np.array([0, 0, 0.5]))
     start = perf_counter()
     _, report = fill_hole(mesh, 0, time_limit=1.0, return_report=True)
-    assert perf_counter() - start < 60  # two seconds and the steps that were under way, on any machine
+    assert perf_counter() - start < 60  # a second and the steps that were under way, on any machine
     assert report.loops[0].filled
 
 
@@ -105,9 +139,8 @@ def test_a_surface_that_misses_its_loop_by_a_tenth_of_an_edge_is_none(missed: fl
     (found,) = solve_plateau_batch([loop])
     assert isinstance(found, PlateauSolution)
     residual = replace(found.boundary_residual, rms=missed * found.boundary_residual.mean_edge)
-    options = FillOptions(target_edge_length="auto", model="auto", tolerance=1e-3)
-    answer = exact_patch(loop, replace(found, boundary_residual=residual), 0.0, options)
-    assert isinstance(answer.patch, SurfaceError) != is_usable
+    answer = solved_loop(loop, replace(found, boundary_residual=residual), 0.0)
+    assert isinstance(answer.error, SurfaceError) != is_usable
 
 
 @pytest.mark.parametrize(("width", "is_refused"), [(0.8e-6, True), (1.25e-6, False)])
@@ -130,7 +163,7 @@ def error_of(loop: BoundaryLoop) -> NoAreaError | None:
 def test_a_discrete_patch_of_too_many_points_is_refused_before_it_is_made() -> None:
     loop = BoundaryLoop.from_points(wavy(40))
     with pytest.raises(TooManyPointsError, match=r"about .*e\+10 vertices.*longer target_edge_length"):
-        discrete_patch(loop, 1e-5, seconds=60.0)
+        discrete_patch(loop, 1e-5)
     for mesh in (collar(wavy(40), np.array([0, 0, 0.5])), collar(wavy(40) * [1, 1, 0], np.array([0, 0, 0.5]))):
         with pytest.raises(TooManyPointsError):
             fill_hole(mesh, target_edge_length=1e-5)

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from spinor_geom import gallery
 from spinor_geom.adapters import read_mesh
 from spinor_geom.errors import FirstFillError, ForeignLoopError, ImperfectFillWarning, LoopIndexError, OptionError
-from spinor_geom.fill import exact_patches
+from spinor_geom.fill import fill_loop
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.loop_choice import boundary_loops
@@ -200,7 +200,7 @@ def test_a_loop_that_the_solver_fails_on_is_closed_discretely_with_the_reason(mo
             else:
                 yield solve_plateau(loop)
 
-    monkeypatch.setattr("spinor_geom.fill.exact_patches.solve_plateau_batch", fails_on_the_first)
+    monkeypatch.setattr("spinor_geom.fill.solved_loops.solve_plateau_batch", fails_on_the_first)
     filled, report = fill_hole(tube(), return_report=True)
     failed, done = report.loops
     assert (failed.kind, failed.solution, failed.converged) == ("discrete", None, False)
@@ -223,20 +223,20 @@ def test_an_error_that_is_not_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch
     def broken(*_: object) -> object:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(exact_patches, "mesh_patch", broken)
+    monkeypatch.setattr(fill_loop, "mesh_patch", broken)
     with pytest.raises(ZeroDivisionError):
         fill_hole(tube())
 
 
 def test_a_surface_that_is_not_finite_gives_way_to_a_discrete_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = exact_patches.mesh_patch
+    real = fill_loop.mesh_patch
 
     def with_a_hole(*arguments: Any) -> Any:
         patch = real(*arguments)
         patch.vertices[-1] = np.nan
         return patch
 
-    monkeypatch.setattr(exact_patches, "mesh_patch", with_a_hole)
+    monkeypatch.setattr(fill_loop, "mesh_patch", with_a_hole)
     _, report = fill_hole(tube(), return_report=True)
     assert {outcome.kind for outcome in report.loops} == {"discrete"}
     assert "not finite" in report.loops[0].reason
@@ -409,6 +409,8 @@ def test_stages_are_reported_loop_by_loop_before_they_begin() -> None:
     fill_hole(tube(), on_stage=lambda place, stage: stages.append((place, stage)))
     assert stages == [(place, stage) for place in (0, 1) for stage in ("exact surface", "mesh", "crossings")]
     stages.clear()
+    vertices, faces = tube()
+    bent = vertices + 0.1 * vertices[:, [0]] ** 2 * [0, 0, 1]
     with pytest.warns(ImperfectFillWarning):
-        fill_hole(tube(), 1, time_limit=1e-9, on_stage=lambda place, stage: stages.append((place, stage)))
+        fill_hole((bent, faces), 1, time_limit=1e-9, on_stage=lambda place, stage: stages.append((place, stage)))
     assert stages == [(1, stage) for stage in ("exact surface", "mesh", "discrete surface", "crossings")]

@@ -8,12 +8,14 @@ from functools import partial
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, eye_array
 
-from spinor_geom.errors import NoFacesError, NonFiniteVertexError
+from spinor_geom.deadline import time_limit
+from spinor_geom.errors import NoFacesError, NonFiniteVertexError, OutOfTimeError
 from spinor_geom.mesh.operators import (
     cotangent_laplacian,
     face_areas,
+    factor_symmetric,
     graph_laplacian,
     internal_angles,
     intrinsic_angles,
@@ -21,6 +23,7 @@ from spinor_geom.mesh.operators import (
     mollified_edge_lengths,
     mollified_laplacian,
     nearest_on_mesh,
+    vertices_to_factor,
 )
 from tests.strategies import HoledDisk, holed_disks
 
@@ -138,3 +141,14 @@ def test_the_nearest_face_of_a_point_at_infinity_is_an_error(points: list[list[f
 def test_a_mesh_without_faces_has_no_nearest_point() -> None:
     with pytest.raises(NoFacesError):
         nearest_on_mesh(RIGHT_TRIANGLE, RIGHT_TRIANGLE, np.zeros((0, 3), dtype=np.int64))
+
+
+def test_a_factorisation_is_not_begun_if_it_would_exceed_the_time_limit() -> None:
+    few, many = (csc_array(eye_array(count)) for count in (10, 10**6))  # estimated at 1e-6 and 6 seconds
+    with time_limit(1.0):
+        factor_symmetric(few)
+        with pytest.raises(OutOfTimeError):
+            factor_symmetric(many)
+    # estimates are upper bounds, and finite ones for the meshes that a limit allows
+    assert 7 * vertices_to_factor(6.0) == pytest.approx(10**6, rel=1e-9)
+    assert vertices_to_factor(-1.0) == 0

@@ -141,8 +141,10 @@ def test_a_verdict_that_time_cut_short_is_not_kept() -> None:
 
 def test_meshes_are_made_within_the_limit() -> None:
     solution = solve_plateau(gallery.tennis_seam(0.8).sample(32))
-    with deadline.time_limit(-1.0), pytest.raises(OutOfTimeError):
-        mesh_patch(solution, 0.01)
+    with deadline.time_limit(-1.0):
+        patch = mesh_patch(solution, 0.01)
+    assert not patch.is_complete
+    assert len(patch.vertices) < 1000  # with more time 50,000
 
 
 @pytest.mark.parametrize("seconds", [0, -1.0, float("nan")])
