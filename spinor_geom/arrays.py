@@ -141,6 +141,12 @@ def unit(v: Float[Array, "*any k"]) -> Float[Array, "*any k"]:
     return v / namespace(v).clip(norm(v), min=TINY**0.5)[..., None]
 
 
+def modulo_one(s: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+    """The parameters modulo 1, always below 1; `np.mod(-1e-17, 1.0)` is 1."""
+    share = s - np.floor(s)
+    return np.asarray(share * (share < 1))
+
+
 def closed_steps(s: Float[Array, "*b n"]) -> Float[Array, "*b n"]:
     """s_{j+1} − s_j with s_n = s_0 + 1."""
     xp = namespace(s)

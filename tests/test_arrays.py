@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from spinor_geom.arrays import cholesky, cholesky_solve, cross, gram, median, norm, shifted, solve_lower
+from spinor_geom.arrays import cholesky, cholesky_solve, cross, gram, median, modulo_one, norm, shifted, solve_lower
 
 
 @pytest.mark.parametrize("by", [1, -1, 3])
@@ -24,6 +24,11 @@ def test_nothing_is_shifted_without_numbers():
 def test_medians_of_rows(shape):
     x = np.random.default_rng(0).normal(size=shape)
     np.testing.assert_array_equal(median(x), np.median(x, axis=-1))
+
+
+def test_parameters_just_below_a_whole_turn_stay_below_one():
+    s = np.array([0.25, 1.0, -1.0, 3.5, -1e-17, -1e-300, 1 - 1e-16, np.nan])
+    np.testing.assert_array_equal(modulo_one(s), [0.25, 0, 0, 0.5, 0, 0, 1 - 1e-16, np.nan])
 
 
 def test_lengths_and_products_of_rows():

@@ -15,6 +15,7 @@ from scipy.interpolate import PPoly
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from spinor_geom.arrays import modulo_one
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import DtypeError, OptionError
@@ -70,7 +71,7 @@ class SplineBoundary:
 
     def _places(self, t: Float[np.ndarray, "*pts"]) -> tuple[Float[np.ndarray, "*pts"], Int[np.ndarray, "*pts"]]:
         """The distances from the starts of the pieces, and the numbers of the pieces."""
-        t = np.mod(t, 1.0)
+        t = modulo_one(t)
         piece = np.searchsorted(self.parameters[1:-1], t, side="right")
         return np.asarray(t - self.parameters[piece]), np.asarray(piece)
 

@@ -12,6 +12,7 @@ from jaxtyping import Complex, Float
 from numpy.typing import ArrayLike
 from torch import Tensor
 
+from spinor_geom.arrays import modulo_one
 from spinor_geom.errors import OptionError, require_positive
 from spinor_geom.gallery.chart import Chart
 from spinor_geom.gallery.known import KnownCurve, KnownDisk
@@ -179,7 +180,7 @@ def image_of_polygon(corners: Float[np.ndarray, "k d"], image: SmoothMap, *, nam
         first = np.append(0.0, np.cumsum(share)[:-1])
 
         def at(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-            t = np.mod(t, 1.0)
+            t = modulo_one(t)
             side = np.asarray(np.searchsorted(first, t, side="right") - 1)
             start, edge = torch.tensor(corners[side]), torch.tensor(edges[side])
 

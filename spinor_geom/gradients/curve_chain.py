@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
+from spinor_geom.arrays import modulo_one
 from spinor_geom.errors import NotDifferentiableError
 from spinor_geom.gradients.analytic_chain import PoissonCurve, by_steps, by_trigonometric_points
 from spinor_geom.gradients.spline_chain import SplineSystem
@@ -124,7 +125,7 @@ class _Spline:
     def by_points(self, s: Float[np.ndarray, " k"], by_values: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "m 3"]:
         """The gradient in the points, from that in Γ(s) at fixed shares u of the pieces."""
         curve, m = self.curve, len(self.curve.corners)
-        s = np.mod(s, 1.0)
+        s = modulo_one(s)
         piece = np.searchsorted(curve.breaks, s, side="right") - 1
         u = ((s - curve.breaks[piece]) / np.diff(curve.breaks)[piece])[:, None]
         terms = [by_values]

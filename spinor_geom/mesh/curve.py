@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.spatial import cKDTree
 
-from spinor_geom.arrays import TINY, norm, shifted
+from spinor_geom.arrays import TINY, modulo_one, norm, shifted
 from spinor_geom.errors import CurveError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
 from spinor_geom.mesh.interpolation import (
@@ -240,15 +240,15 @@ class BoundaryCurve:
 
     def point(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ(s), in mesh units; at the parameter of a vertex it is that vertex, bit for bit."""
-        return np.asarray(self._pieces(np.mod(s, 1.0)))
+        return np.asarray(self._pieces(modulo_one(s)))
 
     def derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ′(s), in mesh units per unit of s; at a corner the right-hand one."""
-        return np.asarray(self._slopes(np.mod(s, 1.0)))
+        return np.asarray(self._slopes(modulo_one(s)))
 
     def second_derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
         """Γ″(s), in mesh units per squared unit of s; at a corner the right-hand one."""
-        return np.asarray(self._slopes(np.mod(s, 1.0), nu=1))
+        return np.asarray(self._slopes(modulo_one(s), nu=1))
 
     @cached_property
     def _pieces(self) -> PPoly:
@@ -313,7 +313,7 @@ class BoundaryCurve:
             if np.abs(s - before).max(initial=0.0) <= NEWTON_STEP_TOLERANCE:
                 break
         best = np.argmin(norm(self.point(s) - points[:, None, :]), axis=1)
-        return np.asarray(np.round(s[np.arange(len(s)), best], 15) % 1.0)  # rounded: 1 is 0
+        return modulo_one(np.round(s[np.arange(len(s)), best], 15))  # rounded: 1 is 0
 
     @cached_property
     def _samples(self) -> tuple[cKDTree, Float[np.ndarray, " k"]]:
@@ -335,11 +335,11 @@ def _reversed(coefficients: Coefficients, breaks: Breaks) -> Coefficients:
 
 def _formula_breaks(curve: ClosedCurve, pieces: int) -> tuple[Breaks, Bool[np.ndarray, " m"]]:
     """Breaks of at least `pieces` pieces, one at each corner and joint, and a mask of the breaks at corners."""
-    ends = np.unique(np.mod([0.0, *curve.corners, *curve.joints], 1.0))
+    ends = np.unique(modulo_one(np.array([0.0, *curve.corners, *curve.joints])))
     sides = pairwise([*ends.tolist(), 1.0])
     starts = [np.linspace(a, b, math.ceil((b - a) * pieces), endpoint=False) for a, b in sides]
     breaks = np.concatenate([*starts, [1.0]])
-    return breaks, np.isin(breaks[:-1], np.mod(curve.corners, 1.0))
+    return breaks, np.isin(breaks[:-1], modulo_one(np.array(curve.corners)))
 
 
 def _formula_coefficients(function: CurveFunction, breaks: Breaks) -> Coefficients:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.interpolate import BSpline, PPoly
 
+from spinor_geom.arrays import modulo_one
 from spinor_geom.errors import CurveError
 from spinor_geom.mesh.curve import MAX_NEWTON_STEPS, NEWTON_STEP_TOLERANCE, SMOOTH_TURN, ClosedCurve
 from spinor_geom.mesh.interpolation import piece_places, through
@@ -133,7 +134,7 @@ class JoinedSplines:
 
     def _parameters(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
         """The parameters t of each s, by Newton's method on the part between two breaks that contains it."""
-        s = np.mod(s, 1.0)
+        s = modulo_one(s)
         breaks, starts = self._share.x, self._starts
         part = np.searchsorted(starts, s, side="right") - 1
         low, high = breaks[part], np.nextafter(breaks[part + 1], 0.0)

@@ -96,3 +96,11 @@ def test_similarities_move_the_curve_with_its_points(count, corners, noise, seed
     assert abs((gradient * points).sum() - (weight * values).sum()) < 1e-8 * size
     torques = np.cross(points, gradient).sum(axis=0), np.cross(values, weight).sum(axis=0)
     assert np.abs(torques[0] - torques[1]).max() < 1e-8 * size
+
+
+def test_parameters_just_below_the_first_point_belong_to_it():
+    curve = BoundaryCurve.from_loop(BoundaryLoop.from_points(QUADRILATERAL, corners=[0, 1, 2, 3]))
+    by_values = np.array([[1.0, 2.0, 3.0]])
+    below, at = (by_points(curve, np.array([s]), by_values) for s in (-1e-17, 0.0))
+    np.testing.assert_array_equal(below, at)
+    np.testing.assert_array_equal(curve.derivative(np.array(-1e-17)), curve.derivative(np.array(0.0)))

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from spinor_geom.arrays import EPS, Array, namespace, place_of, square
+from spinor_geom.arrays import EPS, Array, modulo_one, namespace, place_of, square
 from spinor_geom.deadline import require_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
@@ -221,8 +221,9 @@ class NetworkSolver:
                 factor, own = place.put(opening.factor(own[0])), (opening.given_parameters(own[0]),)
             edges, slides = [], []
             for first, t, boundary, side in zip(ends, own, given, sides, strict=False):
-                edges.append(first + np.searchsorted(boundary.parameters, t % 1, side="right") - 1)
-                slides.append(np.interp(t % 1, boundary.parameters, side.knots) + np.floor(t))
+                share = modulo_one(t)
+                edges.append(first + np.searchsorted(boundary.parameters, share, side="right") - 1)
+                slides.append(np.interp(share, boundary.parameters, side.knots) + np.round(t - share))
             readout = stage.readout_of(spinors[place.put(np.concatenate(edges))] * factor[:, None])
         with self.problem.clock.stage("fit"):
             return self._refined(stage, readout, place.put(np.concatenate(slides)))
