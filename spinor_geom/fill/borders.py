@@ -28,6 +28,7 @@ from jaxtyping import Float, Int
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial import cKDTree
 
+from spinor_geom.arrays import TINY
 from spinor_geom.discrete.first_fill import disk_without_inner_points
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.errors import SheetBorderError, SpinorGeomError
@@ -112,7 +113,7 @@ class _NearbyFaces:
         conormals = _unit(np.cross(normals, np.roll(self.points, -1, axis=0) - np.roll(self.points, 1, axis=0)))
         inner = np.einsum("fk,fk->f", self.offsets, conormals[self.nearest])
         over = np.einsum("fk,fk->f", self.offsets, normals[self.nearest])
-        total = max(float(np.hypot(inner, over).sum()), np.finfo(np.float64).tiny)
+        total = max(float(np.hypot(inner, over).sum()), TINY)
         return float(inner.sum()) / total, abs(float(over.sum())) / total
 
     @property
@@ -134,7 +135,7 @@ class _NearbyFaces:
 
 def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(vectors / np.maximum(lengths, np.finfo(np.float64).tiny))
+    return np.asarray(vectors / np.maximum(lengths, TINY))
 
 
 def _smoothed(loop: BoundaryLoop, area: float) -> tuple[Float[np.ndarray, "n 3"], float]:
@@ -144,7 +145,8 @@ def _smoothed(loop: BoundaryLoop, area: float) -> tuple[Float[np.ndarray, "n 3"]
     """
     length = loop.perimeter
     for _ in range(_ROUNDS):
-        width = min(2 * area / length, length / (2 * np.pi))  # at most that of a circle
+        # at most that of a circle; the length is 0 if the average is a point
+        width = min(2 * area / max(length, TINY), length / (2 * np.pi))
         points = _averaged(loop, max(width, loop.perimeter / _MOST_WIDTHS))
         length = float(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).sum())
     return points, width

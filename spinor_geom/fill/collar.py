@@ -187,9 +187,9 @@ def _correlation(
     """The correlation length of H, and its roughness, as in `Collar`."""
     edges = np.stack([half_edges.origin, half_edges.target], axis=1)
     edges = edges[bends[edges].all(axis=1) & (edges[:, 0] < edges[:, 1])]
-    if not len(edges):
+    edge = float(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1).mean()) if len(edges) else 0.0
+    if not edge:
         return 0.0, 0.0
-    edge = float(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1).mean())
     curvature = bending.curvature
     weight = np.where(bends, bending.areas, 0.0)
     mean = weight @ curvature / weight.sum()

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from spinor_geom.gradients.curve_chain import by_points
 from spinor_geom.gradients.rim_nodes import RimNodes
@@ -26,7 +27,9 @@ def area_gradient(solution: PlateauSolution) -> tuple[Float[np.ndarray, "_ 3"], 
     return as_given(solution, gradients)
 
 
-def as_given(solution: PlateauSolution, by_rim: list[Float[np.ndarray, "_ 3"]]) -> tuple[Float[np.ndarray, "_ 3"], ...]:
+def as_given(
+    solution: PlateauSolution, by_rim: Sequence[Shaped[np.ndarray, "_ *c"]]
+) -> tuple[Shaped[np.ndarray, "_ *c"], ...]:
     """Rows for the points of each rim, reordered to the order and the directions of the given loops."""
     if solution.annulus is None:
         return tuple(by_rim)

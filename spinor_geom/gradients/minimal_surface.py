@@ -41,9 +41,10 @@ def minimal_surface(
 ) -> tuple[Float[Tensor, "n 3"], Int[Tensor, "f 3"]]:
     """A mesh (vertices, faces) of the minimal surface over points; its vertices are differentiable in the points.
 
-    The mesh is that of `mesh_patch`, with the points of the rims first. When the points move, an inner vertex moves
-    along the normal, and stays on the minimal surface to first order. The displacement solves Jacobi's equation, and
-    `backward` solves its adjoint once. Second derivatives and `torch.func.vmap` are not available.
+    The mesh is that of `mesh_patch`, with the points of the rims first, in the given order and direction. When the
+    points move, an inner vertex moves along the normal, and stays on the minimal surface to first order. The
+    displacement solves Jacobi's equation, and `backward` solves its adjoint once. Second derivatives and
+    `torch.func.vmap` are not available.
 
     Args:
         points: as for `minimal_area`.
@@ -67,9 +68,13 @@ def minimal_surface(
     rims = as_rims(points)
     solution = solved(rims, corners=corners, model=model, tolerance=tolerance)
     patch = mesh_patch(solution, target_edge_length)
-    faces = torch.tensor(np.asarray(patch.faces), device=rims[0].device)
-    inner = patch.points[patch.boundary_size :]
-    vertices: Tensor = _Positions.apply(solution, inner, patch.vertices, *rims)  # type: ignore[no-untyped-call]
+    size = patch.boundary_size
+    given = np.concatenate(as_given(solution, np.split(np.arange(size), np.cumsum(patch.rims)[:-1])))
+    numbers = np.arange(len(patch.vertices))
+    numbers[given] = np.arange(size)
+    positions = np.concatenate([patch.vertices[given], patch.vertices[size:]])
+    faces = torch.tensor(numbers[patch.faces], device=rims[0].device)
+    vertices: Tensor = _Positions.apply(solution, patch.points[size:], positions, *rims)  # type: ignore[no-untyped-call]
     return vertices, faces
 
 
@@ -169,8 +174,7 @@ class _Positions(torch.autograd.Function):
         split = len(gradient) - len(ctx.z)
         own = position_gradient(ctx.solution, ctx.z, gradient[split:])
         if split:
-            sizes = np.cumsum([len(rim.loop) for rim in ctx.solution.rims])[:-1]
-            on_rims = as_given(ctx.solution, np.split(gradient[:split], sizes))
+            on_rims = np.split(gradient[:split], np.cumsum([len(rows) for rows in own])[:-1])
             own = tuple(a + b for a, b in zip(own, on_rims, strict=True))
         pairs = zip(own, ctx.rims, strict=True)
         return (None, None, None, *(torch.tensor(rows).to(device, dtype) for rows, (dtype, device) in pairs))

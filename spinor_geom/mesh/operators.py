@@ -49,8 +49,8 @@ def mollified_edge_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray
     Source: Sharp & Crane (2020), "A Laplacian for nonmanifold triangle meshes", for mollified lengths.
     """
     length = igl.edge_lengths(*igl_arrays(vertices, faces))
-    # fourth powers of lengths in the areas must not underflow
-    longest = np.maximum(length.max(axis=1), TINY**0.2)
+    # fourth powers of the ratios of lengths, in the areas, must not underflow
+    longest = np.maximum(length.max(axis=1), max(TINY**0.2 * length.max(initial=0.0), TINY))
     slack = length.sum(axis=1) - 2 * length.max(axis=1)
     return np.asarray(length + np.maximum(_SLACK * longest - slack, 0.0)[:, None])
 
@@ -59,7 +59,8 @@ def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Faces, count: 
     """`cotangent_laplacian` of `count` vertices from the lengths of the edges opposite to the corners."""
     if not len(faces):  # libigl would look for the largest index
         return csc_array((count, count))
-    laplacian = csc_array(igl.cotmatrix_intrinsic(*igl_arrays(lengths, faces)))
+    # of ratios, because areas are computed from fourth powers
+    laplacian = csc_array(igl.cotmatrix_intrinsic(*igl_arrays(lengths / max(lengths.max(), TINY), faces)))
     np.negative(laplacian.data, out=laplacian.data)
     laplacian.resize((count, count))  # the last vertices may be unused
     return laplacian

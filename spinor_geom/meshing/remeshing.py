@@ -17,6 +17,7 @@ from jaxtyping import Bool, Complex, Float, Int
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
+from spinor_geom.arrays import EPS
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.domain.sizes import DECAY, GROWTH
@@ -334,6 +335,7 @@ def _graded_size(patch: Patch, target: float) -> Size:
     rim, after = patch.vertices[:m], rim_successors(patch.rims)
     edge = np.linalg.norm(rim[after] - rim, axis=1)
     own = 0.5 * (edge + edge[np.argsort(after)])
+    own[own <= EPS * target] = target  # repeated points have no length
     tree = cKDTree(rim)
 
     def size(x: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:

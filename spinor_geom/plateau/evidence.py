@@ -64,7 +64,8 @@ def area_in_domain(surface: ArraySurface) -> float:
     mesh = surface.domain.triangulation
     parts = [_on_triangles(mesh.points[mesh.faces]), *map(_beside_rim, surface.domain.boundaries)]
     z, weights = map(np.concatenate, zip(*parts, strict=True))
-    return float(weights @ surface.conformal_factor(z) ** 2)
+    # weights beside the rims may be negative
+    return max(float(weights @ surface.conformal_factor(z) ** 2), 0.0)
 
 
 def crossing_faces(surface: ArraySurface) -> int | None:

@@ -205,6 +205,13 @@ class PlateauProblem:
                 order=order,
                 rim_disks=rim_disks,
             )
+        evidence = Evidence(
+            make=partial(found.surface_at, scale, self.centre),
+            curvature=found.curvature,
+            is_plane=found.route == "plane",
+        )
+        # the integral along an unresolved rim may be negative, that of λ² is not
+        area = found.area * scale**2 if found.area > 0 else evidence.area_in_domain
         return PlateauSolution(
             rims=tuple(
                 RimMatch(loop=loop, curve=curve.placed(loop.points, scale), boundary=boundary, matching=matching)
@@ -212,18 +219,14 @@ class PlateauProblem:
             ),
             domain=found.domain,
             boundary_residual=residual,
-            area=found.area * scale**2,
+            area=area,
             route=found.route,
             history=history,
             solve_timings=dict(self.clock.seconds),
             tolerance=self.options.tolerance,
             converged=converged,
             reason=reason,
-            evidence=Evidence(
-                make=partial(found.surface_at, scale, self.centre),
-                curvature=found.curvature,
-                is_plane=found.route == "plane",
-            ),
+            evidence=evidence,
             annulus=annulus,
         )
 

@@ -41,7 +41,8 @@ class PlateauSolution(Shown):
         rims: the loops with their boundaries of Ω, the outer boundary first.
         domain: Ω.
         boundary_residual: distance of the surface's boundary from Γ, of all rims together.
-        area: ½∮ r·Im(φ dz), in squared mesh units.
+        area: ½∮ r·Im(φ dz), in squared mesh units; `area_in_domain` where this is not positive, because the surface is
+            not resolved along ∂Ω.
         route: the route that found the surface.
             "plane": the region inside the plane loop is Ω; p and q are constant.
             "disk", "flattened", "unfolded": Douglas's method on the unit disk, or on a smooth domain near a flattened

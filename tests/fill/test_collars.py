@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -62,6 +63,36 @@ def holds(seed: int) -> float:
             assert any(words in outcome.reason for words in REASONS), (seed, outcome.reason)
     assert report.watertight == all(outcome.filled for outcome in report.loops), seed
     return seconds
+
+
+def ring(radius: float, height: float, *, repeated: int = 1) -> np.ndarray:
+    """12 points on a circle, the first of them several times."""
+    t = 2 * np.pi * np.maximum(np.arange(12) - repeated + 1, 0) / 12
+    return np.column_stack([radius * np.cos(t), radius * np.sin(t), np.full(12, height)])
+
+
+@pytest.mark.parametrize(
+    ("rings", "shift"),
+    [
+        ([ring(1, 0), ring(0, -1)], 0.0),
+        ([ring(1, 0), ring(0, -1), ring(0, -1)], 0.0),
+        ([ring(1, 0), ring(1, 0), ring(1, -1)], 0.0),
+        ([ring(1, 0, repeated=3), ring(2, -1)], 0.0),
+        ([ring(1, 0), ring(2, -1)], 1e15),
+    ],
+    ids=["a ring in a point", "two rings in a point", "two equal rings", "repeated points", "far from the origin"],
+)
+@pytest.mark.parametrize("continuity", ["C0", "C1"])
+def test_degenerate_collars_are_closed_or_refused(
+    rings: list[np.ndarray], shift: float, continuity: Literal["C0", "C1"]
+) -> None:
+    i, j = np.arange(12), (np.arange(12) + 1) % 12
+    band = np.concatenate([np.stack([i, i + 12, j], axis=1), np.stack([j, i + 12, j + 12], axis=1)])
+    faces = np.concatenate([band + 12 * k for k in range(len(rings) - 1)])
+    mesh = np.vstack(rings) + shift, faces
+    (vertices, _), report = fill_hole(mesh, continuity=continuity, time_limit=1, return_report=True)
+    assert np.isfinite(vertices).all()
+    assert all(outcome.filled or outcome.reason for outcome in report.loops)
 
 
 def test_random_collars_are_closed_or_refused_for_a_reason() -> None:

@@ -9,8 +9,12 @@ import torch
 import spinor_geom
 from spinor_geom.errors import NotDifferentiableError, OptionError, UncertainGradientWarning
 from spinor_geom.gradients.minimal_surface import nearest, position_gradient, require_isolated
+from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.plateau import Laurent, solve_plateau
 from tests.gradients.cases import LIFT, QUADRILATERAL, RING, TURN, wavy
+
+# rotations of e₃ to three directions in a plane
+AROUND = [np.array([[0, -np.sin(a), np.cos(a)], [0, np.cos(a), np.sin(a)], [-1, 0, 0]]) for a in (0.0, 2.1, 4.2)]
 
 
 def test_vertices_are_those_of_the_patch():
@@ -41,6 +45,35 @@ def test_rims_of_an_annulus_in_the_given_order_and_direction():
     # a translation moves the vertices of the rims as a whole, those inside along their normals
     expected = patch.boundary_size * np.ones(3) + (normal.sum(axis=1, keepdims=True) * normal).sum(axis=0)
     assert along.numpy() == pytest.approx(expected, rel=1e-6)
+
+
+TRIPOD = [np.roll(RING @ turn.T + 0.8 * turn[:, 2], k, axis=0) for k, turn in enumerate(AROUND)]
+BETWEEN = {
+    "as the surface has them": [RING - LIFT, RING + LIFT],
+    "reversed": [RING[::-1] - LIFT, 0.9 * RING[::-2] + LIFT],
+    "the larger second": [0.4 * RING[::2], RING[::-1] + 0.1 * LIFT],
+    "three": TRIPOD,
+    "three, permuted and reversed": [TRIPOD[2], TRIPOD[0][::-1], TRIPOD[1]],
+}
+
+
+@pytest.mark.parametrize("name", BETWEEN)
+def test_vertices_begin_with_the_rims_in_the_given_order_and_direction(name):
+    rims = [torch.tensor(np.ascontiguousarray(rim), requires_grad=True) for rim in BETWEEN[name]]
+    vertices, faces = spinor_geom.minimal_surface(rims)
+    given = torch.cat(rims)
+    assert torch.equal(vertices[: len(given)], given)
+    half_edges = HalfEdges.of(faces.numpy())
+    edges = half_edges.origin[half_edges.boundary], half_edges.target[half_edges.boundary]
+    ends = np.cumsum([len(rim) for rim in rims])
+    after = np.arange(len(given)) + 1
+    after[ends - 1] -= [len(rim) for rim in rims]
+    assert {frozenset(pair) for pair in zip(*map(np.ndarray.tolist, edges), strict=True)} == set(
+        map(frozenset, enumerate(after.tolist()))
+    )
+    weight = torch.tensor(np.random.default_rng(0).normal(size=given.shape))
+    (vertices[: len(given)] * weight).sum().backward()
+    assert torch.equal(torch.cat([rim.grad for rim in rims]), weight)
 
 
 def test_poisson_kernel_of_a_plane_disk():

@@ -103,6 +103,14 @@ def test_mollified_laplacian_of_faces_without_area_is_finite_and_positive() -> N
     np.testing.assert_allclose(angles.sum(axis=1), np.pi)
 
 
+@pytest.mark.parametrize("scale", [1e-69, 1e-20, 1e69])
+def test_mollified_laplacian_is_the_same_at_any_scale(scale: float) -> None:
+    vertices, faces = np.array([[0.0, 0, 0], [1, 0, 0], [0.4, 1, 0], [0.4, 0.5, 0.3]]), np.array([[0, 1, 3], [1, 2, 3]])
+    difference = mollified_laplacian(scale * vertices, faces) - mollified_laplacian(vertices, faces)
+    assert np.abs(difference.data).max(initial=0.0) < 1e-9
+    assert np.isfinite(mollified_laplacian(0 * vertices, faces).data).all()
+
+
 def test_the_laplacian_of_a_graph_has_degrees_on_its_diagonal_and_rows_of_sum_zero() -> None:
     laplacian = graph_laplacian(np.array([[0, 1, 2], [0, 2, 3]])).toarray()
     np.testing.assert_array_equal(np.diag(laplacian), [3, 2, 3, 2])

@@ -7,6 +7,7 @@ from spinor_geom import BoundaryLoop, gallery
 from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.evidence import area_in_domain, crossing_faces
+from spinor_geom.surface.array_surface import ArraySurface
 
 
 @pytest.mark.parametrize("radius", [0.5, 1.0, 1.5])
@@ -27,6 +28,13 @@ def test_both_areas_of_a_solution_agree(curve, points):
     solution = solve_plateau(curve.sample(points), tolerance=1e-6)
     assert solution.area_in_domain == pytest.approx(solution.area, rel=1e-7)
     assert solution.self_intersections == 0
+
+
+def test_an_area_is_not_negative_where_the_rim_is_not_resolved(monkeypatch):
+    square = np.array([[0.0, 0, 0], [1, 0, 1], [1, 1, 0], [0, 1, 1]])
+    monkeypatch.setattr(ArraySurface, "area", lambda self: -1e-6)
+    solution = solve_plateau(square, model="cauchy")
+    assert solution.area == solution.area_in_domain > 1
 
 
 def test_disk_over_a_knot_crosses_itself():
