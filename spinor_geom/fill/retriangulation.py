@@ -17,16 +17,24 @@ from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.topology import referenced_vertices
 from spinor_geom.meshing.embed import Patch
 
+# Largest share of a patch's area that is triangulated again in one step, so that the rest stays the surface.
+_MOST_AREA = 1 / 3
+# Largest change of the area by new triangles, per area of the patch: where more is needed, it runs along the mesh.
+_MOST_CHANGE = 0.05
+
 
 def retriangulated(patched: PatchedMesh, new: NewPatch) -> NewPatch:
     """Retriangulates regions around the intersecting faces of a patch, without inner vertices.
 
-    The regions grow until nothing intersects, they cover the patch, or time is out. Regions with outlines of more than
-    160 points are not changed. Nor are faces that intersect something at the rim only, as every patch does there.
+    The regions grow until nothing intersects, they are a third of the patch's area, or time is out. New triangles are
+    taken if they have fewer intersections and change the area of the patch by at most 5 %. Faces that intersect
+    something at the rim only, as every patch does there, are not changed, nor are regions with outlines of more than
+    160 points.
     """
     if not len(new.crossings):
         return new
     rings, at_rim, is_replaced = 0, RimCrossings(patched, new), np.zeros(len(new.patch.faces), dtype=bool)
+    area = new.patch.area
     while not is_out_of_time():
         faces, wrong = np.asarray(new.patch.faces), at_rim.avoidable(new.patch, new.crossings)
         region = np.zeros(len(faces), dtype=bool)
@@ -36,9 +44,9 @@ def retriangulated(patched: PatchedMesh, new: NewPatch) -> NewPatch:
         for _ in range(rings):
             a, b, c = referenced_vertices(faces[region], vertices=len(new.patch.vertices))[faces.T]
             region = a | b | c
-        new, is_replaced = _with_new_triangles(patched, new, is_replaced, np.flatnonzero(region), at_rim)
-        if region.all():
+        if not face_areas(new.patch.vertices, faces[region]).sum() < _MOST_AREA * area:
             break
+        new, is_replaced = _with_new_triangles(patched, new, is_replaced, np.flatnonzero(region), at_rim, area)
         rings = 4 * rings or 1
     return new
 
@@ -49,10 +57,11 @@ def _with_new_triangles(
     is_replaced: Bool[np.ndarray, " f"],
     region: Int[np.ndarray, " r"],
     at_rim: RimCrossings,
+    area: float,
 ) -> tuple[NewPatch, Bool[np.ndarray, " g"]]:
     """The patch with new faces in a region, if it has fewer intersections, else the patch itself.
 
-    Each outline is triangulated several times, and its best triangulation is taken.
+    Each outline is triangulated several times, and its best triangulation is taken. `area` is that of the surface.
 
     Returns:
         The patch, and which of its faces are not those of the surface; `is_replaced` are those before.
@@ -74,7 +83,8 @@ def _with_new_triangles(
         before = np.asarray(patch.faces)
         patch = replace(patch, faces=np.concatenate([faces[outside], *(one.current for one in outlines)]))
         crossings = patched.crossings(patch, crossings, _places(before, np.asarray(patch.faces), len(outside), count))
-        if len(crossings) < len(new.crossings if best is None else best.crossings):
+        is_near = abs(patch.area - area) <= _MOST_CHANGE * area
+        if is_near and len(crossings) < len(new.crossings if best is None else best.crossings):
             parts = [is_replaced[outside], *(one.is_replaced(is_replaced) for one in outlines)]
             best, is_best_replaced = replace(new, patch=patch, crossings=crossings), np.concatenate(parts)
         if not len(crossings) or not any(one.is_open for one in outlines) or is_out_of_time():

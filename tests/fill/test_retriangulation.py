@@ -11,6 +11,7 @@ import pytest
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.ragged import BALLS, bowl, reported_bowls
 from spinor_geom.discrete.flattest_triangulation import FlattestTriangulation
+from spinor_geom.fill import fill_loop
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import PatchedMesh
@@ -82,25 +83,63 @@ def test_only_outlines_with_other_charges_are_triangulated_again(monkeypatch: py
     assert all(all(before[:-1]) for before in charged.values())
 
 
-def test_no_edge_of_the_patch_s_other_faces_is_repeated() -> None:
-    """A tent of three faces, two of which are crossed: over their outline only the third face's edge is left."""
+def tent(radius: float) -> tuple[PatchedMesh, NewPatch]:
+    """A patch over a circle with a tent of three faces in its middle, two of which are crossed."""
     t = 2 * np.pi * np.arange(6) / 6
     circle = np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
     own, after = np.arange(6), np.roll(np.arange(6), -1)
     collar = np.concatenate([np.stack([own, own + 6, after], axis=1), np.stack([after, own + 6, after + 6], axis=1)])
     # through the upper end of the edge between the two
     needle = np.array([[0.38, 0.54, 1.38], [-0.66, -0.06, 1.38], [-0.14, 0.24, 1.34]])
-    mesh = TriangleMesh(np.concatenate([3 * circle, 5 * circle, needle]), np.vstack([collar, [12, 13, 14]]))
+    vertices = np.concatenate([radius * circle, 2 * radius * circle, needle])
+    mesh = TriangleMesh(vertices, np.vstack([collar, [12, 13, 14]]))
     (rim,) = (loop for loop in find_boundary_loops(mesh) if loop.vertex_ids.max() == 5)
     np.testing.assert_array_equal(rim.vertex_ids, own)
-    vertices = np.concatenate([rim.points, circle[::2], [[0, 0, 2]]])
-    tent = [[9, 6, 7], [9, 7, 8], [9, 8, 6]]
-    around = [[6, 0, 1], [6, 1, 7], [7, 1, 2], [7, 2, 3], [7, 3, 8], [8, 3, 4], [8, 4, 5], [8, 5, 6], [6, 5, 0]]
-    faces = np.array([*tent, *around])
+    vertices = np.concatenate([rim.points, circle[::2], [[0, 0, 2]], 1.5 * circle])
+    faces = [[9, 6, 7], [9, 7, 8], [9, 8, 6]]
+    around = [[6, 10, 11], [6, 11, 7], [7, 11, 12], [7, 12, 13], [7, 13, 8], [8, 13, 14], [8, 14, 15], [8, 15, 6]]
+    belt = np.concatenate([np.stack([own + 10, own, after], axis=1), np.stack([own + 10, after, after + 10], axis=1)])
+    faces = np.array([*faces, *around, [6, 15, 10], *belt])
     patch = Patch(vertices=vertices, faces=faces, boundary_size=6, points=vertices @ [1, 1j, 0])
     patched = PatchedMesh(mesh)
-    crossings = patched.crossings(patch)
-    assert len(crossings) == 2
-    cleared = retriangulated(patched, NewPatch(patch=patch, rims=[rim], reason="", crossings=crossings))
+    new = NewPatch(patch=patch, rims=[rim], reason="", crossings=patched.crossings(patch))
+    assert len(new.crossings) == 2
+    return patched, new
+
+
+def test_no_edge_of_the_patch_s_other_faces_is_repeated() -> None:
+    # over the outline of two faces of the tent only the third face's edge is left
+    cleared = retriangulated(*tent(6.0))
     assert not len(cleared.crossings)
     assert HalfEdges.of(cleared.patch.faces).counts.max() == 2
+
+
+def test_a_patch_keeps_its_faces_if_new_ones_would_change_most_of_it() -> None:
+    patched, new = tent(2.0)
+    assert retriangulated(patched, new) is new
+
+
+@pytest.mark.parametrize(("points", "noise", "seed"), [(30, 0.8, 3), (40, 1.0, 3)])
+def test_new_triangles_change_the_area_little(
+    points: int, noise: float, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    areas = []
+
+    def watched(patched: PatchedMesh, new: NewPatch) -> NewPatch:
+        found = retriangulated(patched, new)
+        assert len(found.crossings) < len(new.crossings)
+        areas.extend([new.patch.area, found.patch.area])
+        return found
+
+    monkeypatch.setattr(fill_loop, "retriangulated", watched)
+    rng, edge = np.random.default_rng(seed), 2 * np.pi / points
+    rows, t = np.arange(3)[:, None], 2 * np.pi * (np.arange(points) + 0.5 * (np.arange(3)[:, None] % 2)) / points
+    moved = noise * edge * rng.normal(size=(points, 2)).T * (rows[:, :, None] == 0)
+    radius = 1 + moved[:, 1]
+    walls = np.stack([radius * np.cos(t), radius * np.sin(t), moved[:, 0] - edge * rows], axis=2).reshape(-1, 3)
+    i, j = np.arange(points), (np.arange(points) + 1) % points
+    low, high = [[i, i + points, j], [j, i + points, j + points]], [[i, i + points, j + points], [i, j + points, j]]
+    faces = np.concatenate([np.stack(f, axis=1) + k * points for k, two in enumerate((low, high)) for f in two])
+    fill_hole((walls, faces), 0, return_report=True)
+    before, after = areas
+    assert after == pytest.approx(before, rel=0.05)
