@@ -9,14 +9,14 @@ from typing import Any, Literal
 import numpy as np
 import torch
 from jaxtyping import Complex, Float, Int
-from scipy.spatial import cKDTree
 from torch import Tensor
 
-from spinor_geom.errors import NotDifferentiableError, OptionError, UncertainGradientWarning
+from spinor_geom.errors import NotDifferentiableError, UncertainGradientWarning
 from spinor_geom.gradients.area import as_given
 from spinor_geom.gradients.curve_chain import by_points
 from spinor_geom.gradients.jacobi import JacobiFields
 from spinor_geom.gradients.minimal_area import Corners, as_rims, require_first_order, solved
+from spinor_geom.gradients.nearest_points import nearest
 from spinor_geom.gradients.rim_nodes import RimNodes
 from spinor_geom.gradients.slide_adjoint import SlideAdjoint
 from spinor_geom.meshing.embed import mesh_patch
@@ -28,7 +28,6 @@ from spinor_geom.plateau.threads import one_thread
 # Distance of the eigenvalue from 1 below which a surface counts as degenerate: that of the last catenoid, exactly 1, is
 # computed as 1.002.
 _DEGENERATE = 5e-3
-_STEPS = 12  # of Newton's method to the nearest point
 
 
 def minimal_surface(
@@ -99,6 +98,7 @@ def nearest_on_surface(
 
     Raises:
         OptionError: a place is nearest to the boundary of the surface.
+        SurfaceError: the nearest point was not found.
         SpinorGeomError: the errors of `minimal_surface`.
     """
     rims = as_rims(points)
@@ -106,26 +106,6 @@ def nearest_on_surface(
     z = nearest(solution, places.detach().double().cpu().numpy())
     positions: Tensor = _Positions.apply(solution, z, solution.array_surface.position(z), *rims)  # type: ignore[no-untyped-call]
     return positions
-
-
-def nearest(solution: PlateauSolution, places: Float[np.ndarray, "k 3"]) -> Complex[np.ndarray, " k"]:
-    """Points of Ω where the surface is nearest to given places, by Newton's method from vertices of its triangulation.
-
-    Raises an OptionError for a place that is nearest to the boundary of the surface.
-    """
-    surface, domain = solution.array_surface, solution.domain
-    start = domain.triangulation.points
-    z = start[cKDTree(surface.position(start)).query(places)[1]].copy()
-    for _ in range(_STEPS):
-        phi = surface.null_curve(z)
-        away = ((surface.position(z) - places) * phi).sum(axis=1)
-        # r_x = Re φ and r_y = −Im φ are orthogonal and of length λ
-        step = np.conj(away) / surface.conformal_factor(z) ** 2
-        z = z - step
-    inside = domain.contains(z)
-    if not inside.all():
-        raise OptionError(f"place {int(np.argmin(inside))} is nearest to the boundary of the surface; move it inwards")
-    return np.asarray(z)
 
 
 def require_isolated(solution: PlateauSolution) -> None:

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 import spinor_geom
-from spinor_geom.errors import NotDifferentiableError, OptionError, UncertainGradientWarning
-from spinor_geom.gradients.minimal_surface import nearest, position_gradient, require_isolated
+from spinor_geom.errors import NotDifferentiableError, UncertainGradientWarning
+from spinor_geom.gradients.minimal_surface import position_gradient, require_isolated
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.plateau import Laurent, solve_plateau
 from tests.gradients.cases import LIFT, QUADRILATERAL, RING, TURN, wavy
@@ -96,12 +96,6 @@ def test_centre_of_a_symmetric_quadrilateral():
     assert on_film[0].detach().numpy() == pytest.approx([0.5, 0.5, 0.25], abs=1e-6)
     assert gradient[:, 2].numpy() == pytest.approx(np.full(4, 0.25), abs=1e-5)
     assert gradient.sum(0).numpy() == pytest.approx([0, 0, 1], abs=1e-6)
-
-
-def test_nearest_points_on_the_boundary_are_refused():
-    solution = solve_plateau(RING)
-    with pytest.raises(OptionError, match="place 1 is nearest to the boundary"):
-        nearest(solution, np.array([[0.1, 0, 0], [1.5, 0, 0]]))
 
 
 def test_unstable_surface_is_refused():
