@@ -204,7 +204,7 @@ class NoAreaError(LoopError):
 
 
 class LoneFaceError(LoopError):
-    sentence = "the loop is the outline of face {face} {vertices}, which has no neighbours; remove the face"
+    sentence = "the loop is the outline of face {face} {vertices}, which has no neighbours; {advice}"
 
 
 class DomainError(SpinorGeomError, ValueError):

@@ -24,7 +24,7 @@ from spinor_geom.batching.obj_curves import NamedLoop, curve_loops
 from spinor_geom.batching.settings import BatchOptions
 from spinor_geom.batching.store import STATUSES, Writer, failure
 from spinor_geom.comparison import compare
-from spinor_geom.errors import SpinorGeomError
+from spinor_geom.errors import LoopTooShortError, OpenCurveError, SpinorGeomError
 from spinor_geom.files import safe_name
 from spinor_geom.fill.fill_loop import Stopwatch, fill_loop, unfilled
 from spinor_geom.fill.fill_options import FillOptions
@@ -111,6 +111,8 @@ class FileTask:
                 self._files[name] = partial(_write, result.mesh.contents) if is_npz else result.mesh.write
         for index, curve in enumerate(self.curves, start=len(entries)):
             entries.append(self._curve(index, curve, curves))
+            if entries[-1]["status"] == "open":
+                record["notes"].append(f"curve {index}, beside the faces, is not filled: {curve.error}")
         statuses = [*(entry["status"] for entry in entries), *(["failed"] if self.problem else [])]
         status = max((status for status in statuses if status != "open"), key=STATUSES.index, default="done")
         return {**record, "status": status, "curves": len(self.curves), "loops": entries}, self._files
@@ -132,9 +134,11 @@ class FileTask:
         """The entry of a curve, which is filled independently of the faces and of other curves."""
         if curve.loop is None or curve.error is not None:
             figures: dict[str, Any] = {"index": index, "vertices": len(curve.points), "kind": None}
-            figures |= {"reason": str(curve.error), "requested": True, "filled": False, "converged": False}
+            # exporters leave lines beside faces, which bound nothing
+            is_stray = self.filling is not None and isinstance(curve.error, (OpenCurveError, LoopTooShortError))
+            figures |= {"reason": str(curve.error), "requested": not is_stray, "filled": False, "converged": False}
             figures |= {"notes": list(curve.notes), "timings": {}}
-            return self._with_figures(figures, curve.name, "curve", "failed", curve.points)
+            return self._with_figures(figures, curve.name, "curve", "open" if is_stray else "failed", curve.points)
         loop, contents = replace(curve.loop, remarks=curve.notes), self._curve_contents
         if self._options.what == "loops":
             entry = self._entry(unfilled(index, loop, ""), curve.name, "curve", None, contents)

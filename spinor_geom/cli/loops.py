@@ -8,7 +8,7 @@ from typing import Any
 from spinor_geom.cli.console import ExitStatus, complain, show_lines, show_table
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.errors import require
-from spinor_geom.fill.mesh_notes import mesh_notes
+from spinor_geom.fill.mesh_notes import mesh_notes, useful_merging
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.intersections import loop_crossings
@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     require_faces(mesh.mesh)
     sheets = Sheets.of(mesh.mesh.vertices, mesh.mesh.faces)
     loops = find_boundary_loops(mesh.mesh, sheets)
-    notes = mesh_notes(mesh.mesh, loops, sheets)
+    notes = mesh_notes(mesh.mesh, loops, sheets, useful_merging(mesh.mesh, loops))
     if arguments.picture is not None:
         from spinor_geom.render.fill_scene import loops_scene
         from spinor_geom.render.png import write_png

@@ -68,8 +68,8 @@ def find_islands(
 ) -> dict[int, tuple[int, ...]]:
     """The islands in each hole, by the hole's index: the indices of the longest loop of each island.
 
-    Such a loop is shorter than the hole's and satisfies `lies_in`. If several holes contain an island, it belongs to
-    the shortest. `sheets` are those of the mesh, if already computed.
+    Such a loop satisfies `lies_in`, and its piece is smaller than that of the hole, by their bounding boxes. If several
+    holes contain an island, it belongs to the shortest. `sheets` are those of the mesh, if already computed.
     """
     if len(loops) < 2:
         return {}
@@ -79,6 +79,12 @@ def find_islands(
     own = np.array([component[loop.vertex_ids[0]] for loop in loops])
     if (own == own[0]).all():
         return {}
+    corners = mesh.vertices[mesh.faces[sheets.face_ids]].reshape(-1, 3)
+    piece_of_corner = np.repeat(sheets.half_edges.components, 3)
+    boxes = np.full((2, int(piece_of_corner.max()) + 1, 3), -np.inf)  # minus the low corners, and the high ones
+    np.maximum.at(boxes[0], piece_of_corner, -corners)
+    np.maximum.at(boxes[1], piece_of_corner, corners)
+    size = np.linalg.norm(boxes.sum(axis=0), axis=1)[own]
     lows, highs = (np.array([limit(loop.points, axis=0) for loop in loops]) for limit in (np.min, np.max))
     reach = np.linalg.norm(highs - lows, axis=1)[:, None]
     found: dict[int, list[int]] = {}
@@ -87,8 +93,7 @@ def find_islands(
         # loops whose enlarged boxes contain the centre of the piece's box
         centre = (lows[piece] + highs[piece]) / 2
         boxes_around = ((lows - reach <= centre) & (centre <= highs + reach)).all(axis=1)
-        around = np.flatnonzero(boxes_around & (own != own[piece]))
-        for hole in around[around < piece][::-1].tolist():
+        for hole in np.flatnonzero(boxes_around & (size > size[piece]))[::-1].tolist():
             if lies_in(loops[piece], loops[hole]):
                 found.setdefault(hole, []).append(piece)
                 break

@@ -14,7 +14,7 @@ from spinor_geom.fill.fill_loop import Stopwatch, fill_loop, unfilled
 from spinor_geom.fill.fill_options import Choice, FillOptions
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.fill.loop_choice import chosen_indices, reasons_to_leave_open
-from spinor_geom.fill.mesh_notes import mesh_notes
+from spinor_geom.fill.mesh_notes import mesh_notes, useful_merging
 from spinor_geom.fill.no_holes import require_hole, require_no_seams
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh, stitch
 from spinor_geom.fill.solved_loops import SolvedLoop
@@ -40,7 +40,8 @@ class Filling:
         """Finds the loops; raises as `find_boundary_loops` and `chosen_indices`."""
         self.mesh, sheets = mesh, Sheets.of(mesh.vertices, mesh.faces)
         self.loops = find_boundary_loops(mesh, sheets)
-        self.mesh_notes = mesh_notes(mesh, self.loops, sheets)
+        self._merging = useful_merging(mesh, self.loops)
+        self.mesh_notes = mesh_notes(mesh, self.loops, sheets, self._merging)
         self._unclosed = sheets.unclosed(mesh.faces, len(mesh.vertices))
         self._options, self._names_loops = options, choice.names_loops
         chosen_indices(options.named_loops, self.loops)  # raises
@@ -71,7 +72,7 @@ class Filling:
     def _error_of(self, loop: BoundaryLoop) -> SpinorGeomError | None:
         """The error of a loop that is not a hole, or None."""
         try:
-            require_hole(loop, self.patched)
+            require_hole(loop, self.patched, self._merging)
             if not self._names_loops:
                 require_no_seams(loop)
                 require_no_border(self.patched, loop)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import igl
 import numpy as np
@@ -18,12 +19,21 @@ from spinor_geom.mesh.topology import SHARE_OF_EDGE, HalfEdges, face_components
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 
-def mesh_notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets) -> tuple[str, ...]:
-    """Sentences on a mesh with its boundary loops and the sheets of its faces."""
-    return tuple(_notes(mesh, loops, sheets)) if len(mesh.faces) else ()
+class Merging(NamedTuple):
+    """That vertices up to a distance apart can be merged, and how many boundary loops are left then."""
+
+    distance: float  # in mesh units
+    loops: int
 
 
-def _notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets) -> Iterator[str]:
+def mesh_notes(
+    mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets, merging: Merging | None
+) -> tuple[str, ...]:
+    """Sentences on a mesh with its boundary loops and the sheets of its faces; `merging` as by `useful_merging`."""
+    return tuple(_notes(mesh, loops, sheets, merging)) if len(mesh.faces) else ()
+
+
+def _notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets, merging: Merging | None) -> Iterator[str]:
     half_edges = sheets.half_edges
     if len(wrong := nonfinite_rows(mesh.vertices)):
         which = f"{len(wrong)} vertices, first vertex {wrong[0]}, have" if len(wrong) > 1 else f"vertex {wrong[0]} has"
@@ -34,8 +44,11 @@ def _notes(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets) ->
         pieces, genus = _pieces_and_genus(mesh.faces)
         name = f"genus {genus}" if pieces == 1 else f"{pieces} pieces of total genus {genus}"
         yield f"the mesh is closed, {name}: it has no {'boundary loops; a tunnel is not a hole' if genus else 'hole'}"
-    if loops:
-        yield from _merge_note(mesh, loops)
+    if merging is not None:
+        yield (
+            f"merging vertices up to {merging.distance:.2g} apart would leave {merging.loops} of the {len(loops)} "
+            f"loops: {merge_advice(merging.distance)}"
+        )
 
 
 def is_orientable(half_edges: HalfEdges) -> bool:
@@ -63,8 +76,13 @@ def _pieces_and_genus(faces: Int[np.ndarray, "f 3"]) -> tuple[int, int]:
     return pieces, pieces - euler // 2
 
 
-def _merge_note(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> Iterator[str]:
-    """A sentence on merging nearby boundary vertices, if that would close loops."""
+def useful_merging(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> Merging | None:
+    """A merging of near boundary vertices that closes loops; None if there is none.
+
+    The distance is that of the nearest vertices, or twice, four times ... that, while this closes more loops.
+    """
+    if not loops:
+        return None
     points = np.concatenate([loop.points for loop in loops])
     edge = np.concatenate([np.maximum(loop.edge_lengths, shifted(loop.edge_lengths, 1)) for loop in loops])
     ids = np.concatenate([loop.vertex_ids for loop in loops])
@@ -74,14 +92,15 @@ def _merge_note(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> Iterator[s
     pair = np.stack([np.arange(len(points)), np.where(is_near, other, 0)], axis=1)
     is_near &= (near <= SHARE_OF_EDGE * edge[pair].min(axis=1)) & (ids[pair[:, 0]] != ids[pair[:, 1]])
     if not is_near.any():
-        return
-    distance = float(near[is_near].max())
-    try:
-        left = len(find_boundary_loops(mesh.merged(advised_distance(distance))[0]))
-    except SpinorGeomError:
-        return
-    if left < len(loops):
-        yield (
-            f"merging vertices up to {distance:.2g} apart would leave {left} of the {len(loops)} loops: "
-            f"{merge_advice(distance)}"
-        )
+        return None
+    distance, best, left = float(near[is_near].max()), None, len(loops)
+    while distance <= SHARE_OF_EDGE * float(edge.max()):
+        try:
+            closed = len(find_boundary_loops(mesh.merged(advised_distance(distance))[0]))
+        except SpinorGeomError:
+            break
+        if closed >= left:
+            break
+        best, left = Merging(distance, closed), closed
+        distance = 2 * distance or np.inf
+    return best

@@ -11,15 +11,17 @@ from spinor_geom.errors import (
     how_far_apart,
     merge_advice,
 )
+from spinor_geom.fill.mesh_notes import Merging
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 
 MIN_WIDTH_PER_EDGE = 1e-6  # in mean edges of the loop: far above round-off, far below real holes
 
 
-def require_hole(loop: BoundaryLoop, patched: PatchedMesh) -> None:
+def require_hole(loop: BoundaryLoop, patched: PatchedMesh, merging: Merging | None = None) -> None:
     """Raises a LoopError for a slit, the outline of one face or points on a line.
 
+    `merging` would close loops of the mesh; it is the advice on single faces.
     Raises the loop's `obstacle`, such as a NonManifoldEdgeError, if it has one.
     """
     if loop.obstacle is not None:
@@ -35,7 +37,8 @@ def require_hole(loop: BoundaryLoop, patched: PatchedMesh) -> None:
         )
     face = patched.face_on(loop)
     if face is not None:
-        raise LoneFaceError(face=face, vertices=[int(v) for v in loop.vertex_ids])
+        advice = "remove the face" if merging is None else f"merge vertices first ({merge_advice(merging.distance)})"
+        raise LoneFaceError(face=face, vertices=loop.vertex_ids.tolist(), advice=advice)
     require_area(loop, loop.diagonal / loop.elongation)
 
 

@@ -513,3 +513,18 @@ def test_records_are_json_without_nan(mixed: Path, tmp_path: Path) -> None:
     solved([mixed], tmp_path / "out")
     for path in (tmp_path / "out" / "files").rglob("record.json"):
         json.loads(path.read_text(), parse_constant=lambda name: pytest.fail(name))
+
+
+@pytest.mark.parametrize("what", ["fill", "surface", "loops"])
+def test_lines_and_points_beside_faces_are_a_note(tmp_path: Path, what: str) -> None:
+    stray = "p 1 2 3\nl 1 2 3\nl 4 5 4\n"
+    (tmp_path / "stray.obj").write_bytes(holed_text().encode() + stray.encode())
+    (tmp_path / "lines.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\n" + "l 1 2 3\n")
+    solved([tmp_path / "stray.obj", tmp_path / "lines.obj"], tmp_path / "out", what=what)
+    found = (tmp_path / "out" / "files" / name / "record.json" for name in ("stray.obj", "lines.obj"))
+    record, lines = (json.loads(path.read_text()) for path in found)
+    assert (record["status"], lines["status"]) == ("done", "failed")
+    assert [loop["status"] for loop in record["loops"] if loop["origin"] == "curve"] == ["open", "open"]
+    notes = [note for note in record["notes"] if "beside the faces, is not filled" in note]
+    assert len(notes) == 2
+    assert "the curve is open" in notes[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 
 from spinor_geom.errors import LoopIndexError, OptionError
 from spinor_geom.fill.bridges import find_islands, lies_in
@@ -162,6 +163,33 @@ def test_a_piece_that_touches_the_hole_is_no_island() -> None:
     piece = np.array([(1, 1, 0), (0.4, 0.9, 0), (0.9, 0.4, 0)])
     assert not lies_in(BoundaryLoop.from_points(piece, corners=()), hole)
     assert lies_in(BoundaryLoop.from_points(piece - [0.1, 0.1, 0.0], corners=()), hole)
+
+
+def head_with_eyes(size: float) -> tuple[np.ndarray, np.ndarray]:
+    """A ball with two mirrored holes, and an open eyeball behind each, whose rim has a size relative to theirs."""
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    eye = np.array([0.5, np.sqrt(0.75), 0.0])
+    is_open = (np.maximum(ball.vertices @ eye, ball.vertices @ (eye * [-1, 1, 1])) > 0.97)[ball.faces].any(axis=1)
+    head = ball.vertices, ball.faces[~is_open]
+    rim = 0.3 * size
+    cup = ball.faces[(ball.vertices @ eye < 0.05)[ball.faces].all(axis=1)]
+    right = rim * ball.vertices + 0.93 * eye, cup
+    left = right[0] * [-1, 1, 1], cup[:, ::-1]
+    return together(head, right, left)
+
+
+@pytest.mark.parametrize("size", [0.5, 0.97, 1.0, 1.03, 1.3, 2.0])
+def test_the_larger_component_is_the_mesh_and_mirrored_pieces_are_treated_alike(size: float) -> None:
+    mesh = TriangleMesh(*head_with_eyes(size))
+    loops = find_boundary_loops(mesh)
+    assert len(loops) == 4
+    is_head = [loop.vertex_ids[0] < 642 for loop in loops]
+    found = find_islands(mesh, loops)
+    assert all(is_head[hole] for hole in found)
+    pieces = [piece for own in found.values() for piece in own]
+    assert not any(is_head[piece] for piece in pieces)
+    assert len(pieces) == (2 if size < 0.9 else 0 if size > 1.1 else len(found))
+    assert len(found) in (0, 2)
 
 
 def test_several_islands_in_one_hole_are_joined() -> None:

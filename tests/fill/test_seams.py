@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from spinor_geom.adapters import read_mesh
 from spinor_geom.cli.main import main
@@ -355,3 +357,22 @@ def test_each_patch_has_its_range_of_faces_and_its_group(tmp_path: Path) -> None
     done.write(tmp_path / "b.obj")
     groups = [line for line in (tmp_path / "b.obj").read_text().splitlines() if line.startswith("g ")]
     assert groups == [f"g spinor_geom_fill_{index}" for index in range(2)]
+
+
+@pytest.mark.parametrize("noise", [1e-6, 1e-5, 1e-4])
+def test_facets_with_noise_are_told_the_distance_that_merges_them(tmp_path: Path, noise: float) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    faces = ball.faces[ball.triangles_center[:, 2] < 0.8]
+    shifts = np.random.default_rng(1).uniform(-noise, noise, (len(faces), 3, 3))
+    soup = (ball.vertices[faces] + shifts).reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)
+    trimesh.Trimesh(*soup, process=False).export(tmp_path / "noisy.stl")
+    report = fill_hole(tmp_path / "noisy.stl", return_report=True)[1]
+    (note,) = [note for note in report.notes if note.startswith("merging vertices")]
+    advice = re.search(r"or --merge (\S+) on the command line$", note)
+    assert advice is not None
+    lone = [outcome.reason for outcome in report.loops if "which has no neighbours" in outcome.reason]
+    assert len(lone) > len(faces) / 2
+    assert all(f"merge vertices first (fill_hole(mesh, merge={advice[1]})" in reason for reason in lone)
+    _, merged = fill_hole(tmp_path / "noisy.stl", merge=float(advice[1]), return_report=True)
+    assert len(merged.loops) == 1
+    assert merged.watertight
