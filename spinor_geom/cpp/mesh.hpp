@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <numeric>
 #include <queue>
+#include <stdexcept>
 #include <utility>
 #include <vector>
 
@@ -214,6 +215,11 @@ private:
         std::sort(edges.begin(), edges.end());
         for (size_t e = 0; e + 1 < edges.size(); ++e)
             if (edges[e][0] == edges[e + 1][0] && edges[e][1] == edges[e + 1][1]) {
+                const int t = edges[e][2], other = edges[e + 1][2];
+                const bool is_same_way =
+                    triangles_[t].vertex[edges[e][3]] == triangles_[other].vertex[edges[e + 1][3]];
+                const bool is_third = triangles_[t].across[edges[e][3]] >= 0;
+                if (t == other || is_same_way || is_third) throw std::invalid_argument("triangles overlap");
                 triangles_[edges[e][2]].across[edges[e][3]] = edges[e + 1][2];
                 triangles_[edges[e + 1][2]].across[edges[e + 1][3]] = edges[e][2];
             }
@@ -422,7 +428,8 @@ private:
         if (other < 0) return -1;
         const int a = triangles_[t].vertex[k], b = triangles_[t].vertex[(k + 1) % 3], c = triangles_[t].vertex[(k + 2) % 3];
         int j = 0;
-        while (triangles_[other].across[j] != t || triangles_[other].vertex[j] != b) ++j;
+        while (j < 3 && (triangles_[other].across[j] != t || triangles_[other].vertex[j] != b)) ++j;
+        if (j == 3) return -1;  // only where the given triangles overlap
         const int d = triangles_[other].vertex[(j + 2) % 3];
         if (!in_circle(point(a), point(b), point(c), point(d))) return -1;
         if (side(point(a), point(d), point(c)) <= 0 || side(point(d), point(b), point(c)) <= 0) return -1;

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from spinor_geom.domain.delaunay import constrained_delaunay
 from spinor_geom.domain.sizes import SizeField
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import OptionError, SpinorGeomError
 from tests.strategies import SEEDS
 
 
@@ -115,3 +115,9 @@ def test_points_beyond_32_bit_indices_are_refused(most):
     region = SizeField().over(CIRCLE)
     with pytest.raises(MemoryError):
         region.refined(constrained_delaunay(region.points, (12,)), None, most, np.inf)
+
+
+@pytest.mark.parametrize("faces", [[[0, 1, 2], [0, 1, 3]], [[0, 1, 2], [1, 0, 3], [0, 1, 4]], [[0, 0, 1]]])
+def test_triangles_that_overlap_are_refused(faces):
+    with pytest.raises(SpinorGeomError, match="overlapping"):
+        SizeField().over(CIRCLE).refined(faces, None, 100, np.inf)
