@@ -20,6 +20,7 @@ from spinor_geom.errors import MeshFileError, PrecisionError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 TRIANGLES, STRIPS_AND_FANS = 4, (5, 6)  # a primitive's mode
+MOVES = {"matrix", "rotation", "scale", "translation"}  # of a node
 WIDTHS = {"POSITION": 3, "NORMAL": 3, "TEXCOORD_0": 2}
 # The largest number of rows of arrays in a scene, of about 35 bytes each, unless the file itself has more bytes: a
 # mesh that many nodes use, or an array that many primitives use, is read once for each of them.
@@ -254,7 +255,8 @@ def scene_pieces(container: GlbContainer) -> list[PlacedPrimitive]:
     pieces: list[PlacedPrimitive] = []
     seen: set[int] = set()
     rows_left = max(MOST_ROWS, sum(len(view or b"") for view in container.views))
-    stack = [(root, np.eye(4)) for root in reversed(roots)]
+    unmoved = np.eye(4)
+    stack = [(root, unmoved) for root in reversed(roots)]
     while stack:
         number, parent = stack.pop()
         if number in seen:
@@ -262,15 +264,17 @@ def scene_pieces(container: GlbContainer) -> list[PlacedPrimitive]:
         seen.add(number)
         node = container.item("nodes", number)
         with np.errstate(over="ignore", invalid="ignore"):  # a position that is not finite is reported later
-            transform = parent @ _local_transform(node)
-            is_flat = np.linalg.det(transform[:3, :3]) == 0
+            transform = parent if MOVES.isdisjoint(node) else parent @ _local_transform(node)
         stack += [(child, transform) for child in reversed(node.get("children", []))]
         if "mesh" not in node:
             continue
         if "skin" in node:
             transform = np.eye(4)
-        elif is_flat:
-            raise malformed(f"node {number}", "its transform is singular", "correct the transform")
+        else:
+            with np.errstate(over="ignore", invalid="ignore"):
+                is_flat = np.linalg.det(transform[:3, :3]) == 0
+            if is_flat:
+                raise malformed(f"node {number}", "its transform is singular", "correct the transform")
         for index in range(len(tree["meshes"][node["mesh"]]["primitives"])):
             piece = _piece(container, number, index, pieces[-1].stop if pieces else 0, transform)
             rows_left -= ROWS_OF_A_PRIMITIVE

@@ -22,6 +22,7 @@ OLD_NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double
 TYPES = {np.dtype(kind).name: kind for kind in NUMPY_TYPES} | dict(zip(OLD_NAMES, NUMPY_TYPES, strict=True))
 BYTE_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
 LONGEST_COUNT = 18  # digits; no file holds more
+MOST_DECLARED = 1000  # elements and properties; the time to read a header grows with the square of their number
 LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r)")
 # attributes of several properties, with the names that programs use for these
 GROUPS: Mapping[str, tuple[tuple[str, ...], ...]] = {
@@ -71,6 +72,8 @@ def _read_header(data: bytes) -> tuple[int, Records]:
     encoding = next((words[1] for words in formats if words[:1] == ["format"] and words[1:]), None)
     if encoding not in BYTE_ORDERS:
         raise malformed("header", f"the format is {encoding}", f"use one of {', '.join(BYTE_ORDERS)}")
+    if sum(line.startswith(("element", "property")) for _, line in lines) > MOST_DECLARED:
+        raise malformed("header", f"declares over {MOST_DECLARED} elements and properties", "correct the header")
     elements: list[Element] = []
     for number, (begin, line) in enumerate(lines, start=1):
         match line.split():

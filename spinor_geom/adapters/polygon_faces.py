@@ -104,12 +104,12 @@ class Polygons:
 def _best_fans(vertices: Float[np.ndarray, "v 3"], corners: Int[np.ndarray, "m n"]) -> Int[np.ndarray, "m n-2 3"]:
     """The fans of `triangulated` for m polygons with n corners."""
     size = corners.shape[1]
-    if size == 3:
-        return corners[:, None]
     best = _fans(corners, 0)
+    if not 4 <= size <= LARGEST_SEARCHED:
+        return best
     with np.errstate(over="ignore", invalid="ignore"):  # for huge coordinates any fan has the right topology
         quality = _least_agreement(vertices, best)
-        for start in range(1, size if size > 4 else 2) if size <= LARGEST_SEARCHED else ():
+        for start in range(1, size if size > 4 else 2):
             fans = _fans(corners, start)
             candidate = _least_agreement(vertices, fans)
             better = candidate > quality

@@ -131,12 +131,15 @@ def _equal_records(data: bytes, position: int, element: Element) -> np.ndarray |
         fields.append((item.name, item.dtype, shape))
         offset += item.dtype.itemsize * math.prod(shape)
     fitting = (len(data) - position) // (offset - position)
-    if fitting < element.count:
-        if not lengths:
-            raise _too_short(element, fitting)
+    if fitting < element.count and not lengths:
+        raise _too_short(element, fitting)
+    records: np.ndarray = np.ndarray(min(element.count, fitting), np.dtype(fields), data, position)
+    if not all((records[name] == length).all() for name, length in lengths.items()):
         return None
-    records: np.ndarray = np.ndarray(element.count, np.dtype(fields), data, position)
-    return records if all((records[name] == length).all() for name, length in lengths.items()) else None
+    least = sum((item.count_dtype or item.dtype).itemsize for item in element.properties)
+    if position + records.nbytes + least * (element.count - len(records)) > len(data):
+        raise _too_short(element, fitting)  # known without a loop over records
+    return records if len(records) == element.count else None
 
 
 def _ragged_records(data: bytes, position: int, element: Element) -> Element:

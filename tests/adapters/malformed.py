@@ -47,7 +47,7 @@ OBJ_FILES: Files = {
     "underscore in an index": (V + "f 1 2 0_3\n", "line 4: '0_3' is not a corner"),
     "underscores in all indices": (V + "f 0_1 0_2 0_3\n", "line 4: '0_1' is not a corner"),
     "underscore in a texture index": (V + "vt 0 0\nf 1/1 2/1 3/0_1\n", "line 5: '3/0_1' is not a corner"),
-    "megabytes of continued lines": (lambda: OBJ + "\\\n" * 1_500_000 + "\n", (3, 1)),
+    "megabytes of continued lines": (lambda: OBJ + "\\\n" * 1_200_000 + "\n", (3, 1)),
     "a face in a million pieces": (lambda: V + "f " + "\\\n" * 1_000_000 + "1 2 3\n", (3, 1)),
     "continued beyond the end": (OBJ + "f 1 2 \\", "line 5: a face needs three corners"),
     "texture coordinates without numbers": (V + "vt\nf 1/1 2/1 3/1\n", (3, 1)),
@@ -163,6 +163,20 @@ PLY_FILES: Files = {
     "unknown type": (PLY.replace("float x", "quad x"), "is of unknown type"),
     "length of a real type": (PLY.replace("list uchar", "list float"), "is of unknown type"),
     "indices of a real type": (ply(index="double"), "the corners of faces are not integers"),
+    "thousands of properties": (
+        lambda: PLY.replace(
+            "property float x", "".join(f"property float a{k}\n" for k in range(9000)) + "property float x"
+        ),
+        "header: declares over 1000 elements and properties",
+    ),
+    "billions of records in megabytes": (
+        lambda: (
+            b"ply\nformat binary_little_endian 1.0\nelement other 4000000000\nproperty list uchar uchar a\n"
+            b"element vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+            b"element face 1\nproperty list uchar int vertex_indices\nend_header\n" + bytes(50_000_000)
+        ),
+        "element 'other': the header declares 4000000000 records, but the file ends within record 50000",
+    ),
     "two properties of one name": (PLY.replace("float y", "float x"), "or the second of its name"),
     "two elements of one name": (PLY.replace("element face", "element vertex"), "two elements of one name"),
     "property of no element": (PLY.replace("element vertex 3\n", ""), "line 3: cannot understand"),
@@ -419,6 +433,16 @@ GLB_FILES: Files = {
     "malformed skins": (glb(lambda tree: tree.update(skins={"a": 1})), (8, 10)),
     "a chunk nobody knows": (
         GLB[:8] + struct.pack("<I", len(GLB) + 12) + GLB[12:] + struct.pack("<I4s", 4, b"XTRA") + b"what",
+        (8, 10),
+    ),
+    "a node millions of times": (
+        lambda: glb(lambda tree: tree.update(scenes=[{"nodes": [0] * 3_000_000}])),
+        "node 0: has two parents",
+    ),
+    "thousands of empty nodes": (
+        lambda: glb(
+            lambda tree: tree.update(nodes=[*tree["nodes"], *[{}] * 200_000], scenes=[{"nodes": [*range(200_001)]}])
+        ),
         (8, 10),
     ),
     "node its own child": (glb(lambda tree: tree["nodes"][0].update(children=[0])), "node 0: has two parents"),
