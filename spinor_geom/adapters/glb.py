@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from spinor_geom.adapters.contents import METRES, FileContents, is_held_in_single_precision, malformed, single_precision
 from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer, Json
 from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
-from spinor_geom.adapters.vertex_data import cast_values, parts_of_faces, unit_vectors
+from spinor_geom.adapters.vertex_data import as_float64, cast_values, parts_of_faces, unit_vectors
 from spinor_geom.errors import MeshFileError, PrecisionError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
 
@@ -213,7 +213,7 @@ class PlacedPrimitive:
     def decoded(self, semantic: str) -> Float[np.ndarray, "n k"]:
         """An attribute as float64 in the scene's coordinates; colours in the file's own scale."""
         rows = self.rows[semantic]
-        values = rows.astype(np.float64)
+        values = as_float64(rows)
         if semantic in self.normalized:
             values = np.maximum(values / np.iinfo(rows.dtype).max, -1.0)
         if semantic == "TEXCOORD_0":

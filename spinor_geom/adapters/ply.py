@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, color_scale_of, malformed
 from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
 from spinor_geom.adapters.records import Element, Property, Records, binary_records, parse_rows, read_binary, split_rows
-from spinor_geom.adapters.vertex_data import most_frequent_row
+from spinor_geom.adapters.vertex_data import as_float64, most_frequent_row
 from spinor_geom.errors import PolygonError
 from spinor_geom.mesh.array_checks import nonfinite_rows
 from spinor_geom.mesh.find_loops import repeats_a_vertex
@@ -263,7 +263,7 @@ def encode_ply(contents: FileContents) -> bytes:
 
 def _table(element: Element, names: tuple[str, ...]) -> Float[np.ndarray, "n _"]:
     """Properties side by side as float64."""
-    return np.stack([element.values[name] for name in names], axis=1).astype(np.float64)
+    return as_float64(np.stack([element.values[name] for name in names], axis=1))
 
 
 def _attribute_groups(vertices: Element) -> dict[str, tuple[str, ...]]:

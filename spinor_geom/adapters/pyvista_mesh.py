@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from spinor_geom.adapters.polygon_faces import Polygons, without_seams
-from spinor_geom.adapters.vertex_data import append_attributes, append_most_frequent, append_rows, triangles_of
+from spinor_geom.adapters.vertex_data import (
+    append_attributes,
+    append_most_frequent,
+    append_rows,
+    as_float64,
+    triangles_of,
+)
 from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
 
@@ -34,7 +40,7 @@ class PyVistaAdapter:
 
     def to_mesh(self, obj: Mesh) -> TriangleMesh:
         """The triangles, quads split, closed along seams; raises a MeshShapeError for cells of other types."""
-        vertices = np.asarray(obj.points, dtype=np.float64)
+        vertices = as_float64(np.asarray(obj.points))
         return without_seams(triangles_of(vertices, polygons_of(obj).triangulated(vertices)[0], _arrays(obj)))
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:

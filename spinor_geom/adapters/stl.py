@@ -18,7 +18,7 @@ from spinor_geom.adapters.contents import (
     text_rows,
 )
 from spinor_geom.adapters.polygon_faces import Polygons
-from spinor_geom.adapters.vertex_data import unit_vectors
+from spinor_geom.adapters.vertex_data import as_float64, unit_vectors
 from spinor_geom.errors import MeshFileError, PrecisionError
 from spinor_geom.mesh.array_checks import nonfinite_rows
 
@@ -45,7 +45,7 @@ def read_stl(data: bytes) -> FileContents:
         raise malformed(f"byte {HEADER}", problem)
     if len(corners) == 0:
         raise malformed("", "has no facets")
-    vertices = corners.reshape(-1, 3).astype(np.float64)
+    vertices = as_float64(corners.reshape(-1, 3))
     return FileContents(
         vertices=vertices,
         polygons=Polygons.of_triangles(np.arange(len(vertices)).reshape(-1, 3)),

@@ -20,6 +20,12 @@ def triangles_of(vertices: np.ndarray, faces: np.ndarray, arrays: Mapping[str, A
     return TriangleMesh(vertices, faces, vertex_attributes=attributes)
 
 
+def as_float64(values: np.ndarray) -> np.ndarray:
+    """Numbers in double precision; NaN of any kind is NaN, and no warning."""
+    with np.errstate(invalid="ignore"):
+        return values.astype(np.float64)
+
+
 def append_attributes(arrays: Mapping[str, Any], extension: MeshExtension, *, vertices: int) -> dict[str, np.ndarray]:
     """Arrays (V, ...) of a mesh of `vertices` vertices, each followed by values at new vertices in its own dtype.
 

@@ -8,12 +8,13 @@ import math
 import os
 import re
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from spinor_geom.batching.settings import FORMAT, WHAT
-from spinor_geom.errors import SpinorGeomError
+from spinor_geom.errors import ImperfectFillWarning, SpinorGeomError, UncertainGradientWarning
 from spinor_geom.experiments import NAMES as EXPERIMENTS
 from spinor_geom.files import MESH_SUFFIXES
 from spinor_geom.fill.fill_options import CONTINUITIES, ISLANDS, TIME_LIMIT
@@ -42,7 +43,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         command = importlib.import_module(f"spinor_geom.cli.{_MODULES.get(arguments.command, arguments.command)}")
         gc.freeze()
         gc.enable()
-        return int(command.run(arguments))
+        with warnings.catch_warnings():
+            # warnings of libraries are no sentences for users; -W and PYTHONWARNINGS show them
+            for category in (ImperfectFillWarning, UncertainGradientWarning):
+                warnings.simplefilter("default", category, append=True)
+            warnings.simplefilter("ignore", append=True)
+            return int(command.run(arguments))
     except (SpinorGeomError, OSError, MemoryError, KeyboardInterrupt) as error:
         return int(importlib.import_module("spinor_geom.cli.console").report_error(error))
 

@@ -1,13 +1,14 @@
 """Piecewise polynomial interpolation of closed curves: splines, analytic curves, selection by cross-validation."""
 
+import warnings
 from functools import cache
 from math import factorial
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
-from scipy.linalg import solve_banded
+from jaxtyping import Bool, Float, Int, Shaped
+from scipy.interpolate import BSpline, CubicSpline, PPoly, make_interp_spline
+from scipy.linalg import LinAlgWarning, solve_banded
 from scipy.linalg.lapack import dposv, dtrtri
 
 from spinor_geom.arrays import norm, shifted
@@ -68,13 +69,23 @@ def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[Pieces]:
             chosen[i] = analytic[i]
         elif degree > min(DEGREES):
             closed = np.vstack([points[i], points[i, :1]])
-            spline = make_interp_spline(arcs[i], closed, k=degree, bc_type="periodic")
+            spline = interpolating_spline(arcs[i], closed, degree, bc_type="periodic")
             powers = [spline(arcs[i, :-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
             # the constant terms are the vertices, bit for bit
             curve = Pieces("spline", arcs[i], np.stack([*powers, points[i]]))
             if follows_edges(i, curve):
                 chosen[i] = curve
     return chosen
+
+
+def interpolating_spline(x: Float[np.ndarray, " n"], y: Shaped[np.ndarray, "n k"], degree: int, **ends: Any) -> BSpline:
+    """The spline of scipy's `make_interp_spline`, without its warning about points that nearly coincide.
+
+    The distance of a surface from the points shows how exact it is.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LinAlgWarning)
+        return make_interp_spline(x, y, k=degree, **ends)
 
 
 def _leaves_long_edges(points: Vertices, curve: Pieces) -> bool:
@@ -130,7 +141,7 @@ def between_corners(points: Vertices, corners: Bool[np.ndarray, " m"]) -> Pieces
         degree = int(predicting_degree(vertices, arcs, is_closed=False)[0])
         if degree > min(DEGREES):
             highest, length = max(highest, degree), widths[side].sum()
-            spline = make_interp_spline(arcs, vertices, k=degree)
+            spline = interpolating_spline(arcs, vertices, degree)
             for k in range(1, degree + 1):
                 coefficients[-1 - k, side] = spline(arcs[:-1], nu=k) / (factorial(k) * length**k)
             breaks[side] = (breaks[side[0]] + length * arcs[:-1]) % 1.0

@@ -7,10 +7,11 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Complex, Float
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import BSpline
 
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
+from spinor_geom.mesh.interpolation import interpolating_spline
 from spinor_geom.surface.interior import NullCurve, Places
 
 _FEWEST, _MOST = 256, 1 << 14  # numbers of nodes
@@ -70,5 +71,5 @@ class SmoothPrimitive:
         spectrum = np.fft.rfft(self.values.real, axis=0)
         values = np.fft.irfft(spectrum, n=fine, axis=0) * (fine / n)
         values = np.concatenate([values, values[:1]])
-        spline = make_interp_spline(np.linspace(0, 1, fine + 1), values, k=_DEGREE, bc_type="periodic")
+        spline = interpolating_spline(np.linspace(0, 1, fine + 1), values, _DEGREE, bc_type="periodic")
         return spline, spline.derivative()

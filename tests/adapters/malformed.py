@@ -116,6 +116,9 @@ POINTS = "0 0 0\n1 0 0\n0 1 0\n"
 PLY = ply()
 
 
+SIGNALLING = b"\x01\x00\x80\x7f"  # NaNs of this kind raise a floating-point flag when they are converted
+
+
 def binary_ply(
     *, vertices: int = 3, faces: int = 1, count: str = "int", body: bytes | None = None, order: str = "<"
 ) -> bytes:
@@ -163,6 +166,7 @@ PLY_FILES: Files = {
     "unknown type": (PLY.replace("float x", "quad x"), "is of unknown type"),
     "length of a real type": (PLY.replace("list uchar", "list float"), "is of unknown type"),
     "indices of a real type": (ply(index="double"), "the corners of faces are not integers"),
+    "a signalling NaN": (binary_ply().replace(struct.pack("<f", 1), SIGNALLING), "NaN or infinite"),
     "thousands of properties": (
         lambda: PLY.replace(
             "property float x", "".join(f"property float a{k}\n" for k in range(9000)) + "property float x"
@@ -319,6 +323,7 @@ def binary_stl(*, header: bytes = b"", count: int = 2, facets: int = 2) -> bytes
 
 
 STL_FILES: Files = {
+    "a signalling NaN": (binary_stl()[:96] + SIGNALLING + binary_stl()[100:], "NaN or infinite"),
     "text": (STL, (4, 2)),
     "byte order mark": (b"\xef\xbb\xbf" + STL.encode(), (4, 2)),
     "old line ends": (STL.replace("\n", "\r"), (4, 2)),

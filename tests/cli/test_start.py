@@ -103,3 +103,20 @@ def test_public_names_are_defined_in_their_modules_and_not_hidden_by_modules_of_
 def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no attribute 'fill_holes'"):
         _ = spinor_geom.fill_holes
+
+
+def test_warnings_of_libraries_are_not_shown_but_those_of_the_package_are() -> None:
+    program = (
+        "import warnings\n"
+        "from spinor_geom.cli import loops, main\n"
+        "from spinor_geom.errors import ImperfectFillWarning\n"
+        "def run(arguments):\n"
+        "    warnings.warn('overflow encountered', RuntimeWarning)\n"
+        "    warnings.warn('a hole is open', ImperfectFillWarning)\n"
+        "    return 0\n"
+        "loops.run = run\n"
+        "main.main(['loops', 'mesh.obj'])\n"
+        "warnings.warn('after it', RuntimeWarning)\n"
+    )
+    shown = run_alone(program).stderr
+    assert [words in shown for words in ("overflow", "a hole is open", "after it")] == [False, True, True]
