@@ -232,8 +232,11 @@ class MeshFile(Shown):
                 vertex_attributes={name: values[vertices:] for name, values in self.contents.attributes.items()},
             )
         )
+        old = self.contents.vertices[:vertices]
+        with np.errstate(over="ignore"):
+            may_be_single = np.array_equal(old.astype(np.float32), old, equal_nan=True)
         # only then may the file's own numbers be too short for the new vertices
-        if not is_held_in_single_precision(self.contents, self.contents.vertices):
+        if may_be_single and not is_held_in_single_precision(self.contents, self.contents.vertices):
             written = FORMATS[suffix].read(data)
             if _count_of_positions(written) < _count_of_positions(self.contents):
                 raise PrecisionError(suffix=suffix)
