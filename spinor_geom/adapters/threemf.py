@@ -20,6 +20,7 @@ from jaxtyping import Float, Int
 from spinor_geom.adapters.contents import METRES, FileContents, first_unreadable, malformed
 from spinor_geom.adapters.glb import MOST_ROWS, ROWS_OF_A_PRIMITIVE
 from spinor_geom.adapters.polygon_faces import Polygons
+from spinor_geom.errors import MeshFileError
 from spinor_geom.files import MOST_RATIO, is_bomb
 from spinor_geom.mesh.topology import linked
 from spinor_geom.mesh.triangle_mesh import MeshExtension
@@ -83,7 +84,7 @@ class _Package:
     def __init__(self, data: bytes) -> None:
         try:
             self._zip = ZipFile(io.BytesIO(data))
-        except (BadZipFile, ValueError) as error:
+        except (BadZipFile, ValueError, NotImplementedError) as error:
             raise malformed("", f"is not a ZIP archive ({error})") from error
         entries = self._zip.infolist()
         if is_bomb(sum(entry.file_size for entry in entries), len(data)):
@@ -223,11 +224,13 @@ def _parse(part: str, data: bytes, start: Callable[[str, dict[str, str]], None])
     parser.StartElementHandler, parser.StartDoctypeDeclHandler = start, refuse
     try:
         parser.Parse(data, True)
-    except ExpatError as error:
-        raise malformed(part, f"is not valid XML ({error})") from error
+    except MeshFileError:
+        raise
     except KeyError as error:
         problem = f"an element lacks the attribute {error}"
         raise malformed(f"{part}, line {parser.CurrentLineNumber}", problem, "correct the file") from error
+    except (ExpatError, LookupError, ValueError) as error:  # the last two for encodings that are not known
+        raise malformed(part, f"is not valid XML ({error})") from error
 
 
 def _numbers(place: str, words: list[str], dtype: np.dtype[Any]) -> np.ndarray:

@@ -76,8 +76,8 @@ OBJ_FILES: Files = {
     "word as coordinate": ("v 0 zero 0\n" + OBJ, "'zero' is not a number"),
     "comma as decimal point": ("v 0,5 0 0\n" + OBJ, "'0,5' is not a number"),
     "nan": ("v 0 nan 0\n" + OBJ, "line 1: vertex 0 has a NaN"),
-    "infinity": (V + "v inf 0 0\nf 1 2 3\n", "line 4: vertex 3 has a NaN or infinite"),
-    "number beyond all": (V + "v 1e999 0 0\nf 1 2 3\n", "line 4: vertex 3"),
+    "infinity": (V + "v inf 0 0\nf 1 2 4\n", "line 4: vertex 3 has a NaN or infinite"),
+    "number beyond all": (V + "v 1e999 0 0\nf 1 2 4\n", "line 4: vertex 3"),
     "windows line ends": (OBJ.replace("\n", "\r\n"), (3, 1)),
     "old line ends": (OBJ.replace("\n", "\r"), (3, 1)),
     "no line end": (OBJ.rstrip(), (3, 1)),
@@ -165,7 +165,7 @@ PLY_FILES: Files = {
     "another magic word": (PLY.replace("ply", "plz"), "does not begin with 'ply'"),
     "unknown type": (PLY.replace("float x", "quad x"), "is of unknown type"),
     "length of a real type": (PLY.replace("list uchar", "list float"), "is of unknown type"),
-    "indices of a real type": (ply(index="double"), "the corners of faces are not integers"),
+    "indices of a real type": (ply(index="double"), "the corners of the element 'face' are not integers"),
     "a signalling NaN": (binary_ply().replace(struct.pack("<f", 1), SIGNALLING), "NaN or infinite"),
     "thousands of properties": (
         lambda: PLY.replace(

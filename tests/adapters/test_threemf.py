@@ -242,6 +242,8 @@ def test_a_bridge_between_two_meshes_is_written_with_copies_of_the_other_rim(tmp
         ({ROOT: model(mesh_text(1), 'objectid="1" transform="1 0 0"')}, "has not 12 numbers"),
         ({ROOT: model(mesh_text(1), 'objectid="1" transform="0 0 0 0 0 0 0 0 0 0 0 0"')}, "its transform is singular"),
         ({"readme.txt": "hello"}, "has no model part"),
+        ({ROOT: '<?xml version="1.0" encoding="triangle-8"?><model/>'}, "3dmodel.model: is not valid XML"),
+        ({ROOT: '<?xml version="1.0" encoding="utf-7"?><model/>'}, "3dmodel.model: is not valid XML"),
     ],
 )
 def test_a_broken_package_is_an_error_with_the_part_and_the_place(
