@@ -27,8 +27,8 @@ _OPTIONAL = ("stability", "perimeter", "seconds", "residual", "points")
 # text and style of a loop without a patch, by whether it was requested
 _OPEN = {True: ("open", "red"), False: ("left open", "dim")}
 # columns that are left out if empty: the RMS angle between patch and mesh along the boundary loop before and after the
-# continuation, and the number of intersections
-BEND, CROSSINGS = "bend", "crossings"
+# continuation, the number of intersections, and the area of the mesh where it differs from that of the surface
+BEND, CROSSINGS, MESH_AREA = "bend", "crossings", "mesh area"
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
@@ -131,7 +131,9 @@ def _show_result(result: FillResult, *, quiet: bool) -> None:
     """
     if result.loops:
         rows = [_row(outcome) for outcome in result.loops]
-        columns = [name for name in rows[0] if name not in (BEND, CROSSINGS) or any(str(row[name]) for row in rows)]
+        columns = [
+            name for name in rows[0] if name not in (BEND, CROSSINGS, MESH_AREA) or any(str(row[name]) for row in rows)
+        ]
         show_table(columns, [[row[name] for name in columns] for row in rows], piped=False, optional=_OPTIONAL)
     else:
         show_lines("no boundary loops: nothing to fill", piped=True)
@@ -158,7 +160,8 @@ def _description(outcome: LoopOutcome) -> str:
     if not outcome.faces_added:
         return f"joined to loop {outcome.joined_to}"
     residual = "" if outcome.solution is None else f", residual {outcome.solution.boundary_residual.rms_per_edge:.1e}"
-    return f"{outcome.kind}, {outcome.faces_added} faces, area {outcome.area:.6g}{residual}"
+    mesh = f" (mesh {outcome.mesh_area:.6g})" if outcome.areas_differ else ""
+    return f"{outcome.kind}, {outcome.faces_added} faces, area {outcome.area:.6g}{mesh}{residual}"
 
 
 def _row(outcome: LoopOutcome) -> dict[str, str | Text]:
@@ -173,6 +176,7 @@ def _row(outcome: LoopOutcome) -> dict[str, str | Text]:
         "perimeter": f"{outcome.loop.perimeter:.4g}",
         "residual": "" if residual is None else f"{residual:.1e}",
         "area": "" if area is None else f"{area:.4g}",
+        MESH_AREA: f"{outcome.mesh_area:.4g}" if outcome.areas_differ else "",
         "stability": "" if stability is None else str(stability["verdict"]),
         "faces": str(outcome.faces_added),
         "seconds": f"{outcome.timings['total']:.2f}" if outcome.timings else "",

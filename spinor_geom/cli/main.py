@@ -246,7 +246,7 @@ def _add_filling(parser: argparse.ArgumentParser) -> None:
     add("--keep-largest", **_FLAG, help="leave the longest loop open")
     add("--max-perimeter", **_LENGTH, help="leave loops of a larger perimeter open")
     add("--edge-length", **_LENGTH, help="target edge length of the patches (default: mean edge length of each loop)")
-    late = "seconds for the exact surface of each loop; a discrete one is used after that (default: %(default)g)"
+    late = "seconds for each loop, half of them for its exact surface; see docs/limits.md (default: %(default)g)"
     add("--time-limit", **_SECONDS, default=TIME_LIMIT, help=late)
     add("--strict", **_FLAG, help="exit with 1 also if a patch is discrete or exceeds the tolerance")
     add("--compare", **_FLAG, help="compare each exact patch with a discrete minimal surface")
@@ -278,6 +278,10 @@ def _add_solve(commands: _Commands) -> None:
     add("--tolerance", metavar="T", type=_positive, help=residual)
     patches = "largest distance of the patches from the surface, in diagonals of the curves (default: %(default)s)"
     add("--deviation", metavar="D", type=_positive, default=1e-6, help=patches)
+    late = (
+        "seconds for the surface, and as many for its patches; the best ones so far are written (default: %(default)g)"
+    )
+    add("--time-limit", **_SECONDS, default=TIME_LIMIT, help=late)
     add(
         "--unit",
         choices=("mm", "cm", "m", "in"),

@@ -31,12 +31,19 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     curves = _curves(arguments.input, arguments.loop)
     tolerance = arguments.tolerance or (_OF_EDGES if is_cad else _OF_POINTS)
     with progress("solving") as bar:
-        solution = solve_plateau(curves[0] if len(curves) == 1 else curves, tolerance=tolerance)
+        solution = solve_plateau(
+            curves[0] if len(curves) == 1 else curves, tolerance=tolerance, time_limit=arguments.time_limit
+        )
         if isinstance(solution, NoConnectedSurface):
             raise NoConnectedSurfaceFoundError(reason=solution.reason)
         bar.stage("patches")
         arguments.output.parent.mkdir(parents=True, exist_ok=True)
-        surface = solution.save(arguments.output, tolerance=arguments.deviation, unit=arguments.unit or "mm")
+        surface = solution.save(
+            arguments.output,
+            tolerance=arguments.deviation,
+            time_limit=arguments.time_limit,
+            unit=arguments.unit or "mm",
+        )
     deviations = surface.deviations
     show_lines(
         f"{len(surface.patches)} patches, {surface.size} control points, area {surface.area:.9g}, at most "

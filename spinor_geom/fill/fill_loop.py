@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
@@ -12,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.deadline import is_out_of_time, seconds_left, time_limit
+from spinor_geom.deadline import is_out_of_time, time_limit
 from spinor_geom.discrete.strip import ruled_annulus
 from spinor_geom.errors import (
     NoAreaError,
@@ -43,6 +44,14 @@ from spinor_geom.plateau.solution import PlateauSolution
 
 # reason for a patch of an exact surface that `mesh_patch` could not refine
 _COARSE = "its mesh of {} vertices has triangles larger than asked for (the limit on time or on vertices)"
+
+
+_SECONDS_TO_REPORT = 0.5  # for the intersections of a patch, at least, where its loop has no time left
+
+
+def _until(end: float) -> AbstractContextManager[None]:
+    """A time limit at a time of `perf_counter`."""
+    return time_limit(end - perf_counter())
 
 
 class Stopwatch:
@@ -83,8 +92,9 @@ def fill_loop(
     joined_to = next(iter(others), None)
     clock = Stopwatch({"solve": solved.seconds})
     try:
-        with time_limit(options.time_limit - solved.seconds):
-            new = _new_patch(patched, index, (loop, *others.values()), solved, options, clock)
+        end = perf_counter() + options.time_limit - solved.seconds
+        new = _new_patch(patched, index, (loop, *others.values()), solved, options, clock, end)
+        with _until(end):
             attributes, lowered = _attributes(patched, new)
     except SpinorGeomError as error:
         if isinstance(error, TooManyPointsError) and options.target_edge_length != "auto":
@@ -126,24 +136,29 @@ def _new_patch(
     solved: SolvedLoop,
     options: FillOptions,
     clock: Stopwatch,
+    end: float,
 ) -> NewPatch:
     """A patch to be joined to the mesh: meshed, fitted, continued if `continuity` is "C1", and cleared."""
     options.on_stage(index, "mesh")
-    with time_limit(seconds_left() / (1 if options.continuity_of(index) == "C0" else 2)):
+    is_film = options.continuity_of(index) == "C0"
+    with _until(end if is_film else (perf_counter() + end) / 2):
         new = _first_patch(index, loops, solved, options)
     clock.lap("mesh")
     options.on_stage(index, "crossings")
-    new = new.fitted(patched)
+    with _until(max(end, perf_counter() + _SECONDS_TO_REPORT)):
+        new = new.fitted(patched)
     clock.lap("crossings")
-    if options.continuity_of(index) == "C0":
-        new = _cleared(patched, new)
+    if is_film:
+        with _until(end):
+            new = _cleared(patched, new)
     else:
         options.on_stage(index, "continuation")
         target = edge_length_over(new.rims, options.target_edge_length)
-        smooth = _continued(patched, new, target)
-        clock.lap("continuation")
-        new = _cleared_continuation(patched, smooth, new)
-        new = _with_larger_angles(patched, new, target)
+        with _until(end):
+            smooth = _continued(patched, new, target)
+            clock.lap("continuation")
+            new = _cleared_continuation(patched, smooth, new)
+            new = _with_larger_angles(patched, new, target)
     clock.lap("clearance")
     return new
 
@@ -193,13 +208,23 @@ def _attributes(patched: PatchedMesh, new: NewPatch) -> tuple[dict[str, Float[np
 
 def _cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
     """Moves a patch away from the mesh, and retriangulates it where it still intersects something."""
-    new = retriangulated(patched, cleared(patched, new))
+    with suppress(OutOfTimeError):
+        new = cleared(patched, new)
+        new = retriangulated(patched, new)
     if not len(new.crossings) or not is_out_of_time():
         return new
     return replace(new, remarks=(*new.remarks, "the time limit ended the removal of intersections"))
 
 
 def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch:
+    """`_continuation` or, if there is no time for it, the patch with a remark."""
+    try:
+        return _continuation(patched, start, target)
+    except OutOfTimeError:
+        return _not_continued(start, " within the time limit; raise time_limit (--time-limit)")
+
+
+def _continuation(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch:
     """The smooth continuation of a patch, or the patch with a remark on why it was not continued.
 
     A patch without inner vertices is not changed. `target` is the edge length for new meshes.
@@ -211,8 +236,6 @@ def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch
         faired = continue_patch(start.patch, collar, target)
     except (SingularMatrixError, TooManyPointsError) as error:
         return _not_continued(start, f": {error}")
-    except OutOfTimeError:
-        return _not_continued(start, " within the time limit; raise time_limit (--time-limit)")
     before, after = bend_across(collar, start.patch), bend_across(collar, faired.patch)
     ratio = faired.patch.area / start.patch.area
     reason_against = (
@@ -255,7 +278,9 @@ def _with_larger_angles(patched: PatchedMesh, smooth: NewPatch, target: float) -
     """A continued patch remeshed where clearing left thin triangles; `target` is the edge length of new triangles."""
     if smooth.continuation is None:
         return smooth
-    new = without_thin_triangles(patched, smooth, target)
+    new = smooth
+    with suppress(OutOfTimeError):
+        new = without_thin_triangles(patched, smooth, target)
     is_remeshed = smooth.continuation.remeshed or new.patch is not smooth.patch
     return replace(new, continuation=smooth.continuation.with_angles_of(new.patch, remeshed=is_remeshed))
 

@@ -12,6 +12,7 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.shown import Shown, shortened
 
 _CROSSINGS = ("self_intersections", "mesh_intersections", "patch_intersections")
+_AREA_ERROR = 0.02  # relative difference of the areas of surface and mesh from which a note reports both
 _STATES = {
     "minimal": "is not within the tolerance",
     "discrete": "is closed by a discrete surface",
@@ -113,6 +114,18 @@ class LoopOutcome:
         return None if self.solution is None else float(self.solution.area)
 
     @property
+    def mesh_area(self) -> float | None:
+        """Area of the patch's triangles, in squared mesh units; None without a patch."""
+        return None if self.patch is None else self.patch.area
+
+    @property
+    def areas_differ(self) -> bool:
+        """Whether the areas of an exact surface and of its mesh differ by more than 2 %."""
+        if self.kind != "minimal" or self.solution is None or self.patch is None:
+            return False
+        return bool(abs(self.patch.area - self.solution.area) > _AREA_ERROR * self.solution.area)
+
+    @property
     def _is_beside_patch(self) -> bool:
         """Whether another outcome has the patch of its bridge."""
         return self.filled and self.patch is None
@@ -129,18 +142,28 @@ class LoopOutcome:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The remarks, and one if disks over the rims of a bridge have less area; the disks are solved on first use."""
+        """The remarks, and others on areas: that of a mesh, and those of disks over the rims of a bridge.
+
+        The disks are solved on first use.
+        """
         solution = self.solution
-        if solution is None or solution.annulus is None or self.patch is None or self.kind == "smooth":
+        if solution is None or self.patch is None or self.kind != "minimal":
             return self.remarks
-        disk_area = solution.annulus.disk_area
+        notes = self.remarks
+        if self.areas_differ:
+            note = (
+                f"the area of the surface is {solution.area:.6g}, that of its mesh {self.patch.area:.6g}: "
+                "between the points of the loop the boundary of the surface is not straight"
+            )
+            notes = (*notes, note)
+        disk_area = None if solution.annulus is None else solution.annulus.disk_area
         if disk_area is None or solution.area < disk_area:
-            return self.remarks
+            return notes
         note = (
             f"the bridge is a local minimum of the area only: its area is {solution.area:.6g}, that of "
             f"{'two ' if len(solution.rims) == 2 else ''}disks over its rims {disk_area:.6g}"
         )
-        return (*self.remarks, note)
+        return (*notes, note)
 
     @property
     def intersections(self) -> int:
@@ -167,6 +190,7 @@ class LoopOutcome:
             "residual_rms_per_edge": None if residual is None else float(residual.rms_per_edge),
             "residual_max_per_edge": None if residual is None else float(residual.max_per_edge),
             "area": self.area,
+            "mesh_area": self.mesh_area,
             "stability": stability and {key: getattr(stability, key) for key in ("verdict", "eigenvalue", "index")},
             "continuation": None if continuation is None else continuation.to_dict(),
             "annulus": None if solution is None or solution.annulus is None else solution.annulus.to_dict(),

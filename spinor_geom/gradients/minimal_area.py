@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from typing import Any, Literal, TypeAlias
@@ -26,6 +27,7 @@ def minimal_area(
     corners: Corners = "auto",
     model: Model = "auto",
     tolerance: float = 1e-3,
+    time_limit: float = math.inf,
 ) -> Float[Tensor, ""]:
     """Area of the minimal surface over ordered points, or between several rims; differentiable in the points.
 
@@ -39,6 +41,7 @@ def minimal_area(
         model: as for `solve_plateau`.
         tolerance: as for `solve_plateau`; the relative error of the gradient is about that of the boundary. For smooth
             curves the residual is at most 1e-8 of an edge with any tolerance.
+        time_limit: as for `solve_plateau`, in seconds; the derivative is computed after it.
 
     Returns:
         The area, a float64 scalar on the device of the points.
@@ -54,7 +57,7 @@ def minimal_area(
     Source: the first variation of area; Dierkes, Hildebrandt & Sauvigny, "Minimal Surfaces" (2010), section 2.1.
     """
     rims = as_rims(points)
-    area: Tensor = _Area.apply(solved(rims, corners=corners, model=model, tolerance=tolerance), *rims)  # type: ignore[no-untyped-call]
+    area: Tensor = _Area.apply(solved(rims, corners, model, tolerance, time_limit), *rims)  # type: ignore[no-untyped-call]
     return area
 
 
@@ -67,7 +70,9 @@ def as_rims(points: Any) -> tuple[Tensor, ...]:
     return rims
 
 
-def solved(rims: Sequence[Tensor], *, corners: Corners, model: Model, tolerance: float) -> PlateauSolution:
+def solved(
+    rims: Sequence[Tensor], corners: Corners, model: Model, tolerance: float, time_limit: float
+) -> PlateauSolution:
     """The solution over tensors of points, with the errors and warnings of `minimal_area`."""
     of_rims: Any = [corners] if len(rims) == 1 else ["auto"] * len(rims) if isinstance(corners, str) else corners
     if len(of_rims) != len(rims):
@@ -80,7 +85,9 @@ def solved(rims: Sequence[Tensor], *, corners: Corners, model: Model, tolerance:
         if len(loop) != len(rim):
             raise OptionError("the last point of a rim is equal to the first; remove it")
     device = rims[0].device if rims[0].device.type != "cpu" else None
-    solution = solve_plateau(loops, model=model, tolerance=tolerance, between="smooth", device=device)
+    solution = solve_plateau(
+        loops, model=model, tolerance=tolerance, between="smooth", time_limit=time_limit, device=device
+    )
     if isinstance(solution, NoConnectedSurface):
         raise SurfaceError(f"{solution.reason}; move the rims towards each other")
     if not solution.converged:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -11,7 +12,8 @@ import torch
 from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
-from spinor_geom.errors import NotDifferentiableError, UncertainGradientWarning
+from spinor_geom import deadline
+from spinor_geom.errors import NotDifferentiableError, OutOfTimeError, UncertainGradientWarning
 from spinor_geom.gradients.area import as_given
 from spinor_geom.gradients.curve_chain import by_points
 from spinor_geom.gradients.jacobi import JacobiFields
@@ -36,6 +38,7 @@ def minimal_surface(
     corners: Corners = "auto",
     model: Model = "auto",
     tolerance: float = 1e-3,
+    time_limit: float = math.inf,
     target_edge_length: float | Literal["auto"] = "auto",
 ) -> tuple[Float[Tensor, "n 3"], Int[Tensor, "f 3"]]:
     """A mesh (vertices, faces) of the minimal surface over points; its vertices are differentiable in the points.
@@ -50,6 +53,7 @@ def minimal_surface(
         corners: as for `minimal_area`.
         model: as for `minimal_area`.
         tolerance: as for `minimal_area`.
+        time_limit: as for `minimal_area`; seconds for the surface and its mesh.
         target_edge_length: as for `mesh_patch`.
 
     Returns:
@@ -57,6 +61,7 @@ def minimal_surface(
 
     Raises:
         SpinorGeomError: the errors of `minimal_area` and `mesh_patch`.
+        OutOfTimeError: the time limit was reached before the mesh was complete.
         NotDifferentiableError: by `backward`, if the surface is unstable or nearly so; see `require_isolated`.
 
     Warns:
@@ -65,8 +70,11 @@ def minimal_surface(
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976), for the second variation and its operator.
     """
     rims = as_rims(points)
-    solution = solved(rims, corners=corners, model=model, tolerance=tolerance)
-    patch = mesh_patch(solution, target_edge_length)
+    with deadline.time_limit(time_limit):
+        solution = solved(rims, corners, model, tolerance, time_limit)
+        patch = mesh_patch(solution, target_edge_length)
+    if not patch.is_complete:
+        raise OutOfTimeError
     size = patch.boundary_size
     given = np.concatenate(as_given(solution, np.split(np.arange(size), np.cumsum(patch.rims)[:-1])))
     numbers = np.arange(len(patch.vertices))
@@ -84,6 +92,7 @@ def nearest_on_surface(
     corners: Corners = "auto",
     model: Model = "auto",
     tolerance: float = 1e-3,
+    time_limit: float = math.inf,
 ) -> Float[Tensor, "k 3"]:
     """The points of the minimal surface over `points` that are nearest to given places; differentiable in `points`.
 
@@ -95,6 +104,7 @@ def nearest_on_surface(
         corners: as for `minimal_area`.
         model: as for `minimal_area`.
         tolerance: as for `minimal_area`.
+        time_limit: as for `minimal_area`.
 
     Raises:
         OptionError: a place is nearest to the boundary of the surface.
@@ -102,7 +112,7 @@ def nearest_on_surface(
         SpinorGeomError: the errors of `minimal_surface`.
     """
     rims = as_rims(points)
-    solution = solved(rims, corners=corners, model=model, tolerance=tolerance)
+    solution = solved(rims, corners, model, tolerance, time_limit)
     z = nearest(solution, places.detach().double().cpu().numpy())
     positions: Tensor = _Positions.apply(solution, z, solution.array_surface.position(z), *rims)  # type: ignore[no-untyped-call]
     return positions

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from time import perf_counter
 from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinor_geom.deadline import seconds_left
 from spinor_geom.nurbs.spline_space import SplineSpace
 
 Breaks: TypeAlias = tuple[float, ...]
@@ -98,8 +100,9 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float) -> Fit:
     `sample` returns positions of the surface, and those moved near the rims, which are interpolated at the nodes. The
     error is measured halfway between nodes, along u and along v, for the surface itself and for the rims. Pieces of a
     strip where it exceeds half of the tolerance, in mesh units, are halved. Pieces whose error is below the
-    displacement of the rim, by the boundary residual of the solution, are not halved.
+    displacement of the rim, by the boundary residual of the solution, are not halved. None is halved at the time limit.
     """
+    begin = perf_counter()
     strip, against = mesh.strips
     breaks: list[Breaks] = [(0.0, 1.0)] * (int(strip.max()) + 1)
     whole = _Sampled.of(mesh, sample, breaks, DEGREE, {})
@@ -108,6 +111,9 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float) -> Fit:
         return _Sampled.of(mesh, sample, breaks, degree, {}).fit(mesh)
     known = whole
     for _ in range(_ROUNDS):
+        # a round takes about as long as all before it, and so do the measurements at the end
+        if seconds_left() < 2 * (perf_counter() - begin):
+            break
         chosen = known.inaccurate(strip, against, breaks, tolerance / 2)
         if not any(some.any() for some in chosen) or known.points > _MOST_POINTS:
             break

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -11,8 +12,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from jaxtyping import Complex, Float
 
+from spinor_geom import deadline
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.errors import SeveralRimsError
+from spinor_geom.errors import SeveralRimsError, require_positive
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.annulus import Annulus, Partition, RimDisks
@@ -173,7 +175,7 @@ class PlateauSolution(Shown):
         """The points of ∂Ω that correspond to the loops' points, in loop order, rim after rim."""
         return np.concatenate([rim.points_in_domain() for rim in self.rims])
 
-    def to_nurbs(self, *, tolerance: float = 1e-6) -> NurbsSurface:
+    def to_nurbs(self, *, tolerance: float = 1e-6, time_limit: float = math.inf) -> NurbsSurface:
         """The surface as B-spline patches for CAD, within a tolerance.
 
         Ω is divided into quadrilaterals: 5 for a disk over a smooth curve, up to 30 for strongly folded and elongated
@@ -190,28 +192,37 @@ class PlateauSolution(Shown):
         Args:
             tolerance: largest distance of the patches from the surface, in diagonals of the largest loop. That of the
                 outer sides from the curves is a tenth of it.
+            time_limit: seconds after which no more control points are added.
 
         Returns:
-            The patches; with `converged=False` and a reason if the tolerance needs too many control points, this
-            solution has not converged, or its boundary residual is above the tolerance. Patches are not refined below
-            this residual.
+            The patches; with `converged=False` and a reason if the tolerance needs too many control points or more
+            time, this solution has not converged, or its boundary residual is above the tolerance. Patches are not
+            refined below this residual.
 
         Raises:
-            OptionError: the tolerance is not positive.
+            OptionError: the tolerance or the time limit is not positive.
             DomainError: Ω is too narrow somewhere to be divided, or the surface is far from its curve.
         """
         from spinor_geom.nurbs.nurbs_surface import nurbs_surface
 
-        return nurbs_surface(self, tolerance)
+        require_positive("time_limit", time_limit, finite=False)
+        with deadline.time_limit(time_limit):
+            return nurbs_surface(self, tolerance)
 
     def save(
-        self, path: str | os.PathLike[str], *, tolerance: float = 1e-6, unit: Literal["mm", "cm", "m", "in"] = "mm"
+        self,
+        path: str | os.PathLike[str],
+        *,
+        tolerance: float = 1e-6,
+        time_limit: float = math.inf,
+        unit: Literal["mm", "cm", "m", "in"] = "mm",
     ) -> NurbsSurface:
         """Writes the surface as a sewn shell of NURBS to a STEP, IGES or BREP file.
 
         Args:
             path: ends with .step, .stp, .igs, .iges or .brep.
             tolerance: as for `to_nurbs`.
+            time_limit: as for `to_nurbs`; writing the file comes after it.
             unit: of the curve's coordinates; the file is in millimetres.
 
         Returns:
@@ -223,7 +234,7 @@ class PlateauSolution(Shown):
         from spinor_geom.adapters.open_cascade import require_cad_suffix
 
         require_cad_suffix(path)
-        surface = self.to_nurbs(tolerance=tolerance)
+        surface = self.to_nurbs(tolerance=tolerance, time_limit=time_limit)
         surface.save(path, unit=unit)
         return surface
 

@@ -198,6 +198,7 @@ def _loop_row(outcome: LoopOutcome) -> dict[str, Any]:
         "bend of the film, °": None if continuation is None else continuation.before.rms,
         "bend, °": None if continuation is None else continuation.after.rms,
         "area": entry["area"],
+        "area of the mesh": entry["mesh_area"],
         "stability": stability.get("verdict"),
         "Morse index": stability.get("index"),
         "route": None if solution is None else solution.route,

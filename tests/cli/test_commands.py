@@ -144,7 +144,7 @@ def test_a_missed_tolerance_is_reported_and_gives_status_1_if_strict(
         assert len(boundary_loops(output)) == 1
 
 
-def test_a_discrete_patch_is_reported_and_gives_status_1_if_strict(
+def test_a_coarse_mesh_is_reported_and_gives_status_1_if_strict(
     mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for strict in (False, True):
@@ -152,8 +152,8 @@ def test_a_discrete_patch_is_reported_and_gives_status_1_if_strict(
         command = ["fill", str(mesh_path), "-o", str(output), "--time-limit", "1e-9"]
         assert main([*command, *(["--strict"] * strict)]) == int(strict)
         printed = capsys.readouterr().err
-        assert "loop 0 (16 vertices) is closed by a discrete surface: a discrete minimal surface" in printed
-        assert "because: no surface was found within the time limit" in printed
+        assert "loop 0 (16 vertices) has a coarser mesh than asked for: its mesh of 16 vertices" in printed
+        assert "triangles larger than asked for" in printed
         assert boundary_loops(output) == []
 
 

@@ -10,9 +10,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+import torch
 
 from spinor_geom import BoundaryLoop, deadline, gallery, solve_plateau, solve_plateau_batch
 from spinor_geom.errors import OptionError, OutOfTimeError
+from spinor_geom.gradients.minimal_area import minimal_area
+from spinor_geom.gradients.minimal_surface import minimal_surface
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 
@@ -154,3 +157,17 @@ def test_a_limit_is_positive(seconds: float) -> None:
         solve_plateau(loop, time_limit=seconds)
     with pytest.raises(OptionError, match="time_limit"):
         solve_plateau_batch([loop], time_limit=seconds)
+
+
+def test_patches_for_cad_and_differentiable_meshes_have_a_limit() -> None:
+    loop = gallery.tennis_seam(0.8).sample(32)
+    solution = solve_plateau(loop)
+    whole, cut = (solution.to_nurbs(tolerance=1e-7, time_limit=seconds) for seconds in (60.0, 1e-9))
+    assert whole.converged
+    assert not cut.converged
+    assert cut.size < whole.size
+    assert "above the tolerance" in cut.reason
+    points = torch.tensor(loop.points)
+    for function in (minimal_area, minimal_surface):
+        with pytest.raises(OutOfTimeError):
+            function(points, time_limit=1e-9)
