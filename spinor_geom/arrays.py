@@ -162,6 +162,11 @@ def shifted(x: Shaped[Array, "..."], by: int, axis: int = -1) -> Shaped[Array, "
     return x.take(np.arange(start, start + count), axis=axis)
 
 
+def backwards(count: int) -> Int[np.ndarray, " {count}"]:
+    """Indices of a closed sequence in the opposite direction, from the same first element."""
+    return np.asarray(-np.arange(count) % count)
+
+
 def replaced(x: Shaped[Array, "b *rest"], which: Array, by: Shaped[Array, "j *rest"]) -> Shaped[Array, "b *rest"]:
     """A copy with some rows replaced."""
     copy = namespace(x).asarray(x, copy=True)

@@ -268,6 +268,15 @@ class TooManyPointsError(OptionError):
     )
 
 
+def in_mesh_units(error: SpinorGeomError, unit: float) -> SpinorGeomError:
+    """An error of a computation whose unit of length is `unit`, in mesh units, with its lengths and areas converted."""
+    if not isinstance(error, (NoAreaError, TooManyPointsError)):
+        return error
+    powers = {"width": 1, "mean_edge": 1, "target": 1, "area": 2}
+    fields = {name: value * unit ** powers.get(name, 0) for name, value in error.fields.items()}
+    return type(error)(**fields)
+
+
 class StorageError(SpinorGeomError):
     """A saved surface cannot be read."""
 

@@ -15,12 +15,12 @@ from scipy.interpolate import PPoly
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from spinor_geom.arrays import modulo_one
+from spinor_geom.arrays import backwards, modulo_one
 from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import DtypeError, OptionError
 from spinor_geom.mesh.array_checks import shared
-from spinor_geom.mesh.interpolation import piecewise_cubic
+from spinor_geom.mesh.interpolation import piecewise_cubic, reversed_pieces
 
 # Panel ends beside a corner, in edge lengths from it: they resolve the singularity to 2⁻¹⁶ of an edge. The distance of
 # each panel from the poles at the corner, relative to its length, is that of an edge from its poles.
@@ -74,6 +74,13 @@ class SplineBoundary:
         t = modulo_one(t)
         piece = np.searchsorted(self.parameters[1:-1], t, side="right")
         return np.asarray(t - self.parameters[piece]), np.asarray(piece)
+
+    def mirrored(self) -> SplineBoundary:
+        """The mirror image z̄ in the opposite direction, with the same first vertex, so that Ω stays on the left."""
+        first, vertices = backwards(len(self.corners)), self.vertices.conj()
+        coefficients = reversed_pieces(self.coefficients.conj()[..., None], self.parameters)[..., 0]
+        coefficients[-1] = vertices[first]
+        return SplineBoundary(1 - self.parameters[::-1], coefficients, self.corners[first])
 
     def divided(self, parts: int) -> SplineBoundary:
         """The same curve with each piece divided into `parts` pieces."""
@@ -139,6 +146,10 @@ class FourierBoundary:
         spectrum = np.zeros((3, n), dtype=np.complex128)
         spectrum[:, k] = (2j * np.pi * k) ** np.arange(3)[:, None] * self.coefficients
         return np.asarray(np.fft.ifft(spectrum, axis=1) * n)
+
+    def mirrored(self) -> FourierBoundary:
+        """The mirror image z̄ in the opposite direction, with the same first vertex, so that Ω stays on the left."""
+        return FourierBoundary(self.coefficients.conj(), len(self.vertices))
 
     def divided(self, parts: int) -> FourierBoundary:
         """The same curve with `parts` times as many vertices."""
@@ -231,6 +242,16 @@ class PlaneDomain:
             log_scale=shared(np.zeros(len(vertices))) if log_scale is None else log_scale,
             holes=holes,
         )
+
+    @cached_property
+    def mirrored(self) -> PlaneDomain:
+        """The mirror image of a domain without holes, with the mirror image of its triangulation."""
+        mesh = self.triangulation.mirrored()
+        m = mesh.boundary_size
+        log_scale = self.log_scale[backwards(m)] if len(self.log_scale) else self.log_scale
+        image = PlaneDomain(boundary=self.boundary.mirrored(), triangulation=mesh, log_scale=log_scale)
+        vars(image)["root"] = -self.root % m if self.root < m else self.root  # the image of the root, also among ties
+        return image
 
     def divided(self, parts: int) -> PlaneDomain:
         """The same domain with each piece of ∂Ω divided into `parts` pieces and a new triangulation."""

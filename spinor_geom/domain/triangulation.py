@@ -1,5 +1,7 @@
 """Triangulation of simple plane polygons with holes that keeps the boundary vertices and adds none."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
+from spinor_geom.arrays import backwards
 from spinor_geom.domain.delaunay import Rims, constrained_delaunay, unique_edges
 from spinor_geom.domain.sizes import Polygon, SizeField
 from spinor_geom.errors import DomainError
@@ -41,6 +44,14 @@ class PlaneTriangulation:
     def rims(self) -> Rims:
         """Number of vertices of each rim, the outer one first."""
         return (self.boundary_size - sum(self.hole_sizes), *self.hole_sizes)
+
+    def mirrored(self) -> PlaneTriangulation:
+        """The mirror image z̄ of a polygon without holes, with the same first vertex."""
+        numbers = np.arange(len(self.points))
+        numbers[: self.boundary_size] = backwards(self.boundary_size)
+        return PlaneTriangulation(
+            points=self.points[numbers].conj(), faces=numbers[self.faces][:, ::-1], boundary_size=self.boundary_size
+        )
 
     @cached_property
     def angles(self) -> Float[np.ndarray, "t 3"]:

@@ -104,6 +104,10 @@ class Continuation:
         """The measures with the angles of a patch whose triangles were changed later."""
         return replace(self, remeshed=remeshed, **_angles_of(patch))
 
+    def enlarged(self, scale: float) -> Continuation:
+        """The measures after scaling mesh and patch."""
+        return replace(self, correlation_length=scale * self.correlation_length)
+
     def __repr__(self) -> str:
         bend = f"bend {self.before.rms:.3g}° to {self.after.rms:.3g}°"
         return f"Continuation({self.order}, {bend}, {self.area_ratio:.3g} times the area, {self.reason or 'converged'})"

@@ -6,6 +6,7 @@ from spinor_geom.discrete.first_fill import disk_without_inner_points
 from spinor_geom.discrete.minimal_surface import on_circle, surface_over_plane
 from spinor_geom.errors import SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.loop_frame import LoopFrame
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import require_few_points
@@ -17,15 +18,18 @@ def discrete_patch(loop: BoundaryLoop, target: float) -> tuple[Patch, str]:
     Edges are at most `target` long, in mesh units, or longer if the time limit needs that; raises a TooManyPointsError
     if `target` is too short. The second value describes the result.
     """
-    faces = disk_without_inner_points(loop.points)
-    require_few_points(float(face_areas(loop.points, faces).sum()), target)
+    frame = LoopFrame.of(loop)
+    local = frame.loop(loop)
+    faces = disk_without_inner_points(local.points)
+    require_few_points(float(face_areas(local.points, faces).sum()) * frame.size**2, target)
     try:
-        surface, plane = surface_over_plane(loop, target)
+        surface, plane = surface_over_plane(local, target / frame.size)
         if not np.isfinite(surface.vertices).all():
             raise SurfaceError("the discrete minimal surface is not finite everywhere")
     except SpinorGeomError as error:
-        patch = Patch(vertices=loop.points, faces=faces, boundary_size=len(loop), points=on_circle(loop.points))
-        return patch, f"a triangulation without inner vertices ({error})"
+        flat = Patch(vertices=local.points, faces=faces, boundary_size=len(loop), points=on_circle(local.points))
+        return flat.placed_by(frame, loop.points), f"a triangulation without inner vertices ({error})"
     stopped = "" if surface.converged else ", whose area is not stationary yet"
     coarse = "" if surface.is_complete else ", with triangles larger than asked for (the limit on time or on vertices)"
-    return Patch.over(plane, surface.vertices), f"a discrete minimal surface{stopped}{coarse}"
+    patch = Patch.over(plane, surface.vertices).placed_by(frame, loop.points)
+    return patch, f"a discrete minimal surface{stopped}{coarse}"

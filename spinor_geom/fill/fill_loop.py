@@ -23,8 +23,9 @@ from spinor_geom.errors import (
     SpinorGeomError,
     SurfaceError,
     TooManyPointsError,
+    in_mesh_units,
 )
-from spinor_geom.fill.attributes import patch_attributes
+from spinor_geom.fill.attributes import NORMAL, patch_attributes
 from spinor_geom.fill.clearance import cleared
 from spinor_geom.fill.collar import bend_across, collar_of
 from spinor_geom.fill.continuation import MOST_AREA, Continuation, continue_patch
@@ -33,6 +34,7 @@ from spinor_geom.fill.fairing import folded_sides
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.new_patch import NewPatch
+from spinor_geom.fill.own_frame import in_own_frame
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
 from spinor_geom.fill.retriangulation import retriangulated
 from spinor_geom.fill.solved_loops import SolvedLoop
@@ -46,6 +48,7 @@ from spinor_geom.plateau.solution import PlateauSolution
 _COARSE = "its mesh of {} vertices has triangles larger than asked for (the limit on time or on vertices)"
 
 
+_LATE = " within the time limit; raise time_limit (--time-limit)"
 _SECONDS_TO_REPORT = 0.5  # for the intersections of a patch, at least, where its loop has no time left
 
 
@@ -148,19 +151,29 @@ def _new_patch(
     with _until(max(end, perf_counter() + _SECONDS_TO_REPORT)):
         new = new.fitted(patched)
     clock.lap("crossings")
-    if is_film:
-        with _until(end):
-            new = _cleared(patched, new)
-    else:
+    if is_film and not len(new.crossings):
+        return new
+    if not is_film:
         options.on_stage(index, "continuation")
-        target = edge_length_over(new.rims, options.target_edge_length)
+    target = edge_length_over(new.rims, options.target_edge_length)
+
+    def change(near: PatchedMesh, local: NewPatch, unit: float) -> NewPatch:
         with _until(end):
-            smooth = _continued(patched, new, target)
-            clock.lap("continuation")
-            new = _cleared_continuation(patched, smooth, new)
-            new = _with_larger_angles(patched, new, target)
+            return _cleared(near, local) if is_film else _smooth(near, local, target / unit, unit, clock)
+
+    new, has_more = in_own_frame(patched, new, change)
+    if has_more:
+        with _until(end), suppress(OutOfTimeError):
+            new = retriangulated(patched, new)
     clock.lap("clearance")
     return new
+
+
+def _smooth(patched: PatchedMesh, start: NewPatch, target: float, unit: float, clock: Stopwatch) -> NewPatch:
+    """The cleared continuation of a patch; `unit` is that of the coordinates, in mesh units."""
+    smooth = _continued(patched, start, target, unit)
+    clock.lap("continuation")
+    return _with_larger_angles(patched, _cleared_continuation(patched, smooth, start), target)
 
 
 def _first_patch(index: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, options: FillOptions) -> NewPatch:
@@ -168,7 +181,7 @@ def _first_patch(index: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, 
     solution, error = solved.solution, solved.error
     if solution is not None and error is None:
         try:
-            return _exact_patch(solution, options)
+            return _exact_patch(solution, solved, options)
         except SpinorGeomError as problem:
             error = problem
     assert error is not None
@@ -185,9 +198,17 @@ def _first_patch(index: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, 
     return NewPatch(patch=discrete, rims=loops, reason=f"{what}, because: {reason}")
 
 
-def _exact_patch(solution: PlateauSolution, options: FillOptions) -> NewPatch:
+def _exact_patch(solution: PlateauSolution, solved: SolvedLoop, options: FillOptions) -> NewPatch:
     """The mesh of an exact surface; raises as `mesh_patch`, or a SurfaceError for a surface that is not finite."""
-    patch = mesh_patch(solution, options.target_edge_length)
+    target = options.target_edge_length
+    if solved.frame is None or solved.in_frame is None:
+        patch = mesh_patch(solution, target)
+    else:
+        try:
+            patch = mesh_patch(solved.in_frame, target if isinstance(target, str) else target / solved.frame.size)
+        except TooManyPointsError as error:
+            raise in_mesh_units(error, solved.frame.size) from error
+        patch = patch.placed_by(solved.frame, solution.loop.points)
     if not np.isfinite(patch.vertices).all():
         raise SurfaceError("the surface that was found is not finite everywhere")
     coarse = "" if patch.is_complete else _COARSE.format(len(patch.vertices))
@@ -199,7 +220,9 @@ def _attributes(patched: PatchedMesh, new: NewPatch) -> tuple[dict[str, Float[np
     """The attributes of the patch's inner vertices, and a remark if there was no time to interpolate them."""
     is_remeshed = new.continuation is not None and new.continuation.remeshed
     in_domain = new.solution is not None and not new.faces_replaced and not is_remeshed
-    own = partial(patch_attributes, patched.mesh, new.rim, new.patch, new.surface)
+    # a placed surface is made on use, and used for normals only
+    surface = new.surface if NORMAL in patched.mesh.vertex_attributes else None
+    own = partial(patch_attributes, patched.mesh, new.rim, new.patch, surface)
     try:
         return own(by="domain" if in_domain else "edges"), ()
     except OutOfTimeError:
@@ -216,26 +239,27 @@ def _cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
     return replace(new, remarks=(*new.remarks, "the time limit ended the removal of intersections"))
 
 
-def _continued(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch:
+def _continued(patched: PatchedMesh, start: NewPatch, target: float, unit: float) -> NewPatch:
     """`_continuation` or, if there is no time for it, the patch with a remark."""
     try:
-        return _continuation(patched, start, target)
+        return _continuation(patched, start, target, unit)
     except OutOfTimeError:
-        return _not_continued(start, " within the time limit; raise time_limit (--time-limit)")
+        return _not_continued(start, _LATE)
 
 
-def _continuation(patched: PatchedMesh, start: NewPatch, target: float) -> NewPatch:
+def _continuation(patched: PatchedMesh, start: NewPatch, target: float, unit: float) -> NewPatch:
     """The smooth continuation of a patch, or the patch with a remark on why it was not continued.
 
-    A patch without inner vertices is not changed. `target` is the edge length for new meshes.
+    A patch without inner vertices is not changed. `target` is the edge length for new meshes, `unit` that of the
+    coordinates, in mesh units.
     """
     if len(start.patch.vertices) == len(start.rim):
-        return _not_continued(start)
+        return _not_continued(start, "" if start.patch.is_complete else _LATE)
     collar = collar_of(patched, start.rim, start.patch)
     try:
         faired = continue_patch(start.patch, collar, target)
     except (SingularMatrixError, TooManyPointsError) as error:
-        return _not_continued(start, f": {error}")
+        return _not_continued(start, f": {in_mesh_units(error, unit)}")
     before, after = bend_across(collar, start.patch), bend_across(collar, faired.patch)
     ratio = faired.patch.area / start.patch.area
     reason_against = (
@@ -265,13 +289,13 @@ def _cleared_continuation(patched: PatchedMesh, smooth: NewPatch, start: NewPatc
 
     With equal numbers of intersections, the one without replaced faces is returned.
     """
-    notes = smooth.crossings.notes
+    count = len(smooth.crossings)
     smooth = _cleared(patched, smooth)
     if smooth.continuation is None or (not len(smooth.crossings) and not smooth.faces_replaced):
         return smooth
     start = _cleared(patched, start)
     ranks = [(len(new.crossings), bool(new.faces_replaced)) for new in (smooth, start)]
-    return smooth if ranks[0] <= ranks[1] else _not_continued(start, f", because then {', '.join(notes)}")
+    return smooth if ranks[0] <= ranks[1] else _not_continued(start, f", because then {count} pairs of faces intersect")
 
 
 def _with_larger_angles(patched: PatchedMesh, smooth: NewPatch, target: float) -> NewPatch:

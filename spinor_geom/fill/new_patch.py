@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Int
 
 from spinor_geom.fill.continuation import Continuation, Start
-from spinor_geom.fill.patched_mesh import NO_CROSSINGS, Crossings, PatchedMesh
+from spinor_geom.fill.patched_mesh import NO_CROSSINGS, Crossings, PatchedMesh, split_chords
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.plateau.solution import PlateauSolution
@@ -63,6 +63,7 @@ class NewPatch:
 
     def fitted(self, patched: PatchedMesh) -> NewPatch:
         """Splits inner edges that are edges of the mesh or of another patch, then finds intersections."""
-        patch, split = patched.fitted(self.patch, self.rim, self.surface)
+        taken = patched.taken_chords(self.patch, self.rim)
+        patch = split_chords(self.patch, taken, self.surface) if len(taken) else self.patch
         crossings = patched.crossings(patch)
-        return replace(self, patch=patch, edges_split=self.edges_split + split, crossings=crossings)
+        return replace(self, patch=patch, edges_split=self.edges_split + len(taken), crossings=crossings)

@@ -13,12 +13,14 @@ from scipy.sparse import csr_array
 from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, is_graph, self_intersections, sorted_pairs
+from spinor_geom.mesh.loop_frame import LoopFrame
 from spinor_geom.mesh.operators import vertex_angles
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.surface.array_surface import ArraySurface
 
 NO_PAIRS = np.zeros((0, 2), dtype=np.int64)
+_RINGS_BEYOND = 2  # of faces beyond those near a patch: normals of the mesh are averaged over as many
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,13 +121,10 @@ class PatchedMesh:
         on_loop = faces[np.isin(self.mesh.faces[faces], loop.vertex_ids).all(axis=1)]
         return int(on_loop[0]) if len(on_loop) else None
 
-    def fitted(
-        self, patch: Patch, rim: Int[np.ndarray, " m"], surface: ArraySurface | None = None
-    ) -> tuple[Patch, int]:
-        """Splits the chords of a patch that are edges already, by `split_chords`; the patch and the number split."""
+    def taken_chords(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
+        """The chords of a patch that are edges of the mesh or of another patch already."""
         chords = patch_chords(patch)
-        chords = chords[self.has_edges(rim[chords])]
-        return (split_chords(patch, chords, surface) if len(chords) else patch), len(chords)
+        return np.asarray(chords[self.has_edges(rim[chords])])
 
     @cached_property
     def _faces_of_vertices(self) -> csr_array:
@@ -221,11 +220,48 @@ class PatchedMesh:
             found[here] = piece.vertices[piece.faces[numbers[here] - piece.numbers[0]]]
         return found
 
+    def near(
+        self, box: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]], loop: BoundaryLoop, frame: LoopFrame
+    ) -> PatchedMesh:
+        """The mesh and the patches in a box around a loop, in a frame of the loop.
+
+        The loop's points come first, in the direction of the frame. The other vertices and the faces of the mesh are
+        numbered by their local coordinates.
+        """
+        corner = _Piece(np.stack(box), np.array([[0, 1, 1]]), np.zeros(1, dtype=np.int64))
+        faces = np.union1d(self._mesh_piece.meeting(corner), self.faces_at(loop.vertex_ids))
+        for _ in range(_RINGS_BEYOND):
+            faces = self.faces_at(np.unique(self.mesh.faces[faces]))
+        rim = loop.vertex_ids[frame.order(len(loop))]
+        others = np.setdiff1d(self.mesh.faces[faces], rim)
+        local = frame.local(self.mesh.vertices[others])
+        others = others[np.lexsort(local.T[::-1])]
+        ids = np.concatenate([rim, others])
+        places = np.argsort(ids)
+        corners = places[np.searchsorted(ids, self.mesh.faces[faces], sorter=places)]
+        if frame.is_backward:
+            corners = corners[:, ::-1]
+        first = corners.argmin(axis=1)[:, None]
+        corners = np.take_along_axis(corners, (first + np.arange(3)) % 3, axis=1)
+        mesh = TriangleMesh(frame.local(self.mesh.vertices[ids]), corners[np.lexsort(corners.T[::-1])])
+        near = PatchedMesh(mesh, [replace(loop, vertex_ids=np.arange(len(rim)))])
+        shared = np.flatnonzero(self._loops_at[rim] > 1)
+        pairs = np.stack(np.triu_indices(len(shared), 1), axis=1)
+        near._edges.update(near._keys(shared[pairs][self.has_edges(rim[shared[pairs]])]))
+        boxes = self._boxes[: len(self._patches)].T
+        for k in overlapping(boxes[:3], boxes[3:], *box):
+            near._add(frame.local(self._patches[k].vertices), self._patches[k].faces)
+        return near
+
     def join(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> int:
         """Adds a patch with the boundary vertices `rim` of the mesh; returns the number of its first face."""
         self._edges.update(self._keys(rim[patch_chords(patch)]))
-        first, faces = self.face_count, np.asarray(patch.faces)
-        new = _Piece(patch.vertices, faces, first + np.arange(len(faces)))
+        return self._add(patch.vertices, np.asarray(patch.faces))
+
+    def _add(self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> int:
+        """Adds the faces of a patch; returns the number of the first."""
+        first = self.face_count
+        new = _Piece(vertices, faces, first + np.arange(len(faces)))
         if len(self._patches) == len(self._boxes):
             self._boxes = np.concatenate([self._boxes, np.empty_like(self._boxes)])
         self._boxes[len(self._patches)] = np.concatenate([new.low, new.high])

@@ -6,11 +6,12 @@ from collections.abc import Iterator, Sequence
 from time import perf_counter
 from typing import NamedTuple, TypeAlias
 
-from spinor_geom.errors import NoAreaError, SpinorGeomError, SurfaceError
+from spinor_geom.errors import NoAreaError, RepeatedPointError, SpinorGeomError, SurfaceError, in_mesh_units
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.loop_choice import free_rim
 from spinor_geom.fill.no_holes import require_area
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.loop_frame import LoopFrame
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau_batch
 
@@ -27,6 +28,8 @@ class SolvedLoop(NamedTuple):
     solution: PlateauSolution | None
     error: SpinorGeomError | None
     seconds: float
+    frame: LoopFrame | None = None  # of the loop; None for a surface between several
+    in_frame: PlateauSolution | None = None  # the surface in this frame, where it was computed
 
 
 def solved_loops(
@@ -35,10 +38,14 @@ def solved_loops(
     """The exact surfaces over loops, in their order; the loops may be of several meshes.
 
     Γ is free between the points of rough loops, as with `between="free"` of `solve_plateau`. Boundary loops of meshes
-    (`is_rim`) are first replaced by `free_rim`.
+    (`is_rim`) are first replaced by `free_rim`. Surfaces are computed in the loops' own frames, so that they
+    do not depend on position, units, and the numbers of the vertices.
     """
+    rims = [free_rim(loop, tolerance=options.tolerance) for loop in loops] if is_rim else loops
+    frames = [LoopFrame.of(rim) for rim in rims]
+    local = [frame.loop(rim) for frame, rim in zip(frames, rims, strict=True)]
     found = solve_plateau_batch(
-        (free_rim(loop, tolerance=options.tolerance) for loop in loops) if is_rim else loops,
+        local,
         model=options.model,
         tolerance=options.tolerance,
         between="free",
@@ -46,9 +53,21 @@ def solved_loops(
         device=device,
     )
     last = perf_counter()
-    for loop, solved in zip(loops, found, strict=True):
-        yield solved_loop(loop, solved, perf_counter() - last)
+    for rim, frame, loop, solved in zip(rims, frames, local, found, strict=True):
+        yield _placed(solved_loop(loop, solved, perf_counter() - last), frame, rim)
         last = perf_counter()
+
+
+def _placed(local: SolvedLoop, frame: LoopFrame, loop: BoundaryLoop) -> SolvedLoop:
+    """The surface over a loop, or the error, from those in its frame."""
+    solution, error = local.solution, local.error
+    if isinstance(error, RepeatedPointError):
+        place = error.fields["index"] + frame.is_backward
+        error = RepeatedPointError(index=int(frame.order(len(loop))[place % len(loop)]))
+    elif error is not None:
+        error = in_mesh_units(error, frame.size)
+    placed = None if solution is None else solution.placed_by(frame, loop)
+    return SolvedLoop(placed, error, local.seconds, frame, solution)
 
 
 def solved_loop(loop: BoundaryLoop, solved: Solved, waited: float) -> SolvedLoop:

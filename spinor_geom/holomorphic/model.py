@@ -1,12 +1,13 @@
 """The protocol of holomorphic models, and the models that can be saved."""
 
+import copy
 from collections.abc import Mapping
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, cast, runtime_checkable
 
 import numpy as np
 from jaxtyping import Complex
 
-from spinor_geom.arrays import Array
+from spinor_geom.arrays import Array, namespace
 from spinor_geom.errors import StorageError
 from spinor_geom.holomorphic.array_model import ArrayModel
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
@@ -37,6 +38,19 @@ class IntegrableModel(HolomorphicModel, Protocol):
 
     def primitive(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 3"]:
         """(∫ p² dζ, ∫ q² dζ, ∫ pq dζ) from a fixed point to z, to round-off."""
+
+
+def conjugated(model: HolomorphicModel) -> HolomorphicModel:
+    """The model of conj(p(z̄)) and conj(q(z̄)): all its arrays are conjugated, as features are rational or entire."""
+    if isinstance(model, ArrayModel):
+        return cast(
+            HolomorphicModel,
+            model.with_arrays({name: namespace(array).conj(array) for name, array in model.arrays.items()}),
+        )
+    image = copy.deepcopy(model)
+    for parameter in image.parameters():  # type: ignore[attr-defined]
+        parameter.data = parameter.data.conj().resolve_conj()
+    return image
 
 
 _ARRAY_MODELS: tuple[Any, ...] = (CauchyInterpolant, CauchyNetwork, LaurentSeries, PowerSeries)

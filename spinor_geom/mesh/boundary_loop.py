@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from spinor_geom.arrays import median, norm, shifted
+from spinor_geom.arrays import backwards, median, norm, shifted
 from spinor_geom.errors import LoopTooShortError, MeshError, MeshShapeError, OptionError, RepeatedPointError
 from spinor_geom.mesh.array_checks import freeze_points, frozen, shared
 from spinor_geom.mesh.spacing import edge_lengths, graded_spacing, have_similar_lengths, with_long_edges_divided
@@ -49,6 +49,7 @@ class BoundaryLoop:
         seam_distance: the largest distance between the two sides of slits and seams, in mesh units.
         junctions: (k, 3) int64 vertex ids of T-junctions of this loop: a vertex, and the two ends of the boundary edge
             on which the vertex and one of its own edges lie.
+        beside: (3,) mean position of the mesh's vertices opposite the loop's edges; None without a mesh.
         obstacle: the error that prevents joining a patch to the mesh along the loop; None if a patch can be joined.
         remarks: inconsistencies of the faces that touch the loop, one sentence each.
 
@@ -66,6 +67,7 @@ class BoundaryLoop:
     seam_edges: Int[np.ndarray, "k 2"] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
     seam_distance: float = 0.0
     junctions: Int[np.ndarray, "j 3"] = field(default_factory=lambda: np.empty((0, 3), dtype=np.int64))
+    beside: Float[np.ndarray, " 3"] | None = None
     obstacle: MeshError | None = None
     remarks: tuple[str, ...] = ()
 
@@ -127,7 +129,7 @@ class BoundaryLoop:
 
     def reversed(self) -> BoundaryLoop:
         """The loop with the opposite direction and the same first point."""
-        back = np.concatenate([[0], np.arange(len(self) - 1, 0, -1)])
+        back = backwards(len(self))
         points, ids, corners = self.points[back], self.vertex_ids[back], self.corners[back]
         return replace(self, points=points, vertex_ids=ids, corners=corners, seam_edges=self.seam_edges[:, ::-1])
 

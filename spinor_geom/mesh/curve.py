@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.spatial import cKDTree
 
-from spinor_geom.arrays import TINY, modulo_one, norm, shifted
+from spinor_geom.arrays import TINY, backwards, modulo_one, norm, shifted
 from spinor_geom.errors import CurveError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
 from spinor_geom.mesh.interpolation import (
@@ -24,6 +24,7 @@ from spinor_geom.mesh.interpolation import (
     between_corners,
     gauss_nodes,
     piece_places,
+    reversed_pieces,
     smooth_curves,
     through,
 )
@@ -186,15 +187,15 @@ class BoundaryCurve:
 
     def reversed(self) -> BoundaryCurve:
         """The curve with the opposite direction and the same first vertex."""
-        first = np.concatenate([[0], np.arange(len(self.corners) - 1, 0, -1)])
-        coefficients = _reversed(self.coefficients, self.breaks)
+        first = backwards(len(self.corners))
+        coefficients = reversed_pieces(self.coefficients, self.breaks)
         coefficients[-1] = self.coefficients[-1][first]
         return replace(
             self,
             breaks=1 - self.breaks[::-1],
             coefficients=coefficients,
             corners=self.corners[first],
-            slopes=None if self.slopes is None else -_reversed(self.slopes, self.breaks),
+            slopes=None if self.slopes is None else -reversed_pieces(self.slopes, self.breaks),
             at_points=None if self.at_points is None else self.at_points[first],
         )
 
@@ -213,6 +214,11 @@ class BoundaryCurve:
         return BoundaryCurve(
             kind="cubic", breaks=self.breaks, coefficients=spline.c, corners=np.zeros(count, dtype=bool)
         )
+
+    def turned(self, matrix: Float[np.ndarray, "3 3"]) -> BoundaryCurve:
+        """The curve of the points Γ(s)·matrix."""
+        slopes = None if self.slopes is None else self.slopes @ matrix
+        return replace(self, coefficients=self.coefficients @ matrix, slopes=slopes)
 
     def placed(self, points: Float[np.ndarray, "m 3"], scale: float) -> BoundaryCurve:
         """The curve scaled by `scale` and moved so that it passes through its loop's points, bit for bit."""
@@ -320,17 +326,6 @@ class BoundaryCurve:
         fractions = np.arange(SAMPLES_PER_PIECE) / SAMPLES_PER_PIECE
         parameters = (self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * fractions).reshape(-1)
         return cKDTree(self.point(parameters)), parameters
-
-
-def _reversed(coefficients: Coefficients, breaks: Breaks) -> Coefficients:
-    """Coefficients of the pieces with the opposite direction, in reversed order."""
-    shifted, widths = coefficients.copy(), np.diff(breaks)[:, None]
-    # Taylor shift to the end of each piece by synthetic division; SciPy's BPoly loses three more digits
-    for last in range(len(shifted), 1, -1):
-        for k in range(1, last):
-            shifted[k] += shifted[k - 1] * widths
-    sign = (-1.0) ** np.arange(len(shifted) - 1, -1, -1)
-    return np.asarray(shifted[:, ::-1] * sign[:, None, None])
 
 
 def _formula_breaks(curve: ClosedCurve, pieces: int) -> tuple[Breaks, Bool[np.ndarray, " m"]]:

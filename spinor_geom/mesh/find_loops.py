@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 from spinor_geom.arrays import shifted
 from spinor_geom.errors import DuplicateVertexError, MeshError, NonManifoldEdgeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
+from spinor_geom.mesh.loop_frame import first_point
 from spinor_geom.mesh.seams import find_overlaps
 from spinor_geom.mesh.spacing import edge_lengths
 from spinor_geom.mesh.topology import HalfEdges, referenced_vertices
@@ -34,7 +35,8 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
 
     A loop is traced around each vertex within one fan of faces, so parts of a mesh that touch at a vertex only have
     separate loops. A loop that passes a vertex twice is split there; two loops may share a vertex. Loops have the
-    orientation of the boundary of a patch over them and start at their lowest vertex.
+    orientation of the boundary of a patch over them. Their first point is `first_point`: it depends on the positions
+    only, not on the numbers of the vertices.
 
     `BoundaryLoop.remarks` and `BoundaryLoop.obstacle` report inconsistent faces that touch a loop. If the faces beside
     a loop have different orientations, the loop follows the majority. `BoundaryLoop.slit_fraction`,
@@ -47,6 +49,9 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
     if not len(sheets.half_edges.boundary):
         return []
     traced = _traced_loops(sheets)
+    opposite = mesh.vertices[sheets.half_edges.opposite[traced.half_edges]]
+    beside = np.add.reduceat(opposite, traced.starts[:-1]) / np.diff(traced.starts)[:, None]
+    traced = traced.from_first_points(mesh.vertices, beside)
     points = mesh.vertices[traced.vertices]
     overlaps = find_overlaps(points, traced.successor, traced.numbers, math.hypot(*mesh.extents))
     on_other = (overlaps.other > 0) & overlaps.is_matched
@@ -57,7 +62,7 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
         raise DuplicateVertexError(vertices=tuple(edge.tolist()), count=int(is_equal.sum()))
     defects = _FaceDefects(mesh.faces, sheets)
     loops = []
-    for part in (slice(*ends) for ends in pairwise(traced.starts)):
+    for part, near in zip((slice(*ends) for ends in pairwise(traced.starts)), beside, strict=True):
         vertices, own = traced.vertices[part], points[part]
         lengths = edge_lengths(own)
         perimeter = float(lengths.sum())
@@ -71,11 +76,12 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
             seam_edges=np.stack([vertices, shifted(vertices, -1)], axis=1)[on_other[part]],
             seam_distance=float(overlaps.distance[part].max()),
             junctions=traced.vertices[np.stack([entry, edge, traced.successor[edge]], axis=1)],
+            beside=near,
             obstacle=defects.obstacle(traced.half_edges[part]),
             remarks=tuple(defects.remarks(vertices, traced.half_edges[part])),
         )
         loops.append(loop)
-    return sorted(loops, key=lambda loop: (-loop.perimeter, int(loop.vertex_ids[0])))
+    return sorted(loops, key=lambda loop: (-loop.perimeter, int(loop.vertex_ids.min())))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,6 +91,18 @@ class _TracedLoops:
     vertices: Int[np.ndarray, " n"]
     half_edges: Int[np.ndarray, " n"]
     starts: Int[np.ndarray, " r"]
+
+    def from_first_points(self, positions: Float[np.ndarray, "v 3"], beside: Float[np.ndarray, "r 3"]) -> _TracedLoops:
+        """The loops from their `first_point`, which does not depend on the numbers of the vertices."""
+        starts = [
+            start + first_point(positions[self.vertices[start:end]], near)[0]
+            for (start, end), near in zip(pairwise(self.starts), beside, strict=True)
+        ]
+        lengths = np.diff(self.starts)
+        place = np.arange(len(self.vertices)) - np.repeat(self.starts[:-1], lengths) + np.repeat(starts, lengths)
+        ends = np.repeat(self.starts[1:], lengths)
+        place = np.where(place < ends, place, place - np.repeat(lengths, lengths))
+        return _TracedLoops(vertices=self.vertices[place], half_edges=self.half_edges[place], starts=self.starts)
 
     @property
     def numbers(self) -> Int[np.ndarray, " n"]:

@@ -6,7 +6,7 @@ from math import factorial
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Bool, Float, Inexact, Int, Shaped
 from scipy.interpolate import BSpline, CubicSpline, PPoly, make_interp_spline
 from scipy.linalg import LinAlgWarning, solve_banded
 from scipy.linalg.lapack import dposv, dtrtri
@@ -384,3 +384,16 @@ def _poisson_coefficients(points: Vertices, breaks: Breaks, weights: Vertices) -
     values = points.mean(axis=0) + poisson_kernels(t, breaks[:-1], len(points))[0] @ weights
     values[0] = points
     return through(values, width)
+
+
+def reversed_pieces(
+    coefficients: Inexact[np.ndarray, "d1 m k"], breaks: Float[np.ndarray, " m1"]
+) -> Inexact[np.ndarray, "d1 m k"]:
+    """Coefficients of polynomial pieces with the opposite direction, in reversed order."""
+    moved, widths = coefficients.copy(), np.diff(breaks)[:, None]
+    # Taylor shift to the end of each piece by synthetic division; SciPy's BPoly loses three more digits
+    for last in range(len(moved), 1, -1):
+        for k in range(1, last):
+            moved[k] += moved[k - 1] * widths
+    sign = (-1.0) ** np.arange(len(moved) - 1, -1, -1)
+    return np.asarray(moved[:, ::-1] * sign[:, None, None])

@@ -20,6 +20,7 @@ from spinor_geom.domain.sizes import edge_length_of
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError, OptionError, SurfaceError, require_positive, require_type
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.loop_frame import LoopFrame
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.mesh.spacing import edge_lengths
 from spinor_geom.meshing.split_edges import edges_far_from_arcs, triangulated_with_split_edges
@@ -71,6 +72,18 @@ class Patch(Shown):
             points=plane.points,
             hole_sizes=plane.hole_sizes,
             is_complete=plane.is_complete,
+        )
+
+    def placed_by(self, frame: LoopFrame, rim: Float[np.ndarray, "m 3"]) -> Patch:
+        """The patch over a loop with the points `rim`, from that over the loop in the coordinates of a frame."""
+        m, points = self.boundary_size, self.points
+        if frame.is_backward:
+            points = np.concatenate([points[:m][frame.order(m)], points[m:]]).conj()
+        return replace(
+            self,
+            vertices=np.concatenate([rim, frame.outside(self.vertices[m:])]),
+            faces=frame.faces(np.asarray(self.faces), m),
+            points=points,
         )
 
     @property

@@ -135,7 +135,8 @@ def replace_unstable(
         end = "; the time limit was reached before its stability was computed"
     reason = solution.reason
     if replaced:
-        reason += "; replaces an unstable surface of area " + ", then one of ".join(f"{area:.6g}" for area in replaced)
+        times = ", then one of ".join(f"{area / solution.area:.6g}" for area in replaced)
+        reason += f"; replaces an unstable surface of {times} times the area"
     return replace(solution, reason=reason + end) if replaced or end else solution
 
 

@@ -1,7 +1,9 @@
 """Checks of a solution that are independent of its solver, computed on first use."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,6 +12,7 @@ from jaxtyping import Complex, Float
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.mesh.intersections import is_graph, self_intersections
+from spinor_geom.mesh.loop_frame import LoopFrame
 from spinor_geom.plateau.stability import Curvature, Stability, assess_stability, stable_by_curvature
 from spinor_geom.plateau.steps import Clock
 from spinor_geom.plateau.threads import one_thread
@@ -28,6 +31,17 @@ class Evidence:
     curvature: Curvature | None = None  # total curvature, if known
     is_plane: bool = False  # whether it is a plane region, which does not intersect itself
     clock: Clock = field(default_factory=Clock)  # stages "stability" and "certificates"
+
+    def placed_by(self, frame: LoopFrame) -> Evidence:
+        """The evidence of the surface in the coordinates outside a frame, with the checks computed so far."""
+        placed = replace(self, make=lambda: self.surface.placed_by(frame))
+        known: dict[str, object] = {
+            name: vars(self)[name] for name in ("stability", "self_intersections") if name in vars(self)
+        }
+        if "area_in_domain" in vars(self):
+            known["area_in_domain"] = self.area_in_domain * frame.size**2
+        vars(placed).update(known)
+        return placed
 
     @cached_property
     def surface(self) -> ArraySurface:

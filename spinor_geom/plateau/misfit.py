@@ -134,6 +134,12 @@ class BoundaryResidual:
     mean_edge: float
     diagonal: float
 
+    def enlarged(self, scale: float, *, diagonal: float) -> BoundaryResidual:
+        """The residual after scaling surface and loop, whose bounding box then has a given diagonal."""
+        return replace(
+            self, rms=scale * self.rms, max=scale * self.max, mean_edge=scale * self.mean_edge, diagonal=diagonal
+        )
+
     def verdict(self, tolerance: float, *, steps: int, limit: str) -> tuple[bool, str]:
         """Whether a tolerance is met, and a sentence with the residual; it ends with `limit` if it is not met."""
         reached = f"residual {self.rms_per_edge:.1e} of the mean edge after {steps} steps"

@@ -12,6 +12,7 @@ from scipy.interpolate import PchipInterpolator
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.loop_frame import LoopFrame
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,6 +34,20 @@ class RimMatch:
 
     def __repr__(self) -> str:
         return f"RimMatch({self.loop!r}, {len(self.matching)} matched points)"
+
+    def placed_by(self, frame: LoopFrame, loop: BoundaryLoop, boundary: Boundary) -> RimMatch:
+        """The match in the coordinates outside a frame, of a loop and the boundary, mirrored if it is backward."""
+        curve, (t, s) = self.curve.turned(frame.axes), self.matching.T
+        if frame.is_backward:
+            curve = curve.reversed()
+            # the first pair stays the first, so that pairs at the loop's points remain
+            t, s = (np.concatenate([-x[:1], 1 - x[:0:-1]]) for x in (t, s))
+        return RimMatch(
+            loop=loop,
+            curve=curve.placed(loop.points, frame.size),
+            boundary=boundary,
+            matching=np.column_stack([t, s]),
+        )
 
     @cached_property
     def bulge(self) -> float:

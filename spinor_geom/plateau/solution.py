@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,6 +17,7 @@ from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import SeveralRimsError, require_positive
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.loop_frame import LoopFrame
 from spinor_geom.plateau.annulus import Annulus, Partition, RimDisks
 from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.misfit import BoundaryResidual
@@ -170,6 +171,21 @@ class PlateauSolution(Shown):
             return True
         areas = self.annulus.partition_areas.values()
         return bool(areas) and self.area < min(areas)
+
+    def placed_by(self, frame: LoopFrame, loop: BoundaryLoop) -> PlateauSolution:
+        """The solution over a loop, from that over the loop in the coordinates of a frame.
+
+        If the frame is backward, Ω becomes its mirror image z̄.
+        """
+        (rim,), domain = self.rims, self.domain.mirrored if frame.is_backward else self.domain
+        return replace(
+            self,
+            rims=(rim.placed_by(frame, loop, domain.boundary),),
+            domain=domain,
+            boundary_residual=self.boundary_residual.enlarged(frame.size, diagonal=loop.diagonal),
+            area=self.area * frame.size**2,
+            evidence=self.evidence.placed_by(frame),
+        )
 
     def loop_points_in_domain(self) -> Complex[np.ndarray, " m"]:
         """The points of ∂Ω that correspond to the loops' points, in loop order, rim after rim."""

@@ -17,8 +17,9 @@ from spinor_geom.domain.quadrature import RuleName, rule
 from spinor_geom.errors import DtypeError, OptionError, PeriodError, require_positive
 from spinor_geom.holomorphic.array_model import ArrayModel
 from spinor_geom.holomorphic.blocks import in_blocks
-from spinor_geom.holomorphic.model import HolomorphicModel, IntegrableModel
+from spinor_geom.holomorphic.model import HolomorphicModel, IntegrableModel, conjugated
 from spinor_geom.holomorphic.zeros import Zero, find_zeros
+from spinor_geom.mesh.loop_frame import LoopFrame
 from spinor_geom.shown import Shown
 from spinor_geom.surface import branch, formulas, frames, storage
 from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for, find_anchors, require_finite
@@ -279,6 +280,20 @@ class ArraySurface(Shown):
         other = self._over(self.model, scale**0.5 * self.spinor_map, scale * self.constant + shift)
         other.rim = self.rim and self.rim.scaled(scale)
         return other
+
+    def placed_by(self: S, frame: LoopFrame) -> S:
+        """The surface in the coordinates outside a frame, r(z̄) over the mirror image of Ω if the frame is backward."""
+        model, domain, turned = self.model, self.domain, self.spinor_map
+        place = place_of(self.constant)
+        if frame.is_backward:
+            # φ of r(z̄) is conj(φ(z̄)), that of (i conj q, −i conj p)
+            model, domain = conjugated(model), domain.mirrored
+            turned = place.put(np.array([[0, 1j], [-1j, 0]])) @ turned.conj()
+        sign = complex(np.sign(np.linalg.det(frame.axes)))
+        rotation = place.put(sign.real * frame.axes.T)
+        turned = sign**0.5 * (frames.su2_from_rotation(rotation) @ turned)
+        constant = place.put(frame.outside(to_numpy(self.constant)[None])[0])
+        return type(self)(model, domain, constant, spinor_map=frame.size**0.5 * turned, **self._rule)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the surface and its domain to a .safetensors file with a JSON description; overwrites the file.

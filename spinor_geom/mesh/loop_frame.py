@@ -1,0 +1,180 @@
+"""A first point, a direction, and coordinates of a closed polygon that do not depend on how it is given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinor_geom.arrays import backwards, norm, shifted
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, centroids, diagonals
+from spinor_geom.mesh.spacing import edge_lengths
+
+# Lengths that differ by less than this share of the polygon's size count as equal. Rounding changes them by 1e-15.
+_ALIKE = 1e-9
+# Local coordinates are multiples of 2^-36 of the size (1.5e-11), and of about 2^-20 of the shortest edge if that is
+# shorter. Positions with errors of 1e-15 then nearly always have the same local coordinates.
+_BITS, _BITS_OF_EDGE = 36, 20
+_FLAT = 1e-9  # share of the size below which points do not determine an axis
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoopFrame:
+    """Coordinates that move with a closed polygon, at unit size.
+
+    Polygons that differ by rotation, reflection, translation, scale, direction, or the first point have the same local
+    coordinates up to rounding, and nearly always bit for bit, because these are rounded. If several points or both
+    directions of a symmetric polygon are alike, one of them is taken.
+
+    Attributes:
+        first: the point at which the polygon starts.
+        is_backward: whether the local direction is opposite to the given one.
+        centre: origin of the local coordinates.
+        axes: orthonormal rows, right-handed or left-handed.
+        size: unit of the local coordinates, the diagonal of the bounding box along the axes.
+        step: local coordinates are multiples of it.
+    """
+
+    first: int
+    is_backward: bool
+    centre: Float[np.ndarray, "3"]
+    axes: Float[np.ndarray, "3 3"]
+    size: float
+    step: float
+
+    @classmethod
+    def of(cls, loop: BoundaryLoop) -> LoopFrame:
+        """The frame of a loop. `BoundaryLoop.beside` decides where the loop itself is symmetric or plane."""
+        points = loop.points
+        first, is_backward = first_point(points, loop.beside)
+        order = _ordered(len(points), first, is_backward)
+        ordered = points[order]
+        centre = centroids(ordered)
+        axes = _axes(ordered - centre, None if loop.beside is None else loop.beside - centre)
+        size = float(diagonals((ordered - centre) @ axes.T)) or 1.0
+        edges = edge_lengths(ordered)
+        shortest = float(edges[edges > 0].min(initial=size)) / size
+        bits = max(_BITS, _BITS_OF_EDGE - int(np.frexp(shortest)[1]))
+        return cls(
+            first=first, is_backward=is_backward, centre=centre, axes=axes, size=size, step=float(np.ldexp(1.0, -bits))
+        )
+
+    def order(self, count: int) -> Int[np.ndarray, " {count}"]:
+        """The polygon's points in the local direction, from the given first point. It is its own inverse."""
+        return backwards(count) if self.is_backward else np.arange(count)
+
+    @property
+    def inverse(self) -> LoopFrame:
+        """The frame whose `outside` gives local coordinates, which are not rounded."""
+        return replace(
+            self, centre=-self.centre @ self.axes.T / self.size, axes=self.axes.T, size=1 / self.size, first=0
+        )
+
+    def rounded(self, local: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """Local coordinates rounded to multiples of the step."""
+        return np.asarray(np.rint(local / self.step) * self.step + 0.0)  # without −0
+
+    def local(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """Local coordinates of points, rounded."""
+        return self.rounded((points - self.centre) @ self.axes.T / self.size)
+
+    def outside(self, local: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """Points from their local coordinates."""
+        return np.asarray(self.size * local @ self.axes + self.centre)
+
+    def faces(self, faces: Int[np.ndarray, "f 3"], rim: int) -> Int[np.ndarray, "f 3"]:
+        """Faces over the polygon, in either direction, whose first `rim` vertices are its points, in the other."""
+        if not self.is_backward:
+            return faces
+        numbers = np.arange(max(rim, int(faces.max(initial=0)) + 1))
+        numbers[:rim] = backwards(rim)
+        return np.asarray(numbers[faces][:, ::-1])
+
+    def loop(self, loop: BoundaryLoop) -> BoundaryLoop:
+        """A loop in local coordinates and direction, without the data of the adjacent mesh."""
+        order = self.order(len(loop))
+        return BoundaryLoop(
+            points=self.local(loop.points[order]),
+            vertex_ids=loop.vertex_ids[order],
+            corners=loop.corners[order],
+            corners_given=loop.corners_given,
+        )
+
+
+def first_point(points: Float[np.ndarray, "m 3"], beside: Float[np.ndarray, "3"] | None = None) -> tuple[int, bool]:
+    """A point of a closed polygon, and whether it is passed backwards from there, by distances between its points.
+
+    The first one and its direction have the largest sequence of lengths: of the next edge, of the distance from the
+    centroid, of the distances to the second and third next point and from a point beside the polygon, then the same
+    from the next point on.
+    """
+    m = len(points)
+    away = norm(points - centroids(points))
+    allowed = _ALIKE * away.max()
+    best = np.arange(2 * m)  # of the points forwards, then of the points backwards
+    features = []
+    for steps, origin in ((1, points), (0, None), (2, points), (3, points), (0, beside)):
+        if origin is points:
+            values = norm(shifted(points, -steps, axis=0) - points)
+        else:
+            values = away if origin is None else norm(points - origin)
+        features.append(np.concatenate([values, shifted(values, steps)]))
+        best = _largest(best, features[-1][best], allowed)
+        if len(best) == 1:
+            break
+    else:
+        best = _with_largest_sequence(best, np.stack(features, axis=1), allowed)
+    return int(best[0]) % m, bool(best[0] >= m)
+
+
+def _largest(
+    candidates: Int[np.ndarray, " c"], values: Float[np.ndarray, " c"], allowed: float
+) -> Int[np.ndarray, " _"]:
+    return np.asarray(candidates[values >= values.max() - allowed])
+
+
+def _with_largest_sequence(
+    candidates: Int[np.ndarray, " c"], features: Float[np.ndarray, "n k"], allowed: float
+) -> Int[np.ndarray, " _"]:
+    """The points, forwards or backwards, from which the sequence of features is largest."""
+    m = len(features) // 2
+    while len(candidates) > 1:
+        backward, place = np.divmod(candidates, m)
+        # sequences that agree up to the next candidate are equal
+        gaps = [np.diff(own, append=own[:1] + m) for own in (place[backward == 0], place[backward == 1])]
+        ahead = np.arange(max(own.max(initial=1) for own in gaps))
+        passed = (place[:, None] + np.where(backward, -1, 1)[:, None] * ahead) % m + m * backward[:, None]
+        sequences = features[passed].reshape(len(candidates), -1)
+        differ = np.ptp(sequences, axis=0) > allowed
+        if not differ.any():
+            break
+        candidates = _largest(candidates, sequences[:, differ.argmax()], allowed)
+    return candidates
+
+
+def _ordered(count: int, first: int, is_backward: bool) -> Int[np.ndarray, " {count}"]:
+    """Indices of all points from the first one on."""
+    return np.asarray((first + np.arange(count) * (-1 if is_backward else 1)) % count)
+
+
+def _axes(points: Float[np.ndarray, "m 3"], beside: Float[np.ndarray, "3"] | None) -> Float[np.ndarray, "3 3"]:
+    """Axes towards the farthest point, the point farthest from that axis, and the one farthest from their plane.
+
+    Of several that are farthest up to rounding the first is taken. Where the points have no extent, the axis is towards
+    a point beside them, and if that has no distance either, any direction.
+    """
+    axes = np.zeros((0, 3))
+    size = norm(points).max() or 1.0
+    for candidates in (points, points[:1] if beside is None else beside[None], size * np.eye(3)):
+        rest = candidates - candidates @ axes.T @ axes
+        while len(axes) < 3:
+            distance = norm(rest)
+            far = int(np.argmax(distance >= (1 - _ALIKE) * distance.max()))
+            if not distance[far] > _FLAT * size:
+                break
+            axis = rest[far] / distance[far]
+            axis = axis - axis @ axes.T @ axes
+            axes = np.concatenate([axes, (axis / norm(axis))[None]])
+            rest = rest - (rest @ axes[-1])[:, None] * axes[-1]
+    return axes

@@ -1,0 +1,53 @@
+"""Frames of loops: the same local coordinates for copies of a polygon, and coordinates outside."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.loop_frame import LoopFrame, first_point
+from tests.fill.copies import POLYGONS, motions
+
+
+def local(points: np.ndarray) -> np.ndarray:
+    frame = LoopFrame.of(BoundaryLoop.from_points(points))
+    steps = -np.arange(len(points)) if frame.is_backward else np.arange(len(points))
+    return frame.local(points[(frame.first + steps) % len(points)])
+
+
+@pytest.mark.parametrize("name", POLYGONS)
+def test_copies_have_the_same_local_coordinates(name: str) -> None:
+    rng = np.random.default_rng(1)
+    points = POLYGONS[name](rng)
+    for _, move in motions(rng):
+        copy = np.roll(move(points), rng.integers(len(points)), axis=0)
+        # a few steps of the rounding, 1.5e-11: a coordinate may lie between two multiples
+        np.testing.assert_allclose(local(copy), local(points), atol=1e-10)
+        np.testing.assert_allclose(local(copy[::-1]), local(points), atol=1e-10)
+
+
+@pytest.mark.parametrize("name", POLYGONS)
+def test_outside_inverts_local(name: str) -> None:
+    points = POLYGONS[name](np.random.default_rng(2))
+    frame = LoopFrame.of(BoundaryLoop.from_points(points))
+    there = frame.local(points)
+    np.testing.assert_allclose(frame.outside(there), points, atol=1e-10 * frame.size)
+    np.testing.assert_allclose(frame.inverse.outside(points), there, atol=1e-10)
+    np.testing.assert_allclose(frame.axes @ frame.axes.T, np.eye(3), atol=1e-14)
+
+
+def test_a_point_beside_decides_where_a_polygon_is_symmetric() -> None:
+    square = np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
+    for k in range(4):
+        place = first_point(np.roll(square, k, axis=0), np.array([0.3, 0.1, -1.0]))[0]
+        np.testing.assert_array_equal(np.roll(square, k, axis=0)[place], square[2])
+
+
+def test_sequences_decide_where_lengths_at_one_point_do_not() -> None:
+    # two equal longest edges; after one of them the next edges are longer
+    angle = np.cumsum([0, 5, 4, 3, 2, 5, 3, 3.5, 2.5, 2]) * 2 * np.pi / 30
+    points = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])[:-1]
+    expected, backward = first_point(points)
+    for k in range(len(points)):
+        assert first_point(np.roll(points, k, axis=0)) == ((expected + k) % len(points), backward)
