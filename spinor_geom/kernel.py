@@ -22,8 +22,13 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "sizes": (*_REGION, _INTEGER, _POINTS, _NUMBERS),
     "refine": (*_REGION, _INTEGER, _POINTS, _NUMBERS, _INTEGER, _NUMBER, _POINTS, _INDICES, _INDICES),
     "near_segments": (_INTEGER, _NUMBERS, _NUMBERS, _NUMBER, _INTEGER, _INTEGER, _NUMBER, _INDICES, _INDICES),
+    "remesh": (
+        *(_INTEGER, _NUMBERS, _INDICES, _NUMBER, _NUMBER, _INTEGER, _NUMBERS, _NUMBERS, _INTEGER),  # a RegionOf<Point3>
+        *(_INTEGER, _INTEGER, _INDICES, _NUMBER, _INTEGER, _INTEGER, _NUMBER, _NUMBERS, _INDICES, _INDICES),
+    ),
     "minimum_area_splits": (_INTEGER, _NUMBERS, _NUMBER, _NUMBER, _INDICES),
 }
+
 _LARGEST = np.finfo(np.float64).max
 
 

@@ -31,7 +31,7 @@ public:
             low_ = std::min(low_, a.y);
             high_ = std::max(high_, a.y);
         }
-        tree_ = Tree(std::move(centres), std::move(radii));
+        tree_ = Tree<Point>(std::move(centres), std::move(radii));
         // The edges that each of some horizontal strips meets: m strips, or fewer where edges are as high as many of
         // them, so that there are at most 4m more entries than edges.
         double rise = 0;
@@ -128,7 +128,7 @@ private:
 
     const Region& region_;
     double low_, high_;
-    Tree tree_;
+    Tree<Point> tree_;
     int64_t strips_;
     std::vector<int64_t> first_, filled_, edges_;
 };

@@ -10,6 +10,7 @@
 #include "mesh.hpp"
 #include "seeds.hpp"
 #include "size_field.hpp"
+#include "space_mesh.hpp"
 
 using namespace plane;
 
@@ -54,5 +55,47 @@ ENTRY_POINT int refine(
         mesh.smooth();
         mesh.polish();
         mesh.write();
+    });
+}
+
+// Remeshes a surface in space, of which the first `fixed` vertices are kept, until the time is over. The first parameters
+// are those of a RegionOf<Point3>. `vertices` has room for `most` ones, `faces` for twice as many. `counts` are the numbers
+// of vertices and faces, before and after. `enough` is an angle that is not increased by flips; without smoothings only
+// vertices of triangles with smaller angles move.
+ENTRY_POINT int remesh(
+    int64_t boundary_size, const Point3* boundary, const int64_t* after, double growth, double decay,
+    int64_t sample_count, const Point3* samples, const double* log_lengths, int64_t neighbours,
+    int64_t fixed, int64_t taken_count, const int64_t* taken, double enough, int64_t smoothings,
+    int64_t most, double seconds, Point3* vertices, int64_t* faces, int64_t* counts) {
+    return outcome_of([=] {
+        const RegionOf<Point3> region{
+            boundary_size, boundary, after, growth, decay, sample_count, samples, log_lengths, neighbours};
+        const SizeFieldOf<Point3> size(region);
+        TimeLimit limit(seconds);
+        std::vector<std::array<int, 3>> given(counts[1]);
+        for (int64_t t = 0; t < counts[1]; ++t)
+            for (int k = 0; k < 3; ++k) given[t][k] = static_cast<int>(faces[3 * t + k]);
+        std::vector<std::array<int, 2>> pairs(taken_count);
+        for (int64_t t = 0; t < taken_count; ++t)
+            for (int k = 0; k < 2; ++k) pairs[t][k] = static_cast<int>(taken[2 * t + k]);
+        space::Mesh mesh({vertices, vertices + counts[0]}, given, static_cast<int>(fixed), pairs, size, enough,
+                         static_cast<size_t>(most), limit);
+        mesh.flip();
+        for (int64_t round = 0; round < std::max<int64_t>(smoothings, 1); ++round) {
+            mesh.split();
+            mesh.collapse();
+            mesh.flip();
+            if (smoothings) {
+                mesh.smooth();
+                mesh.flip();
+            }
+        }
+        mesh.polish();
+        mesh.flip();
+        std::copy(mesh.vertices().begin(), mesh.vertices().end(), vertices);
+        counts[0] = static_cast<int64_t>(mesh.vertices().size());
+        counts[1] = static_cast<int64_t>(mesh.triangles().size());
+        for (int64_t t = 0; t < counts[1]; ++t)
+            for (int k = 0; k < 3; ++k) faces[3 * t + k] = mesh.triangles()[t].vertex[k];
     });
 }

@@ -14,11 +14,10 @@
 
 #include "boundary.hpp"
 #include "entry.hpp"
+#include "triangles.hpp"
 
 namespace plane {
 
-// triangles without smaller angles than 25 degrees are kept; above 30 the number of points grows quickly
-const double kLeastSine = std::sin(25.0 * kPi / 180);
 // a triangle is too large when its circumradius exceeds this times the wanted edge length (equilateral: 1.3 edges)
 constexpr double kLargestRadius = 0.75;
 // share of that radius, by the mean of the sizes at the vertices, above which the size at the centroid is computed
@@ -28,16 +27,9 @@ constexpr double kLongestBridge = 1.45, kLongestEar = 1.05;
 constexpr int kBridgeRounds = 3;
 constexpr double kRoundEnough = 0.4;  // smoothing must not reduce the roundness (1: equilateral) of triangles below this
 constexpr int kMoves = 2;  // more do not improve the angles
-// a point of a poor triangle is tried at eight places around it, at these multiples of the length of its edges
-constexpr std::array<double, 6> kPolishing = {0.3, 0.3, 0.15, 0.15, 0.08, 0.08};
-constexpr int kAround = 8;
 constexpr int kLongestWalk = 64;  // triangles after which a walk to a circumcentre counts as blocked
 
-struct Triangle {
-    std::array<int, 3> vertex, across;
-};
-
-class Mesh {
+class Mesh : private Triangles {
 public:
     Mesh(const Region& region, const SizeField& size, const Boundary& boundary, TimeLimit& limit, Output& output)
         : region_(region),
@@ -203,33 +195,6 @@ private:
     };
 
     Point point(int i) const { return output_.points[i]; }
-
-    void connect() {
-        std::vector<std::array<int, 4>> edges;  // smaller vertex, larger vertex, triangle, place
-        for (int t = 0; t < static_cast<int>(triangles_.size()); ++t)
-            for (int k = 0; k < 3; ++k) {
-                const int a = triangles_[t].vertex[k], b = triangles_[t].vertex[(k + 1) % 3];
-                triangles_[t].across[k] = -1;
-                edges.push_back({std::min(a, b), std::max(a, b), t, k});
-            }
-        std::sort(edges.begin(), edges.end());
-        for (size_t e = 0; e + 1 < edges.size(); ++e)
-            if (edges[e][0] == edges[e + 1][0] && edges[e][1] == edges[e + 1][1]) {
-                const int t = edges[e][2], other = edges[e + 1][2];
-                const bool is_same_way =
-                    triangles_[t].vertex[edges[e][3]] == triangles_[other].vertex[edges[e + 1][3]];
-                const bool is_third = triangles_[t].across[edges[e][3]] >= 0;
-                if (t == other || is_same_way || is_third) throw std::invalid_argument("triangles overlap");
-                triangles_[edges[e][2]].across[edges[e][3]] = edges[e + 1][2];
-                triangles_[edges[e + 1][2]].across[edges[e + 1][3]] = edges[e][2];
-            }
-    }
-
-    int opposite(int triangle, int other) const {
-        for (int k = 0; k < 3; ++k)
-            if (triangles_[triangle].across[k] == other) return triangles_[triangle].vertex[(k + 2) % 3];
-        return -1;
-    }
 
     // The triangle that contains p, reached on a straight walk inside the region; -1 if the walk leaves it.
     int walk(Point p, int t, size_t most_steps) const {
@@ -427,28 +392,11 @@ private:
         const int other = triangles_[t].across[k];
         if (other < 0) return -1;
         const int a = triangles_[t].vertex[k], b = triangles_[t].vertex[(k + 1) % 3], c = triangles_[t].vertex[(k + 2) % 3];
-        int j = 0;
-        while (j < 3 && (triangles_[other].across[j] != t || triangles_[other].vertex[j] != b)) ++j;
-        if (j == 3) return -1;  // only where the given triangles overlap
-        const int d = triangles_[other].vertex[(j + 2) % 3];
+        const int d = triangles_[other].vertex[(side_of(t, k) + 2) % 3];
         if (!in_circle(point(a), point(b), point(c), point(d))) return -1;
         if (side(point(a), point(d), point(c)) <= 0 || side(point(d), point(b), point(c)) <= 0) return -1;
-        // a b c and b a d become a d c and d b c
-        const int bc = triangles_[t].across[(k + 1) % 3], ca = triangles_[t].across[(k + 2) % 3];
-        const int ad = triangles_[other].across[(j + 1) % 3], db = triangles_[other].across[(j + 2) % 3];
-        triangles_[t] = {{a, d, c}, {ad, other, ca}};
-        triangles_[other] = {{d, b, c}, {db, bc, t}};
-        relink(ad, other, t, d);
-        relink(bc, t, other, c);
+        flip(t, k);
         return other;
-    }
-
-    // Replaces neighbour `before` by `after` across the edge of a triangle that starts at a vertex.
-    void relink(int triangle, int before, int after, int start) {
-        if (triangle < 0) return;
-        for (int k = 0; k < 3; ++k)
-            if (triangles_[triangle].across[k] == before && triangles_[triangle].vertex[k] == start)
-                triangles_[triangle].across[k] = after;
     }
 
     const Region& region_;
@@ -459,7 +407,6 @@ private:
     int m_, n_;
     bool is_refining_ = false;
     int round_ = 0;
-    std::vector<Triangle> triangles_;
     std::vector<double> wanted_;  // edge lengths at the points
     std::vector<int> stamp_, version_, cavity_, starting_;
     std::vector<Edge> rim_;

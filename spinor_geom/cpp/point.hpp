@@ -1,4 +1,4 @@
-// Points of the plane, and geometry of triangles.
+// Points of the plane and of space, and geometry of triangles.
 
 #pragma once
 
@@ -30,7 +30,35 @@ inline Point operator-(Point a, Point b) { return {a.x - b.x, a.y - b.y}; }
 inline Point operator*(double s, Point a) { return {s * a.x, s * a.y}; }
 inline double cross(Point a, Point b) { return a.x * b.y - a.y * b.x; }
 inline double dot(Point a, Point b) { return a.x * b.x + a.y * b.y; }
-inline double length(Point a) { return std::sqrt(dot(a, a)); }
+inline Point low(Point a, Point b) { return {std::min(a.x, b.x), std::min(a.y, b.y)}; }
+inline Point high(Point a, Point b) { return {std::max(a.x, b.x), std::max(a.y, b.y)}; }
+inline double coordinate(Point a, int k) { return k == 0 ? a.x : a.y; }
+template <class P>
+constexpr int kDimension = 2;
+template <class P>
+constexpr P kOrigin = {0, 0};
+
+struct Point3 {
+    double x, y, z;
+};
+
+inline Point3 operator+(Point3 a, Point3 b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+inline Point3 operator-(Point3 a, Point3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+inline Point3 operator*(double s, Point3 a) { return {s * a.x, s * a.y, s * a.z}; }
+inline Point3 cross(Point3 a, Point3 b) { return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
+inline double dot(Point3 a, Point3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+inline Point3 low(Point3 a, Point3 b) { return {std::min(a.x, b.x), std::min(a.y, b.y), std::min(a.z, b.z)}; }
+inline Point3 high(Point3 a, Point3 b) { return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}; }
+inline double coordinate(Point3 a, int k) { return k == 0 ? a.x : k == 1 ? a.y : a.z; }
+template <>
+constexpr int kDimension<Point3> = 3;
+template <>
+constexpr Point3 kOrigin<Point3> = {0, 0, 0};
+
+template <class P>
+double length(P a) {
+    return std::sqrt(dot(a, a));
+}
 inline double side(Point a, Point b, Point p) { return cross(b - a, p - a); }
 
 // Whether p lies inside the circumcircle of a, b, c by more than rounding.

@@ -47,7 +47,7 @@ inline std::vector<Point> tips_and_seeds(
         tips[i] = a + 0.5 * edge + std::sqrt(0.75) * Point{-edge.y, edge.x};
         lengths[i] = kFromTips * length(edge);
     }
-    const Tree all(tips, lengths);
+    const Tree<Point> all(tips, lengths);
     bool apart = true;
     for (int64_t i = 0; i < m && apart; ++i)
         apart = !all.any_around(tips[i], [&](int j) { return j != i && length(tips[j] - tips[i]) < lengths[i]; });
@@ -58,7 +58,7 @@ inline std::vector<Point> tips_and_seeds(
         kept.push_back(tips[i]);
         around.push_back(lengths[i]);
     }
-    const Tree near(kept, around);
+    const Tree<Point> near(kept, around);
     for (int64_t k = 0; k < seeds.count; ++k) {
         const Point p = seeds.points[k];
         if (limit.is_over(boundary.strip_size(p))) break;

@@ -12,17 +12,19 @@
 
 namespace plane {
 
-// What kernel_region.py passes; see `SizeField` and `triangulate_polygon`.
-struct Region {
+// What Python passes; see `SizeField` and `triangulate_polygon` there.
+template <class P>
+struct RegionOf {
     int64_t boundary_size;
-    const Point* boundary;
+    const P* boundary;
     const int64_t* after;  // the next vertex on its polygon
     double growth, decay;
     int64_t sample_count;
-    const Point* samples;
+    const P* samples;
     const double* log_lengths;  // wanted at the samples
     int64_t neighbours;         // samples of which the mean is taken
 };
+using Region = RegionOf<Point>;
 
 struct Seeds {
     int64_t count;  // -1: a lattice
@@ -40,18 +42,19 @@ struct Output {
 
 constexpr int kMostNeighbours = 8;
 
-class SizeField {
+template <class P>
+class SizeFieldOf {
 public:
-    explicit SizeField(const Region& region) : region_(region), own_(region.boundary_size) {
+    explicit SizeFieldOf(const RegionOf<P>& region) : region_(region), own_(region.boundary_size) {
         const int64_t m = region.boundary_size;
-        std::vector<Point> boundary(region.boundary, region.boundary + m);
+        std::vector<P> boundary(region.boundary, region.boundary + m);
         for (int64_t i = 0; i < m; ++i) {
             const double half = 0.5 * length(boundary[region.after[i]] - boundary[i]);
             own_[i] += half;
             own_[region.after[i]] += half;
         }
-        boundary_ = Tree(std::move(boundary), {});
-        samples_ = Tree({region.samples, region.samples + region.sample_count}, {});
+        boundary_ = Tree<P>(std::move(boundary), {});
+        samples_ = Tree<P>({region.samples, region.samples + region.sample_count}, {});
         local_ = own_;
         int number[kMostNeighbours];
         double squared[kMostNeighbours];
@@ -76,14 +79,14 @@ public:
     double own(int64_t vertex) const { return own_[vertex]; }
 
     // Distance from the nearest boundary vertex, and its number.
-    std::pair<double, int> nearest_vertex(Point p) const {
+    std::pair<double, int> nearest_vertex(P p) const {
         int number;
         double squared;
         boundary_.nearest(p, 1, kInfinity, &number, &squared);
         return {std::sqrt(squared), number};
     }
 
-    double operator()(Point p) const {
+    double operator()(P p) const {
         int number[kMostNeighbours];
         double squared[kMostNeighbours], wanted = kInfinity;
         if (region_.sample_count) {
@@ -110,10 +113,11 @@ public:
     }
 
 private:
-    const Region& region_;
+    const RegionOf<P>& region_;
     std::vector<double> own_, local_;
     double least_ = 0, most_ = 0;
-    Tree boundary_, samples_;
+    Tree<P> boundary_, samples_;
 };
+using SizeField = SizeFieldOf<Point>;
 
 }  // namespace plane

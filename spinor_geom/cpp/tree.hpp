@@ -12,11 +12,12 @@
 namespace plane {
 
 // Search tree of points, each with a radius.
+template <class P>
 class Tree {
 public:
     Tree() = default;
 
-    Tree(std::vector<Point> points, std::vector<double> radii)
+    Tree(std::vector<P> points, std::vector<double> radii)
         : points_(std::move(points)), radii_(std::move(radii)), order_(points_.size()) {
         require_numbers(order_.size());
         std::iota(order_.begin(), order_.end(), 0);
@@ -24,7 +25,7 @@ public:
     }
 
     // Numbers and squared distances of up to `count` nearest points within `squared`, ascending; the number found.
-    int nearest(Point p, int count, double squared, int* number, double* distance) const {
+    int nearest(P p, int count, double squared, int* number, double* distance) const {
         int found = 0;
         if (nodes_.empty()) return 0;
         std::pair<double, int> stack[64];
@@ -62,7 +63,7 @@ public:
 
     // Whether `accept` holds for any point whose distance from p is less than its radius.
     template <typename Accept>
-    bool any_around(Point p, Accept accept) const {
+    bool any_around(P p, Accept accept) const {
         if (nodes_.empty()) return false;
         int stack[64], top = 0;
         stack[top++] = 0;
@@ -84,13 +85,13 @@ public:
 
 private:
     struct Node {
-        Point low, high;
+        P lowest, highest;
         double radius;
         int first, last, left, right;
 
-        double squared_distance(Point p) const {
-            const double x = std::max({low.x - p.x, 0.0, p.x - high.x}), y = std::max({low.y - p.y, 0.0, p.y - high.y});
-            return x * x + y * y;
+        double squared_distance(P p) const {
+            const P outside = high(high(lowest - p, p - highest), kOrigin<P>);
+            return dot(outside, outside);
         }
     };
 
@@ -98,19 +99,21 @@ private:
 
     int build(int first, int last) {
         const int at = static_cast<int>(nodes_.size());
-        Node node{{kInfinity, kInfinity}, {-kInfinity, -kInfinity}, 0.0, first, last, -1, -1};
+        Node node{points_[order_[first]], points_[order_[first]], 0.0, first, last, -1, -1};
         for (int k = first; k < last; ++k) {
-            const Point p = points_[order_[k]];
-            node.low = {std::min(node.low.x, p.x), std::min(node.low.y, p.y)};
-            node.high = {std::max(node.high.x, p.x), std::max(node.high.y, p.y)};
+            node.lowest = low(node.lowest, points_[order_[k]]);
+            node.highest = high(node.highest, points_[order_[k]]);
             if (!radii_.empty()) node.radius = std::max(node.radius, radii_[order_[k]]);
         }
         nodes_.push_back(node);
         if (last - first > kLeaf) {
-            const bool wide = node.high.x - node.low.x > node.high.y - node.low.y;
+            const P sides = node.highest - node.lowest;
+            int widest = kDimension<P> - 1;
+            for (int k = kDimension<P> - 2; k >= 0; --k)
+                if (coordinate(sides, k) > coordinate(sides, widest)) widest = k;
             const int middle = (first + last) / 2;
             std::nth_element(order_.begin() + first, order_.begin() + middle, order_.begin() + last, [&](int i, int j) {
-                const double a = wide ? points_[i].x : points_[i].y, b = wide ? points_[j].x : points_[j].y;
+                const double a = coordinate(points_[i], widest), b = coordinate(points_[j], widest);
                 return a < b || (a == b && i < j);
             });
             const int left = build(first, middle), right = build(middle, last);
@@ -120,7 +123,7 @@ private:
         return at;
     }
 
-    std::vector<Point> points_;
+    std::vector<P> points_;
     std::vector<double> radii_;
     std::vector<int> order_;
     std::vector<Node> nodes_;

@@ -26,6 +26,7 @@ class Bend:
 
     largest: float
     rms: float
+    edge: float  # mean length of the edges, in mesh units
 
     def to_dict(self) -> dict[str, float]:
         """The figures in JSON's types."""
@@ -168,10 +169,11 @@ def _bend(
 ) -> Bend:
     """The bend at the half-edges `at`, from the angles between the faces at each half-edge; 0 if there are none."""
     if not len(at):
-        return Bend(largest=0.0, rms=0.0)
+        return Bend(largest=0.0, rms=0.0, edge=0.0)
     length = np.linalg.norm(vertices[half_edges.origin[at]] - vertices[half_edges.target[at]], axis=1)
     angle = np.degrees(angles[at])
-    return Bend(largest=float(angle.max()), rms=float(np.sqrt(length @ angle**2 / length.sum())))
+    rms = float(np.sqrt(length @ angle**2 / length.sum()))
+    return Bend(largest=float(angle.max()), rms=rms, edge=float(length.mean()))
 
 
 def _numbered_after(patch: Patch, count: int) -> Int[np.ndarray, "f 3"]:

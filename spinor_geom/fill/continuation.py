@@ -2,32 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from jaxtyping import Float
 
+from spinor_geom.arrays import TINY
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError, TooManyPointsError
+from spinor_geom.domain.delaunay import rim_successors, unique_edges
+from spinor_geom.domain.sizes import GRADED, EdgeLengths
+from spinor_geom.errors import OutOfTimeError, SpinorGeomError
 from spinor_geom.fill.collar import Bend, Collar, bend_inside
-from spinor_geom.fill.fairing import SMALLEST_ANGLE, Faired, Order, minimised_curvature, smallest_angles, thin_plate
-from spinor_geom.mesh.operators import vertex_angles
+from spinor_geom.fill.fairing import (
+    SMALLEST_ANGLE,
+    Faired,
+    Order,
+    approached,
+    minimised_curvature,
+    smallest_angles,
+    thin_plate,
+)
+from spinor_geom.mesh.operators import radii_of_curvature, vertex_angles
 from spinor_geom.meshing.embed import Patch, over_domain_of_angles
 from spinor_geom.meshing.remeshing import remesh
 
-# A patch with edges stretched by more than this is remeshed, because its triangles are too coarse. With 4 the ends of
-# two fingers bend by 7.6° across the rim instead of 5.9°; 1.4 takes 14 % more steps for the same smallest angles.
-_MOST_STRETCHED = 2.0
-_ROUNDS = 4  # of remeshing, to bound the time: two give the same results on all test holes
-# The report has a remark if the bend inside a patch exceeds this multiple of the bend of the mesh around it by more
-# than so many degrees. The ratio is at most 1.5 on spheres, cylinders, tori and scans.
+_ROUNDS = 6  # of minimisation and remeshing, to bound the time
+# Edges are refined that are longer than `_LONG` times this multiple of the radius of curvature 1/√(κ₁² + κ₂²)
+_FLATNESS, _LONG = 0.2, 1.5
+# The report has a remark if the bend inside a patch, for edges as long as those of the mesh around it, exceeds this
+# multiple of the bend there by more than so many degrees. The ratio is at most 1.5 on spheres, cylinders, tori and
+# scans.
 _MOST_BENT, _SLIGHT_BEND = 2.0, 1.0
 _KINK = 5.0  # degrees by which the bend across the rim may exceed that of the mesh around it without a remark
 MOST_AREA = 2.0  # ratio of the areas after and before, as of hemisphere and disk; a larger patch gets a remark
-
-# errors of remeshing and of the continuation after it; the patch before is kept then
-_NO_NEW_MESH = (DomainError, SingularMatrixError, TooManyPointsError)
 
 Start: TypeAlias = Literal["minimal", "discrete", "strip"]
 
@@ -45,7 +56,6 @@ class Continuation:
         order: the functional minimised: "curvature" ∫H² + ℓ²|∇H|², "thin plate" ∫|Δx|² over the surface before.
         lowered: why the thin plate was used, as the end of a sentence; empty if it was not.
         steps: number of Newton steps.
-        remeshed: whether it was remeshed because it was folded, not converged, or had thin or stretched triangles.
         converged: whether the next step would move no vertex by more than 0.01 of a mean edge of the patch.
         next_step: the largest displacement of a vertex in the next step, in mean edges of the patch.
         area_ratio: the area divided by that of the surface before.
@@ -66,7 +76,6 @@ class Continuation:
     order: Order
     lowered: str
     steps: int
-    remeshed: bool
     converged: bool
     next_step: float
     area_ratio: float
@@ -90,7 +99,6 @@ class Continuation:
             order=faired.order,
             lowered=faired.lowered,
             steps=faired.steps,
-            remeshed=faired.remeshed,
             converged=faired.converged,
             next_step=faired.next_step,
             area_ratio=area_ratio,
@@ -100,13 +108,18 @@ class Continuation:
             creased=collar.creased,
         )
 
-    def with_angles_of(self, patch: Patch, *, remeshed: bool) -> Continuation:
+    def with_angles_of(self, patch: Patch) -> Continuation:
         """The measures with the angles of a patch whose triangles were changed later."""
-        return replace(self, remeshed=remeshed, **_angles_of(patch))
+        return replace(self, **_angles_of(patch))
 
     def enlarged(self, scale: float) -> Continuation:
         """The measures after scaling mesh and patch."""
-        return replace(self, correlation_length=scale * self.correlation_length)
+        bends = {name: getattr(self, name) for name in ("before", "after", "inside", "around")}
+        return replace(
+            self,
+            correlation_length=scale * self.correlation_length,
+            **{name: replace(bend, edge=scale * bend.edge) for name, bend in bends.items()},
+        )
 
     def __repr__(self) -> str:
         bend = f"bend {self.before.rms:.3g}° to {self.after.rms:.3g}°"
@@ -130,9 +143,11 @@ class Continuation:
         if self.after.rms > self.around.rms + _KINK:
             degrees = f"{self.after.rms:.2g}° (RMS), the faces of the mesh around bend by {self.around.rms:.2g}°"
             found.append(f"the patch meets the mesh at {degrees}")
-        if self.inside.rms > _MOST_BENT * self.around.rms + _SLIGHT_BEND:
-            degrees = f"{self.inside.rms:.2g}° from face to face, the mesh around by {self.around.rms:.2g}°"
-            found.append(f"the patch bends by {degrees}")
+        # longer edges bend more
+        inside = self.inside.rms * self.around.edge / max(self.inside.edge, TINY)
+        if inside > _MOST_BENT * self.around.rms + _SLIGHT_BEND:
+            degrees = f"{inside:.2g}° from face to face, the mesh around by {self.around.rms:.2g}°"
+            found.append(f"for edges of equal lengths, the patch bends by {degrees}")
         if self.smallest_angle < SMALLEST_ANGLE:
             where = ", between two edges of the rim" if self.smallest_angle == self.smallest_rim_angle else ""
             found.append(f"the smallest angle of the patch's triangles is {self.smallest_angle:.2g}°{where}")
@@ -144,6 +159,7 @@ class Continuation:
             **asdict(self),
             "before": self.before.to_dict(),
             "after": self.after.to_dict(),
+            "inside": self.inside.to_dict(),
             "around": self.around.to_dict(),
         }
 
@@ -153,68 +169,128 @@ def _angles_of(patch: Patch) -> dict[str, Any]:
     return {"smallest_angle": min(rim, others), "smallest_rim_angle": rim if np.isfinite(rim) else None}
 
 
-def continue_patch(patch: Patch, collar: Collar, target: float) -> Faired:
-    """Moves a patch's inner vertices to the smooth continuation of the mesh around it.
+def continue_patch(patch: Patch, collar: Collar, lengths: EdgeLengths) -> Faired:
+    """A patch that is the smooth continuation of the mesh around it, over the same rims.
 
-    1. The curvature functional is minimised by Newton's method (`minimised_curvature`).
-    2. If the result over one loop is folded or has not converged, the minimisation starts again from a patch over a
+    1. The patch is remeshed with edges that grow inwards, and becomes a thin plate.
+    2. The curvature functional is minimised by Newton's method (`minimised_curvature`), with remeshing in between.
+    3. If the result over one loop is folded or has not converged, the minimisation starts again from a patch over a
        domain whose angles at the loop complete those of the mesh to 2π. A minimal surface that turns back over the mesh
        has other angles there.
-    3. A patch that has not converged, has angles below 10°, or edges more than twice as long as before is remeshed with
-       edges of the target length, and minimised again. Angles between two rim edges of one triangle cannot change.
     4. If it is still folded or has not converged, the thin plate replaces it, unless that is folded too.
+    5. The patch is remeshed with the target length, or with edges short enough for its curvature, and minimised again.
 
     Raises:
         SingularMatrixError: triangles of the patch are degenerate.
-        TooManyPointsError: the target length needs too many vertices.
-        OutOfTimeError: the time limit was reached before there was a result.
+        TooManyPointsError: the lengths need too many vertices.
+        OutOfTimeError: a time limit has passed before there was a first result.
     """
-    faired = minimised_curvature(patch, collar)
+    faired = _continued(patch, collar)
     if faired.defect and not patch.hole_sizes and not is_out_of_time():
-        again = _from_domain_of_angles(patch, collar, target)
+        again = _from_domain_of_angles(patch, collar)
         if again is not None and _rank(again)[:2] <= _rank(faired)[:2]:
-            faired = replace(again, steps=faired.steps + again.steps, remeshed=True)
-    faired = _remeshed(faired, collar, target)
+            faired = replace(again, steps=faired.steps + again.steps)
     if faired.defect and not is_out_of_time():
-        try:
-            plate = replace(thin_plate(patch, collar), lowered=faired.defect)
-        except OutOfTimeError:
-            return faired
-        if plate.is_thin and not plate.folds:
-            plate = _remeshed(plate, collar, target)
-        if not plate.defect:
-            return replace(plate, steps=faired.steps)
-    return faired
+        with suppress(OutOfTimeError):
+            plate = replace(_plate(patch, collar), lowered=faired.defect)
+            if not plate.folds:
+                faired = replace(plate, steps=faired.steps)
+    return _refined(faired, collar, lengths)
 
 
-def _from_domain_of_angles(patch: Patch, collar: Collar, target: float) -> Faired | None:
+def _from_domain_of_angles(patch: Patch, collar: Collar) -> Faired | None:
     """The continuation from a patch over a domain with angles 2π minus the mesh's at the loop; None if that fails."""
     beside = vertex_angles(collar.vertices, collar.faces)[: collar.boundary_size]
-    with suppress(*_NO_NEW_MESH, OutOfTimeError):
-        start = over_domain_of_angles(patch, 2 * np.pi - beside, target)
+    with suppress(SpinorGeomError):
+        start = over_domain_of_angles(patch, 2 * np.pi - beside, GRADED)
         if len(start.vertices) > start.boundary_size:
-            return minimised_curvature(start, collar)
+            return _continued(start, collar)
     return None
 
 
-def _remeshed(faired: Faired, collar: Collar, target: float) -> Faired:
-    """Remeshes a patch and minimises again, until it is good or no longer improves."""
-    for _ in range(_ROUNDS):
-        is_stretched = faired.stretch > _MOST_STRETCHED
-        if (faired.converged and not faired.is_thin and not is_stretched) or is_out_of_time():
-            break
-        try:
-            finer = remesh(faired.patch, target, collar.rim_edges)
-            if len(finer.vertices) == finer.boundary_size:
+def _continued(patch: Patch, collar: Collar) -> Faired:
+    """The continuation from a patch, with edges that grow inwards."""
+    plate = _plate(patch, collar)
+    start = plate.patch if plate.is_good else _graded(plate.patch, collar)
+    return _minimised(start, collar, partial(_graded, collar=collar))
+
+
+def _graded(patch: Patch, collar: Collar) -> Patch:
+    """A patch with edges that grow inwards."""
+    return _remeshed(patch, collar, GRADED)
+
+
+def _finer(patch: Patch, collar: Collar) -> Patch:
+    """A patch with edges that grow inwards up to a share of its radius of curvature."""
+    return _remeshed(patch, collar, GRADED, _wanted(patch))
+
+
+def _remeshed(
+    patch: Patch, collar: Collar, lengths: EdgeLengths, wanted: Float[np.ndarray, " n"] | None = None
+) -> Patch:
+    """A patch with edges of other lengths; the patch itself if that fails, or would have no inner vertices."""
+    with suppress(SpinorGeomError):
+        new = remesh(patch, lengths, collar.rim_edges, wanted=wanted)
+        if len(new.vertices) > new.boundary_size:
+            return new
+    return patch
+
+
+def _plate(patch: Patch, collar: Collar) -> Faired:
+    """The thin plate, with edges that grow inwards."""
+    plate = thin_plate(_graded(patch, collar), collar)
+    return plate if plate.is_good else thin_plate(_graded(plate.patch, collar), collar)
+
+
+def _minimised(patch: Patch, collar: Collar, remeshed: Callable[[Patch], Patch]) -> Faired:
+    """A patch minimised, and remeshed in between, until it is good or no longer improves."""
+    best = faired = minimised_curvature(patch, collar)
+    steps = faired.steps
+    with suppress(SpinorGeomError):
+        for _ in range(_ROUNDS):
+            if faired.is_good or is_out_of_time():
                 break
-            again = thin_plate(finer, collar) if faired.order == "thin plate" else minimised_curvature(finer, collar)
-        except (*_NO_NEW_MESH, OutOfTimeError):
-            break
-        again = replace(again, steps=faired.steps + again.steps, remeshed=True, lowered=faired.lowered)
-        if not (_rank(again) < _rank(faired) or (is_stretched and _rank(again)[:2] <= _rank(faired)[:2])):
-            break
-        faired = again
+            if not faired.converged:
+                faired = approached(faired.patch, collar)
+                steps += faired.steps
+            faired = minimised_curvature(remeshed(faired.patch), collar)
+            steps += faired.steps
+            if _rank(faired) < _rank(best):
+                best = faired
+            elif best.converged:
+                break
+    return replace(best, steps=steps)
+
+
+def _refined(faired: Faired, collar: Collar, lengths: EdgeLengths) -> Faired:
+    """A continued patch with the final edge lengths, or the patch itself if that is worse or has them."""
+    if lengths == GRADED and _is_fine(faired.patch):
+        return faired
+
+    graded, even = partial(_finer, collar=collar), partial(_remeshed, collar=collar, lengths=lengths)
+    finer = graded if lengths == GRADED else even
+    with suppress(SpinorGeomError):
+        fine = finer(faired.patch)
+        again = thin_plate(fine, collar) if faired.order == "thin plate" else _minimised(fine, collar, finer)
+        if _rank(again)[:2] <= _rank(faired)[:2]:
+            return replace(again, steps=faired.steps + again.steps, lowered=faired.lowered)
     return faired
+
+
+def _wanted(patch: Patch) -> Float[np.ndarray, " n"]:
+    """Lengths of edges at the vertices for the curvature of a patch; at least the mean length of the rims' edges."""
+    m = patch.boundary_size
+    rim = np.linalg.norm(patch.vertices[rim_successors(patch.rims)] - patch.vertices[:m], axis=1)
+    wanted = _FLATNESS * radii_of_curvature(patch.vertices, np.asarray(patch.faces))
+    wanted[:m] = rim.mean()
+    return np.clip(wanted, rim.mean(), rim.sum())
+
+
+def _is_fine(patch: Patch) -> bool:
+    """Whether the edges are short enough for the curvature."""
+    edges = unique_edges(np.asarray(patch.faces), len(patch.vertices))
+    length = np.linalg.norm(patch.vertices[edges[:, 0]] - patch.vertices[edges[:, 1]], axis=1)
+    return bool((length < _LONG * _wanted(patch)[edges].mean(axis=1)).all())
 
 
 def _rank(faired: Faired) -> tuple[bool, float, float]:

@@ -34,9 +34,10 @@ from spinor_geom.meshing.embed import Patch
 # Measured, here and in `continuation`, on 111 holes: 70 generated ones, and rims of scans and of defective meshes.
 STEP_TOLERANCE = 0.01  # convergence: largest displacement in the next step, in mean edges; 0.005 takes 12 % more steps
 SMALLEST_ANGLE = 10.0  # degrees; 20 takes 1.5 times as long, and as many patches keep angles below 10
-# Number of starts of Newton's method that are solutions of linear problems. With one, a scan keeps a triangle of 4.9°
-# and one more rim does not converge; with six, one more ragged rim converges, for 13 % more steps.
-_STARTS = 3
+# A patch with edges stretched by more than this is remeshed. With 4 the ends of two fingers bend by 7.6° across the rim
+# instead of 5.9°; 1.4 takes 14 % more steps for the same smallest angles.
+_MOST_STRETCHED = 2.0
+_APPROACH = 4  # steps between two remeshings
 _MOST_STEPS = 40  # with 20 two more rims that fold do not converge; none takes 80
 # A factorisation is reused if each step is at most half of the last one: the simplified Newton method still converges
 # then (0.25 takes 37 % more time). Newton's method ends below the least damping factor: 0.025 takes 14 % more steps,
@@ -55,7 +56,6 @@ class Faired:
     steps: int
     next_step: float
     stretch: float  # largest ratio of an edge's lengths after and before
-    remeshed: bool = False
     order: Order = "curvature"
     lowered: str = ""
 
@@ -78,6 +78,11 @@ class Faired:
     def is_thin(self) -> bool:
         """Whether a triangle has an angle below 10° that is not between two rim edges."""
         return self.smallest_angles[1] < SMALLEST_ANGLE
+
+    @property
+    def is_good(self) -> bool:
+        """Whether it has converged without thin or stretched triangles."""
+        return self.converged and not self.is_thin and self.stretch <= _MOST_STRETCHED
 
     @property
     def defect(self) -> str:
@@ -123,30 +128,25 @@ def thin_plate(patch: Patch, collar: Collar) -> Faired:
 
 
 def minimised_curvature(patch: Patch, collar: Collar) -> Faired:
-    """Minimises ∫H² + ℓ²|∇H|² by Newton's method from several starts; the result with the smallest next step.
+    """Minimises ∫H² + ℓ²|∇H|² by Newton's method, damped so that its steps get smaller.
 
     Raises:
         SingularMatrixError: triangles of the patch are degenerate.
         OutOfTimeError: the time limit was reached before there was a result.
     """
-    equations, steps = _Equations(patch, collar), 0
-    start = near = np.concatenate([patch.vertices[patch.boundary_size :], collar.vertices])
-    best, least = near, np.inf
-    for attempt in range(_STARTS + 1):
-        # the last start is the patch itself, which is closer to convergence if it was remeshed
-        try:
-            near = equations.smoothed(near) if attempt < _STARTS else start
-            x, more, left = equations.solved(near)
-        except OutOfTimeError:
-            if attempt == 0:
-                raise
-            break
-        steps += more
-        if left < least:
-            best, least = x, left
-        if least <= STEP_TOLERANCE or is_out_of_time():
-            break
-    return _faired(patch, best[: equations.free], steps, least)
+    equations = _Equations(patch, collar)
+    x, steps, left = equations.solved(np.concatenate([patch.vertices[patch.boundary_size :], collar.vertices]))
+    return _faired(patch, x[: equations.free], steps, left)
+
+
+def approached(patch: Patch, collar: Collar) -> Faired:
+    """A patch after some steps of Newton's method of at most one edge, towards a minimum that is far away.
+
+    Raises as `minimised_curvature`.
+    """
+    equations = _Equations(patch, collar)
+    x, left = equations.approached(np.concatenate([patch.vertices[patch.boundary_size :], collar.vertices]))
+    return _faired(patch, x[: equations.free], _APPROACH, left)
 
 
 def _faired(patch: Patch, inner: Float[np.ndarray, "k 3"], steps: int, next_step: float) -> Faired:
@@ -179,6 +179,19 @@ class _Equations:
         bilaplacian = self._slope(bending) @ bending.laplacian[: self.inside]
         moved = factor_symmetric(bilaplacian[:, :n]).solve(-(bilaplacian[:, n:] @ x[n:]))
         return np.concatenate([moved, x[n:]])
+
+    def approached(self, x: Positions) -> tuple[Positions, float]:
+        """Positions after some steps of at most one edge, and the length of the last step in local edges."""
+        n, length = self.free, np.inf
+        for _ in range(_APPROACH):
+            bending = Bending.of(x, self._faces)
+            step = -factor_symmetric(self._stiffness(x, bending)).solve(self._residual(x, bending))
+            length = float((np.abs(step) / np.sqrt(bending.areas[:n])).max())
+            x = x.copy()
+            x[:n] += step[:, None] / max(length, 1.0) * bending.normals[:n]
+            if is_out_of_time():
+                break
+        return x, length
 
     def solved(self, x: Positions) -> tuple[Positions, int, float]:
         """Newton's method: the last positions, the number of steps, and the next step's length.

@@ -109,7 +109,8 @@ def fill_hole(
             the result is the merged mesh with the patches. Not available for trimesh's scenes.
         keep_largest: leaves the loop of longest perimeter open, such as the outer border of a scan.
         max_perimeter: leaves loops longer than this open, in mesh units.
-        target_edge_length: of the patches, in mesh units; "auto" takes each loop's mean edge length.
+        target_edge_length: of the patches, in mesh units; "auto" takes each loop's mean edge length; edges
+            of smooth continuations then grow inwards.
         model: the holomorphic model, as `solve_plateau` takes it.
         tolerance: root mean square distance between a patch's boundary and the curve through its loop, in mean edges of
             the loop. A patch that exceeds it is kept and reported as not converged, and so is one whose distance in a

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from spinor_geom.deadline import is_out_of_time, time_limit
 from spinor_geom.discrete.strip import ruled_annulus
+from spinor_geom.domain.sizes import GRADED, EdgeLengths
 from spinor_geom.errors import (
     NoAreaError,
     OutOfTimeError,
@@ -155,11 +156,14 @@ def _new_patch(
         return new
     if not is_film:
         options.on_stage(index, "continuation")
-    target = edge_length_over(new.rims, options.target_edge_length)
+    target = options.target_edge_length
 
     def change(near: PatchedMesh, local: NewPatch, unit: float) -> NewPatch:
         with _until(end):
-            return _cleared(near, local) if is_film else _smooth(near, local, target / unit, unit, clock)
+            if is_film:
+                return _cleared(near, local)
+            lengths = GRADED if isinstance(target, str) else EdgeLengths(target / unit)
+            return _smooth(near, local, lengths, unit, clock)
 
     new, has_more = in_own_frame(patched, new, change)
     if has_more:
@@ -169,11 +173,11 @@ def _new_patch(
     return new
 
 
-def _smooth(patched: PatchedMesh, start: NewPatch, target: float, unit: float, clock: Stopwatch) -> NewPatch:
+def _smooth(patched: PatchedMesh, start: NewPatch, lengths: EdgeLengths, unit: float, clock: Stopwatch) -> NewPatch:
     """The cleared continuation of a patch; `unit` is that of the coordinates, in mesh units."""
-    smooth = _continued(patched, start, target, unit)
+    smooth = _continued(patched, start, lengths, unit)
     clock.lap("continuation")
-    return _with_larger_angles(patched, _cleared_continuation(patched, smooth, start), target)
+    return _with_larger_angles(patched, _cleared_continuation(patched, smooth, start), lengths)
 
 
 def _first_patch(index: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, options: FillOptions) -> NewPatch:
@@ -218,8 +222,7 @@ def _exact_patch(solution: PlateauSolution, solved: SolvedLoop, options: FillOpt
 
 def _attributes(patched: PatchedMesh, new: NewPatch) -> tuple[dict[str, Float[np.ndarray, "n _"]], tuple[str, ...]]:
     """The attributes of the patch's inner vertices, and a remark if there was no time to interpolate them."""
-    is_remeshed = new.continuation is not None and new.continuation.remeshed
-    in_domain = new.solution is not None and not new.faces_replaced and not is_remeshed
+    in_domain = new.solution is not None and not new.faces_replaced and new.continuation is None
     # a placed surface is made on use, and used for normals only
     surface = new.surface if NORMAL in patched.mesh.vertex_attributes else None
     own = partial(patch_attributes, patched.mesh, new.rim, new.patch, surface)
@@ -239,25 +242,25 @@ def _cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
     return replace(new, remarks=(*new.remarks, "the time limit ended the removal of intersections"))
 
 
-def _continued(patched: PatchedMesh, start: NewPatch, target: float, unit: float) -> NewPatch:
+def _continued(patched: PatchedMesh, start: NewPatch, lengths: EdgeLengths, unit: float) -> NewPatch:
     """`_continuation` or, if there is no time for it, the patch with a remark."""
     try:
-        return _continuation(patched, start, target, unit)
+        return _continuation(patched, start, lengths, unit)
     except OutOfTimeError:
         return _not_continued(start, _LATE)
 
 
-def _continuation(patched: PatchedMesh, start: NewPatch, target: float, unit: float) -> NewPatch:
+def _continuation(patched: PatchedMesh, start: NewPatch, lengths: EdgeLengths, unit: float) -> NewPatch:
     """The smooth continuation of a patch, or the patch with a remark on why it was not continued.
 
-    A patch without inner vertices is not changed. `target` is the edge length for new meshes, `unit` that of the
+    A patch without inner vertices is not changed. `lengths` are those of edges of new meshes, `unit` is that of the
     coordinates, in mesh units.
     """
     if len(start.patch.vertices) == len(start.rim):
         return _not_continued(start, "" if start.patch.is_complete else _LATE)
     collar = collar_of(patched, start.rim, start.patch)
     try:
-        faired = continue_patch(start.patch, collar, target)
+        faired = continue_patch(start.patch, collar, lengths)
     except (SingularMatrixError, TooManyPointsError) as error:
         return _not_continued(start, f": {in_mesh_units(error, unit)}")
     before, after = bend_across(collar, start.patch), bend_across(collar, faired.patch)
@@ -298,15 +301,14 @@ def _cleared_continuation(patched: PatchedMesh, smooth: NewPatch, start: NewPatc
     return smooth if ranks[0] <= ranks[1] else _not_continued(start, f", because then {count} pairs of faces intersect")
 
 
-def _with_larger_angles(patched: PatchedMesh, smooth: NewPatch, target: float) -> NewPatch:
-    """A continued patch remeshed where clearing left thin triangles; `target` is the edge length of new triangles."""
+def _with_larger_angles(patched: PatchedMesh, smooth: NewPatch, lengths: EdgeLengths) -> NewPatch:
+    """A continued patch remeshed where clearing left thin triangles; `lengths` are those of new edges."""
     if smooth.continuation is None:
         return smooth
     new = smooth
     with suppress(OutOfTimeError):
-        new = without_thin_triangles(patched, smooth, target)
-    is_remeshed = smooth.continuation.remeshed or new.patch is not smooth.patch
-    return replace(new, continuation=smooth.continuation.with_angles_of(new.patch, remeshed=is_remeshed))
+        new = without_thin_triangles(patched, smooth, lengths)
+    return replace(new, continuation=smooth.continuation.with_angles_of(new.patch))
 
 
 def _not_continued(start: NewPatch, reason: str = "") -> NewPatch:

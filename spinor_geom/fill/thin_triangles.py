@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from spinor_geom.deadline import is_out_of_time
+from spinor_geom.domain.sizes import EdgeLengths
+from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.collar import collar_of
 from spinor_geom.fill.fairing import SMALLEST_ANGLE, free_angles
 from spinor_geom.fill.new_patch import NewPatch
@@ -22,11 +24,11 @@ from spinor_geom.meshing.remeshing import remesh_region
 _TRIES = [(rings, np.radians(enough)) for enough in (25.0, 11.0) for rings in (2, 1)]
 
 
-def without_thin_triangles(patched: PatchedMesh, new: NewPatch, target: float) -> NewPatch:
+def without_thin_triangles(patched: PatchedMesh, new: NewPatch, lengths: EdgeLengths) -> NewPatch:
     """Remeshes around triangles with angles below 10°, where that increases angles and adds no intersection.
 
     The steps before move vertices and replace triangles without regard to angles. Angles between two edges of the rim
-    cannot be increased. `target` is the edge length away from the rims, in mesh units.
+    cannot be increased. `lengths` are those of new edges, in mesh units.
     """
     if not _around_thin_triangles(new.patch, 0):
         return new
@@ -36,7 +38,10 @@ def without_thin_triangles(patched: PatchedMesh, new: NewPatch, target: float) -
         while pieces and not is_out_of_time():
             piece = pieces.pop()
             region = np.isin(np.arange(len(new.patch.faces)), piece)
-            patch, numbers = remesh_region(new.patch, region, target, taken, enough)
+            try:
+                patch, numbers = remesh_region(new.patch, region, lengths, taken, enough)
+            except SpinorGeomError:  # no time, or triangles that form no surface: the piece stays
+                continue
             chords = patch_chords(patch)
             least = free_angles(patch)[(numbers >= 0).sum() :].min()
             if least <= free_angles(new.patch)[piece].min() or patched.has_edges(new.rim[chords]).any():

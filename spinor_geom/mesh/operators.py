@@ -48,7 +48,8 @@ def mollified_edge_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray
 
     Source: Sharp & Crane (2020), "A Laplacian for nonmanifold triangle meshes", for mollified lengths.
     """
-    length = igl.edge_lengths(*igl_arrays(vertices, faces))
+    corners = vertices[faces]
+    length = np.linalg.norm(corners[:, [1, 2, 0]] - corners[:, [2, 0, 1]], axis=2)
     # fourth powers of the ratios of lengths, in the areas, must not underflow
     longest = np.maximum(length.max(axis=1), max(TINY**0.2 * length.max(initial=0.0), TINY))
     slack = length.sum(axis=1) - 2 * length.max(axis=1)
@@ -198,6 +199,13 @@ class Bending:
         normals = vertex_normals(vertices, faces)
         curvature = np.einsum("ik,ik->i", gradient, normals) / (2 * areas)
         return cls(laplacian=laplacian, areas=areas, normals=normals, curvature=curvature)
+
+
+def radii_of_curvature(vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Float[np.ndarray, " n"]:
+    """1/√(κ₁² + κ₂²) at the inner vertices of a mesh, from H and the angle defect; without meaning at the boundary."""
+    bending = Bending.of(vertices, faces)
+    gauss = (2 * np.pi - vertex_angles(vertices, faces)) / bending.areas
+    return np.asarray(1 / np.sqrt(np.maximum(4 * bending.curvature**2 - 2 * gauss, TINY)))
 
 
 def face_normals(vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Float[np.ndarray, "f 3"]:

@@ -16,7 +16,7 @@ from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, relaxed
 from spinor_geom.domain.delaunay import Rims, plane_coordinates
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
 from spinor_geom.domain.plane_domain import Boundary
-from spinor_geom.domain.sizes import edge_length_of
+from spinor_geom.domain.sizes import EdgeLengths, edge_length_of
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError, OptionError, SurfaceError, require_positive, require_type
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -209,7 +209,7 @@ def _rim(surface: ArraySurface, boundary: Boundary, target: float) -> Complex[np
     return boundary.point(np.interp(np.concatenate(at) % length[-1], length, t))
 
 
-def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target: float) -> Patch:
+def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], lengths: EdgeLengths) -> Patch:
     """A harmonic patch over the same loop, on a domain with given interior angles, in radians, at the loop's points.
 
     The edges of the domain have about the lengths of the loop's edges. The excess of the angles over those of a closed
@@ -225,7 +225,7 @@ def over_domain_of_angles(patch: Patch, angles: Float[np.ndarray, " m"], target:
     """
     m, rim = patch.boundary_size, patch.vertices[: patch.boundary_size]
     boundary = _boundary_of_angles(patch, angles)
-    piece = Piece(rims=[boundary], samples=boundary, factor=np.ones(m), target=target, area=patch.area)
+    piece = Piece(rims=[boundary], samples=boundary, factor=np.ones(m), lengths=lengths, area=patch.area)
     plan = triangulate_piece(piece)
     require_time()
     vertices = harmonic_extension(cotangent_laplacian(plane_coordinates(plan.points), plan.faces), rim)

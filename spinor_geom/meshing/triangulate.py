@@ -12,7 +12,7 @@ from spinor_geom.arrays import TINY, median, shifted
 from spinor_geom.deadline import seconds_left
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.polygons import lattice_inside
-from spinor_geom.domain.sizes import DECAY, SizeField
+from spinor_geom.domain.sizes import DECAY, EdgeLengths, SizeField
 from spinor_geom.domain.triangulation import PlaneTriangulation, Seeds, triangulate_polygon
 from spinor_geom.errors import TooManyPointsError
 from spinor_geom.holomorphic.cauchy_sums import cauchy_sums
@@ -36,7 +36,7 @@ class Piece:
     rims: Sequence[Complex[np.ndarray, " _"]]  # outer boundary in Ω, counter-clockwise, then holes, clockwise
     samples: Complex[np.ndarray, " n"]  # points of Ω
     factor: Float[np.ndarray, " n"]  # λ there, lengths in space per length in Ω
-    target: float  # edge length in space
+    lengths: EdgeLengths  # in space
     area: float  # of the surface over it
     seeds: Seeds | None = None  # initial inner points and their spacings
 
@@ -48,6 +48,12 @@ def require_few_points(area: float, target: float) -> None:
         raise TooManyPointsError(target=target, area=area, points=points, most=MOST_POINTS)
 
 
+def most_points(boundary_size: int, area: float, target: float) -> int:
+    """Largest number of inner points of a patch of some area with edges of some length."""
+    triangles = 4 * area / (np.sqrt(3) * target**2)
+    return int(POINTS_PER_VERTEX * boundary_size + POINTS_PER_TRIANGLE * triangles)
+
+
 def piece_of(surface: ArraySurface, rims: Sequence[Complex[np.ndarray, " _"]], target: float, area: float) -> Piece:
     """The part of Ω bounded by `rims`, for a target edge length in space; raises a TooManyPointsError."""
     require_few_points(area, target)
@@ -56,7 +62,7 @@ def piece_of(surface: ArraySurface, rims: Sequence[Complex[np.ndarray, " _"]], t
     on_boundary, seeds = factor[: mesh.boundary_size], None
     if is_unit_disk(surface.domain) and (np.isfinite(on_boundary) & (on_boundary > 0)).all():
         seeds = even_seeds(on_boundary, target, area)
-    return Piece(rims=rims, samples=mesh.points, factor=factor, target=target, area=area, seeds=seeds)
+    return Piece(rims=rims, samples=mesh.points, factor=factor, lengths=EdgeLengths(target), area=area, seeds=seeds)
 
 
 def triangulate_piece(piece: Piece) -> PlaneTriangulation:
@@ -66,9 +72,8 @@ def triangulate_piece(piece: Piece) -> PlaneTriangulation:
         TooManyPointsError: the edge length requires too many vertices.
         DomainError: the boundary is not a simple polygon with holes inside.
     """
-    require_few_points(piece.area, piece.target)
-    triangles = 4 * piece.area / (np.sqrt(3) * piece.target**2)
-    most = int(POINTS_PER_VERTEX * sum(map(len, piece.rims)) + POINTS_PER_TRIANGLE * triangles)
+    require_few_points(piece.area, piece.lengths.target)
+    most = most_points(sum(map(len, piece.rims)), piece.area, piece.lengths.target)
     outer, *holes = piece.rims
     return triangulate_polygon(
         outer, size_field(piece), holes=holes, seeds=piece.seeds, max_points=most, seconds=seconds_left()
@@ -76,9 +81,12 @@ def triangulate_piece(piece: Piece) -> PlaneTriangulation:
 
 
 def size_field(piece: Piece) -> SizeField:
-    """About `target` in space, near the boundary the length of the boundary edges: h = target/λ with bounds."""
-    lengths = piece.target / _bounded_factor(piece.factor)
-    return SizeField(decay=DECAY, samples=piece.samples, lengths=lengths, neighbours=NEIGHBOURS)
+    """About the target in space, near the boundary the length of the boundary edges: h = target/λ with bounds."""
+    target, growth = piece.lengths
+    if np.isinf(target):
+        return SizeField(growth=growth)
+    lengths = target / _bounded_factor(piece.factor)
+    return SizeField(growth=growth, decay=DECAY, samples=piece.samples, lengths=lengths, neighbours=NEIGHBOURS)
 
 
 def _bounded_factor(factor: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

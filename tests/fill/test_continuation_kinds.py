@@ -169,7 +169,7 @@ def test_angles_below_ten_degrees_are_reported_and_those_of_the_rim_separately(a
     assert Faired(patch=patch, steps=0, next_step=0.0, stretch=1.0).is_thin == is_thin
     (smooth, _) = patched(KINDS["saddle"](np.random.default_rng(0)))
     assert smooth.continuation is not None
-    continuation = smooth.continuation.with_angles_of(patch, remeshed=False)
+    continuation = smooth.continuation.with_angles_of(patch)
     assert continuation.smallest_angle == continuation.smallest_rim_angle == corner
     assert any("between two edges of the rim" in remark for remark in continuation.remarks)
     continuation = replace(continuation, smallest_angle=others)
@@ -182,8 +182,9 @@ def test_a_patch_that_bends_more_than_the_mesh_around_reports_it(bend: float, is
     continuation = smooth.continuation
     assert continuation is not None
     # a smooth saddle bends in the hole as around it
-    assert 0.5 * continuation.around.rms < continuation.inside.rms < 1.5 * continuation.around.rms
-    bent = replace(continuation, inside=Bend(largest=90.0, rms=bend * (2 * continuation.around.rms + 1)))
+    inside, around = continuation.inside, continuation.around
+    assert 0.5 * around.rms < inside.rms * around.edge / inside.edge < 1.5 * around.rms
+    bent = replace(continuation, inside=Bend(largest=90.0, rms=bend * (2 * around.rms + 1), edge=around.edge))
     assert any("from face to face" in remark for remark in bent.remarks) == is_reported
 
 

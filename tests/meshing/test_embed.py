@@ -5,6 +5,7 @@ from scipy.sparse.csgraph import connected_components
 from threadpoolctl import threadpool_limits
 
 from spinor_geom import BoundaryLoop, solve_plateau
+from spinor_geom.domain.sizes import EdgeLengths
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import DomainError, OptionError
 from spinor_geom.measures import discrete_mean_curvature, smallest_angles
@@ -182,7 +183,7 @@ def test_a_domain_has_the_given_angles() -> None:
     patch = Patch(vertices=vertices, faces=plane.faces, boundary_size=32, points=plane.points)
     angles = np.full(32, np.pi)
     angles[::8] = np.pi / 2
-    new = over_domain_of_angles(patch, angles, 0.12)
+    new = over_domain_of_angles(patch, angles, EdgeLengths(0.12))
     assert (new.vertices[:32] == vertices[:32]).all()
     ring = new.points[:32]
     turn = np.angle((np.roll(ring, -1) - ring) / (ring - np.roll(ring, 1)))

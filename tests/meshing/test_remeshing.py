@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 
 from spinor_geom.discrete.strip import ruled_annulus
+from spinor_geom.domain.delaunay import unique_edges
+from spinor_geom.domain.sizes import GRADED, EdgeLengths
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import TooManyPointsError
 from spinor_geom.measures import distances_to_mesh
@@ -40,7 +43,7 @@ def test_a_bulge_gets_edges_of_one_length_and_keeps_its_shape() -> None:
     # a paraboloid three times as high as wide: edges along its meridians become six times as long
     bulge = replace(flat, vertices=np.column_stack([flat.vertices[:, :2], 3 * (1 - r**2)]))
     assert lengths(bulge).max() > 0.5
-    fine = remesh(bulge, 0.1, NONE)
+    fine = remesh(bulge, EdgeLengths(0.1), NONE)
     assert (fine.vertices[:60] == bulge.vertices[:60]).all()
     assert np.median(lengths(fine)) == pytest.approx(0.1, rel=0.5)
     # vertices move in tangent planes: at the top, of radius 1/6, from these by up to 0.1² · 6/2
@@ -48,9 +51,56 @@ def test_a_bulge_gets_edges_of_one_length_and_keeps_its_shape() -> None:
     assert fine.area == pytest.approx(bulge.area, rel=0.01)
 
 
+def test_edges_grow_with_the_distance_from_the_rim() -> None:
+    fine = disk(100)
+    new = remesh(fine, GRADED, NONE)
+    require_same_rims(new, fine)
+    edges = unique_edges(np.asarray(new.faces), len(new.vertices))
+    ends = new.vertices[edges]
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    wanted = 2 * np.pi / 100 + GRADED.growth * (1 - np.linalg.norm(ends.mean(axis=1), axis=1))
+    inner = (edges >= 100).all(axis=1)
+    # between those that are collapsed and those that are split
+    assert np.quantile((length / wanted)[inner], [0.05, 0.95]) == pytest.approx([0.9, 1.1], abs=0.4)
+    assert smallest_angle(new) > 20
+
+
+def test_new_vertices_on_a_sphere_are_nearer_to_it_than_the_middles_of_edges() -> None:
+    flat = disk(60)
+    x, y = flat.points.real, flat.points.imag
+    cap = replace(flat, vertices=np.column_stack([x, y, np.sqrt(2 - x**2 - y**2)]) / np.sqrt(2))
+    fine = remesh(cap, GRADED, NONE, wanted=np.full(len(cap.vertices), 0.04))
+    new = fine.vertices[60:][fine.vertices[60:, 2] > 0.8]
+    assert len(new) > 2 * (cap.vertices[:, 2] > 0.8).sum()
+    # the middle of an edge of 0.07 is 0.07²/8 = 6e-4 inside
+    assert np.sqrt(np.mean((np.linalg.norm(new, axis=1) - 1) ** 2)) < 2e-4
+
+
+@pytest.mark.parametrize("change", ["renumbered", "turned"])
+def test_remeshing_does_not_depend_on_numbers_and_axes(change: str) -> None:
+    rng, patch, m = np.random.default_rng(5), disk(60), 60
+    height = rng.normal(scale=0.02, size=len(patch.vertices))
+    vertices = np.column_stack([patch.vertices[:, :2], height])
+    faces, turn = np.asarray(patch.faces), np.eye(3)
+    if change == "renumbered":
+        order = np.concatenate([np.arange(m), m + rng.permutation(len(vertices) - m)])
+        place = np.argsort(order)
+        other = replace(
+            patch, vertices=vertices[order], faces=rng.permutation(place[faces]), points=patch.points[order]
+        )
+    else:
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turn *= np.linalg.det(turn)
+        other = replace(patch, vertices=vertices @ turn)
+    new, again = (remesh(each, GRADED, NONE) for each in (replace(patch, vertices=vertices), other))
+    assert len(new.vertices) == len(again.vertices)
+    distance, _ = cKDTree(new.vertices @ turn).query(again.vertices)
+    assert distance.max() < 1e-9
+
+
 def test_a_tiny_edge_length_is_refused() -> None:
     with pytest.raises(TooManyPointsError):
-        remesh(disk(), 1e-6, NONE)
+        remesh(disk(), EdgeLengths(1e-6), NONE)
 
 
 def over(polygon: np.ndarray, height: float = 0.0) -> Patch:
@@ -92,7 +142,7 @@ def zigzag_tube(around: int = 32, height: float = 1.5) -> Patch:
 def test_slivers_between_two_rims_are_replaced() -> None:
     tube = zigzag_tube()
     assert smallest_angle(tube) < 0.1
-    new = remesh(tube, 2 * np.pi / 32, NONE)
+    new = remesh(tube, EdgeLengths(2 * np.pi / 32), NONE)
     require_same_rims(new, tube)
     assert smallest_angle(new) > 25
     # the chords of 32 sides are 1 − cos(π/32) = 0.005 inside the cylinder; flat triangles over several of them more
@@ -106,7 +156,7 @@ def test_a_sharp_corner_of_the_rim_keeps_its_angle_and_no_other_is_small() -> No
     tip = np.exp(1j * np.radians([-3.0, 3.0]))
     polygon = np.array([0, tip[0], 1 - 0.3j, 1.6 - 0.3j, 1.6 + 0.3j, 1 + 0.3j, tip[1]])
     spiked = over(polygon)
-    new = remesh(spiked, 0.2, NONE)
+    new = remesh(spiked, EdgeLengths(0.2), NONE)
     require_same_rims(new, spiked)
     faces = np.asarray(new.faces)
     angles = np.degrees(internal_angles(new.vertices, faces))
@@ -119,14 +169,14 @@ def test_a_short_edge_of_the_rim_beside_a_long_one_leaves_no_small_angle() -> No
     polygon = np.array([0, 1, 1 + 1j, 1j, -0.14 + 1j, -0.14]) * 1.0
     patch = over(polygon)
     assert smallest_angle(patch) < 8.1
-    assert smallest_angle(remesh(patch, 0.5, NONE)) > 10
+    assert smallest_angle(remesh(patch, EdgeLengths(0.5), NONE)) > 10
 
 
 def test_taken_pairs_are_not_joined() -> None:
     square = over(np.array([0, 1, 1 + 1j, 1j]))
     chord = np.asarray(square.faces)
     (both,) = {tuple(sorted(set(chord[0]) & set(chord[1])))}
-    new = remesh(square, 10.0, np.array([both]))
+    new = remesh(square, EdgeLengths(10.0), np.array([both]))
     edges = {tuple(sorted(pair)) for face in np.asarray(new.faces) for pair in zip(face, np.roll(face, 1), strict=True)}
     assert both not in edges
     require_same_rims(new, square)
@@ -144,7 +194,7 @@ def test_a_region_is_remeshed_within_its_outline(enough: float) -> None:
     thin = replace(flat, vertices=vertices)
     assert smallest_angle(thin) < 5
     region = np.isin(faces, ring).any(axis=1)
-    new, places = remesh_region(thin, region, 0.1, NONE, np.radians(enough))
+    new, places = remesh_region(thin, region, EdgeLengths(0.1), NONE, np.radians(enough))
     require_same_rims(new, thin)
     assert smallest_angle(new) > 10
     # outside nothing is changed
@@ -162,11 +212,11 @@ def test_stars_keep_rims_area_and_scale(seed: int, count: int) -> None:
     radius = rng.uniform(0.6, 1.2, count)
     turns = np.cumsum(rng.uniform(0.5, 1.5, count))
     star = over(radius * np.exp(2j * np.pi * turns / turns[-1]), height=rng.uniform(0, 1))
-    new = remesh(star, 0.4, NONE)
+    new = remesh(star, EdgeLengths(0.4), NONE)
     require_same_rims(new, star)
     if not star.vertices[:, 2].any():
         assert new.area == pytest.approx(star.area)  # no triangle is turned over
     # a power of two changes no rounding
-    larger = remesh(replace(star, vertices=1024 * star.vertices), 1024 * 0.4, NONE)
+    larger = remesh(replace(star, vertices=1024 * star.vertices), EdgeLengths(1024 * 0.4), NONE)
     assert np.array_equal(larger.faces, new.faces)
     assert np.array_equal(larger.vertices, 1024 * new.vertices)

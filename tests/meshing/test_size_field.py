@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from spinor_geom.domain.sizes import EdgeLengths
 from spinor_geom.meshing.triangulate import Piece, size_field
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
 
@@ -12,7 +13,11 @@ def circle(n):
 def patch_size_field(surface, boundary, target):
     samples = surface.domain.triangulation.points
     piece = Piece(
-        rims=[boundary], samples=samples, factor=surface.conformal_factor(samples), target=target, area=surface.area()
+        rims=[boundary],
+        samples=samples,
+        factor=surface.conformal_factor(samples),
+        lengths=EdgeLengths(target),
+        area=surface.area(),
     )
     return size_field(piece).over(boundary).sizes
 
