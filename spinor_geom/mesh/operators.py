@@ -205,7 +205,7 @@ def radii_of_curvature(vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Floa
     """1/√(κ₁² + κ₂²) at the inner vertices of a mesh, from H and the angle defect; without meaning at the boundary."""
     bending = Bending.of(vertices, faces)
     gauss = (2 * np.pi - vertex_angles(vertices, faces)) / bending.areas
-    return np.asarray(1 / np.sqrt(np.maximum(4 * bending.curvature**2 - 2 * gauss, TINY)))
+    return np.asarray(1 / np.sqrt(np.fmax(4 * bending.curvature**2 - 2 * gauss, TINY)))
 
 
 def face_normals(vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Float[np.ndarray, "f 3"]:
