@@ -160,8 +160,9 @@ def _description(outcome: LoopOutcome) -> str:
     if not outcome.faces_added:
         return f"joined to loop {outcome.joined_to}"
     residual = "" if outcome.solution is None else f", residual {outcome.solution.boundary_residual.rms_per_edge:.1e}"
+    choice = f"; {outcome.choice}" if outcome.choice else ""
     mesh = f" (mesh {outcome.mesh_area:.6g})" if outcome.areas_differ else ""
-    return f"{outcome.kind}, {outcome.faces_added} faces, area {outcome.area:.6g}{mesh}{residual}"
+    return f"{outcome.kind}, {outcome.faces_added} faces, area {outcome.area:.6g}{mesh}{residual}{choice}"
 
 
 def _row(outcome: LoopOutcome) -> dict[str, str | Text]:

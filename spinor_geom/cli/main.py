@@ -240,7 +240,8 @@ def _add_filling(parser: argparse.ArgumentParser) -> None:
     add("--islands", choices=ISLANDS, default="ignore", help=loose)
     minimal = "C0 or film: minimal surfaces, which meet the mesh at an angle (default)"
     smooth = "C1 or smooth: patches that continue the tangents and curvature of the mesh"
-    add("--continuity", type=str.lower, choices=CONTINUITIES, default="c0", help=f"{minimal}; {smooth}")
+    better = "auto: smooth, except where the film meets the mesh at more than 65 degrees"
+    add("--continuity", type=str.lower, choices=CONTINUITIES, default="c0", help=f"{minimal}; {smooth}; {better}")
     residual = "largest RMS boundary residual, relative to the mean edge length of the loop (default: %(default)s)"
     add("--tolerance", metavar="T", type=_positive, default=1e-3, help=residual)
     add("--keep-largest", **_FLAG, help="leave the longest loop open")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
-from dataclasses import replace
 from functools import partial
 from time import perf_counter
 from types import MappingProxyType
@@ -13,33 +12,28 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.deadline import is_out_of_time, time_limit
+from spinor_geom.deadline import time_limit
 from spinor_geom.discrete.strip import ruled_annulus
 from spinor_geom.domain.sizes import GRADED, EdgeLengths
 from spinor_geom.errors import (
     NoAreaError,
     OutOfTimeError,
     SheetBorderError,
-    SingularMatrixError,
     SpinorGeomError,
     SurfaceError,
     TooManyPointsError,
     in_mesh_units,
 )
 from spinor_geom.fill.attributes import NORMAL, patch_attributes
-from spinor_geom.fill.clearance import cleared
-from spinor_geom.fill.collar import bend_across, collar_of
-from spinor_geom.fill.continuation import MOST_AREA, Continuation, continue_patch
 from spinor_geom.fill.discrete_patch import discrete_patch
-from spinor_geom.fill.fairing import folded_sides
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.own_frame import in_own_frame
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
-from spinor_geom.fill.retriangulation import retriangulated
+from spinor_geom.fill.retriangulation import retriangulated, without_intersections
+from spinor_geom.fill.smooth_patch import smooth_patch
 from spinor_geom.fill.solved_loops import SolvedLoop
-from spinor_geom.fill.thin_triangles import without_thin_triangles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.meshing.embed import Patch, edge_length_over, mesh_patch
@@ -47,9 +41,6 @@ from spinor_geom.plateau.solution import PlateauSolution
 
 # reason for a patch of an exact surface that `mesh_patch` could not refine
 _COARSE = "its mesh of {} vertices has triangles larger than asked for (the limit on time or on vertices)"
-
-
-_LATE = " within the time limit; raise time_limit (--time-limit)"
 _SECONDS_TO_REPORT = 0.5  # for the intersections of a patch, at least, where its loop has no time left
 
 
@@ -127,6 +118,7 @@ def fill_loop(
         self_intersections=len(new.crossings.own),
         mesh_intersections=len(new.crossings.mesh),
         patch_intersections=len(new.crossings.patches),
+        choice=new.choice,
         remarks=(*loop.remarks, *new.remarks, *new.notes, *lowered, *_without_area(patch)),
         timings=clock.seconds(),
     )
@@ -142,9 +134,10 @@ def _new_patch(
     clock: Stopwatch,
     end: float,
 ) -> NewPatch:
-    """A patch to be joined to the mesh: meshed, fitted, continued if `continuity` is "C1", and cleared."""
+    """A patch to be joined to the mesh: meshed, fitted, continued unless `continuity` is "C0", and cleared."""
     options.on_stage(index, "mesh")
-    is_film = options.continuity_of(index) == "C0"
+    continuity = options.continuity_of(index)
+    is_film = continuity == "C0"
     with _until(end if is_film else (perf_counter() + end) / 2):
         new = _first_patch(index, loops, solved, options)
     clock.lap("mesh")
@@ -161,23 +154,16 @@ def _new_patch(
     def change(near: PatchedMesh, local: NewPatch, unit: float) -> NewPatch:
         with _until(end):
             if is_film:
-                return _cleared(near, local)
+                return without_intersections(near, local)
             lengths = GRADED if isinstance(target, str) else EdgeLengths(target / unit)
-            return _smooth(near, local, lengths, unit, clock)
+            return smooth_patch(near, local, lengths, unit, is_choice=continuity == "auto")
 
     new, has_more = in_own_frame(patched, new, change)
     if has_more:
         with _until(end), suppress(OutOfTimeError):
             new = retriangulated(patched, new)
-    clock.lap("clearance")
+    clock.lap("clearance" if is_film else "continuation")
     return new
-
-
-def _smooth(patched: PatchedMesh, start: NewPatch, lengths: EdgeLengths, unit: float, clock: Stopwatch) -> NewPatch:
-    """The cleared continuation of a patch; `unit` is that of the coordinates, in mesh units."""
-    smooth = _continued(patched, start, lengths, unit)
-    clock.lap("continuation")
-    return _with_larger_angles(patched, _cleared_continuation(patched, smooth, start), lengths)
 
 
 def _first_patch(index: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, options: FillOptions) -> NewPatch:
@@ -230,93 +216,6 @@ def _attributes(patched: PatchedMesh, new: NewPatch) -> tuple[dict[str, Float[np
         return own(by="domain" if in_domain else "edges"), ()
     except OutOfTimeError:
         return own(by="nearest"), ("the attributes are those of the nearest rim vertices: the time limit was reached",)
-
-
-def _cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
-    """Moves a patch away from the mesh, and retriangulates it where it still intersects something."""
-    with suppress(OutOfTimeError):
-        new = cleared(patched, new)
-        new = retriangulated(patched, new)
-    if not len(new.crossings) or not is_out_of_time():
-        return new
-    return replace(new, remarks=(*new.remarks, "the time limit ended the removal of intersections"))
-
-
-def _continued(patched: PatchedMesh, start: NewPatch, lengths: EdgeLengths, unit: float) -> NewPatch:
-    """`_continuation` or, if there is no time for it, the patch with a remark."""
-    try:
-        return _continuation(patched, start, lengths, unit)
-    except OutOfTimeError:
-        return _not_continued(start, _LATE)
-
-
-def _continuation(patched: PatchedMesh, start: NewPatch, lengths: EdgeLengths, unit: float) -> NewPatch:
-    """The smooth continuation of a patch, or the patch with a remark on why it was not continued.
-
-    A patch without inner vertices is not changed. `lengths` are those of edges of new meshes, `unit` is that of the
-    coordinates, in mesh units.
-    """
-    if len(start.patch.vertices) == len(start.rim):
-        return _not_continued(start, "" if start.patch.is_complete else _LATE)
-    collar = collar_of(patched, start.rim, start.patch)
-    try:
-        faired = continue_patch(start.patch, collar, lengths)
-    except (SingularMatrixError, TooManyPointsError) as error:
-        return _not_continued(start, f": {in_mesh_units(error, unit)}")
-    before, after = bend_across(collar, start.patch), bend_across(collar, faired.patch)
-    ratio = faired.patch.area / start.patch.area
-    reason_against = (
-        f": after {faired.steps} steps the bend across the rim was {after.rms:.3g}° (RMS), before {before.rms:.3g}°, "
-        f"and the area {ratio:.2g} times as large"
-    )
-    is_second_best = bool(faired.lowered) or not faired.converged
-    if is_second_best and (after.rms >= before.rms or ratio > MOST_AREA):
-        return _not_continued(start, reason_against)
-    continuation = Continuation.of(faired, collar, start=start.kind, before=before, after=after, area_ratio=ratio)
-    smooth = replace(start, patch=faired.patch, continuation=continuation, reason=continuation.reason)
-    smooth = smooth.fitted(patched)
-    if is_second_best and (after.rms >= 90 or faired.folds):
-        # a patch that is folded or turns back over the mesh is only kept if it has fewer intersections
-        if len(smooth.crossings) == len(start.crossings) or not (before.rms >= 90 or folded_sides(start.patch)):
-            return _not_continued(start, reason_against)
-        remark = (
-            "the patch is folded or turns back over the mesh, as does the surface before the continuation; it has "
-            f"{len(smooth.crossings)} pairs of intersecting faces, that surface {len(start.crossings)}"
-        )
-        smooth = replace(smooth, remarks=(*smooth.remarks, remark))
-    return smooth
-
-
-def _cleared_continuation(patched: PatchedMesh, smooth: NewPatch, start: NewPatch) -> NewPatch:
-    """A continued patch or, if that has fewer intersections, the patch before the continuation; both are cleared.
-
-    With equal numbers of intersections, the one without replaced faces is returned.
-    """
-    count = len(smooth.crossings)
-    smooth = _cleared(patched, smooth)
-    if smooth.continuation is None or (not len(smooth.crossings) and not smooth.faces_replaced):
-        return smooth
-    start = _cleared(patched, start)
-    ranks = [(len(new.crossings), bool(new.faces_replaced)) for new in (smooth, start)]
-    return smooth if ranks[0] <= ranks[1] else _not_continued(start, f", because then {count} pairs of faces intersect")
-
-
-def _with_larger_angles(patched: PatchedMesh, smooth: NewPatch, lengths: EdgeLengths) -> NewPatch:
-    """A continued patch remeshed where clearing left thin triangles; `lengths` are those of new edges."""
-    if smooth.continuation is None:
-        return smooth
-    new = smooth
-    with suppress(OutOfTimeError):
-        new = without_thin_triangles(patched, smooth, lengths)
-    return replace(new, continuation=smooth.continuation.with_angles_of(new.patch))
-
-
-def _not_continued(start: NewPatch, reason: str = "") -> NewPatch:
-    """The patch with a remark on why it was not continued; raises a SurfaceError for a strip, which cannot be kept."""
-    remarks = (f"the patch was not continued smoothly{reason}",) if reason else ()
-    if start.kind == "strip":
-        raise SurfaceError("; ".join([start.reason, *remarks]))
-    return replace(start, remarks=remarks)
 
 
 def _without_area(patch: Patch) -> tuple[str, ...]:

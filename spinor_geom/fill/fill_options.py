@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from spinor_geom.fill.loop_choice import LoopChoice
     from spinor_geom.plateau.options import Model
 
-Continuity: TypeAlias = Literal["C0", "C1"]
+Continuity: TypeAlias = Literal["C0", "C1", "auto"]
 ContinuityName: TypeAlias = Continuity | Literal["c0", "film", "c1", "smooth"]
 LoopContinuity: TypeAlias = Mapping[int | Literal["default"], ContinuityName]
 Islands: TypeAlias = Literal["join", "ignore"]
 
 # the continuity of each spelling, in lower case
-CONTINUITIES: dict[str, Continuity] = {"c0": "C0", "film": "C0", "c1": "C1", "smooth": "C1"}
+CONTINUITIES: dict[str, Continuity] = {"c0": "C0", "film": "C0", "c1": "C1", "smooth": "C1", "auto": "auto"}
 ISLANDS: tuple[Islands, ...] = get_args(Islands)
 TIME_LIMIT = 20.0  # seconds for each loop, see `fill_hole`
 
@@ -116,7 +116,7 @@ def known_continuity(name: Any) -> Continuity:
     """The continuity with a name, in any case; raises an OptionError for an unknown one."""
     if isinstance(name, str) and name.lower() in CONTINUITIES:
         return CONTINUITIES[name.lower()]
-    raise OptionError(f"continuity must be 'C0' ('film') or 'C1' ('smooth'), not {name!r}")
+    raise OptionError(f"continuity must be 'C0' ('film'), 'C1' ('smooth') or 'auto', not {name!r}")
 
 
 def require_merge(merge: Any) -> None:

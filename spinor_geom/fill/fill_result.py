@@ -16,7 +16,7 @@ _AREA_ERROR = 0.02  # relative difference of the areas of surface and mesh from 
 _STATES = {
     "minimal": "is not within the tolerance",
     "discrete": "is closed by a discrete surface",
-    "smooth": "is filled by a smooth continuation that has not converged",
+    "smooth": "is filled by a smooth continuation with a defect",
 }
 
 
@@ -52,8 +52,9 @@ class LoopOutcome:
         patch_intersections: pairs of a face of its patch and one of an earlier loop's patch that intersect.
         remarks: sentences on intersections, islands in the hole, and why a patch was not continued. Face indices are
             those of the triangles of the filled mesh.
-        timings: seconds by stage ("solve", "mesh", "crossings", "continuation", "clearance", "attributes", or "failed"
-            for a stage that raised an error).
+        choice: with continuity "auto", which patch was chosen and why; else empty.
+        timings: seconds by stage ("solve", "mesh", "crossings", "continuation" or "clearance", "attributes", or
+            "failed" for a stage that raised an error).
     """
 
     index: int
@@ -76,6 +77,7 @@ class LoopOutcome:
     mesh_intersections: int = 0
     patch_intersections: int = 0
     remarks: tuple[str, ...] = ()
+    choice: str = ""
     timings: Mapping[str, float]
 
     def __repr__(self) -> str:
@@ -101,7 +103,7 @@ class LoopOutcome:
 
     @property
     def converged(self) -> bool:
-        """Whether the patch is an exact minimal surface within the tolerance, or a converged continuation."""
+        """Whether the patch is an exact minimal surface within the tolerance, or a good continuation."""
         return self.kind in ("minimal", "smooth") and not self.reason
 
     @property
@@ -187,6 +189,7 @@ class LoopOutcome:
             "joined_to": self.joined_to,
             "converged": self.converged,
             "reason": self.reason,
+            "choice": self.choice,
             "residual_rms_per_edge": None if residual is None else float(residual.rms_per_edge),
             "residual_max_per_edge": None if residual is None else float(residual.max_per_edge),
             "area": self.area,

@@ -30,6 +30,7 @@ class NewPatch:
     faces_replaced: int = 0
     crossings: Crossings = NO_CROSSINGS
     continuation: Continuation | None = None
+    choice: str = ""
     remarks: tuple[str, ...] = ()
 
     @property

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Int
 
 from spinor_geom.deadline import is_out_of_time
+from spinor_geom.errors import OutOfTimeError
+from spinor_geom.fill.clearance import cleared
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.outlines import Outline, outlines_of
 from spinor_geom.fill.patched_mesh import Crossings, PatchedMesh
@@ -21,6 +24,16 @@ from spinor_geom.meshing.embed import Patch
 _MOST_AREA = 1 / 3
 # Largest change of the area by new triangles, per area of the patch: where more is needed, it runs along the mesh.
 _MOST_CHANGE = 0.05
+
+
+def without_intersections(patched: PatchedMesh, new: NewPatch) -> NewPatch:
+    """Moves a patch away from the mesh, and retriangulates it where it still intersects something."""
+    with suppress(OutOfTimeError):
+        new = cleared(patched, new)
+        new = retriangulated(patched, new)
+    if not len(new.crossings) or not is_out_of_time():
+        return new
+    return replace(new, remarks=(*new.remarks, "the time limit ended the removal of intersections"))
 
 
 def retriangulated(patched: PatchedMesh, new: NewPatch) -> NewPatch:

@@ -67,7 +67,7 @@ def jittered_ball() -> Mesh:
 
 def continued(mesh: Mesh, **options: Any) -> tuple[np.ndarray, LoopOutcome]:
     """The new vertices of a mesh, one of whose holes is filled, and its outcome; the mesh must not change."""
-    (vertices, faces), report = fill_hole(mesh, continuity="C1", return_report=True, **options)
+    (vertices, faces), report = fill_hole(mesh, return_report=True, **{"continuity": "C1", **options})
     np.testing.assert_array_equal(vertices[: len(mesh[0])], mesh[0])
     np.testing.assert_array_equal(faces[: len(mesh[1])], mesh[1])
     filled = [outcome for outcome in report.loops if outcome.patch is not None]
@@ -239,12 +239,11 @@ def test_nothing_goes_on_across_a_crease() -> None:
     assert np.abs(new).max() <= 1 + 1e-9
 
 
-@pytest.mark.parametrize(("sides", "creased"), [(8, True), (12, False)])
-def test_a_tube_of_twelve_sides_is_round_and_one_of_eight_has_edges(sides: int, creased: bool) -> None:
-    # 30° and 45° between its sides
+@pytest.mark.parametrize("sides", [4, 6, 12])
+def test_the_equal_edges_of_a_prism_are_no_creases(sides: int) -> None:
     mesh = cylinder(sides, 9)
     loop = boundary_loops(mesh)[0]
-    assert collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, cone(loop)).creased == sides * creased
+    assert collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, cone(loop)).creased == 0
 
 
 def test_a_patch_depends_on_three_rings_of_faces_and_no_more() -> None:
@@ -289,7 +288,7 @@ def test_what_would_cross_where_the_film_does_not_is_left_a_film() -> None:
     new, outcome = continued(mesh, loop=rim)
     assert (outcome.kind, outcome.continuation, outcome.intersections) == ("minimal", None, 0)
     assert outcome.converged
-    assert "not continued smoothly, because then the patch crosses the mesh" in outcome.remarks[0]
+    assert "not continued smoothly: to avoid intersections" in outcome.remarks[0]
     assert outcome.remarks[0] in outcome.shortcomings[0]
     assert new[:, 2].max() < 0.5
 
@@ -313,8 +312,8 @@ def test_if_no_continuation_is_found_the_minimal_surface_is_kept(monkeypatch: py
     def broken(*_: object, **__: object) -> Faired:
         raise SingularMatrixError(size=5)
 
-    for instead, message in ((stuck, "after 7 steps the bend"), (broken, "singular")):
-        monkeypatch.setattr("spinor_geom.fill.fill_loop.continue_patch", instead)
+    for instead, message in ((stuck, "after 7 steps the next"), (broken, "singular")):
+        monkeypatch.setattr("spinor_geom.fill.smooth_patch.continue_patch", instead)
         _, outcome = continued(mesh)
         assert (outcome.kind, outcome.continuation, outcome.converged) == ("minimal", None, True)
         assert "the patch was not continued smoothly" in outcome.remarks[0]
@@ -322,7 +321,7 @@ def test_if_no_continuation_is_found_the_minimal_surface_is_kept(monkeypatch: py
 
 
 @pytest.mark.parametrize("is_crossed", [True, False])
-def test_of_two_patches_that_turn_back_the_one_that_crosses_less_is_kept(
+def test_a_continuation_with_a_defect_is_kept_only_if_it_crosses_less(
     monkeypatch: pytest.MonkeyPatch, is_crossed: bool
 ) -> None:
     # less than half a sphere, cut along a circle: the film lies over it as a lid, at z = -0.7
@@ -339,15 +338,15 @@ def test_of_two_patches_that_turn_back_the_one_that_crosses_less_is_kept(
         x[m:, 2] += 0.5 * (np.hypot(*x[:m, :2].T).mean() - np.hypot(*x[m:, :2].T))
         return Faired(patch=replace(patch, vertices=x), steps=7, next_step=0.5, stretch=1.0)
 
-    monkeypatch.setattr("spinor_geom.fill.fill_loop.continue_patch", low_dome)
+    monkeypatch.setattr("spinor_geom.fill.smooth_patch.continue_patch", low_dome)
     _, outcome = continued(mesh, loop=0)
     assert not outcome.intersections
     if is_crossed:
         assert (outcome.kind, outcome.converged) == ("smooth", False)
-        assert any("folded or turns back" in remark for remark in outcome.remarks)
+        assert "after 7 steps the next" in outcome.reason
     else:
         assert (outcome.kind, outcome.converged) == ("minimal", True)
-        assert "after 7 steps the bend" in outcome.remarks[0]
+        assert "after 7 steps the next" in outcome.remarks[0]
 
 
 def test_a_finer_mesh_without_inner_vertices_has_nothing_to_move(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -392,7 +391,7 @@ def test_a_continuation_that_cannot_be_remeshed_is_kept(
 def test_a_patch_whose_domain_of_angles_cannot_be_meshed_is_continued(
     monkeypatch: pytest.MonkeyPatch, error: SpinorGeomError
 ) -> None:
-    hole = next(iter(reported_bowls()))
+    hole = list(reported_bowls())[1]
     loop = boundary_loops((hole.vertices, hole.faces))[0]
     film = fill_hole((hole.vertices, hole.faces), return_report=True)[1].loops[0].patch
     collar = collar_of(PatchedMesh(TriangleMesh(hole.vertices, hole.faces)), loop.vertex_ids, film)
@@ -449,7 +448,40 @@ def test_a_patch_without_inner_vertices_stays() -> None:
     mesh = tube(4, 2)
     (vertices, _), report = fill_hole(mesh, continuity="C1", target_edge_length=10.0, return_report=True)
     assert len(vertices) == len(mesh[0])
-    assert [(outcome.kind, outcome.remarks) for outcome in report.loops] == [("minimal", ())] * 2
+    assert [outcome.kind for outcome in report.loops] == ["minimal"] * 2
+    assert all("it has no inner vertices" in outcome.remarks[0] for outcome in report.loops)
+
+
+def cut_sphere(polar_angle: float) -> Mesh:
+    """The unit sphere below a circle of latitude, which the film over it meets at the circle's polar angle."""
+    return rounds_and_rows(
+        lambda a, t: (np.sin(t) * np.cos(a), np.sin(t) * np.sin(a), -np.cos(t)),
+        32,
+        np.linspace(0.15, np.pi - np.radians(polar_angle), 20),
+    )
+
+
+@pytest.mark.parametrize(("angle", "kind"), [(50, "smooth"), (80, "minimal"), (120, "minimal")])
+def test_auto_takes_the_film_where_it_meets_the_mesh_steeply(angle: float, kind: str) -> None:
+    mesh = cut_sphere(angle)
+    rim = max(boundary_loops(mesh), key=lambda loop: loop.perimeter)
+    _, outcome = continued(mesh, loop=rim, continuity="auto")
+    assert outcome.kind == kind
+    assert f"{'at most' if kind == 'smooth' else 'more than'} 65°" in outcome.choice
+    stated = float(outcome.choice.split("mesh at ")[1].split("°")[0])
+    assert abs(stated - angle) < 5  # half the polar angle of a face
+    assert not any("not continued" in remark for remark in outcome.remarks)
+
+
+def test_auto_takes_the_continuation_if_the_film_intersects() -> None:
+    needle = np.array([[0.0, 0, -0.52], [0.05, 0, -0.35], [0, 0.05, -0.35]])
+    sphere = cut_sphere(120)
+    mesh = np.concatenate([sphere[0], needle]), np.concatenate([sphere[1], [len(sphere[0]) + np.arange(3)]])
+    rim = max(boundary_loops(mesh), key=lambda loop: loop.perimeter)
+    film, smooth = (continued(mesh, loop=rim, continuity=continuity)[1] for continuity in ("film", "auto"))
+    assert film.intersections or film.faces_replaced
+    assert smooth.kind == "smooth"
+    assert smooth.intersections == 0
 
 
 def test_the_report_has_the_bend_and_the_surface_before() -> None:

@@ -11,7 +11,7 @@ import pytest
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.ragged import BALLS, bowl, reported_bowls
 from spinor_geom.discrete.flattest_triangulation import FlattestTriangulation
-from spinor_geom.fill import fill_loop
+from spinor_geom.fill import retriangulation
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import PatchedMesh
@@ -131,7 +131,7 @@ def test_new_triangles_change_the_area_little(
         areas.extend([new.patch.area, found.patch.area])
         return found
 
-    monkeypatch.setattr(fill_loop, "retriangulated", watched)
+    monkeypatch.setattr(retriangulation, "retriangulated", watched)
     rng, edge = np.random.default_rng(seed), 2 * np.pi / points
     rows, t = np.arange(3)[:, None], 2 * np.pi * (np.arange(points) + 0.5 * (np.arange(3)[:, None] % 2)) / points
     moved = noise * edge * rng.normal(size=(points, 2)).T * (rows[:, :, None] == 0)
