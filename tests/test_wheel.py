@@ -102,7 +102,7 @@ def test_an_editable_install_finds_the_adapters(source: Path, tmp_path: Path) ->
         for entry in Path(folder).iterdir():
             if not entry.name.startswith(("spinor_geom", "__editable__")):
                 (packages / entry.name).symlink_to(entry)
-    first = "import site, sys; site.addsitedir(sys.argv[1]); sys.path += sys.argv[2:]; "
+    first = "import site, sys; [site.addsitedir(folder) for folder in sys.argv[1:]]; "
     found = imported(first + IMPORT, tmp_path, tmp_path / "site", packages, options=["-S"])
     assert found == source / "spinor_geom" / "adapters" / "__init__.py"
 

@@ -94,6 +94,7 @@ def both_filled(
     """The exit status of `fill`, and the result of its call of `fill_hole`, or of a direct call if it made none."""
     named = {"edge_length": "target_edge_length"}
     own = {named.get(name, name): value for name, value in options.items() if name != "strict"}
+    own |= {"continuity": {"default": own.get("continuity", "C0")}}
     results = []
 
     def recording(mesh: MeshFile, loop: Any, **given: Any) -> tuple[MeshFile, FillResult]:
@@ -142,7 +143,10 @@ def require_same(folder: Path, output: Path, capsys: pytest.CaptureFixture[str],
         loops = [loop for loop in without_seconds(found["loops"]) if loop["origin"] == "hole"]
         for entry, expected in zip(loops, report.pop("loops"), strict=True):
             assert entry | expected == entry, where
-        assert {key: found[key] for key in report} == report, where
+        # only batches look for curves in files with faces
+        stray = [loop for loop in found["loops"] if (loop["origin"], loop["status"]) == ("curve", "open")]
+        told = [f"curve {loop['index']}, beside the faces, is not filled: {loop['reason']}" for loop in stray]
+        assert {key: found[key] for key in report} == report | {"notes": report["notes"] + told}, where
         folder_of_results = output / "batch" / "files" / folder.name / path.name
         written = (folder_of_results / found["filled"]).read_bytes()
         # 3MF archives hold the time at which they were written
@@ -195,7 +199,7 @@ def test_continuations_are_the_same_in_both(shapes: Path, tmp_path: Path, capsys
     folder.mkdir()
     for name in ("tube.obj", "island.obj"):
         shutil.copy(shapes / name, folder)
-    assert len(require_same(folder, tmp_path, capsys, {"continuity": "C1"})) == 2
+    assert len(require_same(folder, tmp_path, capsys, {"continuity": "c1"})) == 2
 
 
 def test_all_formats_are_filled_as_by_fill(shapes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

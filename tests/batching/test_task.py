@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spinor_geom import SpinorSurface, boundary_loops, read_mesh, solve_plateau
+from spinor_geom import SpinorSurface, boundary_loops, read_mesh
 from spinor_geom.batching import archives, solver, workers
 from spinor_geom.batching.archives import ArchiveReader
 from spinor_geom.batching.inputs import Inputs, Source
@@ -22,6 +22,8 @@ from spinor_geom.batching.settings import BatchOptions, Limits
 from spinor_geom.batching.store import STAGING, failure, opened_store
 from spinor_geom.batching.summary import write_summary
 from spinor_geom.errors import BatchError, OptionError
+from spinor_geom.fill.fill_options import FillOptions
+from spinor_geom.fill.solved_loops import solved_loops
 from spinor_geom.gallery import noisy_loop
 from spinor_geom.isolate import FaultError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -77,7 +79,9 @@ def test_a_patch_has_the_loop_as_its_rim_and_the_surface_can_be_loaded(tmp_path:
     folder = tmp_path / "out" / "files" / "ring.obj"
     (rim,) = boundary_loops(folder / "loop-0-ring.obj")
     np.testing.assert_array_equal(np.sort(rim.points, axis=0), np.sort(circle(40), axis=0))
-    alone = solve_plateau(BoundaryLoop.from_points(circle(40)))
+    (solved_alone,) = solved_loops([BoundaryLoop.from_points(circle(40))], FillOptions(), is_rim=False)
+    alone = solved_alone.solution
+    assert alone is not None
     surface = SpinorSurface.load(folder / "loop-0-ring.safetensors")
     z = alone.domain.triangulation.points
     np.testing.assert_array_equal(surface.position(z), alone.surface.position(z))

@@ -59,7 +59,7 @@ def test_cumulative_integration_is_exact_for_polynomials(order):
 
 
 @pytest.mark.parametrize(
-    ("name", "n", "message"), [("gauss", 0, "at least 1"), ("simpson", 3, "even"), ("romberg", 4, "'romberg'")]
+    ("name", "n", "message"), [("gauss", 0, "n from 1 to"), ("simpson", 3, "even"), ("romberg", 4, "'romberg'")]
 )
 def test_bad_rules_are_refused(name, n, message):
     with pytest.raises(OptionError, match=message):
