@@ -131,7 +131,7 @@ def test_a_patch_that_a_part_of_the_mesh_pokes_through_reports_it() -> None:
     report, outcome = filled_at(spiked_tetrahedron(), 0)
     assert (outcome.filled, outcome.converged, outcome.faces_added) == (True, True, 1)
     assert (outcome.self_intersections, outcome.mesh_intersections, outcome.patch_intersections) == (0, 1, 0)
-    (note,) = outcome.notes
+    (note,) = outcome.remarks
     assert note.startswith("the patch crosses the mesh in 1 pair of faces, first (4, 3) of the filled mesh, near (1.33")
     assert outcome.intersections == 1
     assert report.complete
@@ -220,7 +220,7 @@ def test_patches_of_real_meshes_cross_nothing(name: str, places: list[int]) -> N
     _, report = fill_hole(read_mesh(DATA / name), places, return_report=True)
     assert all(report.loops[place].filled for place in places)
     assert report.intersection_free
-    assert all(outcome.notes == () for outcome in report.loops)
+    assert all(outcome.remarks == () for outcome in report.loops)
 
 
 def star(disk: HoledDisk, loop: BoundaryLoop) -> Patch:
