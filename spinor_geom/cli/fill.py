@@ -150,8 +150,8 @@ def _show_result(result: FillResult, *, quiet: bool) -> None:
     )
     for outcome in result.loops:
         lines = outcome.shortcomings
-        if not lines and outcome.filled and not quiet and not sys.stdout.isatty():
-            lines = (f"loop {outcome.index} ({len(outcome.loop)} vertices): {_description(outcome)}",)
+        if (not lines or outcome.choice) and outcome.filled and not quiet and not sys.stdout.isatty():
+            lines = (f"loop {outcome.index} ({len(outcome.loop)} vertices): {_description(outcome)}", *lines)
         for line in lines:
             complain(line)
 

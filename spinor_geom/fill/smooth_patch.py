@@ -48,7 +48,7 @@ def smooth_patch(
     """
     is_strip, smooth = film.kind == "strip", None
     angle = bend_across(collar_of(patched, film.rim, film.patch), film.patch).rms
-    met = f"meet the mesh at {angle:.0f}° (RMS), {'more than' if angle > FILM_FROM else 'at most'} {FILM_FROM:.0f}°"
+    met = f"meet at {angle:.0f}° (RMS), {'more than' if angle > FILM_FROM else 'at most'} {FILM_FROM:.0f}°"
     if is_choice and angle > FILM_FROM and not is_strip:
         kept = without_intersections(patched, film)
         if not len(kept.crossings) and not kept.faces_replaced:

@@ -468,7 +468,7 @@ def test_auto_takes_the_film_where_it_meets_the_mesh_steeply(angle: float, kind:
     _, outcome = continued(mesh, loop=rim, continuity="auto")
     assert outcome.kind == kind
     assert f"{'at most' if kind == 'smooth' else 'more than'} 65°" in outcome.choice
-    stated = float(outcome.choice.split("mesh at ")[1].split("°")[0])
+    stated = float(outcome.choice.split("meet at ")[1].split("°")[0])
     assert abs(stated - angle) < 5  # half the polar angle of a face
     assert not any("not continued" in remark for remark in outcome.remarks)
 
