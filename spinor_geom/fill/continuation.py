@@ -143,11 +143,11 @@ class Continuation:
         if self.after.rms > self.around.rms + _KINK:
             degrees = f"{self.after.rms:.2g}° (RMS), the faces of the mesh around bend by {self.around.rms:.2g}°"
             found.append(f"the patch meets the mesh at {degrees}")
-        # longer edges bend more
-        inside = self.inside.rms * self.around.edge / max(self.inside.edge, TINY)
+        # longer edges bend more; those along a prism are longer still, and do not
+        inside = self.inside.rms * min(1.0, self.around.edge / max(self.inside.edge, TINY))
         if inside > _MOST_BENT * self.around.rms + _SLIGHT_BEND:
             degrees = f"{inside:.2g}° from face to face, the mesh around by {self.around.rms:.2g}°"
-            found.append(f"for edges of equal lengths, the patch bends by {degrees}")
+            found.append(f"for edges as long as around it, the patch bends by {degrees}")
         if self.smallest_angle < SMALLEST_ANGLE:
             where = ", between two edges of the rim" if self.smallest_angle == self.smallest_rim_angle else ""
             found.append(f"the smallest angle of the patch's triangles is {self.smallest_angle:.2g}°{where}")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
+from spinor_geom.deadline import require_time
 from spinor_geom.domain.delaunay import constrained_delaunay, cross, rim_successors
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.polygons import bound_domain
@@ -31,6 +32,7 @@ _TURN = 1.65
 _EVEN = 0.1  # least ratio of smallest to largest thickness of a quadrilateral
 _LONGEST = 8.0  # largest ratio of length to depth before neighbours are joined
 _MOST_CORNERS = 100  # of a polygon that is divided into quadrilaterals: the time grows with the fourth power
+_MOST_PAIRS = 2**22  # of points of ∂Ω whose distances are computed at once
 _ROUNDS = 10  # largest number of rounds that halve sides on ∂Ω
 
 
@@ -195,8 +197,12 @@ class _Ring:
 
 
 def _levelled(depth: Float[np.ndarray, " k"], outer: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """Depths that change slowly along ∂Ω."""
-    return np.asarray((depth + _SLOPE * np.abs(outer[:, None] - outer)).min(axis=1))
+    """Depths that change slowly along ∂Ω; raises an OutOfTimeError if the time limit expires."""
+    levelled = []
+    for some in np.array_split(outer, 1 + len(outer) ** 2 // _MOST_PAIRS):
+        require_time()
+        levelled.append((depth + _SLOPE * np.abs(some[:, None] - outer)).min(axis=1))
+    return np.concatenate(levelled)
 
 
 def _ends(marks: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:

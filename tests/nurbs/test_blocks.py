@@ -1,5 +1,7 @@
 """Quadrilaterals that cover Ω, by the area that their sides enclose."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
@@ -9,7 +11,7 @@ from spinor_geom.domain.delaunay import cross
 from spinor_geom.errors import DomainError
 from spinor_geom.gallery import curves
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.nurbs.blocks import Blocks
+from spinor_geom.nurbs.blocks import Blocks, _levelled
 from spinor_geom.nurbs.rims import Rim
 from spinor_geom.plateau.solution import PlateauSolution
 
@@ -88,3 +90,15 @@ def test_a_domain_that_is_too_narrow_is_an_error() -> None:
     solution = solve_plateau(plane_polygon([0, 1, 1 + 1e-3j]))
     with pytest.raises(DomainError, match="too narrow"):
         Blocks.of(solution.domain, Rim.all_of(solution))
+
+
+def test_depths_of_many_quadrilaterals_take_little_memory() -> None:
+    count = 6000  # all distances at once would take 0.6 GB
+    circle = np.exp(2j * np.pi * np.arange(count) / count)
+    depth = np.where(np.arange(count) == 0, 0.0, 1.0)
+    tracemalloc.start()
+    levelled = _levelled(depth, circle)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    np.testing.assert_allclose(levelled, np.minimum(1.0, 0.15 * abs(circle - 1)), atol=1e-12)
+    assert peak < 2**28
