@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh, patch_chords, stitch
+from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh, patch_chords, split_chords, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
+from spinor_geom.meshing.embed import Patch
 from tests.fill.shapes import as_mesh, cone, fan, folded_quad, on_circle, tube, undirected_edges
 from tests.strategies import holed_disks, ragged_meshes
 from tests.validity import validate
@@ -33,6 +34,12 @@ def hexagon() -> BoundaryLoop:
     return BoundaryLoop.from_points(flat_position(on_circle(6)))
 
 
+def fitted(patched: PatchedMesh, patch: Patch, rim: np.ndarray) -> tuple[Patch, int]:
+    """The patch with its taken chords split, and their number."""
+    taken = patched.taken_chords(patch, rim)
+    return split_chords(patch, taken), len(taken)
+
+
 def filled_with_fans(mesh: TriangleMesh, apex: int) -> tuple[TriangleMesh, bool]:
     """Every loop filled by chords alone, and whether none had to be left out."""
     loops = find_boundary_loops(mesh)
@@ -40,7 +47,7 @@ def filled_with_fans(mesh: TriangleMesh, apex: int) -> tuple[TriangleMesh, bool]
     parts = []
     for place, loop in enumerate(loops):
         if patched.face_on(loop) is None:
-            patch, _ = patched.fitted(fan(loop, apex % len(loop)), loop.vertex_ids)
+            patch, _ = fitted(patched, fan(loop, apex % len(loop)), loop.vertex_ids)
             patched.join(patch, loop.vertex_ids)
             parts.append(LoopPatch(index=place, rim=loop.vertex_ids, patch=patch, attributes={}))
     return joined(mesh, stitch(mesh, parts)), len(parts) == len(loops)
@@ -62,7 +69,7 @@ def test_splitting_chords_keeps_area_orientation_and_rim(chosen: set[int]) -> No
     apexes = np.random.default_rng(0).normal(size=(len(chords), 3))
     faces = np.column_stack([chords, 6 + np.arange(len(chords))])
     beside = TriangleMesh(np.concatenate([patch.vertices, apexes]), faces)
-    split, count = PatchedMesh(beside, [hexagon()]).fitted(patch, np.arange(6))
+    split, count = fitted(PatchedMesh(beside, [hexagon()]), patch, np.arange(6))
     assert count == len(chords)
     corners = split.points[split.faces]
     areas = ((corners[:, 1] - corners[:, 0]).conj() * (corners[:, 2] - corners[:, 0])).imag / 2
@@ -79,8 +86,8 @@ def test_a_chord_on_a_taken_edge_is_split_and_a_free_one_stays() -> None:
     (loop,) = find_boundary_loops(mesh)
     free_apex = int(np.flatnonzero(loop.vertex_ids == 0)[0])
     patched = PatchedMesh(mesh, [loop])
-    kept, none = patched.fitted(fan(loop, free_apex), loop.vertex_ids)
-    split, one = patched.fitted(fan(loop, free_apex + 1), loop.vertex_ids)
+    kept, none = fitted(patched, fan(loop, free_apex), loop.vertex_ids)
+    split, one = fitted(patched, fan(loop, free_apex + 1), loop.vertex_ids)
     assert (none, one) == (0, 1)
     assert len(kept.vertices) == 4
     assert len(split.vertices) == 5
@@ -107,10 +114,10 @@ def test_a_chord_that_an_earlier_patch_took_is_split_in_the_next() -> None:
         points=ring.vertices[[0, 4, 2, 5]], vertex_ids=np.array([0, 4, 2, 5]), corners=np.zeros(4, bool)
     )
     patched = PatchedMesh(ring, [first, second])
-    patch, split = patched.fitted(fan(first), first.vertex_ids)
+    patch, split = fitted(patched, fan(first), first.vertex_ids)
     assert split == 0
     patched.join(patch, first.vertex_ids)
-    assert patched.fitted(fan(second), second.vertex_ids)[1] == 1
+    assert fitted(patched, fan(second), second.vertex_ids)[1] == 1
 
 
 def test_the_outline_of_a_lone_face_is_recognised() -> None:
