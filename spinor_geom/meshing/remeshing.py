@@ -111,7 +111,7 @@ def _remeshed(
     enough: float = np.pi,
     smoothings: int = 0,
     wanted: Float[np.ndarray, " n"] | None = None,
-) -> tuple[Positions, Faces]:
+) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "g 3"]]:
     """Remeshes some faces of a patch; the first `fixed` vertices are kept, bit for bit.
 
     Without smoothings only vertices of triangles with angles below `enough` move.
