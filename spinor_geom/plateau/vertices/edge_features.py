@@ -21,6 +21,7 @@ from spinor_geom.holomorphic.cauchy import cauchy_units
 _FEW, _FAR = 7, 3.0
 # Rows of R that include units with distant poles: mean and slope. With one row two of these rims keep 1e-2 of an edge.
 _LONG_RANGE = 2
+_MOST_PRODUCTS = 2**22  # of two features on one edge, computed at once
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,8 +109,12 @@ class EdgeFeatures:
         # features of other rims go to one more row and column
         index = xp.where((index >= 0) & (index < size), index, size)
         total = zeros(((size + 1) ** 2,), matrix)
-        places = index[:, degrees:, None] * (size + 1) + index[:, None]
-        add_at(total, places, units.mT.conj() @ xp.concat([polynomials, units], axis=2))
+        every = xp.concat([polynomials, units], axis=2)
+        edges = 1 + _MOST_PRODUCTS // (units.shape[2] * every.shape[2])
+        for start in range(0, len(shares), edges):
+            some = slice(start, start + edges)
+            places = index[some, degrees:, None] * (size + 1) + index[some, None]
+            add_at(total, places, units[some].mT.conj() @ every[some])
         matrix = matrix + xp.reshape(total, (size + 1, size + 1))[:size, :size]
         if own.start == 0:
             matrix[:degrees, :degrees] += gram(xp.reshape(polynomials, (-1, degrees)))
