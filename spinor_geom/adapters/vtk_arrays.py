@@ -89,7 +89,7 @@ def texts_of(texts: list[str], size: int, place: str) -> Shaped[np.ndarray, " n"
     return np.array(texts, dtype=str)
 
 
-Arrays: TypeAlias = dict[str, Shaped[np.ndarray, "n *k"]]
+Arrays: TypeAlias = dict[str, Shaped[np.ndarray, "_ ..."]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
