@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
+from dataclasses import replace
 from functools import partial
 from time import perf_counter
 from types import MappingProxyType
@@ -31,8 +32,8 @@ from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.own_frame import in_own_frame
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
-from spinor_geom.fill.retriangulation import retriangulated, without_intersections
-from spinor_geom.fill.smooth_patch import smooth_patch
+from spinor_geom.fill.retriangulation import NOT_CLEARED, retriangulated, without_intersections
+from spinor_geom.fill.smooth_patch import NO_TIME, not_continued, smooth_patch
 from spinor_geom.fill.solved_loops import SolvedLoop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
@@ -41,6 +42,7 @@ from spinor_geom.plateau.solution import PlateauSolution
 
 # reason for a patch of an exact surface that `mesh_patch` could not refine
 _COARSE = "its mesh of {} vertices has triangles larger than asked for (the limit on time or on vertices)"
+_SEARCHES = 2  # for intersections, before and after a patch is changed in its own frame
 _SECONDS_TO_REPORT = 0.5  # for the intersections of a patch, at least, where its loop has no time left
 
 
@@ -142,11 +144,15 @@ def _new_patch(
         new = _first_patch(index, loops, solved, options)
     clock.lap("mesh")
     options.on_stage(index, "crossings")
-    with _until(max(end, perf_counter() + _SECONDS_TO_REPORT)):
+    begin = perf_counter()
+    with _until(max(end, begin + _SECONDS_TO_REPORT)):
         new = new.fitted(patched)
+    search = perf_counter() - begin
     clock.lap("crossings")
     if is_film and not len(new.crossings):
         return new
+    if perf_counter() + _SEARCHES * search > end:
+        return not_continued(new, NO_TIME) if not is_film else replace(new, remarks=(*new.remarks, NOT_CLEARED))
     if not is_film:
         options.on_stage(index, "continuation")
     target = options.target_edge_length

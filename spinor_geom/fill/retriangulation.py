@@ -26,6 +26,9 @@ _MOST_AREA = 1 / 3
 _MOST_CHANGE = 0.05
 
 
+NOT_CLEARED = "the time limit ended the removal of intersections"
+
+
 def without_intersections(patched: PatchedMesh, new: NewPatch) -> NewPatch:
     """Moves a patch away from the mesh, and retriangulates it where it still intersects something."""
     with suppress(OutOfTimeError):
@@ -33,7 +36,7 @@ def without_intersections(patched: PatchedMesh, new: NewPatch) -> NewPatch:
         new = retriangulated(patched, new)
     if not len(new.crossings) or not is_out_of_time():
         return new
-    return replace(new, remarks=(*new.remarks, "the time limit ended the removal of intersections"))
+    return replace(new, remarks=(*new.remarks, NOT_CLEARED))
 
 
 def retriangulated(patched: PatchedMesh, new: NewPatch) -> NewPatch:

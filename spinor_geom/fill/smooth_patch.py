@@ -20,6 +20,8 @@ from spinor_geom.fill.thin_triangles import without_thin_triangles
 # Degrees (RMS) between film and mesh above which "auto" takes the film. On the meshes in `data` films of holes in a
 # shape meet the mesh at 56° or less, those at its end, as under a bust, at 87° or more.
 FILM_FROM = 65.0
+NO_TIME = "there was no time for it; raise time_limit (--time-limit)"
+_NOT_CONTINUED = "the patch was not continued smoothly"
 _MOST_REPLACED = 0.03  # share of the faces that clearing may replace
 # A continuation may have this many times the area of a spherical cap that meets the mesh smoothly: for a plane rim with
 # the angle θ between film and mesh, that is 2/(1 + cos θ) times the film's area. θ is at most the second value.
@@ -57,7 +59,7 @@ def smooth_patch(
         smooth = _continued(patched, film, lengths)
         reason = _reason_against(smooth)
     except OutOfTimeError:
-        reason = "there was no time for it; raise time_limit (--time-limit)"
+        reason = NO_TIME
     except (SingularMatrixError, SurfaceError, TooManyPointsError) as error:
         reason = str(in_mesh_units(error, unit))
     if smooth is not None and not reason and not len(smooth.crossings):
@@ -69,12 +71,16 @@ def smooth_patch(
             choice = f"the continuation was chosen, because {counts}" if is_choice else ""
             return replace(smooth, choice=choice, reason=reason)
         reason = reason or counts
-    reason = f"the patch was not continued smoothly: {reason}"
-    if is_strip:
-        raise SurfaceError(f"{film.reason}; {reason}")
-    if is_choice:
-        return replace(kept, choice=f"the film was chosen, because {reason}")
-    return replace(kept, remarks=(*kept.remarks, reason))
+    if is_choice and not is_strip:
+        return replace(kept, choice=f"the film was chosen, because {_NOT_CONTINUED}: {reason}")
+    return not_continued(kept, reason)
+
+
+def not_continued(film: NewPatch, reason: str) -> NewPatch:
+    """The film with a remark; raises a SurfaceError for a strip, which cannot be kept."""
+    if film.kind == "strip":
+        raise SurfaceError(f"{film.reason}; {_NOT_CONTINUED}: {reason}")
+    return replace(film, remarks=(*film.remarks, f"{_NOT_CONTINUED}: {reason}"))
 
 
 def _continued(patched: PatchedMesh, film: NewPatch, lengths: EdgeLengths) -> NewPatch:

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 
 from spinor_geom import gallery
 from spinor_geom.adapters import read_mesh
+from spinor_geom.bench.ragged import reported_bowls
 from spinor_geom.errors import FirstFillError, ForeignLoopError, ImperfectFillWarning, LoopIndexError, OptionError
 from spinor_geom.fill import fill_loop
 from spinor_geom.fill.fill_hole import fill_hole
@@ -426,3 +427,16 @@ def test_the_areas_of_surface_and_mesh_are_both_reported(sides: int, differ: boo
     assert outcome.to_dict()["mesh_area"] == outcome.mesh_area
     assert outcome.areas_differ == differ
     assert any("the area of the surface is" in note for note in outcome.notes) == differ
+
+
+@pytest.mark.parametrize("continuity", ["C0", "C1"])
+def test_what_cannot_end_within_the_limit_is_not_begun(monkeypatch: pytest.MonkeyPatch, continuity: Any) -> None:
+    hole = list(reported_bowls())[5]
+    cleared = fill_hole((hole.vertices, hole.faces), 0, continuity=continuity, return_report=True)[1].loops[0]
+    monkeypatch.setattr(fill_loop, "_SEARCHES", np.inf)  # as if a search for intersections took very long
+    late = fill_hole((hole.vertices, hole.faces), 0, continuity=continuity, return_report=True)[1].loops[0]
+    assert late.filled
+    assert late.kind != "smooth"
+    assert late.intersections > cleared.intersections
+    why = "no time for it" if continuity == "C1" else "time limit ended the removal of intersections"
+    assert any(why in remark for remark in late.remarks)
