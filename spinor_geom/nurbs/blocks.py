@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from spinor_geom.deadline import require_time
 from spinor_geom.domain.delaunay import constrained_delaunay, cross, rim_successors
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.polygons import bound_domain
@@ -197,12 +196,9 @@ class _Ring:
 
 
 def _levelled(depth: Float[np.ndarray, " k"], outer: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """Depths that change slowly along ∂Ω; raises an OutOfTimeError if the time limit expires."""
-    levelled = []
-    for some in np.array_split(outer, 1 + len(outer) ** 2 // _MOST_PAIRS):
-        require_time()
-        levelled.append((depth + _SLOPE * np.abs(some[:, None] - outer)).min(axis=1))
-    return np.concatenate(levelled)
+    """Depths that change slowly along ∂Ω."""
+    parts = np.array_split(outer, 1 + len(outer) ** 2 // _MOST_PAIRS)
+    return np.concatenate([(depth + _SLOPE * np.abs(some[:, None] - outer)).min(axis=1) for some in parts])
 
 
 def _ends(marks: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
