@@ -101,6 +101,11 @@ def cis(angle: Float[Array, "*any"]) -> Complex[Array, "*any"]:
     return complex_of(xp.cos(angle), xp.sin(angle))
 
 
+def as_dtype(x: Shaped[Array, "..."], dtype: Any) -> Shaped[Array, "..."]:
+    """The array with another dtype of its own library."""
+    return x.astype(dtype) if is_numpy(x) else x.to(dtype)
+
+
 def norm(v: Inexact[Array, "*any k"]) -> Float[Array, "*any"]:
     """Euclidean lengths of the rows."""
     if is_numpy(v):  # half the time of a sum over a short axis

@@ -238,7 +238,7 @@ def _discrete_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarra
 def exact_curvature(
     solution: PlateauSolution, points: Complex[np.ndarray, " n"], most: int = MOST_CURVATURE_POINTS
 ) -> Float[np.ndarray, " k"]:
-    """|H| at points of Ω by automatic differentiation, in 1/mesh units; branch points are left out.
+    """|H| at points of Ω as of `ArraySurface.mean_curvature`, in 1/mesh units; branch points are left out.
 
     At most `most` of the points are used, evenly spread.
     """

@@ -69,7 +69,7 @@ class Shown:
 
     def to_torch(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Vertices (V, 3) float64 and faces (F, 3) int64 as tensors."""
-        import torch
+        from spinor_geom.torch_extra import torch
 
         shape = self._shape()
         return torch.tensor(np.array(shape.vertices)), torch.tensor(np.array(shape.faces))

@@ -55,7 +55,7 @@ class Case:
         """The exact surface; if only the area is known, the solution by power series over the curve's formula."""
         if self.known.chart is not None:
             return self.known.chart
-        surface = solve_plateau(self.known, model="series").surface
+        surface = solve_plateau(self.known, model="series").array_surface
         return surface_chart(surface, lambda z: np.asarray(surface.position(z)))
 
     @cached_property

@@ -17,7 +17,7 @@ from spinor_geom.bench.machine import Record
 from spinor_geom.bench.solves import Solve
 from spinor_geom.comparison import exact_curvature
 from spinor_geom.errors import SpinorGeomError
-from spinor_geom.experiments.paper_surfaces import boundary_distance
+from spinor_geom.experiments.boundary_distance import boundary_distance
 from spinor_geom.gallery.chart import Chart
 from spinor_geom.measures import discrete_mean_curvature, distances_to_mesh, mesh_samples, smallest_angles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop

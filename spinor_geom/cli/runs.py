@@ -50,6 +50,7 @@ def _counts(now: BatchProgress) -> str:
 
 
 def _bench(arguments: argparse.Namespace) -> ExitStatus:
+    require("torch", extra="peers")
     from spinor_geom.bench.promises import promises
     from spinor_geom.bench.run_tables import PAGE, promise_table, trouble_table, write
     from spinor_geom.bench.runner import Settings, measure
@@ -75,7 +76,7 @@ def _bench(arguments: argparse.Namespace) -> ExitStatus:
 
 
 def _reproduce(arguments: argparse.Namespace) -> ExitStatus:
-    for package in ("matplotlib", "markdown_it", "pyvista"):
+    for package in ("matplotlib", "markdown_it", "pyvista", "torch"):
         require(package, extra="experiments")
     from spinor_geom.experiments.experiment import PAGE, reproduce
 

@@ -25,6 +25,7 @@ from spinor_geom.errors import (
     OptionError,
     OutOfTimeError,
     TooManyRimsError,
+    require,
     require_positive,
 )
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -117,6 +118,7 @@ def discrete_minimal_surface(
         TooManyRimsError: a sequence of other than one or two loops.
         FirstFillError: MeshLab did not remesh the surface; "libigl" fills every loop.
         DomainError: no annulus can be meshed between the two loops.
+        MissingPackageError: the method is "pymeshlab", which is not installed.
 
     Source: Pinkall & Polthier (1993); the first fill after Barequet & Sharir (1995).
     """
@@ -134,6 +136,8 @@ def discrete_minimal_surface(
     (loop,) = loops
     if method not in ("libigl", "pymeshlab"):
         raise OptionError(f"unknown method {method!r}; choose 'libigl' or 'pymeshlab'")
+    if method == "pymeshlab":
+        require("pymeshlab", extra="meshlab")
     start = time.perf_counter()
     if method == "libigl":
         return surface_over_plane(loop, target_edge_length, relative_change)[0]

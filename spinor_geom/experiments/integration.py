@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float
 from numpy.typing import ArrayLike
 
@@ -16,6 +15,7 @@ from spinor_geom.experiments.paper_surfaces import reconstructed
 from spinor_geom.gallery import catenoid
 from spinor_geom.surface.curvature import mean_curvature_of_integrals
 from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.torch_extra import torch
 from spinor_geom.training import LevenbergMarquardt
 
 ORDERS: dict[RuleName, tuple[int, float]] = {"trapezoid": (-2, 0.1), "simpson": (-4, 0.2)}  # slopes and tolerances
@@ -36,7 +36,7 @@ def catenoid_error(*, grid: tuple[int, int], steps: Sequence[int]) -> Outcome:
     lines: dict[str, tuple[ArrayLike, ArrayLike]] = {}
     slopes = {}
     for name, (order, allowed) in ORDERS.items():
-        positions = (by_rule(known.surface, name, n).integrate(np.zeros_like(z), z) for n in steps)
+        positions = (by_rule(SpinorSurface.of(known.surface), name, n).integrate(np.zeros_like(z), z) for n in steps)
         distances = [neck * np.linalg.norm(position - exact, axis=-1) for position in positions]
         largest = [float(d.max()) for d in distances]
         slopes[name] = fitted_slope(steps, largest, _DISTANCE_FLOOR)

@@ -3,27 +3,21 @@
 import math
 
 import numpy as np
-import torch
 
-from spinor_geom.arrays import NUMPY
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.gallery.curves import trigonometric
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.curve_tensors import CurveTensors
-from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.torch_extra import torch
 from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_levenberg_marquardt
 
 _ORDER, _PERTURBATION = 10, 0.1  # of Taylor expansions, and of their coefficients, relative to the largest
 _SEED = 5
 _UNEVEN, _SHIFT = 0.4, 0.1  # β and b of the parameter of a prescribed boundary
 _TAYLOR_POINTS, _BOUNDARY_POINTS = 256, 512  # points of the circle for Taylor coefficients, and of a boundary
-_MEASURED = 1024  # points of ∂Ω whose distance from Γ is measured
 
 
 def random_networks(depth: int) -> SpinorSurface:
@@ -72,10 +66,3 @@ def reconstructed(options: LevenbergMarquardt) -> dict[str, SpinorSurface]:
     }
     found = {name: solved_by_network(curve, options).surface for name, curve in curves.items()}
     return {name: surface for name, surface in found.items() if isinstance(surface, SpinorSurface)}
-
-
-def boundary_distance(surface: ArraySurface, curve: BoundaryCurve) -> float:
-    """The larger of the largest distances of the boundary from Γ and of Γ from the boundary."""
-    r = surface.position(surface.domain.boundary.point(np.arange(_MEASURED) / _MEASURED))
-    slide = np.unwrap(curve.nearest(r), period=1.0)
-    return Misfit.of(r, slide, CurveTensors.of(curve, NUMPY)).max

@@ -3,14 +3,11 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float
 from numpy.typing import ArrayLike
-from torch import Tensor
 
 from spinor_geom.arrays import modulo_one
 from spinor_geom.errors import OptionError, require_positive
@@ -24,7 +21,8 @@ _TENNIS_SEAM_DISKS = {  # area, whether it is stable, relative error
     0.75: [(4.66497038914645, True, 1e-14), (4.66975749646780, False, 1e-14)],
     0.6: [(4.9899, True, 2e-5), (5.5971234813, False, 1e-10)],
 }
-SmoothMap = Callable[[Float[Tensor, "..."]], Float[Tensor, "..."]]
+# points and directions ↦ images, and their first and second derivatives in these directions
+SmoothMap = Callable[[Float[np.ndarray, "*pts d"], Float[np.ndarray, "*pts d"]], Float[np.ndarray, "3 *pts 3"]]
 
 _OUTLINE, _SIDE_POINTS = 400, 512  # vertices of a chart's outline; points for the length of a side
 _SCHERK_AREAS = {1.0: 1.08724596383763888, 2.0: 5.69751221158705744, 2.5: 11.4951537487130629, 3.0: 29.2319867716447538}
@@ -137,12 +135,14 @@ def scherk(side: float = 2.0) -> KnownCurve:
         raise OptionError(f"Scherk's graph needs a side in (0, π), got {side}")
     square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * side / 2
 
-    def over(xy: Float[Tensor, "*pts 2"]) -> Float[Tensor, "*pts 3"]:
-        x, y = xy.unbind(-1)
-        return torch.stack([x, y, torch.log(y.cos() / x.cos())], dim=-1)
+    def over(xy: Float[np.ndarray, "*pts 2"], along: Float[np.ndarray, "*pts 2"]) -> Float[np.ndarray, "3 *pts 3"]:
+        (x, y), (dx, dy) = np.moveaxis(xy, -1, 0), np.moveaxis(along, -1, 0)
+        bend = (dx / np.cos(x)) ** 2 - (dy / np.cos(y)) ** 2
+        slope = np.stack([dx, dy, dx * np.tan(x) - dy * np.tan(y)], axis=-1)
+        return np.stack([graph(x + 1j * y), slope, np.stack([0 * dx, 0 * dy, bend], axis=-1)])
 
     def graph(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        return over(torch.view_as_real(torch.tensor(z))).numpy()
+        return np.stack([z.real, z.imag, np.log(np.cos(z.imag) / np.cos(z.real))], axis=-1)
 
     def tangents(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 2 3"]:
         one, none = np.ones(np.shape(z)), np.zeros(np.shape(z))
@@ -165,11 +165,11 @@ def polygon(vertices: ArrayLike, *, name: str = "polygon", source: str = "its ve
     corners = np.asarray(vertices, dtype=np.float64)
     if corners.ndim != 2 or corners.shape[1] != 3 or len(corners) < 3:
         raise OptionError(f"a polygon needs vertices of shape (k, 3) with k at least 3, got {corners.shape}")
-    return image_of_polygon(corners, lambda r: r, name=name, source=source)
+    return image_of_polygon(corners, lambda r, along: np.stack([r, along, 0 * along]), name=name, source=source)
 
 
 def image_of_polygon(corners: Float[np.ndarray, "k d"], image: SmoothMap, *, name: str, source: str) -> KnownCurve:
-    """The image of a closed polygon under a map written in torch; its derivatives are by automatic differentiation.
+    """The image of a closed polygon under a smooth map.
 
     The parameter is linear on each side of the polygon. The part of [0, 1) of a side is proportional to the length of
     its image.
@@ -182,16 +182,8 @@ def image_of_polygon(corners: Float[np.ndarray, "k d"], image: SmoothMap, *, nam
         def at(t: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
             t = modulo_one(t)
             side = np.asarray(np.searchsorted(first, t, side="right") - 1)
-            start, edge = torch.tensor(corners[side]), torch.tensor(edges[side])
-
-            def along(u: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
-                return image(start + u[..., None] * edge)
-
-            function: SmoothMap = along
-            for _ in range(order):
-                function = partial(_slope, function)
-            value = function(torch.tensor((t - first[side]) / share[side]))
-            return np.asarray(value.detach().numpy() / share[side][..., None] ** order)
+            images = image(corners[side] + ((t - first[side]) / share[side])[..., None] * edges[side], edges[side])
+            return np.asarray(images[order] / share[side][..., None] ** order)
 
         return at
 
@@ -207,12 +199,6 @@ def image_of_polygon(corners: Float[np.ndarray, "k d"], image: SmoothMap, *, nam
         corners=(0.0, *np.cumsum(share)[:-1].tolist()),
         source=source,
     )
-
-
-def _slope(function: SmoothMap, u: Float[Tensor, "*pts"]) -> Float[Tensor, "*pts 3"]:
-    tangent = torch.ones_like(u)
-    _, slope = torch.autograd.functional.jvp(function, u, tangent, create_graph=True)  # type: ignore[no-untyped-call]
-    return cast(Tensor, slope)
 
 
 def slit(length: float = 50.0, width: float = math.sqrt(0.75), *, bend: float = 0.0) -> KnownCurve:
@@ -282,10 +268,20 @@ def _outline(
     θ = turn·u is the angle around the axis, ψ = tilt + twist·u the slope.
     """
 
-    def strip(uv: Float[Tensor, "*pts 2"]) -> Float[Tensor, "*pts 3"]:
-        u, v = uv.unbind(-1)
-        slope, outward = tilt + twist * u, radius + v * (tilt + twist * u).cos()
-        return torch.stack([outward * (turn * u).cos(), outward * (turn * u).sin(), v * slope.sin() + rise * u], dim=-1)
+    def strip(uv: Float[np.ndarray, "*pts 2"], along: Float[np.ndarray, "*pts 2"]) -> Float[np.ndarray, "3 *pts 3"]:
+        (u, v), (du, dv) = np.moveaxis(uv, -1, 0), np.moveaxis(along, -1, 0)
+        # v e^{iψ} and (R + v cos ψ)e^{iθ}, each with its derivatives
+        slope, around, turned = np.exp(1j * (tilt + twist * u)), np.exp(1j * turn * u), 1j * turn * du
+        across = [
+            v * slope,
+            (dv + 1j * twist * du * v) * slope,
+            1j * twist * du * (2 * dv + 1j * twist * du * v) * slope,
+        ]
+        out, first, second = radius + across[0].real, across[1].real, across[2].real
+        plane = [out, first + turned * out, second + 2 * turned * first + turned**2 * out]
+        heights = [across[0].imag + rise * u, across[1].imag + rise * du, across[2].imag]
+        points = zip((one * around for one in plane), heights, strict=True)
+        return np.stack([np.stack([xy.real, xy.imag, z], axis=-1) for xy, z in points])
 
     return image_of_polygon(np.array([(0, h), (1, h), (1, -h), (0, -h)]), strip, **known)
 

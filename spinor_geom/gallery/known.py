@@ -13,7 +13,7 @@ from spinor_geom.gallery.chart import Chart, SurfaceFunction, null_tangents
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.shown import shortened
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 _SIDE_POINTS, _CURVE_STEPS = 1 << 9, 1 << 14  # for the arc length of a side, and of a curve
 _OUTLINE = 512  # vertices of a chart's outline
@@ -55,7 +55,7 @@ class KnownSurface:
     """A minimal surface with an exact formula."""
 
     name: str  # for tables and messages
-    surface: SpinorSurface
+    surface: ArraySurface
     position: SurfaceFunction  # r(z) in closed form
     area: float  # exact
     source: str  # of the surface and the area
@@ -110,7 +110,7 @@ class KnownPatch:
         return BoundaryLoop.from_points(points, corners=corners.tolist())
 
 
-def surface_chart(surface: SpinorSurface, position: SurfaceFunction) -> Chart:
+def surface_chart(surface: ArraySurface, position: SurfaceFunction) -> Chart:
     """A chart of a surface with a given position and the tangents of p and q."""
 
     def tangents(z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 2 3"]:

@@ -7,7 +7,7 @@ from spinor_geom.errors import OptionError
 from spinor_geom.gallery import curves, schwarz, surfaces
 from spinor_geom.gallery.known import KnownCurve, KnownPatch, KnownSurface
 from spinor_geom.plateau.solve import solve_plateau
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 _POINTS = 96  # on a boundary with corners
 
@@ -33,7 +33,7 @@ SURFACES: dict[str, Callable[[], KnownSurface | KnownCurve | KnownPatch]] = {
 }
 
 
-def named_surface(name: str) -> SpinorSurface:
+def named_surface(name: str) -> ArraySurface:
     """A surface of the gallery: from formulas of p and q if known, else the solution for its boundary.
 
     Raises OptionError for a name that is not in `SURFACES`.
@@ -44,5 +44,5 @@ def named_surface(name: str) -> SpinorSurface:
     if isinstance(known, KnownSurface):
         return known.surface
     if isinstance(known, KnownPatch):
-        return solve_plateau(known.rim(_POINTS)).surface
-    return solve_plateau(known.sample(_POINTS) if known.corners else known).surface
+        return solve_plateau(known.rim(_POINTS)).array_surface
+    return solve_plateau(known.sample(_POINTS) if known.corners else known).array_surface

@@ -1,4 +1,4 @@
-"""Minimal surfaces in exact formulas, as `SpinorSurface`s with exact areas."""
+"""Minimal surfaces in exact formulas, as `ArraySurface`s with exact areas."""
 
 import math
 from dataclasses import replace
@@ -14,7 +14,7 @@ from spinor_geom.errors import OptionError, require_count, require_positive
 from spinor_geom.gallery.chart import SurfaceFunction
 from spinor_geom.gallery.known import KnownSurface
 from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 _NEGLIGIBLE = 1e-19  # relative size of terms of power series that are left out
 _SIDE_VERTICES = 32  # vertices on the longer side of a rectangle in Ω
@@ -196,7 +196,7 @@ def _rectangle(x0: float, x1: float, height: float) -> PlaneDomain:
     return PlaneDomain.from_boundary(vertices, np.isin(vertices, corners))
 
 
-def _surface(model: PowerSeries, domain: PlaneDomain, position: SurfaceFunction) -> SpinorSurface:
+def _surface(model: PowerSeries, domain: PlaneDomain, position: SurfaceFunction) -> ArraySurface:
     """The surface of a model, translated to the position of the closed formula."""
     root = domain.triangulation.points[domain.root]
-    return SpinorSurface(model, domain, position(np.asarray(root)))
+    return ArraySurface(model, domain, position(np.asarray(root)))

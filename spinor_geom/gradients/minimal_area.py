@@ -7,16 +7,15 @@ import warnings
 from collections.abc import Sequence
 from typing import Any, Literal, TypeAlias
 
-import torch
 from jaxtyping import Float
 from numpy.typing import ArrayLike
-from torch import Tensor
 
 from spinor_geom.errors import NotDifferentiableError, OptionError, SurfaceError, UncertainGradientWarning
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau
+from spinor_geom.torch_extra import Tensor, torch
 
 Corners: TypeAlias = Literal["auto"] | Sequence[ArrayLike | Literal["auto"]] | ArrayLike
 

@@ -8,9 +8,7 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float, Int
-from torch import Tensor
 
 from spinor_geom import deadline
 from spinor_geom.errors import NotDifferentiableError, OutOfTimeError, UncertainGradientWarning
@@ -26,6 +24,7 @@ from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.route_result import typed_failures
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.threads import one_thread
+from spinor_geom.torch_extra import Tensor, torch
 
 # Distance of the eigenvalue from 1 below which a surface counts as degenerate: that of the last catenoid, exactly 1, is
 # computed as 1.002.

@@ -87,7 +87,7 @@ def interpolated(z: Complex[Array, " m"], nodes: Nodes, weights: Nodes, values: 
     inverse, hit = _inverse_differences(z, nodes)
     sums = inverse @ strengths
     elsewhere = sums[:, :2] / sums[:, 2:]
-    at_node = xp.take(values, xp.argmax(xp.astype(hit, xp.uint8), axis=-1), axis=0)
+    at_node = xp.take(values, xp.argmax(1 * hit, axis=-1), axis=0)
     return xp.where(hit.any(-1)[:, None], at_node, elsewhere)
 
 
@@ -103,7 +103,7 @@ def interpolated_slope(z: Complex[Array, " m"], nodes: Nodes, weights: Nodes, va
         return elsewhere
     # the limit at a node ζ_k is Σ_{j≠k} w_j (f_k − f_j)/(ζ_j − ζ_k)/w_k
     xp = namespace(z)
-    node = xp.argmax(xp.astype(hit, xp.uint8), axis=-1)
+    node = xp.argmax(1 * hit, axis=-1)
     own, weight = xp.take(values, node, axis=0), xp.take(weights, node, axis=0)[:, None]
     return xp.where(hit.any(-1)[:, None], (own * sums[:, 2:] - sums[:, :2]) / weight, elsewhere)
 

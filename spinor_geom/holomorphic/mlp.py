@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float
-from torch import Tensor
 
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import OptionError, require_count, require_positive
 from spinor_geom.holomorphic.blocks import in_blocks
+from spinor_geom.torch_extra import Tensor, torch
 
 ActivationName = Literal["exp", "sin", "sinh"]
 

@@ -7,7 +7,7 @@ from typing import Protocol, TypeAlias, TypeVar
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinor_geom.arrays import Array, add_to_diagonal, cholesky, cholesky_solve, indices, namespace, place_of
+from spinor_geom.arrays import Array, add_to_diagonal, as_dtype, cholesky, cholesky_solve, indices, namespace, place_of
 from spinor_geom.deadline import is_out_of_time
 
 MOST_STEPS = 60  # default limit on Newton steps, and on conjugate gradient steps in each
@@ -205,15 +205,15 @@ def _full_step(here: E, direction: Float[Array, "b k"]) -> tuple[E, Float[Array,
     trial = here.stepped(direction, 1.0)
     lower = trial.size < here.size / 2
     taken = indices(lower)
-    return here.replaced(taken, trial.at(taken)), namespace(lower).astype(lower, trial.size.dtype)
+    return here.replaced(taken, trial.at(taken)), as_dtype(lower, trial.size.dtype)
 
 
 def _line_search(here: E, direction: Float[Array, "b k"], highest: Float[Array, " b"]) -> tuple[E, Float[Array, " b"]]:
     """The surfaces after the longest step 1, ½, ¼, … with an energy of at most `highest`; its lengths, 0 if none."""
     start, trial, length = here, here.stepped(direction, 1.0), 1.0
-    highest, xp = highest + ROUNDING * abs(highest), namespace(highest)
+    highest = highest + ROUNDING * abs(highest)
     lower = trial.energy <= highest
-    lengths = xp.astype(lower, highest.dtype)
+    lengths = as_dtype(lower, highest.dtype)
     if lower.all():
         return trial, lengths
     which = place_of(lower).put(np.arange(len(lower)))

@@ -71,7 +71,7 @@ def usable_place(device: str | torch.device | None) -> Place:
     """The place of a device of torch, or numpy for None; raises an OptionError if it cannot be used."""
     if device is None:
         return NUMPY
-    import torch
+    from spinor_geom.torch_extra import torch
 
     try:
         place = Place(torch.device(device))

@@ -171,14 +171,12 @@ class ArraySurface(Shown):
         return self._evaluate(lambda on, w: formulas.gauss_curvature(*_pair(on, w), *_slopes(on, w)), z)
 
     def mean_curvature(self, z: Points) -> Points:
-        """H in 1/length, shape (*pts), measured by automatic differentiation of the position.
+        """H in 1/length, shape (*pts), of the positions that `integrate` gives along segments to the points.
 
-        It is 0 up to errors of quadrature and rounding if the model is holomorphic. Positive where the surface bends
-        towards n; NaN at branch points.
+        It is 0 up to errors of quadrature and rounding if the model's derivative is that of its values. Positive where
+        the surface bends towards n; NaN at branch points.
         """
-        from spinor_geom.surface.spinor_surface import SpinorSurface
-
-        return SpinorSurface.of(self).mean_curvature(z)
+        return self._evaluate(_mean_curvature, z)
 
     def area(self) -> float:
         """Area of the whole surface by an integral over ∂Ω alone, A = ½ ∮ (r − c) · Im(φ dz)."""
@@ -409,6 +407,24 @@ def integrate(on: ArraySurface, start: Complex[Array, "*pts"], end: Complex[Arra
         return ((phi * weights[:, None]).sum(-2) * step[:, None]).real
 
     return in_blocks(segments, start, end, width=len(nodes))
+
+
+def _mean_curvature(on: ArraySurface, z: Complex[Array, "*pts"]) -> Float[Array, "*pts"]:
+    """H of the surface whose tangents are the derivatives of the quadrature with respect to its end."""
+    end = z.reshape(-1)
+    _, start = anchors(on, end)
+    nodes, weights = map(place_of(z).put, rule(on.quadrature, on.order))
+
+    def mean(a: Complex[Array, " n"], b: Complex[Array, " n"]) -> Float[Array, " n"]:
+        step = (b - a)[:, None]
+        at_nodes = a[:, None] + nodes * step
+        p, q, dp, dq = *_pair(on, at_nodes), *_slopes(on, at_nodes)
+        # the derivative of (b − a) Σ w φ(a + t(b − a)) with respect to b
+        terms = formulas.phi(p, q) + (nodes * step)[..., None] * formulas.phi_derivative(p, q, dp, dq)
+        hopf = formulas.hopf_differential(*_pair(on, b), *_slopes(on, b))
+        return formulas.mean_curvature((terms * weights[:, None]).sum(-2), hopf)
+
+    return in_blocks(mean, start, end, width=4 * len(nodes)).reshape(z.shape)
 
 
 def _place_of_model(model: HolomorphicModel) -> Place:

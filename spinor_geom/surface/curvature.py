@@ -6,12 +6,10 @@ The formula holds for any surface and does not assume H = 0.
 import warnings
 from collections.abc import Callable
 
-import torch
 from jaxtyping import Complex, Float
-from torch import Tensor
-from torch.func import jvp
 
 from spinor_geom.holomorphic.blocks import in_blocks
+from spinor_geom.torch_extra import Tensor, torch
 
 Points = Complex[Tensor, " n"]
 Position = Callable[[Float[Tensor, " n"], Float[Tensor, " n"]], Float[Tensor, "n 3"]]
@@ -27,15 +25,15 @@ def mean_curvature(position: Position, x: Float[Tensor, " n"], y: Float[Tensor, 
     along_x, along_y = (torch.ones_like(x), torch.zeros_like(y)), (torch.zeros_like(x), torch.ones_like(y))
 
     def slope(x: Float[Tensor, " n"], y: Float[Tensor, " n"]) -> Float[Tensor, "n 3"]:
-        derivative: Tensor = jvp(position, (x, y), along_x)[1]
+        derivative: Tensor = torch.func.jvp(position, (x, y), along_x)[1]
         return derivative
 
     with warnings.catch_warnings():
         # torch compiles some rules of forward mode on first use, by a function that is deprecated in torch
         warnings.filterwarnings("ignore", message=".*torch.jit.script", category=DeprecationWarning)
-        r_x, r_xx, *_ = jvp(slope, (x, y), along_x)
-        r_xy = jvp(slope, (x, y), along_y)[1]
-        r_y, r_yy, *_ = jvp(lambda x, y: jvp(position, (x, y), along_y)[1], (x, y), along_y)
+        r_x, r_xx, *_ = torch.func.jvp(slope, (x, y), along_x)
+        r_xy = torch.func.jvp(slope, (x, y), along_y)[1]
+        r_y, r_yy, *_ = torch.func.jvp(lambda x, y: torch.func.jvp(position, (x, y), along_y)[1], (x, y), along_y)
     normal = torch.nn.functional.normalize(torch.linalg.cross(r_x, r_y), dim=-1)
     e, f, g = ((a * b).sum(-1) for a, b in ((r_x, r_x), (r_x, r_y), (r_y, r_y)))
     xx, xy, yy = ((bend * normal).sum(-1) for bend in (r_xx, r_xy, r_yy))

@@ -26,6 +26,12 @@ def phi(p: Values, q: Values) -> Complex[Array, "*pts 3"]:
     return null_vector(p * p, q * q, p * q)
 
 
+def phi_derivative(p: Values, q: Values, dp: Values, dq: Values) -> Complex[Array, "*pts 3"]:
+    """φ′ = 2(pp′ − qq′, −i(pp′ + qq′), p′q + pq′)."""
+    require_complex(p=p, q=q, dp=dp, dq=dq)
+    return 2 * null_vector(p * dp, q * dq, (dp * q + p * dq) / 2)
+
+
 def null_vector(pp: Values, qq: Values, pq: Values) -> Complex[Array, "*pts 3"]:
     """(pp − qq, −i(pp + qq), 2pq): φ from p², q² and pq, or its integral from theirs."""
     return namespace(pp).stack([pp - qq, -1j * (pp + qq), 2 * pq], axis=-1)
@@ -74,6 +80,15 @@ def hopf_differential(p: Values, q: Values, dp: Values, dq: Values) -> Values:
 def gauss_curvature(p: Values, q: Values, dp: Values, dq: Values) -> Float[Array, "*pts"]:
     """Gauss curvature K = −4|p′q − pq′|²/(|p|² + |q|²)⁴ ≤ 0, in 1/length²."""
     return -square(hopf_differential(p, q, dp, dq)) / conformal_factor(p, q) ** 4
+
+
+def mean_curvature(tangents: Complex[Array, "*pts 3"], hopf: Values) -> Float[Array, "*pts"]:
+    """H = ½ tr(I⁻¹ II) in 1/length, I from tangents T = r_x − i r_y and II = Re(Q dz²).
+
+    It is 0 where T·T = 0, as for T = φ: H = −2 Re(Q·conj(T·T))/(|T|⁴ − |T·T|²).
+    """
+    length, null = square(tangents).sum(-1), (tangents * tangents).sum(-1)
+    return -2 * (hopf * null.conj()).real / (square(length) - square(null))
 
 
 def first_fundamental_form(p: Values, q: Values) -> Float[Array, "*pts 2 2"]:

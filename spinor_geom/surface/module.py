@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any, cast
 
-import torch
-
 from spinor_geom.arrays import to_numpy
 from spinor_geom.holomorphic.array_model import ArrayModel
 from spinor_geom.holomorphic.model import HolomorphicModel
+from spinor_geom.torch_extra import torch
 
 
 class ModelModule(torch.nn.Module):

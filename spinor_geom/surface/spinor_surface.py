@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import torch
 from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import Array, to_numpy
 from spinor_geom.surface import curvature
 from spinor_geom.surface.array_surface import ArraySurface, Points, anchors, integrate, require_complex_points
 from spinor_geom.surface.module import ModelModule, as_module
+from spinor_geom.torch_extra import torch
 
 
 class SpinorSurface(ArraySurface, torch.nn.Module):

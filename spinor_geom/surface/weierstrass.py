@@ -7,7 +7,6 @@ odd order of f, r has a branch point that is not removable.
 from typing import cast
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float, Inexact
 
 from spinor_geom.arrays import Array, namespace, to_numpy
@@ -18,6 +17,7 @@ from spinor_geom.holomorphic.model import HolomorphicModel
 from spinor_geom.holomorphic.zeros import find_zeros
 from spinor_geom.surface.branch import BranchPoint, with_invariants
 from spinor_geom.surface.module import as_module
+from spinor_geom.torch_extra import torch
 
 _ORDER = 32  # quadrature nodes on each ray
 

@@ -6,10 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Complex, Float
 from scipy.linalg import circulant
-from torch import Tensor
 
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain, panel_breaks
 from spinor_geom.domain.quadrature import Panels, Rule
@@ -20,6 +18,7 @@ from spinor_geom.plateau.network.discretisation import projected
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import weierstrass_phi
+from spinor_geom.torch_extra import Tensor, torch
 
 _PANEL_ORDER = 4  # fewest Gauss-Legendre nodes on a panel of an ∂Ω with corners
 _CONSTANT_STEPS = 5  # alternations between the constant of r and the nearest points of Γ

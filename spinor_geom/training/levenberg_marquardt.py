@@ -14,9 +14,7 @@ from functools import cached_property, partial
 from typing import ClassVar, Literal, TypeVar
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Complex, Float, Inexact
-from torch import Tensor
 
 from spinor_geom.arrays import Place
 from spinor_geom.deadline import is_out_of_time
@@ -32,6 +30,7 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.torch_extra import Tensor, torch
 from spinor_geom.training.boundary import BoundaryNodes, MatchedBoundary, as_boundary_curve, diagonal_of, move_to
 from spinor_geom.training.trained import Trained, TrainingStep
 

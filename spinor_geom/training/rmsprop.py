@@ -13,10 +13,8 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from scipy.spatial import cKDTree
-from torch import Tensor
 
 from spinor_geom.arrays import Place
 from spinor_geom.deadline import is_out_of_time
@@ -33,6 +31,7 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
+from spinor_geom.torch_extra import Tensor, torch
 from spinor_geom.training.boundary import FORMS, RayBoundary, as_boundary_curve, diagonal_of, move_to
 from spinor_geom.training.trained import Status, Trained, TrainingStep
 

@@ -6,6 +6,7 @@ import torch
 
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.gallery import catenoid, helicoid, polynomial
+from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.curvature import mean_curvature
 from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -43,7 +44,7 @@ def test_sphere_has_curvature_towards_its_inner_normal():
 @pytest.mark.filterwarnings("ignore:.*torch.jit.script:DeprecationWarning")
 def test_forms_by_formula_equal_those_by_autodiff_of_the_position():
     known = polynomial([1, 0.3j, 0.2], [0.1, 1, -0.4j, 0.2])
-    surface = known.surface.requires_grad_(False)
+    surface = SpinorSurface.of(known.surface).requires_grad_(False)
     z = torch.from_numpy(points(surface.domain, 150))
     first, second, normal = fundamental_forms(surface.position, z)
     scale = surface.conformal_factor(z).square()[:, None, None]
@@ -52,6 +53,19 @@ def test_forms_by_formula_equal_those_by_autodiff_of_the_position():
     np.testing.assert_allclose(normal, surface.normal(z), atol=1e-13)
     gauss = torch.linalg.det(second) / torch.linalg.det(first)
     np.testing.assert_allclose(gauss, surface.gauss_curvature(z), atol=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:.*torch.jit.script:DeprecationWarning")
+def test_mean_curvature_by_formula_is_that_by_autodiff_where_the_rule_is_coarse():
+    known = polynomial([1, 0.3j, 0.2], [0.1, 1, -0.4j, 0.2])
+    for rule, order, tolerance in (("trapezoid", 16, 0.05), ("simpson", 4, 0.05)):
+        exact = known.surface
+        surface = ArraySurface(exact.model, exact.domain, exact.constant, quadrature=rule, order=order)
+        z = points(surface.domain, 150)
+        mean, by_autodiff = surface.mean_curvature(z), SpinorSurface.of(surface).mean_curvature(z)
+        assert np.abs(by_autodiff).max() > 1e-8  # errors of the rule, not of rounding
+        # the second derivatives have errors of the rule too
+        np.testing.assert_allclose(mean, by_autodiff, atol=tolerance * np.abs(by_autodiff).max())
 
 
 def test_exact_surfaces_have_no_mean_curvature():

@@ -8,12 +8,13 @@ from scipy.spatial.transform import Rotation
 from spinor_geom.errors import OptionError
 from spinor_geom.gallery import enneper
 from spinor_geom.surface import formulas, frames
+from spinor_geom.surface.spinor_surface import SpinorSurface
 
 
 def rim_frames(known, n):
     """Exact z, tangent, normal, direction and scale on the circle |z| = 1."""
     z = torch.from_numpy(np.exp(2j * np.pi * np.arange(n) / n))
-    surface = known.surface.requires_grad_(False)
+    surface = SpinorSurface.of(known.surface).requires_grad_(False)
     p, q = surface.spinors(z).unbind(-1)
     tangent = (formulas.phi(p, q) * (1j * z)[:, None]).real
     return p, q, tangent, surface.normal(z), 1j * z, surface.conformal_factor(z)

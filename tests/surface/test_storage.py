@@ -50,8 +50,8 @@ def interpolant_surface():
 
 
 SURFACES = {
-    "series": lambda: enneper(0.8).surface.associate(0.3).transform(scale=0.1),
-    "series, spline domain": lambda: catenoid(0.5).surface,
+    "series": lambda: SpinorSurface.of(enneper(0.8).surface).associate(0.3).transform(scale=0.1),
+    "series, spline domain": lambda: SpinorSurface.of(catenoid(0.5).surface),
     "cauchy": cauchy_surface,
     "cauchy-interpolant, Fourier domain": interpolant_surface,
     "mlp": lambda: SpinorSurface(ComplexMLP(generator=torch.Generator().manual_seed(0)), PlaneDomain.disk()),

@@ -15,6 +15,7 @@ from jaxtyping import Complex, Float, Int
 from spinor_geom.arrays import (
     Array,
     add_to_diagonal,
+    as_dtype,
     cholesky,
     cholesky_solve,
     complex_of,
@@ -64,7 +65,7 @@ class PointEquations:
         """The equations with their factor; `before` has the path that ends where each one starts, by default none."""
         n, xp = by_p.shape[1], namespace(by_p)
         rows, is_single = xp.concat([by_p, by_q], axis=1), n > _MANY
-        matrix = _gram_of_integrals(xp.astype(rows, xp.complex64) if is_single else rows)
+        matrix = _gram_of_integrals(as_dtype(rows, xp.complex64) if is_single else rows)
         own = np.arange(3 * n)
         mean = float(matrix[own, own].mean())
         damping = _DAMPING * mean
@@ -138,9 +139,8 @@ class PointEquations:
 
     def _approximate(self, right: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
         """The solution with the factor, in its precision."""
-        xp = namespace(right)
-        column = xp.astype(right.reshape(-1, 1), self.factor.dtype)
-        return xp.astype(cholesky_solve(self.factor, column).reshape(3, -1), right.dtype)
+        column = as_dtype(right.reshape(-1, 1), self.factor.dtype)
+        return as_dtype(cholesky_solve(self.factor, column).reshape(3, -1), right.dtype)
 
 
 def _gram_of_integrals(rows: Complex[Array, "k n2"]) -> Float[Array, "n3 n3"]:

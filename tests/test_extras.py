@@ -1,0 +1,156 @@
+"""What works without torch and pymeshlab, what says that they are missing, and where the package can be installed."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from importlib.metadata import requires
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+WITHOUT = """
+import sys
+
+class Without:
+    def __init__(self, finder):
+        self.finder = finder
+
+    def __getattr__(self, name):
+        return getattr(self.finder, name)
+
+    def find_spec(self, name, *where):
+        return None if name.partition(".")[0] in ("torch", "pymeshlab") else self.finder.find_spec(name, *where)
+
+sys.meta_path[:] = map(Without, sys.meta_path)
+import numpy as np
+import spinor_geom
+from spinor_geom import gallery
+"""
+DONE = "\nprint('DONE')\n"
+
+
+def run_without(program: str, place: Path) -> subprocess.CompletedProcess[str]:
+    """Runs a program where torch and pymeshlab cannot be found."""
+    command = [sys.executable, "-c", WITHOUT + program + DONE]
+    return subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=600)
+
+
+@pytest.mark.parametrize(
+    "program",
+    {
+        "fill, report, mesh files": f"""
+for continuity in ("C0", "C1"):
+    mesh = "{ROOT}/data/demosthenes_low_res.obj"
+    filled, report = spinor_geom.fill_hole(mesh, continuity=continuity, return_report=True)
+spinor_geom.report(report, "report.html")
+filled.write("filled.ply")
+assert report.complete
+""",
+        "solve, evaluate, save, compare, NURBS": """
+curve = gallery.twisted_circle()
+solution = spinor_geom.solve_plateau(curve.sample(64))
+surface, z = solution.array_surface, np.array([0.1, 0.2j])
+assert abs(surface.mean_curvature(z)).max() < 1e-9 and solution.stability.verdict == "stable"
+surface.save("surface.safetensors")
+assert (spinor_geom.ArraySurface.load("surface.safetensors").position(z) == surface.position(z)).all()
+assert spinor_geom.compare(solution).to_dict() and solution.to_nurbs().converged
+assert np.shape(solution.area_gradient[0]) == (64, 3)
+""",
+        "every route and the gallery": """
+for model in ("auto", "cauchy", "series"):
+    assert spinor_geom.solve_plateau(gallery.ellipse(1.5, 0.2).sample(48), model=model).converged
+for make in gallery.SURFACES.values():
+    make()
+t = 2 * np.pi * np.arange(48) / 48
+rings = [np.column_stack([np.cos(t), np.sin(t), z + 0 * t]) for z in (0.0, 0.8)]
+assert spinor_geom.solve_plateau(rings).converged
+assert spinor_geom.solve_plateau(gallery.l_shape(0.5).sample(32)).array_surface.area() > 3
+(one,) = spinor_geom.solve_plateau_batch([gallery.tennis_seam().sample(64)])
+assert one.converged
+""",
+    }.items(),
+    ids=lambda named: named[0],
+)
+def test_it_works_without_torch(program: tuple[str, str], tmp_path: Path) -> None:
+    done = run_without(program[1], tmp_path)
+    assert done.stdout.endswith("DONE\n"), done.stderr
+
+
+@pytest.mark.slow
+def test_the_readme_works_without_torch(tmp_path: Path) -> None:
+    (tmp_path / "data").symlink_to(ROOT / "data")
+    (tmp_path / "out").mkdir()
+    blocks = re.findall(r"^```python\n(.*?)^```$", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+    done = run_without("".join(blocks), tmp_path)
+    assert done.stdout.endswith("DONE\n"), done.stderr
+
+
+def test_what_is_missing_is_one_sentence_with_its_extra(tmp_path: Path) -> None:
+    program = """
+from spinor_geom.errors import MissingPackageError
+
+square = [[0, 0, 0], [1, 0, 0.1], [1, 1, 0], [0, 1, 0.1]]
+loop = spinor_geom.BoundaryLoop.from_points(square)
+solution = spinor_geom.solve_plateau(loop)
+uses = {
+    "torch": [
+        lambda: solution.surface,
+        lambda: spinor_geom.solve_plateau(loop, model="mlp"),
+        lambda: spinor_geom.solve_plateau(loop, device="cuda"),
+        lambda: spinor_geom.mesh_patch(solution).to_torch(),
+        *(lambda name=name: getattr(spinor_geom, name) for name in ("ComplexMLP", "SpinorSurface", "minimal_area")),
+        lambda: __import__("spinor_geom.training"),
+    ],
+    "meshlab": [lambda: spinor_geom.discrete_minimal_surface(loop, method="pymeshlab")],
+}
+for extra, calls in uses.items():
+    for call in calls:
+        try:
+            call()
+        except MissingPackageError as error:
+            print(str(error).endswith(f"pip install '.[{extra}]'"))
+"""
+    done = run_without(program, tmp_path)
+    assert done.stdout == 9 * "True\n" + "DONE\n", done.stderr
+
+
+PLATFORMS = {
+    "linux": ["manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64", "manylinux2014_x86_64"],
+    "macos": ["macosx_14_0_arm64"],
+    "windows": ["win_amd64"],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("platform", PLATFORMS.values(), ids=PLATFORMS)
+@pytest.mark.parametrize("version", ["3.10", "3.11", "3.12", "3.13", "3.14", "3.15"])
+def test_there_are_wheels_of_all_that_is_required(version: str, platform: list[str], tmp_path: Path) -> None:
+    pip = [sys.executable, "-m", "pip"]
+    if (
+        int(
+            subprocess.run([*pip, "--version"], capture_output=True, text=True, check=True)
+            .stdout.split()[1]
+            .split(".")[0]
+        )
+        < 24
+    ):
+        pytest.skip("this pip resolves for its own version of Python only")
+    if subprocess.run([*pip, "download", "--no-deps", "-d", tmp_path, "threadpoolctl"], capture_output=True).returncode:
+        pytest.skip("pip reaches no package index")
+    required = [line for line in requires("spinor-geom") or () if "extra ==" not in line]
+    options = [
+        "--dry-run",
+        "--ignore-installed",
+        "--only-binary=:all:",
+        "--target",
+        tmp_path,
+        "--python-version",
+        version,
+    ]
+    options += [word for tag in platform for word in ("--platform", tag)]
+    done = subprocess.run([*pip, "install", *options, *required], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert not re.search(r"Would install.* (torch|pymeshlab|nvidia)", done.stdout)
