@@ -1,11 +1,10 @@
-"""What works without torch and pymeshlab, what says that they are missing, and where the package can be installed."""
+"""What works without torch and pymeshlab, and what says that they are missing."""
 
 from __future__ import annotations
 
 import re
 import subprocess
 import sys
-from importlib.metadata import requires
 from pathlib import Path
 
 import pytest
@@ -115,42 +114,3 @@ for extra, calls in uses.items():
 """
     done = run_without(program, tmp_path)
     assert done.stdout == 9 * "True\n" + "DONE\n", done.stderr
-
-
-PLATFORMS = {
-    "linux": ["manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64", "manylinux2014_x86_64"],
-    "macos": ["macosx_14_0_arm64"],
-    "windows": ["win_amd64"],
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("platform", PLATFORMS.values(), ids=PLATFORMS)
-@pytest.mark.parametrize("version", ["3.10", "3.11", "3.12", "3.13", "3.14", "3.15"])
-def test_there_are_wheels_of_all_that_is_required(version: str, platform: list[str], tmp_path: Path) -> None:
-    pip = [sys.executable, "-m", "pip"]
-    if (
-        int(
-            subprocess.run([*pip, "--version"], capture_output=True, text=True, check=True)
-            .stdout.split()[1]
-            .split(".")[0]
-        )
-        < 24
-    ):
-        pytest.skip("this pip resolves for its own version of Python only")
-    if subprocess.run([*pip, "download", "--no-deps", "-d", tmp_path, "threadpoolctl"], capture_output=True).returncode:
-        pytest.skip("pip reaches no package index")
-    required = [line for line in requires("spinor-geom") or () if "extra ==" not in line]
-    options = [
-        "--dry-run",
-        "--ignore-installed",
-        "--only-binary=:all:",
-        "--target",
-        tmp_path,
-        "--python-version",
-        version,
-    ]
-    options += [word for tag in platform for word in ("--platform", tag)]
-    done = subprocess.run([*pip, "install", *options, *required], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert not re.search(r"Would install.* (torch|pymeshlab|nvidia)", done.stdout)
