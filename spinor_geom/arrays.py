@@ -143,7 +143,7 @@ def median(values: Float[np.ndarray, "*any n"]) -> Float[np.ndarray, "*any"]:
 
 def unit(v: Float[Array, "*any k"]) -> Float[Array, "*any k"]:
     """Rows divided by their lengths; a zero row stays 0."""
-    return v / namespace(v).clip(norm(v), min=TINY**0.5)[..., None]
+    return v / namespace(v).clip(norm(v), TINY**0.5, None)[..., None]
 
 
 def modulo_one(s: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:

@@ -13,6 +13,8 @@ ROOT = Path(__file__).parents[1]
 WITHOUT = """
 import sys
 
+MISSING = {missing}
+
 class Without:
     def __init__(self, finder):
         self.finder = finder
@@ -21,7 +23,7 @@ class Without:
         return getattr(self.finder, name)
 
     def find_spec(self, name, *where):
-        return None if name.partition(".")[0] in ("torch", "pymeshlab") else self.finder.find_spec(name, *where)
+        return None if name.partition(".")[0] in MISSING else self.finder.find_spec(name, *where)
 
 sys.meta_path[:] = map(Without, sys.meta_path)
 import numpy as np
@@ -31,9 +33,11 @@ from spinor_geom import gallery
 DONE = "\nprint('DONE')\n"
 
 
-def run_without(program: str, place: Path) -> subprocess.CompletedProcess[str]:
-    """Runs a program where torch and pymeshlab cannot be found."""
-    command = [sys.executable, "-c", WITHOUT + program + DONE]
+def run_without(
+    program: str, place: Path, *, missing: tuple[str, ...] = ("torch", "pymeshlab")
+) -> subprocess.CompletedProcess[str]:
+    """Runs a program where some packages cannot be found."""
+    command = [sys.executable, "-c", WITHOUT.replace("{missing}", repr(missing)) + program + DONE]
     return subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=600)
 
 
@@ -94,6 +98,8 @@ from spinor_geom.errors import MissingPackageError
 square = [[0, 0, 0], [1, 0, 0.1], [1, 1, 0], [0, 1, 0.1]]
 loop = spinor_geom.BoundaryLoop.from_points(square)
 solution = spinor_geom.solve_plateau(loop)
+box = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)]), np.array([[0, 2, 1], [1, 2, 3]])
+_, report = spinor_geom.fill_hole(box, return_report=True)
 uses = {
     "torch": [
         lambda: solution.surface,
@@ -104,6 +110,7 @@ uses = {
         lambda: __import__("spinor_geom.training"),
     ],
     "meshlab": [lambda: spinor_geom.discrete_minimal_surface(loop, method="pymeshlab")],
+    "render": [lambda: spinor_geom.report(report)],
 }
 for extra, calls in uses.items():
     for call in calls:
@@ -112,5 +119,5 @@ for extra, calls in uses.items():
         except MissingPackageError as error:
             print(str(error).endswith(f"pip install '.[{extra}]'"))
 """
-    done = run_without(program, tmp_path)
-    assert done.stdout == 9 * "True\n" + "DONE\n", done.stderr
+    done = run_without(program, tmp_path, missing=("torch", "pymeshlab", "matplotlib"))
+    assert done.stdout == 10 * "True\n" + "DONE\n", done.stderr

@@ -82,10 +82,10 @@ class CircularDomain:
         c, r, xp = self.centres, self.radii, self._xp
         far = abs(c[:, None] - c)
         gaps = place_of(r).put(np.zeros((self.rims, self.rims)))
-        gaps[1:, 1:] = r / xp.clip(far - r[:, None], min=TINY)
+        gaps[1:, 1:] = r / xp.clip(far - r[:, None], TINY, None)
         gaps[1:, 1:][far <= r[:, None]] = math.inf
         gaps[1:, 0] = abs(c) + r
-        gaps[0, 1:] = r / xp.clip(1 - abs(c), min=TINY)
+        gaps[0, 1:] = r / xp.clip(1 - abs(c), TINY, None)
         own = xp.arange(self.rims)
         gaps[own, own] = 0.0
         return gaps

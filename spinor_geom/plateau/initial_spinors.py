@@ -49,7 +49,8 @@ def lifted_spinors(
     face, beside = order[shared] // 3, order[shared + 1] // 3
     difference = 1 - np.abs((inner[face].conj() * inner[beside]).sum(axis=1).real / 2)
     difference[~np.isfinite(difference)] = 1.0
-    graph = csr_array((difference, (face, beside)), shape=(len(faces), len(faces)))
+    pairs = face.astype(np.int32), beside.astype(np.int32)  # scipy 1.15 takes no others for a spanning tree
+    graph = csr_array((difference, pairs), shape=(len(faces), len(faces)))
     _, before = breadth_first_order(minimum_spanning_tree(graph), 0, directed=False)
     before[0] = 0
     sign = np.where((inner.conj() * inner[before]).sum(axis=1).real < 0, -1.0, 1.0)

@@ -187,7 +187,7 @@ def _on_skipped(
     chord = (end - start)[:, None]
     offset = point.reshape(len(over), SAMPLES_PER_PIECE, 3) - start[:, None]
     # the chord may have length 0
-    along = (offset * chord).sum(-1) / xp.clip(square(chord).sum(-1), min=TINY)
+    along = (offset * chord).sum(-1) / xp.clip(square(chord).sum(-1), TINY, None)
     missed = norm(offset - xp.clip(along, 0, 1)[..., None] * chord)
     arcs = step[:, None] / SAMPLES_PER_PIECE * norm(tangent).reshape(len(over), SAMPLES_PER_PIECE)
     return parameters, missed.reshape(-1), arcs.reshape(-1)

@@ -130,7 +130,7 @@ def stationary(
         recent = xp.concat([recent[:, 1:], size[:, None]], axis=1)
         recent[damping != 0] = np.inf
         # rough loops take many steps; Newton's equations of the first ones are solved less accurately
-        forcing = xp.clip(xp.where(falls > 0, xp.sqrt(size), size), max=0.1)
+        forcing = xp.clip(xp.where(falls > 0, xp.sqrt(size), size), None, 0.1)
         direction, downwards = here.direction(None if saddles else damping, forcing)
         here, lengths = (
             _full_step(here, direction) if saddles else _line_search(here, direction, xp.max(energies, axis=-1))
@@ -143,7 +143,7 @@ def stationary(
         less = xp.where(damping > _LEAST_DAMPING, damping / _MORE_DAMPING, 0.0)
         damping = xp.where(
             ~moved | downwards,
-            xp.clip(xp.maximum(_MORE_DAMPING * damping, more), max=1.0),
+            xp.clip(xp.maximum(_MORE_DAMPING * damping, more), None, 1.0),
             xp.where(lengths == 1, less, damping),
         )
     return found
@@ -197,7 +197,7 @@ def factored(
             return cholesky_solve(factor, -gradient.mT).mT, tried > damping
         if float(tried[0]) > 1 / ROUNDING:
             return xp.full_like(gradient, np.nan), tried > damping
-        tried = xp.clip(_MORE_DAMPING * tried, min=10 * _LEAST_DAMPING)
+        tried = xp.clip(_MORE_DAMPING * tried, 10 * _LEAST_DAMPING, None)
 
 
 def _full_step(here: E, direction: Float[Array, "b k"]) -> tuple[E, Float[Array, " b"]]:

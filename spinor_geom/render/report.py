@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Complex
-from matplotlib.image import imsave
 from scipy.spatial import cKDTree
 
 from spinor_geom.adapters import MeshFile
 from spinor_geom.comparison import Comparison
-from spinor_geom.errors import require_type
+from spinor_geom.errors import require, require_type
 from spinor_geom.files import write_text
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -67,6 +66,7 @@ def report(
         OSError: the file cannot be written.
     """
     require_type(result, FillResult, function="report", takes="the FillResult of fill_hole(mesh, return_report=True)")
+    require("matplotlib", extra="render")
     exact = [outcome for outcome in result.loops if outcome.kind == "minimal" and outcome.patch is not None]
     details = [loop_views(outcome) for outcome in exact[:MOST_LOOPS]]
     views = Views()
@@ -262,6 +262,8 @@ def _flat(figures: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]
 
 def _png(values: Complex[np.ndarray, "h w"], middle: float) -> bytes:
     """A PNG of a function on a raster, first row at the bottom; `middle` is the modulus of middle lightness."""
+    from matplotlib.image import imsave
+
     infinite = np.isinf(np.abs(values))
     scaled = np.where(infinite, np.inf, np.where(infinite, 0, values) / middle)
     pixels = np.concatenate([domain_colours(scaled), ~np.isnan(scaled)[..., None]], axis=-1)

@@ -229,7 +229,7 @@ _SCALARS, _VECTORS = ("slide", "bend", "energy"), ("points", "tangent", "normal"
 
 def reflected(bends: Float[Array, "b n"], damping: Float[Array, " #b"] | None) -> Float[Array, "b n"]:
     """Γ″·ΛX with its negative values changed by damping: they become 0 for damping ½, and change sign for damping 1."""
-    return bends if damping is None else bends + 2 * damping[:, None] * namespace(bends).clip(-bends, min=0)
+    return bends if damping is None else bends + 2 * damping[:, None] * namespace(bends).clip(-bends, 0, None)
 
 
 def smoothed(u: Float[Array, "*batch n"]) -> Float[Array, "*batch n"]:
@@ -265,7 +265,7 @@ def _orthonormal(rows: Float[Array, "b 3 n"]) -> Float[Array, "b 3 n"]:
 def slid(slide: Float[Array, "b n"], direction: Float[Array, "b n"], length: float) -> Float[Array, "b n"]:
     """Slides after a step along a direction; the step scales the increments, which stay positive."""
     xp, increments = namespace(slide), closed_steps(slide)
-    change = length * (shifted(direction, -1) - direction) / xp.clip(increments, min=1e-300)
+    change = length * (shifted(direction, -1) - direction) / xp.clip(increments, 1e-300, None)
     # positive, and 1 + change up to third order
     factor = xp.where(change < 0, 1 / (1 - change + change**2), 1 + change)
     scaled = increments * factor

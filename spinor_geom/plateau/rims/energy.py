@@ -176,7 +176,7 @@ class HarmonicSurface:
         if self.count > DENSE:
             return conjugate_gradients(self.hessian(damping), self.gradient, self.precondition, forcing)
         xp = namespace(self.slides)
-        metric = xp.concat([2 * xp.clip(-self.bends, min=0).reshape(-1), self._scales])
+        metric = xp.concat([2 * xp.clip(-self.bends, 0, None).reshape(-1), self._scales])
         return factored(self.matrix(), metric, self.gradient, damping)
 
     @cached_property

@@ -70,8 +70,8 @@ class OnRim:
         share = place_of(spinors).put(rule("gauss", self.sign.shape[1]).nodes)[:, None]
         edge, xp = shares(self.polygon)[:, None, None], namespace(spinors)
         before, after = shifted(spinors, 1, axis=0)[:, None], shifted(spinors, -1, axis=0)[:, None]
-        back = xp.clip(0.5 - share, min=0) * edge * 2 / (edge + shifted(edge, 1, axis=0))
-        ahead = xp.clip(share - 0.5, min=0) * edge * 2 / (edge + shifted(edge, -1, axis=0))
+        back = xp.clip(0.5 - share, 0, None) * edge * 2 / (edge + shifted(edge, 1, axis=0))
+        ahead = xp.clip(share - 0.5, 0, None) * edge * 2 / (edge + shifted(edge, -1, axis=0))
         return self.nearest((1 - back - ahead) * spinors[:, None] + back * before + ahead * after)
 
     def values(self, raw: Complex[Array, "k 2"]) -> Complex[Array, "n g 2"]:
