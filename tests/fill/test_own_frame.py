@@ -39,11 +39,13 @@ def test_the_same_hole_gets_the_same_patch(name: str, continuity: Literal["C0", 
     outcome, area = filled(mesh, continuity)
     # films are computed to rounding, relaxations and continuations stop at a tolerance
     allowed = {"minimal": 1e-6, "discrete": 1e-2, "smooth": 1e-3}[str(outcome.kind)]
+    # so does the search for a mesh of the film without intersections
+    allowed_of_mesh = max(allowed, 1e-3 if outcome.displacement else 0)
     for scale, copy in copies(mesh, rng):
         found, found_area = filled(copy, continuity)
         assert found.kind == outcome.kind
         assert found.converged == outcome.converged
-        assert found_area / scale**2 == pytest.approx(area, rel=allowed)
+        assert found_area / scale**2 == pytest.approx(area, rel=allowed_of_mesh)
         assert found.area / scale**2 == pytest.approx(outcome.area, rel=allowed)
 
 
