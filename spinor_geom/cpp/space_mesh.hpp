@@ -105,7 +105,7 @@ public:
         }
     }
 
-    // Collapses inner edges that are too short, unless that makes an angle too small or an edge too long.
+    // Collapses inner edges that are too short, or opposite to a thin angle, unless that makes an angle too small or an edge too long.
     void collapse() {
         struct Short {
             double length;
@@ -124,7 +124,8 @@ public:
                     least[a] = std::min(least[a], angle);
                     if (a > b || across(t, k) < 0 || b < fixed_) continue;
                     const double relative = relative_length(a, b);
-                    if (relative < kShortest && !refused.count({a, b})) found.push_back({relative, t, k});
+                    const bool is_needle = is_base_of_thin(t, k) || is_base_of_thin(across(t, k), side_of(t, k));
+                    if ((relative < kShortest || is_needle) && !refused.count({a, b})) found.push_back({relative, t, k});
                 }
             }
             std::sort(found.begin(), found.end(), [](const Short& a, const Short& b) { return a.length < b.length; });
@@ -344,6 +345,11 @@ private:
         return beside < kThin && opposite > 2 * kThin;
     }
 
+    // Whether an edge is opposite to an angle that is too small.
+    bool is_base_of_thin(int t, int k) const {
+        return angle_at(x_[vertex(t, k + 2)], x_[vertex(t, k)], x_[vertex(t, k + 1)]) < kThin;
+    }
+
     // Area-weighted unit normals of the vertices.
     std::vector<Point3> vertex_normals() const {
         std::vector<Point3> sums(x_.size(), kOrigin<Point3>);
@@ -412,7 +418,9 @@ private:
                 const int u = vertex(s, i + 1), v = vertex(s, i + 2);
                 // with a third common neighbour two faces would have the same vertices
                 if (around == &around_b && u != c && u != d && has_edge(a, u)) return false;
-                if (length(x_[u] - p) > 0.5 * kLongest * (wanted + wanted_[u])) return false;
+                // an edge from a kept vertex to a common neighbour has its length before as well
+                const bool is_there = a < fixed_ && (u == c || u == d);
+                if (!is_there && length(x_[u] - p) > 0.5 * kLongest * (wanted + wanted_[u])) return false;
                 if (is_turned(normal_of(s), normal(p, x_[u], x_[v])) || smallest_angle(p, x_[u], x_[v]) < enough) return false;
             }
         return true;

@@ -172,6 +172,24 @@ def test_a_short_edge_of_the_rim_beside_a_long_one_leaves_no_small_angle() -> No
     assert smallest_angle(remesh(patch, EdgeLengths(0.5), NONE)) > 10
 
 
+# a point near its base, between short edges of the rim; and one that is far from it, for those edges
+@pytest.mark.parametrize(("inner", "below"), [(0.12 + 0.05j, 0.1), (0.125 + 0.15j, 0.25)])
+def test_a_narrow_tooth_of_the_rim_is_not_divided(inner: complex, below: float) -> None:
+    # a tooth of 14°; its halves have 7°
+    points = np.array([-1j * below, 0.25 - 1j * below, 0.25, 0.1 + 1j, 0, inner])
+    faces = np.array([[k, (k + 1) % 5, 5] for k in range(5)])
+    tooth = Patch(
+        vertices=np.column_stack([points.real, points.imag, 0 * points.real]),
+        faces=faces,
+        boundary_size=5,
+        points=points,
+    )
+    assert smallest_angle(tooth) < 7.2
+    new = remesh(tooth, GRADED, NONE)
+    require_same_rims(new, tooth)
+    assert smallest_angle(new) == pytest.approx(14.24, abs=0.01)
+
+
 def test_taken_pairs_are_not_joined() -> None:
     square = over(np.array([0, 1, 1 + 1j, 1j]))
     chord = np.asarray(square.faces)
