@@ -124,8 +124,7 @@ public:
                     least[a] = std::min(least[a], angle);
                     if (a > b || across(t, k) < 0 || b < fixed_) continue;
                     const double relative = relative_length(a, b);
-                    const bool is_needle = is_base_of_thin(t, k) || is_base_of_thin(across(t, k), side_of(t, k));
-                    if ((relative < kShortest || is_needle) && !refused.count({a, b})) found.push_back({relative, t, k});
+                    if ((relative < kShortest || is_opposite_to_thin(t, k)) && !refused.count({a, b})) found.push_back({relative, t, k});
                 }
             }
             std::sort(found.begin(), found.end(), [](const Short& a, const Short& b) { return a.length < b.length; });
@@ -346,8 +345,9 @@ private:
     }
 
     // Whether an edge is opposite to an angle that is too small.
-    bool is_base_of_thin(int t, int k) const {
-        return angle_at(x_[vertex(t, k + 2)], x_[vertex(t, k)], x_[vertex(t, k + 1)]) < kThin;
+    bool is_opposite_to_thin(int t, int k) const {
+        const Point3 a = x_[vertex(t, k)], b = x_[vertex(t, k + 1)];
+        return std::min(angle_at(x_[vertex(t, k + 2)], a, b), angle_at(x_[opposite(across(t, k), t)], a, b)) < kThin;
     }
 
     // Area-weighted unit normals of the vertices.
@@ -407,9 +407,11 @@ private:
     // Where the ends of an edge meet when it is collapsed: at its midpoint, or at its kept vertex.
     Point3 meeting(int a, int b) const { return a < fixed_ ? x_[a] : 0.5 * (x_[a] + x_[b]); }
 
-    // Whether the triangles at an edge's ends a and b stay good if it is collapsed.
+    // Whether the triangles at an edge's ends a and b stay good if it is collapsed. Edges that get too long are halved
+    // later; only thin triangles are worth that.
     bool can_collapse(int t, int k, double enough, const Star& around_a, const Star& around_b) const {
         const int a = vertex(t, k), b = vertex(t, k + 1), other = across(t, k), c = vertex(t, k + 2), d = opposite(other, t);
+        const bool is_thin = is_opposite_to_thin(t, k);
         const Point3 p = meeting(a, b);
         const double wanted = a < fixed_ ? wanted_[a] : size_(p);
         for (const auto* around : {&around_b, &around_a})
@@ -418,9 +420,7 @@ private:
                 const int u = vertex(s, i + 1), v = vertex(s, i + 2);
                 // with a third common neighbour two faces would have the same vertices
                 if (around == &around_b && u != c && u != d && has_edge(a, u)) return false;
-                // an edge from a kept vertex to a common neighbour has its length before as well
-                const bool is_there = a < fixed_ && (u == c || u == d);
-                if (!is_there && length(x_[u] - p) > 0.5 * kLongest * (wanted + wanted_[u])) return false;
+                if (!is_thin && length(x_[u] - p) > 0.5 * kLongest * (wanted + wanted_[u])) return false;
                 if (is_turned(normal_of(s), normal(p, x_[u], x_[v])) || smallest_angle(p, x_[u], x_[v]) < enough) return false;
             }
         return true;

@@ -172,8 +172,8 @@ def test_a_short_edge_of_the_rim_beside_a_long_one_leaves_no_small_angle() -> No
     assert smallest_angle(remesh(patch, EdgeLengths(0.5), NONE)) > 10
 
 
-# a point near its base, between short edges of the rim; and one that is far from it, for those edges
-@pytest.mark.parametrize(("inner", "below"), [(0.12 + 0.05j, 0.1), (0.125 + 0.15j, 0.25)])
+@pytest.mark.parametrize("below", [0.06, 0.1, 0.15, 0.25])
+@pytest.mark.parametrize("inner", [0.12 + 0.05j, 0.125 + 0.15j, 0.125 - 0.03j])
 def test_a_narrow_tooth_of_the_rim_is_not_divided(inner: complex, below: float) -> None:
     # a tooth of 14°; its halves have 7°
     points = np.array([-1j * below, 0.25 - 1j * below, 0.25, 0.1 + 1j, 0, inner])
@@ -187,7 +187,7 @@ def test_a_narrow_tooth_of_the_rim_is_not_divided(inner: complex, below: float) 
     assert smallest_angle(tooth) < 7.2
     new = remesh(tooth, GRADED, NONE)
     require_same_rims(new, tooth)
-    assert smallest_angle(new) == pytest.approx(14.24, abs=0.01)
+    assert smallest_angle(new) > 13
 
 
 def test_taken_pairs_are_not_joined() -> None:
