@@ -7,6 +7,8 @@ from pathlib import Path
 
 import yaml
 
+from spinor_geom.version import RELEASE
+
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 
@@ -31,10 +33,22 @@ def test_hooks_are_what_ci_runs() -> None:
     assert [hook["entry"] for hook in repository["hooks"]] == ["ruff format", "ruff check --fix"]
 
 
-def test_the_citation_names_program_and_paper_and_leaves_the_version_to_the_package() -> None:
+def test_workflows_run_the_checks_and_build_the_wheels_that_are_configured_here() -> None:
+    workflows = {
+        path.stem: yaml.safe_load(path.read_text(encoding="utf-8")) for path in ROOT.glob(".github/workflows/*")
+    }
+    assert set(workflows) == {"checks", "wheels"}
+    for name, command in (("checks", "bash .ci/run"), ("wheels", "cibuildwheel")):
+        steps = workflows[name]["jobs"][name]["steps"]
+        assert any(command in step.get("run", "") for step in steps)
+        # the version names the commit after the last tag
+        assert steps[0]["with"]["fetch-depth"] == 0
+
+
+def test_the_citation_names_program_and_paper_and_the_next_release() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert {"cff-version", "message", "title", "authors"} <= set(citation)
-    assert "version" not in citation
+    assert citation["version"] == RELEASE
     paper = citation["preferred-citation"]
     assert [author["family-names"] for author in paper["authors"]] == ["Sun", "Chern"]
     for page in ("plateau.md", "spinors.md"):
