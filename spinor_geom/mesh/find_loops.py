@@ -216,16 +216,27 @@ class Sheets:
 
         Returns 2h for a half-edge h reached at its origin, 2h + 1 for one reached at its target.
         """
-        origin, target = self.half_edges.origin, self.half_edges.target
-        vertex = np.where(at_target, target[half_edge], origin[half_edge])
-        reached, turning = half_edge.copy(), np.arange(len(half_edge))
-        while len(turning):
-            here = reached[turning]
-            here = here - here % 3 + (here + np.where(target[here] == vertex[turning], 1, 2)) % 3
-            across = self.twin[here]
-            reached[turning] = np.where(across < 0, here, across)
-            turning = turning[across >= 0]
-        return np.asarray(2 * reached + (target[reached] == vertex))
+        origin, target, twin = self.half_edges.origin, self.half_edges.target, self.twin
+        is_end = referenced_vertices(origin[half_edge], vertices=int(origin.max(initial=-1)) + 1)
+        is_end[target[half_edge]] = True
+        # 2h and 2h + 1 are the two ends of half-edge h, here those at the vertices of the given ones
+        end = np.flatnonzero(np.stack([is_end[origin], is_end[target]], axis=1))
+        across = twin[end >> 1]
+        is_same = origin[across] == origin[end >> 1]
+        place = np.empty(2 * len(origin), dtype=np.int64)
+        place[end] = np.arange(len(end))
+        step = place[np.where(across < 0, end, _around_corner(2 * across + ((end & 1) == is_same)))]
+        reached = place[_around_corner(2 * half_edge + at_target)]
+        while (across[reached] >= 0).any():  # doubles the number of faces that are passed at once
+            reached, step = step[reached], step[step]
+        return np.asarray(end[reached])
+
+
+def _around_corner(end: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """From ends 2h or 2h + 1 of half-edges to those of the other edges at the same corners of their faces."""
+    half_edge, at_target = end >> 1, end & 1
+    other = half_edge - half_edge % 3 + (half_edge + 2 - at_target) % 3
+    return np.asarray(2 * other + 1 - at_target)
 
 
 def repeats_a_vertex(faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " f"]:
