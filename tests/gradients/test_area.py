@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -11,6 +13,7 @@ from spinor_geom import gallery, solve_plateau
 from spinor_geom.errors import NotDifferentiableError
 from spinor_geom.gradients import rim_nodes
 from spinor_geom.gradients.area import area_gradient
+from spinor_geom.gradients.rim_nodes import RimNodes
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.gradients.cases import (
     LINKED,
@@ -157,3 +160,12 @@ def test_polygon_of_corners_alone():
     (gradient,) = solve_plateau(BoundaryLoop.from_points(square, corners=range(4))).area_gradient
     # the shoelace formula
     assert gradient == pytest.approx(np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), abs=1e-12)
+
+
+def test_matched_places_may_be_equal_up_to_rounding():
+    solution = solved("network")
+    rim = solution.rims[0]
+    twice = np.insert(rim.matching, 2, np.nextafter(rim.matching[1], 1), axis=0)
+    expected = RimNodes.along(rim, solution.array_surface).places
+    found = RimNodes.along(replace(rim, matching=twice), solution.array_surface).places
+    np.testing.assert_allclose(found, expected, atol=1e-9)
