@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
-from spinor_geom.adapters.cad_edges import CadEdge, EdgeKind, boundary_edges
+from spinor_geom.adapters.cad_edges import CadEdge, EdgeKind, free_edges
 from spinor_geom.adapters.polygon_faces import chained
 from spinor_geom.errors import BranchingEdgesError, NoEdgesError, OpenWireError
+from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.mesh.joined_splines import JoinedSplines
 from spinor_geom.mesh.rational_splines import NurbsCurve
@@ -38,14 +39,14 @@ class CadCurve(ClosedCurve):
 
 
 def closed_curves(shapes: Sequence[Any]) -> list[CadCurve]:
-    """The closed curves that the `boundary_edges` of shapes form, in the order of their first edges.
+    """The closed curves that the `free_edges` of shapes form, in the order of their first edges.
 
     Ends of edges are joined if they are at most 1e-6 of the size of all edges apart, or within the tolerance of their
     vertices. Each curve has the direction of its first edge. Raises a NoEdgesError without such edges, an OpenWireError
     if an end meets no other one, a BranchingEdgesError if more than two meet, and a CurveError if the derivative of a
     spline is 0 at a point.
     """
-    kind, edges = boundary_edges(shapes)
+    kind, edges = free_edges(shapes)
     return [_joined(splines, kind, gap) for splines, gap in _loops(edges)]
 
 
@@ -57,7 +58,7 @@ def _joined(splines: Sequence[NurbsCurve], kind: EdgeKind, gap: float) -> CadCur
 def _loops(edges: Sequence[CadEdge]) -> Iterator[tuple[list[NurbsCurve], float]]:
     """The splines in order around each closed curve, with equal ends, and the largest gap between their ends."""
     poles = np.concatenate([edge.spline.control_points for edge in edges])
-    closing = CLOSING * float(np.linalg.norm(np.ptp(poles, axis=0)))
+    closing = CLOSING * float(diagonals(poles))
     edges = [edge for edge in edges if np.ptp(edge.spline.control_points, axis=0).max() > max(edge.tolerance, closing)]
     if not edges:
         raise NoEdgesError(what="only edges shorter than their tolerance")

@@ -24,7 +24,7 @@ class CadEdge:
     tolerance: float  # the largest of its vertices, in units of the model
 
 
-def boundary_edges(shapes: Sequence[Any]) -> tuple[EdgeKind, list[CadEdge]]:
+def free_edges(shapes: Sequence[Any]) -> tuple[EdgeKind, list[CadEdge]]:
     """The edges of `TopoDS_Shape`s that belong to no face, all of one degree; without any, the free boundary of faces.
 
     Edges of a free boundary have the direction of the boundary of a patch that continues the faces. Raises a

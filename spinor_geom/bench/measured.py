@@ -20,7 +20,7 @@ from spinor_geom.errors import SpinorGeomError
 from spinor_geom.experiments.boundary_distance import boundary_distance
 from spinor_geom.gallery.chart import Chart
 from spinor_geom.measures import discrete_mean_curvature, distances_to_mesh, mesh_samples, smallest_angles
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, diagonals
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
 from spinor_geom.mesh.operators import crossing_angles, face_areas, internal_angles
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
@@ -207,7 +207,7 @@ def _face_keys(faces: Int[np.ndarray, "f 3"], count: int) -> Int[np.ndarray, " f
 
 
 def _diagonal(hole: Hole) -> float:
-    return float(np.linalg.norm(np.ptp(hole.vertices, axis=0)))
+    return float(diagonals(hole.vertices))
 
 
 def _rms(values: Float[np.ndarray, " k"], weights: Float[np.ndarray, " k"] | None = None) -> float:

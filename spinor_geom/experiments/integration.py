@@ -13,6 +13,7 @@ from spinor_geom.experiments.experiment import Experiment, Outcome
 from spinor_geom.experiments.figures import disk_grid, log_log, over_disk, surfaces
 from spinor_geom.experiments.paper_surfaces import reconstructed
 from spinor_geom.gallery import catenoid
+from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.surface.curvature import mean_curvature_of_integrals
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.torch_extra import torch
@@ -120,7 +121,7 @@ def by_rule(surface: SpinorSurface, rule_name: RuleName, n: int) -> SpinorSurfac
 
 def surface_size(surface: SpinorSurface) -> float:
     """Diagonal of the bounding box of the boundary."""
-    return float(np.linalg.norm(np.ptp(surface.position(surface.domain.boundary.vertices), axis=0)))
+    return float(diagonals(surface.position(surface.domain.boundary.vertices)))
 
 
 def radial_mean_curvature(surface: SpinorSurface, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:

@@ -23,6 +23,7 @@ from spinor_geom.experiments.paper_surfaces import (
     solved_by_network,
 )
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
+from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -99,7 +100,7 @@ def _time_and_distance(
 ) -> dict[str, list[tuple[float, float]]]:
     """Seconds and largest distance from Γ, in diagonals, of every epoch of RMSprop and of solves by our methods."""
     gamma = BoundaryCurve.from_formula(curve)
-    diagonal = float(np.linalg.norm(np.ptp(gamma.coefficients[-1], axis=0)))
+    diagonal = float(diagonals(gamma.coefficients[-1]))
     edges = diagonal / float(np.linalg.norm(np.diff(gamma.coefficients[-1], axis=0), axis=1).mean())
 
     def timed(**options: Any) -> tuple[float, float]:
@@ -201,7 +202,7 @@ def fit_moebius(found: SpinorSurface, truth: SpinorSurface) -> MoebiusFit:
     parameters = least_squares(difference, [rough, 0.0, 0.0], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
     w, root = fit_of(parameters).reparametrised(z)
     f, f0 = spinors[:, 0] ** 2, (truth.spinors(w)[:, 0] * root) ** 2
-    diagonal = float(np.linalg.norm(np.ptp(truth.position(z[:_POINTS]), axis=0)))
+    diagonal = float(diagonals(truth.position(z[:_POINTS])))
     return replace(
         fit_of(parameters),
         residuals={

@@ -115,7 +115,7 @@ def _even_places(rim: RimMatch, boundary: FourierBoundary) -> Float[np.ndarray, 
 def _around(rim: RimMatch) -> Float[np.ndarray, "k 2"]:
     """Three periods of the matching, so that it is not extrapolated, without places that are equal up to rounding."""
     around = np.concatenate([rim.matching - 1, rim.matching, rim.matching + 1])
-    return around[np.append(True, np.diff(around[:, 0]) > 0)]
+    return np.asarray(around[np.append(True, np.diff(around[:, 0]) > 0)])
 
 
 def _breaks(rim: RimMatch) -> Float[np.ndarray, " b"]:

@@ -14,7 +14,7 @@ from scipy.sparse import coo_array
 from spinor_geom.arrays import EPS, cross, norm, shifted
 from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.mesh.array_checks import igl_arrays
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, diagonals
 from spinor_geom.mesh.near_edges import near_edges
 from spinor_geom.mesh.topology import HalfEdges
 
@@ -125,7 +125,7 @@ def crossings_between(points: Chain, others: Float[np.ndarray, "n 3"]) -> Pairs:
 
 def _meeting_edges(starts: Chain, ends: Chain, wanted: Callable[..., Bool[np.ndarray, " k"]]) -> tuple[Pairs, float]:
     """The wanted pairs i < j of edges that meet, and the tolerance in mesh units."""
-    tolerance = MEETING_PER_DIAGONAL * float(np.linalg.norm(np.ptp(starts, axis=0)))
+    tolerance = MEETING_PER_DIAGONAL * float(diagonals(starts))
     tolerance += 4 * EPS * float(np.abs(starts).max())
 
     def meet(i: Numbers, j: Numbers) -> Bool[np.ndarray, " k"]:

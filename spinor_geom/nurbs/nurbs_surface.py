@@ -14,6 +14,7 @@ from jaxtyping import Float
 from spinor_geom.adapters.cad_objects import cad_object
 from spinor_geom.adapters.open_cascade import Unit, require_cad_suffix, sewn_shell, write_shape
 from spinor_geom.errors import OptionError, require_positive
+from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.rational_splines import NurbsCurve, NurbsPatch, homogeneous
 from spinor_geom.nurbs.blocks import Blocks
 from spinor_geom.nurbs.polynomial_disk import QUADS, PolynomialDisk
@@ -109,7 +110,7 @@ class NurbsSurface:
                 "solve_plateau(curve).to_nurbs() approximates the surface over its boundary curve"
             )
         rim = surface.position(surface.domain.boundary.point(np.arange(_AROUND) / _AROUND))
-        return _exact(disk, float(np.linalg.norm(np.ptp(rim, axis=0))), 0.0, _ROUNDING)
+        return _exact(disk, float(diagonals(rim)), 0.0, _ROUNDING)
 
     @property
     def size(self) -> int:

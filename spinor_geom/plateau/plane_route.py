@@ -11,7 +11,7 @@ from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.domain.polygons import bound_domain
 from spinor_geom.errors import DomainError
 from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, Plane
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, Plane, diagonals
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.intersections import MEETING_PER_DIAGONAL
 from spinor_geom.plateau.curve_tensors import CurveTensors, normals_of
@@ -31,7 +31,7 @@ def lie_in_plane(loops: Sequence[BoundaryLoop], *, allowed: float) -> bool:
     diagonal, away = first.diagonal, [first.height]
     if others:
         plane = first.plane
-        diagonal = float(np.linalg.norm(np.ptp(np.concatenate([loop.points for loop in loops]), axis=0)))
+        diagonal = float(diagonals(np.concatenate([loop.points for loop in loops])))
         away += [np.sqrt(np.mean(((loop.points - plane.centroid) @ plane.normal) ** 2)) for loop in others]
     return bool(max(away) <= max(MEETING_PER_DIAGONAL, min(np.finfo(np.float32).epsneg, allowed)) * diagonal)
 

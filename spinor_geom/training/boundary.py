@@ -12,6 +12,7 @@ from scipy.linalg import circulant
 from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain, panel_breaks
 from spinor_geom.domain.quadrature import Panels, Rule
 from spinor_geom.holomorphic.mlp import ComplexMLP
+from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.network.discretisation import projected
@@ -32,7 +33,7 @@ def as_boundary_curve(curve: BoundaryCurve | ClosedCurve) -> BoundaryCurve:
 
 def diagonal_of(curve: BoundaryCurve) -> float:
     """Diagonal of a curve's bounding box."""
-    return float(np.linalg.norm(np.ptp(curve.point(np.arange(_POINTS) / _POINTS), axis=0)))
+    return float(diagonals(curve.point(np.arange(_POINTS) / _POINTS)))
 
 
 @dataclass(frozen=True, eq=False)
