@@ -141,8 +141,6 @@ def tangent_of(function, z):
         return forward_ad.unpack_dual(function(forward_ad.make_dual(z, torch.ones_like(z)))).tangent
 
 
-# torch compiles some rules of forward mode on first use, by a function that it has itself deprecated
-@pytest.mark.filterwarnings("ignore:.*torch.jit.script:DeprecationWarning")
 @pytest.mark.parametrize("transform", TRANSFORMS.values(), ids=TRANSFORMS.keys())
 def test_values_at_many_points_can_be_transformed(transform):
     model, points = model_and_points()

@@ -102,8 +102,6 @@ def test_points_in_single_precision_are_answered_in_it():
         torch.testing.assert_close(single.to(torch.complex128), network.value(z), rtol=0, atol=1e-5)
 
 
-# torch compiles some rules of forward mode on first use, by a function that it has itself deprecated
-@pytest.mark.filterwarnings("ignore:.*torch.jit.script:DeprecationWarning")
 def test_linearisation_is_that_of_the_parameters():
     network = ComplexMLP(depth=3, width=5, generator=seeded())
     z = inner_points(7)

@@ -169,8 +169,6 @@ def test_parameters_are_trainable(model):
         assert 0 < parameter.grad.abs().max() < np.inf
 
 
-# torch compiles some rules of forward mode on first use, by a function that it has itself deprecated
-@pytest.mark.filterwarnings("ignore:.*torch.jit.script:DeprecationWarning")
 @every_model
 def test_transforms_of_torch_agree(model):
     z = inner_points(8)

@@ -1,7 +1,6 @@
 """Curvature by automatic differentiation of positions."""
 
 import numpy as np
-import pytest
 import torch
 
 from spinor_geom.domain import PlaneDomain
@@ -41,7 +40,6 @@ def test_sphere_has_curvature_towards_its_inner_normal():
     np.testing.assert_allclose(mean_curvature(sphere, x, y), -0.5, atol=1e-14)
 
 
-@pytest.mark.filterwarnings("ignore:.*torch.jit.script:DeprecationWarning")
 def test_forms_by_formula_equal_those_by_autodiff_of_the_position():
     known = polynomial([1, 0.3j, 0.2], [0.1, 1, -0.4j, 0.2])
     surface = SpinorSurface.of(known.surface).requires_grad_(False)
@@ -55,7 +53,6 @@ def test_forms_by_formula_equal_those_by_autodiff_of_the_position():
     np.testing.assert_allclose(gauss, surface.gauss_curvature(z), atol=1e-12)
 
 
-@pytest.mark.filterwarnings("ignore:.*torch.jit.script:DeprecationWarning")
 def test_mean_curvature_by_formula_is_that_by_autodiff_where_the_rule_is_coarse():
     known = polynomial([1, 0.3j, 0.2], [0.1, 1, -0.4j, 0.2])
     for rule, order, tolerance in (("trapezoid", 16, 0.05), ("simpson", 4, 0.05)):
