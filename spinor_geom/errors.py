@@ -227,6 +227,13 @@ class SurfaceError(SpinorGeomError):
     """No surface was found, or it is not finite."""
 
 
+class UnresolvedRimsError(SurfaceError):
+    sentence = (
+        "the search for a surface between the {rims} rims needs more than its limit of {nodes} nodes, so that one may "
+        "exist; round the corners of the rims more, or divide narrow gaps by edges between the rims"
+    )
+
+
 class PeriodError(SurfaceError):
     sentence = (
         "the associate surface of angle {angle:.6g} does not close around {around}: its period is ({period[0]:.3g}, "

@@ -147,6 +147,7 @@ def solve_plateau(
         RepeatedPointError: two neighbouring points of the loop are equal.
         SingularMatrixError: the discrete disk over the loop is degenerate.
         SurfaceError: the annulus that was found is branched.
+        UnresolvedRimsError: the search for a surface between three loops or more needs too many nodes.
         OutOfTimeError: no surface was found within the time limit.
 
     Source: Sun & Chern (2026) for the representation; Douglas, "Solution of the problem of Plateau" (1931).

@@ -77,6 +77,14 @@ def sampled(curve: ClosedCurve, count: int, *, shift=0) -> BoundaryLoop:
     return BoundaryLoop.from_points(np.roll(curve.point(np.arange(count) / count), shift, axis=0), corners=())
 
 
+def polygon(corners, parts) -> BoundaryLoop:
+    """A polygon with its sides divided evenly."""
+    corners = np.asarray(corners, dtype=np.float64)
+    share = np.arange(parts)[:, None] / parts
+    points = corners[:, None] + share * (np.roll(corners, -1, axis=0) - corners)[:, None]
+    return BoundaryLoop.from_points(points.reshape(-1, 3), corners=parts * np.arange(len(corners)))
+
+
 # k, ρ: area of the piece of a k-noid, and the index of that
 KNOIDS = {
     (3, 0.55): (0.9705042212833, 0),

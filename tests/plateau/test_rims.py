@@ -7,12 +7,28 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from spinor_geom import SpinorSurface, mesh_patch, solve_plateau
-from spinor_geom.errors import LoopsMeetError, OptionError
+from spinor_geom.arrays import NUMPY
+from spinor_geom.errors import LoopsMeetError, OptionError, UnresolvedRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.plateau import Laurent, NoConnectedSurface
 from spinor_geom.plateau.annulus import _partitions
-from tests.plateau.rims import CATENOIDS, CUBE, KNOIDS, TETRAHEDRON, coaxial, facing, knoid, knoid_curves, ring
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.rims import rims_route
+from spinor_geom.plateau.rims.starts import Rim, projected_starts
+from tests.plateau.rims import (
+    CATENOIDS,
+    CUBE,
+    KNOIDS,
+    TETRAHEDRON,
+    coaxial,
+    facing,
+    knoid,
+    knoid_curves,
+    polygon,
+    ring,
+)
 
 
 @cache
@@ -146,6 +162,25 @@ def test_rims_too_far_apart_have_no_surface():
     assert len(answer.disks) == 4
     assert answer.area == pytest.approx(4 * np.pi / 4, rel=1e-12)
     assert answer.to_dict()["disk_area"] == answer.area
+
+
+def test_a_spent_search_says_so(monkeypatch):
+    monkeypatch.setattr(rims_route, "DENSE", 200)
+    masts = [ring(2.5, 1.5, centre=(x, y)) for x in (-5, 5) for y in (-5, 5)]
+    with pytest.raises(UnresolvedRimsError, match="limit of 200 nodes"):
+        solve_plateau([polygon(10 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]), 8), *masts])
+
+
+def test_rims_whose_circles_cross_have_starts():
+    # triangles around a centre: circles of their mean widths cross
+    corners = 0.9 * TETRAHEDRON - 0.1 * TETRAHEDRON[:, None]
+    faces = [polygon(np.delete(own, k, axis=0), 6) for k, own in enumerate(corners)]
+    curves = [BoundaryCurve.from_loop(face) for face in faces]
+    rims = [
+        Rim(number=k, directions=(CurveTensors.of(curve, NUMPY), CurveTensors.of(curve.reversed(), NUMPY)))
+        for k, curve in enumerate(curves)
+    ]
+    assert len(projected_starts(rims, 32)) == 2
 
 
 def test_douglas_condition_is_reported_for_every_partition():

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 from spinor_geom.arrays import TINY, Array, to_numpy
 from spinor_geom.domain.plane_domain import FourierBoundary
-from spinor_geom.errors import OutOfTimeError, SurfaceError
+from spinor_geom.errors import OutOfTimeError, SurfaceError, UnresolvedRimsError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -129,37 +129,59 @@ class RimsSolver:
             found, rims_result=_rims_result(oriented, smooth.series.antiperiodic, found.surface.largest_period())
         )
 
-    @cached_property
+    @property
     def _descended(self) -> OrientedSurface | None:
-        """The first minimum of the energy from the starts, least energy first; None if all surfaces degenerate."""
+        """The surface that `_searched` finds; None if all surfaces degenerate, or two rims need too many nodes.
+
+        Raises:
+            UnresolvedRimsError: three rims or more need too many nodes, or have no start.
+        """
+        best, is_resolved = self._searched
+        if not is_resolved and len(self.problem.units) > 2:
+            raise UnresolvedRimsError(rims=len(self.problem.units), nodes=DENSE)
+        return best
+
+    @cached_property
+    def _searched(self) -> tuple[OrientedSurface | None, bool]:
+        """The first minimum of the energy from the starts, least energy first, or None; and whether nodes sufficed."""
         with self.problem.clock.stage("slides"):
             starts = sorted(self._starts, key=lambda start: start.surface.dirichlet_energy)
-            best = next((lower for start in starts if (lower := self._lower(start)) is not None), None)
-            while best is not None:
-                problem, nodes = self._problem(best), 2 * best.surface.slides.shape[1]
-                fine = problem.stationary(problem.resampled(best.surface, nodes), saddles=True)
-                is_last = nodes * len(self.problem.units) > 2 * DENSE
-                if is_last or (fine.size <= _SETTLED and fine.is_minimum):
-                    return replace(best, surface=fine)
-                # on few nodes the energy may have other minima
-                best = self._lower(replace(best, surface=problem.resampled(best.surface, nodes)))
-            return None
+            are_resolved = len(starts) > 0
+            for start in starts:
+                best, is_resolved = self._settled(start)
+                if best is not None:
+                    return best, True
+                are_resolved &= is_resolved
+            return None, are_resolved
 
-    def _lower(self, start: OrientedSurface) -> OrientedSurface | None:
-        """The minimum of the energy from a start, with more nodes until the solve converges.
+    def _settled(self, start: OrientedSurface) -> tuple[OrientedSurface | None, bool]:
+        """The minimum of the energy from a start that is one with twice as many nodes too, as `_lower` returns it."""
+        best, is_resolved = self._lower(start)
+        while best is not None:
+            problem, nodes = self._problem(best), 2 * best.surface.slides.shape[1]
+            fine = problem.stationary(problem.resampled(best.surface, nodes), saddles=True)
+            is_last = nodes * len(self.problem.units) > 2 * DENSE
+            if is_last or (fine.size <= _SETTLED and fine.is_minimum):
+                return replace(best, surface=fine), True
+            # on few nodes the energy may have other minima
+            best, is_resolved = self._lower(replace(best, surface=problem.resampled(best.surface, nodes)))
+        return None, is_resolved
 
-        None if the modulus of two rims is too large, too many nodes are needed, or the surface degenerates twice (once
-        is not enough, because few nodes on a small rim may all meet in one point).
+    def _lower(self, start: OrientedSurface) -> tuple[OrientedSurface | None, bool]:
+        """The minimum of the energy from a start, with more nodes until the solve converges; and whether it does.
+
+        None if too many nodes are needed. None and true if the modulus of two rims is too large, or the surface
+        degenerates twice (once is not enough, because few nodes on a small rim may all meet in one point).
         """
         problem, n, fallen = self._problem(start), start.surface.slides.shape[1], 0
         while True:
             lower = problem.stationary(problem.resampled(start.surface, n), tolerance=SMALL)
             if not lower.falls_apart and lower.size <= _SETTLED:
-                return replace(start, surface=lower)
+                return replace(start, surface=lower), True
             n, fallen = 2 * n, fallen + lower.falls_apart
             degenerates = fallen == 2 or (len(self.problem.units) == 2 and lower.is_apart)
             if degenerates or n * len(self.problem.units) > DENSE:
-                return None
+                return None, degenerates
 
     @cached_property
     def _starts(self) -> tuple[OrientedSurface, ...]:

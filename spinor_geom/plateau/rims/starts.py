@@ -28,6 +28,11 @@ _KEPT = 2  # number of starts returned; one is not enough for noisy rims on the 
 # no start between a rim and five islands, with the second alone rims around a centre take three times as long.
 _VIEW_DISTANCES = (0.5, 2.0)
 
+# Shares of the circles' widths, tried in order until circles are apart: those of rims with corners, as of the faces of
+# a tetrahedron, cross though the rims do not. Above the second number, a `CircularDomain.nearness`, the first nodes do
+# not resolve the gap.
+_SHARES_OF_WIDTHS, _NEAREST = 0.8 ** np.arange(8), 0.9
+
 _LoopOrCurve = TypeVar("_LoopOrCurve", BoundaryLoop, BoundaryCurve)
 
 
@@ -111,22 +116,26 @@ def projected_starts(rims: Sequence[Rim], n: int) -> list[OrientedSurface]:
     """Starts of three rims or more, projected onto spheres around view points; n is even.
 
     Rims of a junction do not overlap in the projection from their centre; those of a hole with islands do not in one
-    from above. Projections in which circles cross are left out.
+    from above. Circles that cross in all projections are made smaller.
     """
     samples = np.stack([rim.samples(n) for rim in rims])
     middle = samples.mean(axis=1).mean(axis=0)
     axes = np.linalg.eigh(np.einsum("mni,mnj->ij", samples - middle, samples - middle))[1].T
     size = norm(samples - middle).max()
     views = [np.zeros(3), *(share * axis for share in _VIEW_DISTANCES for axis in (*axes, *-axes))]
-    starts = [_projected(rims, samples, middle + size * view) for view in views]
-    found = sorted((start for start in starts if start is not None), key=lambda start: start.surface.dirichlet_energy)
-    return [start.with_first_as_given() for start in found[:_KEPT]]
+    for share in _SHARES_OF_WIDTHS:
+        starts = [_projected(rims, samples, middle + size * view, share) for view in views]
+        found = [start for start in starts if start is not None]
+        if found:
+            found.sort(key=lambda start: start.surface.dirichlet_energy)
+            return [start.with_first_as_given() for start in found[:_KEPT]]
+    return []
 
 
 def _projected(
-    rims: Sequence[Rim], samples: Float[np.ndarray, "m n 3"], view: Float[np.ndarray, "3"]
+    rims: Sequence[Rim], samples: Float[np.ndarray, "m n 3"], view: Float[np.ndarray, "3"], share: float
 ) -> OrientedSurface | None:
-    """The start from the projection around a view point; None if the projected rims overlap."""
+    """The start from the projection around a view point; None if circles of a share of the rims' widths overlap."""
     m, n = samples.shape[:2]
     away = unit(samples - view)
     mean = away.mean(axis=1)
@@ -141,7 +150,7 @@ def _projected(
     opposite = axis @ axis[width.argmax()]
     opposite[width.argmax()] = -math.inf
     order = opposite.argsort()
-    projected = _circles_on_sphere(axis[order], width[order], away[order])
+    projected = _circles_on_sphere(axis[order], share * width[order], away[order])
     if projected is None:
         return None
     domain, points = projected
@@ -160,7 +169,7 @@ def _circles_on_sphere(
 ) -> tuple[CircularDomain, Complex[np.ndarray, "m k"]] | None:
     """Ω between circles on a sphere, the first one outer and the second one around 0, and images of points in Ω.
 
-    None if circles cross.
+    None if circles cross or nearly touch.
     """
     basis = np.linalg.qr(axis[:1].T, mode="complete")[0]
     frame = np.stack([basis[:, 1], np.cross(axis[0], basis[:, 1]), axis[0]])
@@ -178,10 +187,12 @@ def _circles_on_sphere(
     root = (near + far)[0] / (product + np.sqrt(max(product**2 - (near + far)[0] ** 2, 0.0)))
     to = root * np.exp(1j * np.angle(centre[0]))
     below = np.abs(1 - to.conj() * centre) ** 2 - (root * radius) ** 2
+    if below.min() <= 0:
+        return None
     centre = ((centre - to) * (1 - to * centre.conj()) + to * radius**2) / below
     centre[0] = 0
     domain = CircularDomain(centres=centre, log_radii=np.log(radius * (1 - root**2) / below))
-    return (domain, (flat - to) / (1 - to.conj() * flat)) if domain.nearness < 1 else None
+    return (domain, (flat - to) / (1 - to.conj() * flat)) if domain.nearness < _NEAREST else None
 
 
 def _first_valley(energy: Float[np.ndarray, " k"], usual: int) -> int:
