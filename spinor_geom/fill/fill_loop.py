@@ -160,7 +160,7 @@ def _new_patch(
     def change(near: PatchedMesh, local: NewPatch, unit: float) -> NewPatch:
         with _until(end):
             if is_film:
-                return without_intersections(near, local)
+                return without_intersections(near, local.fitted(near))
             lengths = GRADED if isinstance(target, str) else EdgeLengths(target / unit)
             return smooth_patch(near, local, lengths, unit, is_choice=continuity == "auto")
 

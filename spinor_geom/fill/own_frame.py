@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from spinor_geom.fill.new_patch import NewPatch
-from spinor_geom.fill.patched_mesh import PatchedMesh
+from spinor_geom.fill.patched_mesh import NO_CROSSINGS, PatchedMesh
 from spinor_geom.mesh.loop_frame import LoopFrame
 
 # the mesh around a patch, the patch, and the unit of their coordinates
@@ -19,7 +19,8 @@ Change: TypeAlias = Callable[[PatchedMesh, NewPatch, float], NewPatch]
 def in_own_frame(patched: PatchedMesh, new: NewPatch, change: Change) -> tuple[NewPatch, bool]:
     """A patch over one loop after a change made in the loop's frame; between several loops in the mesh's coordinates.
 
-    Vertices and faces of the mesh around the patch are numbered by their positions in the frame.
+    Vertices and faces of the mesh around the patch are numbered by their positions in the frame. The patch comes
+    without its intersections there.
 
     Returns:
         The patch in the mesh's coordinates, and whether it has more intersections there than in the frame: by rounding,
@@ -40,7 +41,7 @@ def in_own_frame(patched: PatchedMesh, new: NewPatch, change: Change) -> tuple[N
         patch=patch,
         rims=(rim,),
         solution=None if new.solution is None else new.solution.placed_by(frame.inverse, rim),
-        crossings=near.crossings(patch),
+        crossings=NO_CROSSINGS,
     )
     changed = change(near, start, frame.size)
     patch = changed.patch.placed_by(frame, loop.points)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
 from spinor_geom.domain.sizes import EdgeLengths
 from spinor_geom.errors import OutOfTimeError, SingularMatrixError, SurfaceError, TooManyPointsError, in_mesh_units
-from spinor_geom.fill.collar import bend_across, bend_inside, collar_of
+from spinor_geom.fill.collar import Bend, Collar, bend_across, bend_inside, collar_of
 from spinor_geom.fill.continuation import Continuation, continue_patch
 from spinor_geom.fill.fairing import SMALLEST_ANGLE, smallest_angles
 from spinor_geom.fill.new_patch import NewPatch
@@ -48,32 +49,35 @@ def smooth_patch(
     Raises:
         SurfaceError: a strip has no good continuation.
     """
-    is_strip, smooth = film.kind == "strip", None
-    angle = bend_across(collar_of(patched, film.rim, film.patch), film.patch).rms
-    met = f"meet at {angle:.0f}° (RMS), {'more than' if angle > FILM_FROM else 'at most'} {FILM_FROM:.0f}°"
-    if is_choice and angle > FILM_FROM and not is_strip:
-        kept = without_intersections(patched, film)
+    is_strip, collar = film.kind == "strip", collar_of(patched, film.rim, film.patch)
+    cleared_film = cache(lambda: without_intersections(patched, film.fitted(patched)))
+    before = bend_across(collar, film.patch)
+    met = f"meet at {before.rms:.0f}° (RMS), {'more than' if before.rms > FILM_FROM else 'at most'} {FILM_FROM:.0f}°"
+    if is_choice and before.rms > FILM_FROM and not is_strip:
+        kept = cleared_film()
         if not len(kept.crossings) and not kept.faces_replaced:
             return replace(kept, choice=f"the film was chosen, because film and mesh {met}")
     try:
-        smooth = _continued(patched, film, lengths)
-        reason = _reason_against(smooth)
+        smooth = _continued(film, collar, before, lengths)
+        reason = _defect(smooth)
+        if reason and not len(cleared_film().crossings):
+            raise SurfaceError(reason)
+        smooth = _cleared(patched, smooth, lengths)
+        reason = reason or _defect(smooth) or _defect_of_clearing(smooth)
+        why = f"film and mesh {met}"
+        if reason or len(smooth.crossings):
+            most, films = len(smooth.crossings) + bool(reason), len(cleared_film().crossings)
+            why = f"it has {len(smooth.crossings)} pairs of intersecting faces, the film {films}"
+            if films < most:
+                raise SurfaceError(reason or why)
+        return replace(smooth, choice=f"the continuation was chosen, because {why}" if is_choice else "", reason=reason)
     except OutOfTimeError:
         reason = NO_TIME
     except (SingularMatrixError, SurfaceError, TooManyPointsError) as error:
         reason = str(in_mesh_units(error, unit))
-    if smooth is not None and not reason and not len(smooth.crossings):
-        return replace(smooth, choice=f"the continuation was chosen, because film and mesh {met}" if is_choice else "")
-    kept = without_intersections(patched, film)
-    if smooth is not None:
-        counts = f"it has {len(smooth.crossings)} pairs of intersecting faces, the film {len(kept.crossings)}"
-        if len(smooth.crossings) < len(kept.crossings) or not (reason or len(smooth.crossings) > len(kept.crossings)):
-            choice = f"the continuation was chosen, because {counts}" if is_choice else ""
-            return replace(smooth, choice=choice, reason=reason)
-        reason = reason or counts
     if is_choice and not is_strip:
-        return replace(kept, choice=f"the film was chosen, because {_NOT_CONTINUED}: {reason}")
-    return not_continued(kept, reason)
+        return replace(cleared_film(), choice=f"the film was chosen, because {_NOT_CONTINUED}: {reason}")
+    return not_continued(cleared_film(), reason)
 
 
 def not_continued(film: NewPatch, reason: str) -> NewPatch:
@@ -83,29 +87,36 @@ def not_continued(film: NewPatch, reason: str) -> NewPatch:
     return replace(film, remarks=(*film.remarks, f"{_NOT_CONTINUED}: {reason}"))
 
 
-def _continued(patched: PatchedMesh, film: NewPatch, lengths: EdgeLengths) -> NewPatch:
-    """The cleared continuation of a film; raises as `continue_patch`, or a SurfaceError if nothing can move."""
+def _continued(film: NewPatch, collar: Collar, before: Bend, lengths: EdgeLengths) -> NewPatch:
+    """The continuation of a film; raises as `continue_patch`, or a SurfaceError if nothing can move."""
     if len(film.patch.vertices) == len(film.rim):
         raise SurfaceError("it has no inner vertices; a shorter target_edge_length (--edge-length) makes some")
-    collar = collar_of(patched, film.rim, film.patch)
     faired = continue_patch(film.patch, collar, lengths)
-    smooth = without_intersections(patched, replace(film, patch=faired.patch).fitted(patched))
-    with suppress(OutOfTimeError):
-        smooth = without_thin_triangles(patched, smooth, lengths)
     continuation = Continuation.of(
         faired,
         collar,
         start=film.kind,
-        before=bend_across(collar, film.patch),
+        before=before,
         after=bend_across(collar, faired.patch),
-        area_ratio=smooth.patch.area / film.patch.area,
+        area_ratio=faired.patch.area / film.patch.area,
     )
-    return replace(smooth, reason="", continuation=continuation.with_angles_of(smooth.patch))
+    return replace(film, patch=faired.patch, reason="", continuation=continuation)
 
 
-def _reason_against(smooth: NewPatch) -> str:
-    """Why a continuation is not good; empty if it is."""
-    continuation, faces = smooth.continuation, len(smooth.patch.faces)
+def _cleared(patched: PatchedMesh, smooth: NewPatch, lengths: EdgeLengths) -> NewPatch:
+    """A continuation without intersections and thin triangles that can be avoided."""
+    continuation, area = smooth.continuation, smooth.patch.area
+    assert continuation is not None
+    smooth = without_intersections(patched, smooth.fitted(patched))
+    with suppress(OutOfTimeError):
+        smooth = without_thin_triangles(patched, smooth, lengths)
+    ratio = continuation.area_ratio * smooth.patch.area / area
+    return replace(smooth, continuation=replace(continuation.with_angles_of(smooth.patch), area_ratio=ratio))
+
+
+def _defect(smooth: NewPatch) -> str:
+    """Why the shape of a continuation is not good; empty if it is."""
+    continuation = smooth.continuation
     assert continuation is not None
     if not continuation.converged:
         return continuation.reason
@@ -114,6 +125,12 @@ def _reason_against(smooth: NewPatch) -> str:
     cap = 2 / (1 + np.cos(min(np.radians(continuation.before.rms), _LARGEST_CAP)))
     if continuation.area_ratio > _MOST_CAPS * cap:
         return f"it has {continuation.area_ratio:.2g} times the area of the film, a spherical cap {cap:.2g} times"
+    return ""
+
+
+def _defect_of_clearing(smooth: NewPatch) -> str:
+    """Why the triangles of a cleared continuation are not good; empty if they are."""
+    faces = len(smooth.patch.faces)
     if smooth.faces_replaced > _MOST_REPLACED * faces:
         return f"to avoid intersections, {smooth.faces_replaced} of its {faces} faces would be replaced"
     smallest = smallest_angles(smooth.patch)[1]
