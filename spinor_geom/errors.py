@@ -234,6 +234,10 @@ class UnresolvedRimsError(SurfaceError):
     )
 
 
+class NotContinuedError(SurfaceError):
+    """A mesh is not continued smoothly; the message is the reason."""
+
+
 class PeriodError(SurfaceError):
     sentence = (
         "the associate surface of angle {angle:.6g} does not close around {around}: its period is ({period[0]:.3g}, "

@@ -3,7 +3,7 @@
 import numpy as np
 
 from spinor_geom.discrete.first_fill import disk_without_inner_points
-from spinor_geom.discrete.minimal_surface import on_circle, surface_over_plane
+from spinor_geom.discrete.minimal_surface import FINE_CHANGE, on_circle, surface_over_plane
 from spinor_geom.errors import SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loop_frame import LoopFrame
@@ -12,18 +12,18 @@ from spinor_geom.meshing.embed import Patch
 from spinor_geom.meshing.triangulate import require_few_points
 
 
-def discrete_patch(loop: BoundaryLoop, target: float) -> tuple[Patch, str]:
+def discrete_patch(loop: BoundaryLoop, target: float, relative_change: float = FINE_CHANGE) -> tuple[Patch, str]:
     """The discrete minimal surface over a loop, or a triangulation without inner vertices if there is none.
 
     Edges are at most `target` long, in mesh units, or longer if the time limit needs that; raises a TooManyPointsError
-    if `target` is too short. The second value describes the result.
+    if `target` is too short. The area is stationary to `relative_change`. The second value describes the result.
     """
     frame = LoopFrame.of(loop)
     local = frame.loop(loop)
     faces = disk_without_inner_points(local.points)
     require_few_points(float(face_areas(local.points, faces).sum()) * frame.size**2, target)
     try:
-        surface, plane = surface_over_plane(local, target / frame.size)
+        surface, plane = surface_over_plane(local, target / frame.size, relative_change)
         if not np.isfinite(surface.vertices).all():
             raise SurfaceError("the discrete minimal surface is not finite everywhere")
     except SpinorGeomError as error:

@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from time import perf_counter
 from types import MappingProxyType
 
@@ -14,10 +14,12 @@ import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.deadline import time_limit
+from spinor_geom.discrete.area_descent import FIRST_CHANGE
 from spinor_geom.discrete.strip import ruled_annulus
 from spinor_geom.domain.sizes import GRADED, EdgeLengths
 from spinor_geom.errors import (
     NoAreaError,
+    NotContinuedError,
     OutOfTimeError,
     SheetBorderError,
     SpinorGeomError,
@@ -30,11 +32,12 @@ from spinor_geom.fill.discrete_patch import discrete_patch
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.new_patch import NewPatch
-from spinor_geom.fill.own_frame import in_own_frame
+from spinor_geom.fill.no_holes import require_area
+from spinor_geom.fill.own_frame import Change, in_own_frame
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
 from spinor_geom.fill.retriangulation import NOT_CLEARED, retriangulated, without_intersections
-from spinor_geom.fill.smooth_patch import NO_TIME, not_continued, smooth_patch
-from spinor_geom.fill.solved_loops import SolvedLoop
+from spinor_geom.fill.smooth_patch import NO_TIME, NOT_CONTINUED, smooth_patch
+from spinor_geom.fill.solved_loops import SolvedLoop, solved_loops
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.meshing.embed import Patch, edge_length_over, mesh_patch
@@ -73,12 +76,14 @@ def fill_loop(
     patched: PatchedMesh,
     index: int,
     loop: BoundaryLoop,
-    solved: SolvedLoop,
+    solved: SolvedLoop | None,
     options: FillOptions,
     *,
     others: Mapping[int, BoundaryLoop] = MappingProxyType({}),
 ) -> tuple[LoopOutcome, LoopPatch | None]:
     """Makes the patch over a loop, or between it and the `others` of a bridge, and joins it to the mesh.
+
+    A loop that is to be continued may come without its exact surface, which is computed if it is used.
 
     Returns:
         The outcome, and the patch or None.
@@ -87,9 +92,10 @@ def fill_loop(
         TooManyPointsError: `target_edge_length` needs too many vertices.
     """
     joined_to = next(iter(others), None)
-    clock = Stopwatch({"solve": solved.seconds})
+    seconds = 0.0 if solved is None else solved.seconds
+    clock = Stopwatch({"solve": seconds})
     try:
-        end = perf_counter() + options.time_limit - solved.seconds
+        end = perf_counter() + options.time_limit - seconds
         new = _new_patch(patched, index, (loop, *others.values()), solved, options, clock, end)
         with _until(end):
             attributes, lowered = _attributes(patched, new)
@@ -97,8 +103,8 @@ def fill_loop(
         if isinstance(error, TooManyPointsError) and options.target_edge_length != "auto":
             raise
         clock.lap("failed")
-        timings = clock.seconds()
-        return unfilled(index, loop, error, solution=solved.solution, joined_to=joined_to, timings=timings), None
+        timings, solution = clock.seconds(), None if solved is None else solved.solution
+        return unfilled(index, loop, error, solution=solution, joined_to=joined_to, timings=timings), None
     patch = new.patch
     clock.lap("attributes")
     outcome = LoopOutcome(
@@ -131,45 +137,115 @@ def _new_patch(
     patched: PatchedMesh,
     index: int,
     loops: Sequence[BoundaryLoop],
+    solved: SolvedLoop | None,
+    options: FillOptions,
+    clock: Stopwatch,
+    end: float,
+) -> NewPatch:
+    """A patch to be joined to the mesh: a film or, unless `continuity` is "C0", a continuation if it is good."""
+
+    @cache
+    def film() -> NewPatch:
+        exact = solved
+        if exact is None:
+            clock.lap("continuation")
+            options.on_stage(index, "exact surface")
+            exact = next(
+                solved_loops(loops, replace(options, time_limit=max(end - perf_counter(), _SECONDS_TO_REPORT)))
+            )
+            clock.lap("solve")
+        return _film(patched, index, loops, exact, options, clock, end)
+
+    continuity = options.continuity_of(index)
+    if continuity == "C0":
+        return film()
+    options.on_stage(index, "mesh")
+    with _until((perf_counter() + end) / 2):
+        start = _start(loops[0], options) if solved is None else _first_patch(index, loops, solved, options)
+    clock.lap("mesh")
+    start, search = _fitted(patched, index, start, options, clock, end)
+    options.on_stage(index, "continuation")
+    # a film that is not solved yet needs half of the time
+    end_of_continuation = (perf_counter() + end) / 2 if solved is None else end
+    target = options.target_edge_length
+
+    def continued(near: PatchedMesh, local: NewPatch, unit: float) -> NewPatch:
+        with _until(end_of_continuation):
+            lengths = GRADED if isinstance(target, str) else EdgeLengths(target / unit)
+            return smooth_patch(near, local, lengths, unit, film, is_choice=continuity == "auto")
+
+    try:
+        if perf_counter() + _SEARCHES * search > end:
+            raise NotContinuedError(f"{NOT_CONTINUED}: {NO_TIME}")
+        new = _changed(patched, start, continued, end)
+    except NotContinuedError as error:
+        new = film()
+        if new.kind == "strip":
+            raise SurfaceError(f"{new.reason}; {error}") from error
+        if continuity == "auto":
+            new = replace(new, choice=f"the film was chosen, because {error}")
+        else:
+            new = replace(new, remarks=(*new.remarks, str(error)))
+    clock.lap("continuation")
+    return new
+
+
+def _film(
+    patched: PatchedMesh,
+    index: int,
+    loops: Sequence[BoundaryLoop],
     solved: SolvedLoop,
     options: FillOptions,
     clock: Stopwatch,
     end: float,
 ) -> NewPatch:
-    """A patch to be joined to the mesh: meshed, fitted, continued unless `continuity` is "C0", and cleared."""
+    """A minimal or discrete surface, or a strip, without intersections that can be avoided."""
     options.on_stage(index, "mesh")
-    continuity = options.continuity_of(index)
-    is_film = continuity == "C0"
-    with _until(end if is_film else (perf_counter() + end) / 2):
+    with _until(end):
         new = _first_patch(index, loops, solved, options)
     clock.lap("mesh")
+    new, search = _fitted(patched, index, new, options, clock, end)
+    if not len(new.crossings):
+        return new
+    if perf_counter() + _SEARCHES * search > end:
+        return replace(new, remarks=(*new.remarks, NOT_CLEARED))
+
+    def cleared(near: PatchedMesh, local: NewPatch, _: float) -> NewPatch:
+        with _until(end):
+            return without_intersections(near, local.fitted(near))
+
+    new = _changed(patched, new, cleared, end)
+    clock.lap("clearance")
+    return new
+
+
+def _fitted(
+    patched: PatchedMesh, index: int, new: NewPatch, options: FillOptions, clock: Stopwatch, end: float
+) -> tuple[NewPatch, float]:
+    """A patch fitted to the mesh, and the seconds of the search for its intersections."""
     options.on_stage(index, "crossings")
     begin = perf_counter()
     with _until(max(end, begin + _SECONDS_TO_REPORT)):
         new = new.fitted(patched)
     search = perf_counter() - begin
     clock.lap("crossings")
-    if is_film and not len(new.crossings):
-        return new
-    if perf_counter() + _SEARCHES * search > end:
-        return not_continued(new, NO_TIME) if not is_film else replace(new, remarks=(*new.remarks, NOT_CLEARED))
-    if not is_film:
-        options.on_stage(index, "continuation")
-    target = options.target_edge_length
+    return new, search
 
-    def change(near: PatchedMesh, local: NewPatch, unit: float) -> NewPatch:
-        with _until(end):
-            if is_film:
-                return without_intersections(near, local.fitted(near))
-            lengths = GRADED if isinstance(target, str) else EdgeLengths(target / unit)
-            return smooth_patch(near, local, lengths, unit, is_choice=continuity == "auto")
 
+def _changed(patched: PatchedMesh, new: NewPatch, change: Change, end: float) -> NewPatch:
+    """A patch changed in the frame of its loop, and cleared of intersections that only the mesh's coordinates have."""
     new, has_more = in_own_frame(patched, new, change)
     if has_more:
         with _until(end), suppress(OutOfTimeError):
             new = retriangulated(patched, new)
-    clock.lap("clearance" if is_film else "continuation")
     return new
+
+
+def _start(loop: BoundaryLoop, options: FillOptions) -> NewPatch:
+    """A discrete surface of about the least area, from which the mesh is continued; raises as `discrete_patch`."""
+    patch, what = discrete_patch(loop, edge_length_over([loop], options.target_edge_length), FIRST_CHANGE)
+    require_area(loop, 2 * patch.area / loop.perimeter)
+    return NewPatch(patch=patch, rims=[loop], reason=what)
 
 
 def _first_patch(index: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, options: FillOptions) -> NewPatch:

@@ -33,7 +33,7 @@ class Filling:
         mesh_notes: sentences on the whole mesh.
         patched: the mesh with the patches joined so far.
         left_open: outcomes of the loops that are not to be filled, by index.
-        rims: the loops that are to be filled one by one, without those of bridges, in order.
+        rims: the loops that are to be filled by films, without those of bridges, in order.
     """
 
     def __init__(self, mesh: TriangleMesh, choice: Choice, options: FillOptions) -> None:
@@ -67,7 +67,10 @@ class Filling:
         for index in alone:
             if error := self._error_of(self.loops[index]):
                 self.left_open[index] = unfilled(index, self.loops[index], error)
-        self.rims = [self.loops[index] for index in alone if index not in self.left_open]
+        self.rims = [self.loops[index] for index in alone if index not in self.left_open and self._is_film(index)]
+
+    def _is_film(self, index: int) -> bool:
+        return self._options.continuity_of(index) == "C0"
 
     def _error_of(self, loop: BoundaryLoop) -> SpinorGeomError | None:
         """The error of a loop that is not a hole, or None."""
@@ -97,8 +100,11 @@ class Filling:
                 together = (index, *self._joins[index])
                 done, patch = fill_between(self.patched, together, self.loops, self._options)
             else:
-                self._options.on_stage(index, "exact surface")
-                outcome, patch = fill_loop(self.patched, index, loop, next(solved), self._options)
+                exact = None
+                if self._is_film(index):
+                    self._options.on_stage(index, "exact surface")
+                    exact = next(solved)
+                outcome, patch = fill_loop(self.patched, index, loop, exact, self._options)
                 done = [outcome]
             if index in self._notes and done[0].filled:
                 done[0] = replace(done[0], remarks=(*done[0].remarks, self._notes[index]))

@@ -174,7 +174,7 @@ def test_holes_can_be_continued_and_curves_stay_minimal(tmp_path: Path) -> None:
     )
     solved([path], tmp_path / "out", continuity="C1", compare=True)
     *holes, curve = record(tmp_path / "out", "tube.obj")["loops"]
-    assert [hole["continuation"]["started_from"] for hole in holes] == ["minimal", "minimal"]
+    assert [hole["continuation"]["started_from"] for hole in holes] == ["discrete", "discrete"]
     # two domes over circles of radius 1; the lids have π each
     assert all(hole["area"] > 3.5 and hole["comparison"] is None for hole in holes)
     assert (curve["origin"], curve["kind"], curve["continuation"]) == ("curve", "minimal", None)
