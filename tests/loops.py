@@ -64,6 +64,27 @@ def noisy_ellipse(points: int = 100, ratio: float = 2.0, amount: float = 0.2, se
     return BoundaryLoop.from_points(smooth + amount * edge * np.random.default_rng(seed).normal(size=smooth.shape))
 
 
+def uneven(points: int, seed: int = 0, amount: float = 0.3) -> BoundaryLoop:
+    """Points of a smooth curve of four harmonics, at steps of its parameter that vary by a share of their mean."""
+    rng = np.random.default_rng(seed)
+    t = 2 * np.pi * (np.arange(points) + amount * rng.uniform(-1, 1, points)) / points
+    return BoundaryLoop.from_points(_of_harmonics(seed, t))
+
+
+def _of_harmonics(seed: int, t: np.ndarray) -> np.ndarray:
+    rng = np.random.default_rng([seed, 1])
+    curve = np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
+    for k in range(2, 5):
+        cosine, sine = 0.25 / k * rng.normal(size=(2, 3))
+        curve += np.outer(np.cos(k * t), cosine) + np.outer(np.sin(k * t), sine)
+    return curve
+
+
+def evenly(points: int, seed: int = 0) -> BoundaryLoop:
+    """The curve of `uneven` at equal steps of its parameter."""
+    return BoundaryLoop.from_points(_of_harmonics(seed, 2 * np.pi * np.arange(points) / points))
+
+
 def is_disk_on(loop: BoundaryLoop, vertices, faces) -> bool:
     """Whether faces are one disk on all the vertices whose boundary runs along the loop, in its direction."""
     m = len(loop)

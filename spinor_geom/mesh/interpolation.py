@@ -207,13 +207,7 @@ def predicting_degree(
         near = (first if is_closed else first.clip(0, len(kept) - degree - 1))[:, None] + np.arange(degree + 1)
         turns, places = np.divmod(near, len(kept))
         places = kept[places]
-        nodes = breaks[..., places] + turns - breaks[..., left_out, None]
-        # Lagrange's polynomials at 0
-        own = np.eye(degree + 1, dtype=bool)
-        differences = nodes[..., None, :] - nodes[..., :, None] + own
-        factors = nodes[..., None, :] / differences
-        factors[..., own] = 1.0
-        weights = factors.prod(axis=-1)
+        weights = lagrange_at_0(breaks[..., places] + turns - breaks[..., left_out, None])
         predicted = (weights[..., None, :] @ points[..., places, :])[..., 0, :]
         errors.append(np.sqrt(((predicted - points[..., left_out, :]) ** 2).mean(axis=(-2, -1))))
     best, least = np.zeros(points.shape[:-2], dtype=np.int64), errors[0]
@@ -221,6 +215,14 @@ def predicting_degree(
         better = GAIN_PER_DEGREE * errors[higher] < least
         best, least = np.where(better, higher, best), np.where(better, errors[higher], least)
     return np.asarray(np.array(DEGREES)[best]), np.asarray(least / GAIN_PER_DEGREE**best)
+
+
+def lagrange_at_0(nodes: Float[np.ndarray, "*b k"]) -> Float[np.ndarray, "*b k"]:
+    """Values at 0 of Lagrange's polynomials for given nodes."""
+    own = np.eye(nodes.shape[-1], dtype=bool)
+    factors = nodes[..., None, :] / (nodes[..., None, :] - nodes[..., :, None] + own)
+    factors[..., own] = 1.0
+    return np.asarray(factors.prod(axis=-1))
 
 
 def by_arcs(points: Float[np.ndarray, "m k"]) -> Breaks:

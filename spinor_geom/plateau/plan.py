@@ -13,8 +13,7 @@ from spinor_geom.deadline import is_out_of_time, require_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError, SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
-from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.interpolation import MIN_POINTS_FOR_HIGH_DEGREE
+from spinor_geom.mesh.curve import SAMPLES_PER_PIECE, BoundaryCurve
 from spinor_geom.plateau.annulus import RimDisks
 from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, lower_beside, replace_unstable
 from spinor_geom.plateau.harmonic.harmonic_route import (
@@ -23,15 +22,13 @@ from spinor_geom.plateau.harmonic.harmonic_route import (
     UNFOLDING,
     UNIT_DISK,
     HarmonicSolver,
-    points_of_domain,
 )
-from spinor_geom.plateau.harmonic.smooth_domain import has_narrow_place
 from spinor_geom.plateau.network.network_route import NETWORK, PARTS_OF_A_SIDE
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import PLANE, lie_in_plane
 from spinor_geom.plateau.problem import PlateauProblem, Route
 from spinor_geom.plateau.rims.rims_route import RimsSolver, obstacle
-from spinor_geom.plateau.roughness import FEW_POINTS, ROUGH_TURN, has_stray_corners, is_rough, roughness, roundest
+from spinor_geom.plateau.roughness import FEW_POINTS, has_stray_corners, is_predicted, is_ragged, is_rough
 from spinor_geom.plateau.route_result import FAILURES, NoConnectedSurfaceError, RouteResult, typed_failures
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.steps import SPENT, Clock
@@ -68,10 +65,12 @@ def _plan_for_disk(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tupl
         network = () if through and has_stray_corners(loop) else (NETWORK,)
         return (*in_plane, *network, *through)
     if may_be_free and _shows_no_curve(loop, curve):
-        return (*in_plane, THROUGH_POINTS)
-    through = (THROUGH_POINTS,) if may_be_free else ()
+        return (*in_plane, THROUGH_POINTS, *(() if is_ragged(loop) else (FLATTENING, UNFOLDING)))
     is_wide = loop.elongation < _DISK_ELONGATION and not is_rough(loop, curve)
-    return (*in_plane, *((UNIT_DISK,) if is_wide else ()), FLATTENING, UNFOLDING, *through, NETWORK)
+    last: tuple[Route, ...] = (NETWORK,)
+    if may_be_free:
+        last = (NETWORK, THROUGH_POINTS) if is_predicted(loop) else (THROUGH_POINTS, NETWORK)
+    return (*in_plane, *((UNIT_DISK,) if is_wide else ()), FLATTENING, UNFOLDING, *last)
 
 
 def _plan_between(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
@@ -96,17 +95,12 @@ def _plan_between(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tuple
 
 def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
     """Whether the points of a loop without corners are too rough to be samples of a smooth curve."""
-    n = len(loop)
     # Γ overshoots at corners that were removed, for any degree
     if not loop.corners_given and detect_corners(loop.points).any():
         return True
     if curve.kind != "cubic":
         return False
-    # every loop of few points has such turning angles, and no analytic curve is fitted to it
-    turn = roughness(loop) - (roundest(n) if n < MIN_POINTS_FOR_HIGH_DEGREE else 0.0)
-    if n <= FEW_POINTS or turn > ROUGH_TURN:
-        return True
-    return has_narrow_place(curve, points_of_domain(loop))
+    return len(loop) <= FEW_POINTS or is_rough(loop, curve)
 
 
 def _trained(problem: PlateauProblem) -> RouteResult:
@@ -151,7 +145,7 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
             # a SurfaceError is more specific than the others
             error = error if isinstance(error, SurfaceError) else failure
             continue
-        if best is None or found.misfit.rms < best.misfit.rms:
+        if best is None or _distance(found, problem) < best.misfit.rms:
             best = found
         if problem.excess(best.misfit) <= 1:
             break
@@ -159,6 +153,17 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
         require_time()
         raise error or FirstFillError("no route to a minimal surface was tried")
     return replace(best, limit=SPENT) if is_out_of_time() and problem.excess(best.misfit) > 1 else best
+
+
+def _distance(found: RouteResult, problem: PlateauProblem) -> float:
+    """RMS distance of a surface from Γ at unit size; Γ of a predicted loop is known between the points too."""
+    if found.route != "vertices" or not (problem.is_disk and is_predicted(problem.unit)):
+        return found.misfit.rms
+    (own,) = found.curves
+    count = SAMPLES_PER_PIECE * len(own.corners)
+    boundary = own.point(np.arange(count) / count)
+    missed = boundary - problem.curve.point(problem.curve.nearest(boundary))
+    return found.misfit.with_offset(float(np.sqrt((missed**2).sum(axis=1).mean()))).rms
 
 
 def minimal_disk(problem: PlateauProblem, routes: tuple[Route, ...]) -> PlateauSolution:

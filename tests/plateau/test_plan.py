@@ -17,7 +17,8 @@ from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plan import nearest_surface, plan
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.route_result import NoConnectedSurfaceError, RouteResult
-from tests.loops import CONVEX, noisy_ellipse, planar
+from spinor_geom.plateau.vertices.vertex_route import THROUGH_POINTS
+from tests.loops import CONVEX, noisy_ellipse, planar, uneven
 from tests.plateau.rims import TETRAHEDRON, coaxial, facing, ring, sampled
 
 SMOOTH = gallery.twisted_circle().sample(40)
@@ -55,18 +56,21 @@ def problem_of(loop, *, model="auto", between="free", tolerance=1e-3, on_iterati
 
 SMOOTH_ONLY = {"between": "smooth"}
 HARMONIC = ("flattened", "unfolded", "network")
-FREE = ("flattened", "unfolded", "vertices", "network")
+FREE = (*HARMONIC, "vertices")
+ROUGH = ("vertices", "flattened", "unfolded")
 PLANS = {
     "smooth": (SMOOTH, SMOOTH_ONLY, ("disk", *HARMONIC)),
     "smooth, free": (SMOOTH, {}, ("disk", *FREE)),
     "a curve in formulas": (gallery.tennis_seam(0.8), {}, ("disk", *HARMONIC)),
     "long": (gallery.ellipse(4.0, 0.3).sample(64), {}, FREE),
     "rough": (noisy_ellipse(100), SMOOTH_ONLY, HARMONIC),
-    "rough, free": (noisy_ellipse(100), {}, ("vertices",)),
+    "rough, free": (noisy_ellipse(100), {}, ROUGH),
+    "ragged, free": (noisy_ellipse(100, amount=0.5), {}, ("vertices",)),
+    "uneven, free": (uneven(64), {}, ("disk", *FREE)),
     "rough, free, many": (noisy_ellipse(1600, amount=0.2), {}, HARMONIC),
-    "few, free": (FEW, {}, ("vertices",)),
+    "few, free": (FEW, {}, ROUGH),
     "few": (FEW, SMOOTH_ONLY, ("disk", *HARMONIC)),
-    "narrow finger, free": (finger(), {}, ("vertices",)),
+    "narrow finger, free": (finger(), {}, ("disk", *FREE)),
     "plane": (gallery.ellipse(8.0).sample(64), SMOOTH_ONLY, ("plane", *HARMONIC)),
     "plane, with corners": (planar(CONVEX, 20), {}, ("plane", "network")),
     "plane, by a network": (planar(CONVEX, 20), {"model": "cauchy"}, ("network",)),
@@ -163,6 +167,15 @@ def test_the_nearest_surface_is_taken_where_none_meets_the_tolerance(farther):
     disk = nearest_surface([Fake(MET, farther=times) for times in farther], problem)
     assert disk.misfit.rms == 1e8 * MET.misfit.rms
     assert len(problem.steps.history) == 2
+
+
+def test_a_surface_through_points_is_measured_from_the_curve_that_they_show():
+    problem = problem_of(SMOOTH)
+    missed = 2e-3 * problem.unit.mean_edge_length / MET.misfit.rms
+    # it passes through the points, but between them it is a hundredth of an edge from the curve
+    through = Fake(THROUGH_POINTS.solve(problem))
+    assert nearest_surface((Fake(MET, farther=missed), through), problem).route == "disk"
+    assert nearest_surface((Fake(MET, farther=100 * missed), through), problem).route == "vertices"
 
 
 def test_time_that_is_over_ends_the_plan():

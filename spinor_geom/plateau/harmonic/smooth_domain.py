@@ -78,19 +78,6 @@ class NodeDensity:
         return np.asarray(np.interp(t - whole, self._t, self._s) + whole + self._s_at_0)
 
 
-def has_narrow_place(curve: BoundaryCurve, points: int) -> bool:
-    """`NodeDensity.is_narrow`; a test on the vertices first excludes most loops in a tenth of the time."""
-    vertices = curve.coefficients[-1]
-    lengths = np.linalg.norm(shifted(vertices, -1, axis=0) - vertices, axis=1)
-    along, whole, gap = np.cumsum(lengths) - lengths, float(lengths.sum()), 1.2 * float(lengths.max())
-    arc = np.abs(along[:, None] - along)
-    arc = np.minimum(arc, whole - arc)
-    # bounds: Γ is nearer to itself than its vertices by at most `gap`, and at most 1.2 times as long as the polygon
-    distance = np.maximum(np.linalg.norm(vertices[:, None] - vertices, axis=-1) - gap, 0.0)
-    may_face = (distance < 0.6 * whole / points) & (1.2 * arc + gap > _FACING * distance) & (arc > 2 * gap)
-    return bool(may_face.any()) and NodeDensity(curve, points).is_narrow
-
-
 def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.ndarray, " n"], float]:
     """Cumulative number of additional nodes in narrow places, over the usual number; and the largest density.
 

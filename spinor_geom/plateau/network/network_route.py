@@ -316,9 +316,8 @@ class NetworkSolver:
         if at_corners > 0.5:
             where = f"{at_corners:.0%} of the squared distance lies within an edge of the loop's corners"
         elif self._is_rough:
-            where = (
-                f"the loop is rough: one point in ten turns by more than {np.degrees(max(map(roughness, loops))):.0f}°"
-            )
+            missed = max(map(roughness, loops))
+            where = f"the loop is rough: its points are {missed:.2f} edges from cubics through their neighbours"
         else:
             where = "more features would not meet the tolerance"
         if stage.is_full:
