@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -63,21 +63,21 @@ class CauchyNetwork(ArrayModel):
         poles: Complex[Array, " k"],
         scales: Float[Array, " k"],
         degree: int,
-        branch: complex | None = None,
+        branches: Sequence[complex] = (),
         cutoff: float = 1e-8,
     ) -> CauchyNetwork:
         """A network with zero read-outs and features orthonormal in ⟨f, g⟩ = Σ weight·conj(f)·g.
 
         The nodes z are usually on ∂Ω, and the scales the distances of the poles from it; the positive weights are
-        normalised to sum 1. `degree` is that of the polynomials, `branch` the point c if p and q change their sign
-        around a hole. Singular vectors of the raw features below `cutoff` times the largest singular value are dropped,
-        because p and q lose digits if large coefficients cancel.
+        normalised to sum 1. `degree` is that of the polynomials; `branches` has a point c in each hole around which p
+        and q change their sign. Singular vectors of the raw features below `cutoff` times the largest singular value
+        are dropped, because p and q lose digits if large coefficients cancel.
         """
         require_complex(nodes=z, poles=poles)
         weight = weight / weight.sum()
         hessenberg = arnoldi_hessenberg(z, weight, degree)
         raw = raw_features(z, hessenberg, poles, scales)
-        xp, at = namespace(z), place_of(z).put(np.array([] if branch is None else [branch], dtype=np.complex128))
+        xp, at = namespace(z), place_of(z).put(np.array(branches, dtype=np.complex128))
         root = xp.sqrt(weight)[:, None] * sign_changing(z, at)[:, None]
         _, r = xp.linalg.qr(raw * root)  # QR first: the SVD then works on a small square matrix
         _, s, vh = xp.linalg.svd(r, full_matrices=False)

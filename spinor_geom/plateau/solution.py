@@ -32,7 +32,17 @@ if TYPE_CHECKING:
     from spinor_geom.surface.spinor_surface import SpinorSurface
 
 RouteName = Literal[
-    "plane", "disk", "vertices", "annulus", "annular network", "circles", "flattened", "unfolded", "network", "trained"
+    "plane",
+    "disk",
+    "vertices",
+    "annulus",
+    "annular network",
+    "circles",
+    "network on circles",
+    "flattened",
+    "unfolded",
+    "network",
+    "trained",
 ]
 
 
@@ -55,6 +65,7 @@ class PlateauSolution(Shown):
             "network", "annular network": Gauss-Newton for a Cauchy network on a flattened discrete disk or annulus.
             "annulus", "circles": Douglas's method for two loops, or for more, on a disk with round holes; p and q are
             Laurent series.
+            "network on circles": the same for loops of which some have corners; p and q are a Cauchy network.
             "trained": a complex-valued network.
         history: the steps.
         solve_timings: wall time of each stage of the solve, in seconds.

@@ -108,7 +108,7 @@ def test_mesh_keeps_both_rims_bit_for_bit():
 DOMAIN = PlaneDomain.annulus(0.4, n=48)
 
 
-def problem_on_annulus(branch=None):
+def problem_on_annulus(branches=()):
     panels = Panels.around(DOMAIN, tuple(map(panel_breaks, DOMAIN.boundaries)), 8)
     poles = np.array([1.4, 1.1j, 0.1], dtype=np.complex128)
     network = CauchyNetwork.orthonormal_on(
@@ -117,7 +117,7 @@ def problem_on_annulus(branch=None):
         poles=poles,
         scales=np.ones(3, dtype=np.float64),
         degree=3,
-        branch=branch,
+        branches=branches,
     )
     curves = tuple(CurveTensors.of(BoundaryCurve.from_loop(sampled(ring(r, 0.0), 24)), NUMPY) for r in (1.0, 0.4))
     corners = np.empty(0), np.empty(0)
@@ -126,7 +126,7 @@ def problem_on_annulus(branch=None):
 
 def test_integrals_go_along_both_boundaries_and_across():
     panels, problem, _ = problem_on_annulus()
-    z = np.asarray(np.append(panels.z, path_across(DOMAIN)[0]))
+    z = np.asarray(np.append(panels.z, path_across(DOMAIN, 0)[0]))
     integral = problem.integrate((z**3 * problem.dz)[:, None])[:, 0]
     expected = np.asarray(panels.z) ** 4 / 4
     difference = integral - expected
@@ -135,9 +135,9 @@ def test_integrals_go_along_both_boundaries_and_across():
     assert abs(complex(around[0, 0]) + 2j * np.pi) < 1e-12
 
 
-@pytest.mark.parametrize("branch", [None, 0.05 + 0.02j])
-def test_derivative_of_a_network_around_a_hole(branch):
-    _, _, network = problem_on_annulus(branch)
+@pytest.mark.parametrize("branches", [(), (0.05 + 0.02j,)])
+def test_derivative_of_a_network_around_a_hole(branches):
+    _, _, network = problem_on_annulus(branches)
     real, imag = np.random.default_rng(0).normal(size=(2, *network.readout.shape))
     network = replace(network, readout=real + 1j * imag)
     z, h = np.array([0.7, -0.1 + 0.6j, 0.5j]), 1e-5
@@ -147,7 +147,7 @@ def test_derivative_of_a_network_around_a_hole(branch):
     # across the cut of the root both change their sign
     cut = -0.7 + 0.02j + 1e-12j * np.array([1.0, -1.0], dtype=np.float64)
     above, below = network.value(cut)
-    assert np.abs(above + (1 if branch else -1) * below).max() < 1e-8
+    assert np.abs(above + (1 if branches else -1) * below).max() < 1e-8
 
 
 def test_hole_grows_along_its_field():

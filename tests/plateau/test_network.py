@@ -24,7 +24,7 @@ def stage():
     """A network beside Enneper's disk."""
     curve = CurveTensors.of(BoundaryCurve.from_loop(gallery.enneper(0.8).rim(96)), NUMPY)
     nothing = (np.empty(0),)
-    return Discretisation.first(PlaneDomain.disk(0.8, POLES), (curve,), nothing, degree=12, offset=1.0, tolerance=1e-3)
+    return Discretisation.first(PlaneDomain.disk(0.8, POLES), (curve,), nothing, degree=12, offset=1.0, at_corner=9)
 
 
 def fit_of(stage, p, q):
@@ -55,7 +55,7 @@ def test_share_at_corners_counts_the_edges_that_end_there():
     domain = PlaneDomain.from_boundary(np.array(square), corners)
     curve = CurveTensors.of(BoundaryCurve.from_loop(gallery.enneper(0.8).rim(12)), NUMPY)
     pairs = np.arange(4) / 4
-    stage = Discretisation.first(domain, (curve,), (pairs,), degree=4, offset=1.0, tolerance=1e-3)
+    stage = Discretisation.first(domain, (curve,), (pairs,), degree=4, offset=1.0, at_corner=9)
     # of the three edges of each side the middle one ends at no corner; each edge has its length as its energy
     assert stage.share_at_corners(np.diff(stage.panels.breaks)) == pytest.approx(2 / 3)
 

@@ -166,9 +166,9 @@ def test_rims_too_far_apart_have_no_surface():
 
 def test_a_spent_search_says_so(monkeypatch):
     monkeypatch.setattr(rims_route, "DENSE", 200)
-    masts = [ring(2.5, 1.5, centre=(x, y)) for x in (-5, 5) for y in (-5, 5)]
+    monkeypatch.setattr(rims_route, "_SETTLED", 0.0)
     with pytest.raises(UnresolvedRimsError, match="limit of 200 nodes"):
-        solve_plateau([polygon(10 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]), 8), *masts])
+        solve_plateau(facing(TETRAHEDRON))
 
 
 def test_rims_whose_circles_cross_have_starts():

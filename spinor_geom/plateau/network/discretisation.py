@@ -22,7 +22,7 @@ from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks
 from spinor_geom.domain.quadrature import Panels
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
-from spinor_geom.holomorphic.poles import Poles, corner_poles, edge_poles, place_poles, refining_poles
+from spinor_geom.holomorphic.poles import Poles, edge_poles, place_poles, refining_poles
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network.gauss_newton import Fit
@@ -44,7 +44,7 @@ class Discretisation:
     breaks: tuple[Float[np.ndarray, " _"], ...]  # ends of the panels on each boundary
     degree: int  # of the polynomials
     at_corner: int  # number of poles clustered at each corner
-    branch: complex | None  # a point in the hole around which p and q change sign; None if they do not
+    branches: tuple[complex, ...]  # a point in each hole around which p and q change sign
 
     @classmethod
     def first(
@@ -55,8 +55,8 @@ class Discretisation:
         *,
         degree: int,
         offset: float,
-        tolerance: float,
-        branch: complex | None = None,
+        at_corner: int,
+        branches: tuple[complex, ...] = (),
     ) -> Discretisation:
         """One pole for each boundary vertex, and panels between the vertices, shorter towards corners.
 
@@ -68,12 +68,12 @@ class Discretisation:
             corners: parameters of each curve at the corners of Ω, ascending.
             degree: degree of the polynomials.
             offset: distance of the poles from ∂Ω, in local edges.
-            tolerance: RMS distance from Γ in mean edges; corners have more poles for a small one.
-            branch: a point in the hole around which p and q change sign; None if they do not.
+            at_corner: largest number of poles clustered at each corner.
+            branches: a point in each hole around which p and q change sign.
         """
         clusters = int(np.count_nonzero(domain.corners))
         room = _MAX_FEATURES - degree - 1 - (len(domain.corners) - clusters)
-        at_corner = max(1, min(corner_poles(tolerance), room // max(1, clusters)))
+        at_corner = max(1, min(at_corner, room // max(1, clusters)))
         return cls(
             domain=domain,
             curves=curves,
@@ -82,7 +82,7 @@ class Discretisation:
             breaks=tuple(map(panel_breaks, domain.boundaries)),
             degree=degree,
             at_corner=at_corner,
-            branch=branch,
+            branches=branches,
         )
 
     @cached_property
@@ -109,7 +109,7 @@ class Discretisation:
             poles=put(poles.positions),
             scales=put(poles.scales),
             degree=self.degree,
-            branch=self.branch,
+            branches=self.branches,
         )
 
     @cached_property
@@ -167,8 +167,9 @@ class Discretisation:
         if self.domain.holes and not self.domain.corners.any():
             return ModulusFields.of_hole(self.domain, self.panels)
         # the spline of the moved boundary does not resolve features with poles clustered at corners
-        z = place_of(self.problem.dz).put(np.append(self.panels.z, path_across(self.domain)[0]))
-        smooth = replace(self, branch=None)._network_with(edge_poles(self.domain)).features(z)
+        paths = [path_across(self.domain, hole)[0] for hole in range(len(self.domain.holes))]
+        z = place_of(self.problem.dz).put(np.concatenate([self.panels.z, *paths]))
+        smooth = replace(self, branches=())._network_with(edge_poles(self.domain)).features(z)
         return ModulusFields.of_corners(self.domain, self.panels, to_numpy(smooth))
 
     @property
@@ -278,7 +279,10 @@ class ModulusFields:
         """
         corner = domain.vertices[domain.corners]
         count = len(corner) - (0 if domain.holes else 3)
-        (path, steps), nodes = path_across(domain), len(panels.z)
+        # flattened domains have one hole at most
+        none = np.zeros(0, dtype=np.complex128)
+        path, steps = path_across(domain, 0) if domain.holes else (none, none)
+        nodes = len(panels.z)
         vanishing = np.prod((np.append(panels.z, path)[:, None] - corner) / domain.diameter, axis=1)
         slopes = (vanishing / np.abs(vanishing).max())[:, None] * features
         if domain.holes:

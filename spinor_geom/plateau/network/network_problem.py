@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Shaped
 from scipy.optimize import isotonic_regression
 
-from spinor_geom.arrays import Array, is_real, namespace, place_of, to_numpy
+from spinor_geom.arrays import Array, is_real, namespace, place_of, to_numpy, zeros
 from spinor_geom.domain.plane_domain import Boundary, PlaneDomain
 from spinor_geom.domain.quadrature import Panels, path_to
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
@@ -20,14 +20,15 @@ from spinor_geom.surface.formulas import phi
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NetworkProblem:
-    """Γ, and the features of the network at the nodes on ∂Ω, then on a path to the hole, if any."""
+    """Γ, and the features of the network at the nodes on ∂Ω, then on a path to each hole."""
 
     curves: tuple[CurveTensors, ...]  # Γ, one curve for each boundary of Ω
-    features: Complex[Array, "points n"]  # at the nodes and on the path
+    features: Complex[Array, "points n"]  # at the nodes and on the paths
     dz: Complex[Array, " points"]  # dz/dt
     weights: Float[Array, " points"]  # quadrature weights in t
     widths: Float[Array, " panels"]  # lengths of the panels in t
     rims: tuple[int, ...]  # number of panels of each boundary
+    paths: tuple[int, ...]  # number of points of the path to each hole
     cumulative: Float[Array, "order order"]  # integration matrix of a panel of length 1
     slide_bounds: Float[Array, "nodes 2"]  # lowest and highest curve parameter of each node
     fields: Complex[Array, "nodes k"]  # fields along which Ω may move to change its moduli
@@ -43,15 +44,17 @@ class NetworkProblem:
     ) -> NetworkProblem:
         """The problem on the nodes of panels, for a fixed domain; `corners` are as for `slide_bounds`."""
         put = place_of(network.poles).put
-        path, steps = path_across(domain)
+        across = [path_across(domain, hole) for hole in range(len(domain.holes))]
+        paths, steps = [path for path, _ in across], [step for _, step in across]
         sides = zip(domain.boundaries, corners, panels.own_parameters, strict=True)
         return cls(
             curves=curves,
-            features=network.features(put(np.append(panels.z, path))),
-            dz=put(np.append(panels.dz, steps)),
-            weights=put(np.append(panels.weights, np.ones(len(path)))),
+            features=network.features(put(np.concatenate([panels.z, *paths]))),
+            dz=put(np.concatenate([panels.dz, *steps])),
+            weights=put(np.concatenate([panels.weights, *map(np.ones_like, steps)]).real),
             widths=put(panels.widths),
             rims=panels.rims,
+            paths=tuple(map(len, paths)),
             cumulative=put(panels.cumulative),
             slide_bounds=put(np.concatenate([slide_bounds(*side) for side in sides])),
             fields=put(np.zeros((len(panels.z), 0), dtype=np.complex128)),
@@ -89,7 +92,7 @@ class NetworkProblem:
         return place_of(slide).put(np.concatenate(parts))
 
     def integrate(self, f: Complex[Array, "points k"]) -> Complex[Array, "nodes k"]:
-        """∫ f dt from the start of the first panel to each node, along ∂Ω and the path to the hole."""
+        """∫ f dt from the start of the first panel to each node, along ∂Ω and the paths to the holes."""
         order, (cumulative, weights) = len(self.cumulative), (self.cumulative, self.weights)
         if not is_real(f):
             cumulative, weights = cumulative + 0j, weights + 0j
@@ -98,8 +101,9 @@ class NetworkProblem:
         total = (weights[: self.nodes].reshape(-1, 1, order) @ by_panel)[:, 0]
         ends = np.cumsum([0, *self.rims]).tolist()
         starts = [total[start:end].cumsum(0) - total[start:end] for start, end in pairwise(ends)]
-        if len(f) > self.nodes:
-            starts[1] = starts[1] + weights[self.nodes :] @ f[self.nodes :]
+        ends = (self.nodes + np.cumsum([0, *self.paths])).tolist()
+        for hole, (start, end) in enumerate(pairwise(ends), start=1):
+            starts[hole] = starts[hole] + weights[start:end] @ f[start:end]
         return (local + namespace(f).concat(starts)[:, None]).reshape(self.nodes, -1)
 
     def positions(self, readout: Complex[Array, "n 2"]) -> Float[Array, "nodes 3"]:
@@ -108,16 +112,18 @@ class NetworkProblem:
 
     def around_hole(self, f: Complex[Array, "points k"]) -> Complex[Array, "holes k"]:
         """∮ f dt around each hole."""
-        last = self.nodes - self.rims[-1] * len(self.cumulative)
-        total = (self.weights[None, last : self.nodes] + 0j) @ f[last : self.nodes]
-        return total[: len(self.rims) - 1]
+        ends = (np.cumsum(self.rims) * len(self.cumulative)).tolist()
+        totals = zeros((len(self.paths), f.shape[1]), f)
+        for hole, (start, end) in enumerate(pairwise(ends)):
+            totals[hole] = (self.weights[start:end] + 0j) @ f[start:end]
+        return totals
 
     def velocities(self, readout: Complex[Array, "n 2"]) -> Complex[Array, "points 3"]:
-        """φ dz/dt at the nodes and on the path; its real part is dr/dt."""
+        """φ dz/dt at the nodes and on the paths; its real part is dr/dt."""
         return self.null_curve(readout) * self.dz[:, None]
 
     def null_curve(self, readout: Complex[Array, "n 2"]) -> Complex[Array, "points 3"]:
-        """φ at the nodes and on the path."""
+        """φ at the nodes and on the paths."""
         p, q = (self.features @ readout).mT
         return phi(p, q)
 
@@ -158,9 +164,8 @@ def slide_bounds(
     return np.stack([ends[side] + 1e-13, ends[side + 1] - 1e-13], axis=1)
 
 
-def path_across(domain: PlaneDomain) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
-    """Nodes and weights on a path from the first vertex of the outer boundary to that of the hole; empty if none."""
-    if not domain.holes:
-        return np.zeros(0, dtype=np.complex128), np.zeros(0, dtype=np.complex128)
-    (there, back), (here, ahead) = (path_to(domain, k, PATH_ORDER) for k in (0, len(domain.boundary.vertices)))
+def path_across(domain: PlaneDomain, hole: int) -> tuple[Complex[np.ndarray, " w"], Complex[np.ndarray, " w"]]:
+    """Nodes and weights on a path from the first vertex of the outer boundary to that of a hole."""
+    first = sum(len(boundary.vertices) for boundary in domain.boundaries[: hole + 1])
+    (there, back), (here, ahead) = (path_to(domain, k, PATH_ORDER) for k in (0, first))
     return np.append(there, here), np.append(-back, ahead)

@@ -7,6 +7,7 @@ annulus. The fit converges to the minimal surface nearest to its start, which ma
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -25,6 +26,7 @@ from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_b
 from spinor_geom.domain.quadrature import Panels
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
+from spinor_geom.holomorphic.poles import corner_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
@@ -35,6 +37,7 @@ from spinor_geom.plateau.network.gauss_newton import Fit, gauss_newton
 from spinor_geom.plateau.problem import PlateauProblem, Route, start_indices
 from spinor_geom.plateau.roughness import is_rough, roughness
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
+from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.steps import SPENT, STALLED
 from spinor_geom.plateau.vertices.point_equations import PointEquations
 from spinor_geom.surface.array_surface import PATH_ORDER, ArraySurface
@@ -135,28 +138,54 @@ class NetworkSolver:
             fitted = self._improved(fitted, start)
         if self.problem.is_disk and self._is_missed(fitted):
             fitted = self._opened(fitted, start)
-        with self.problem.clock.stage("surface"):
-            surface, rms_offset = fitted_surface(fitted, allowed=self.problem.allowed)
-            area = surface.area()
         rims_result = None
-        if surface.domain.holes:
+        if not self.problem.is_disk:
             rims_result = RimsResult(
                 order=tuple(side.number for side in self._sides),
                 backward=tuple(side.backward for side in self._sides),
-                antiperiodic=(fitted.stage.branch is not None,),
-                period=surface.largest_period(),
+                antiperiodic=(len(fitted.stage.branches) > 0,),
+                period=0.0,
             )
-        return RouteResult(
-            curves=tuple(side.curve for side in self._sides),
-            domain=surface.domain,
-            surface_at=surface.placed,
-            matchings=tuple(fitted.stage.matchings(fitted.fit)),
-            misfit=fitted.misfit.with_offset(rms_offset),
-            area=area,
-            route="network" if rims_result is None else "annular network",
-            limit=self._limit(fitted),
-            rims_result=rims_result,
-        )
+        curves = tuple(side.curve for side in self._sides)
+        return self._result(fitted, curves, "network" if rims_result is None else "annular network", rims_result)
+
+    def solve_from(
+        self,
+        stage: Discretisation,
+        readout: Complex[Array, "n 2"],
+        slide: Float[Array, " nodes"],
+        curves: tuple[BoundaryCurve, ...],
+        rims_result: RimsResult,
+    ) -> RouteResult:
+        """The minimal surface fitted over an Ω with the right conformal moduli, from a start.
+
+        Args:
+            stage: Ω with the poles.
+            readout: p and q of the start.
+            slide: curve parameters of its nodes.
+            curves: Γ, in the order and direction of the boundaries of Ω.
+            rims_result: properties of the surface; its period is replaced.
+        """
+        with self.problem.clock.stage("fit"):
+            fitted = self._refined(stage, readout, slide, self._fitted)
+        return self._result(fitted, curves, "network on circles", rims_result)
+
+    def _result(
+        self, fitted: Fitted, curves: tuple[BoundaryCurve, ...], route: RouteName, rims_result: RimsResult | None
+    ) -> RouteResult:
+        with self.problem.clock.stage("surface"):
+            surface, rms_offset = fitted_surface(fitted, allowed=self.problem.allowed)
+            return RouteResult(
+                curves=curves,
+                domain=surface.domain,
+                surface_at=surface.placed,
+                matchings=tuple(fitted.stage.matchings(fitted.fit)),
+                misfit=fitted.misfit.with_offset(rms_offset),
+                area=surface.area(),
+                route=route,
+                limit=self._limit(fitted),
+                rims_result=rims_result and replace(rims_result, period=surface.largest_period()),
+            )
 
     def _improved(self, fitted: Fitted, disk: Disk) -> Fitted:
         """The better of a fit and a fit from a finer disk; the first one where the second fails."""
@@ -202,19 +231,19 @@ class NetworkSolver:
             domain = PlaneDomain.inside(outer, flat.log_scale, holes=tuple(holes))
         with self.problem.clock.stage("features"):
             lifted = partial(lifted_spinors, start.vertices, start.faces, flat.images, self._sizes, place)
-            spinors, branch = lifted(), None
+            spinors, branches = lifted(), tuple[complex, ...]()
             ends = np.cumsum([0, *self._sizes]).tolist()
             if holes and not any(bool(signs_close_up(*spinors[a:b].mT)) for a, b in pairwise(ends)):
-                branch = point_in_hole(flat.rims[1])
-                spinors = lifted(branch=branch)
+                branches = (point_in_hole(flat.rims[1]),)
+                spinors = lifted(branch=branches[0])
             stage = Discretisation.first(
                 domain,
                 tuple(CurveTensors.of(side.curve, place) for side in sides),
                 tuple(side.knots[:-1][side.corners] for side in sides),
                 degree=self.problem.options.cauchy.degree,
                 offset=self.problem.options.cauchy.pole_offset,
-                tolerance=self.problem.options.tolerance,
-                branch=branch,
+                at_corner=corner_poles(self.problem.options.tolerance),
+                branches=branches,
             )
             factor, own = stage.network.sign_changing(place.put(stage.panels.z)), stage.panels.own_parameters
             if opening is not None:
@@ -226,12 +255,18 @@ class NetworkSolver:
                 slides.append(np.interp(share, boundary.parameters, side.knots) + np.round(t - share))
             readout = stage.readout_of(spinors[place.put(np.concatenate(edges))] * factor[:, None])
         with self.problem.clock.stage("fit"):
-            return self._refined(stage, readout, place.put(np.concatenate(slides)))
+            # the moduli of a flattened mesh are inexact, and a fit may then be near Γ at its nodes only
+            begin = self._with_right_moduli if stage.has_moduli else self._fitted
+            return self._refined(stage, readout, place.put(np.concatenate(slides)), begin)
 
-    def _refined(self, stage: Discretisation, readout: Complex[Array, "n 2"], slide: Float[Array, " nodes"]) -> Fitted:
+    def _refined(
+        self,
+        stage: Discretisation,
+        readout: Complex[Array, "n 2"],
+        slide: Float[Array, " nodes"],
+        begin: Callable[[Discretisation, Complex[Array, "n 2"], Float[Array, " nodes"]], Fitted],
+    ) -> Fitted:
         """The best of several rounds of Gauss-Newton, each with more poles where the last residual was large."""
-        # the moduli of a flattened mesh are inexact, and a fit may then be near Γ at its nodes only
-        begin = self._with_right_moduli if stage.has_moduli else self._fitted
         best = begin(stage, readout, slide)
         while self._is_missed(best) and not self._is_lost(best):
             finer = best.stage.refined(best.energy, best.misfit.rms / self.problem.excess(best.misfit))
@@ -382,14 +417,17 @@ def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[ArraySurface, flo
 
 
 def with_closed_period(network: CauchyNetwork, domain: PlaneDomain, order: int) -> CauchyNetwork:
-    """A network with the least change of read-outs for which Re ∮ φ dz = 0 around the hole, by Newton's method."""
-    (hole,), put = domain.holes, place_of(network.readout).put
-    panels = Panels.on(hole, panel_breaks(hole), order)
-    features, readout = network.features(put(panels.z)), network.readout
-    step = put(panels.dz * panels.weights)[:, None]
+    """A network with the least change of read-outs for which Re ∮ φ dz = 0 around each hole, by Newton's method."""
+    put, xp, readout = place_of(network.readout).put, namespace(network.readout), network.readout
+    parts = [Panels.on(hole, panel_breaks(hole), order) for hole in domain.holes]
+    features = [network.features(put(panels.z)) for panels in parts]
+    steps = [put(panels.dz * panels.weights)[:, None] for panels in parts]
     for _ in range(4):
-        values = features @ readout
-        gap = (step * phi(*values.mT)).sum(0).real
-        by_p, by_q = (2 * (step * values).mT @ features).conj()[..., None]
-        readout = readout + PointEquations.of(by_p, by_q).step(gap[None], None)
+        gaps, rows = [], []
+        for own, step in zip(features, steps, strict=True):
+            values = own @ readout
+            gaps.append((step * phi(*values.mT)).sum(0).real)
+            rows.append((2 * (step * values).mT @ own).conj())
+        by_p, by_q = xp.stack(rows, axis=-1)
+        readout = readout + PointEquations.of(by_p, by_q).step(xp.stack(gaps), None)
     return replace(network, readout=readout)

@@ -26,6 +26,7 @@ from spinor_geom.plateau.plane_route import lie_beside
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.rims.capacity_path import all_on_path, mean_modulus
+from spinor_geom.plateau.rims.cornered_route import solve_with_corners
 from spinor_geom.plateau.rims.energy import DENSE, HarmonicSurface, RimsProblem
 from spinor_geom.plateau.rims.starts import OrientedSurface, Rim, projected_starts, start_between
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
@@ -46,6 +47,8 @@ _SETTLED = 1e-3
 # Width of the smoothing of noisy curves, as a share of the loop. With half of it solves take half as many steps more;
 # with twice as much rims of squares are rounded, and areas differ by 2 %.
 _AVERAGE = 0.03
+_WITHOUT_MINIMUM = "the energy of surfaces between the rims decreases as the modulus increases, without a minimum"
+_COLLAPSED = "the energy of surfaces between the rims decreases from every start until the surface degenerates"
 
 
 def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> str | None:
@@ -90,6 +93,20 @@ class RimsSolver:
 
     problem: PlateauProblem
 
+    @property
+    def have_corners(self) -> bool:
+        """Whether some rims have corners, and all rims their own curves."""
+        return not self._is_noisy and any(curve.corners.any() for curve in self.problem.curves)
+
+    def with_corners(self) -> RouteResult:
+        """The surface between rims of which some have corners, near the first one with rounded corners."""
+        oriented = self._descended
+        if oriented is None:
+            if len(self.problem.units) == 2:
+                raise SurfaceError("no annulus was found between the rims with rounded corners")
+            raise NoConnectedSurfaceError(_COLLAPSED)
+        return solve_with_corners(self.problem, oriented)
+
     def on_circles(self) -> RouteResult:
         """The minimal surface of least energy found, or the one with the modulus nearest to that of the options."""
         laurent = self.problem.options.laurent
@@ -102,10 +119,7 @@ class RimsSolver:
             if best is None and len(self.problem.units) == 2:
                 best = min(self._stable(), key=lambda oriented: oriented.surface.dirichlet_energy, default=None)
         if best is None:
-            how = "as the modulus increases, without a minimum"
-            if len(self.problem.units) > 2:
-                how = "from every start until the surface degenerates"
-            raise NoConnectedSurfaceError(f"the energy of surfaces between the rims decreases {how}")
+            raise NoConnectedSurfaceError(_COLLAPSED if len(self.problem.units) > 2 else _WITHOUT_MINIMUM)
         return self.fitted(best)
 
     def through_points(self) -> RouteResult:
@@ -157,6 +171,8 @@ class RimsSolver:
     def _settled(self, start: OrientedSurface) -> tuple[OrientedSurface | None, bool]:
         """The minimum of the energy from a start that is one with twice as many nodes too, as `_lower` returns it."""
         best, is_resolved = self._lower(start)
+        if self.have_corners:
+            return best, is_resolved
         while best is not None:
             problem, nodes = self._problem(best), 2 * best.surface.slides.shape[1]
             fine = problem.stationary(problem.resampled(best.surface, nodes), saddles=True)
@@ -176,7 +192,8 @@ class RimsSolver:
         problem, n, fallen = self._problem(start), start.surface.slides.shape[1], 0
         while True:
             lower = problem.stationary(problem.resampled(start.surface, n), tolerance=SMALL)
-            if not lower.falls_apart and lower.size <= _SETTLED:
+            # nodes on circles do not resolve corners: `with_corners` continues from few
+            if not lower.falls_apart and (self.have_corners or lower.size <= _SETTLED):
                 return replace(start, surface=lower), True
             n, fallen = 2 * n, fallen + lower.falls_apart
             degenerates = fallen == 2 or (len(self.problem.units) == 2 and lower.is_apart)

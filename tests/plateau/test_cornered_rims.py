@@ -1,0 +1,99 @@
+"""Minimal surfaces between rims of which some have corners: known areas, derivatives, and rims without a surface."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from spinor_geom import mesh_patch, solve_plateau
+from spinor_geom.arrays import NUMPY
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.plateau import NoConnectedSurface
+from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.rims.cornered import Circles, CorneredRims, CorneredSurface, CornerForm, stationary
+from spinor_geom.plateau.steps import Steps
+from tests.plateau.rims import polygon, ring, sampled
+
+SQUARE = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
+# a square of side 20 and four circles of radius 2.5 above it: the height, and the area by a prototype with symmetry
+ROOFS = {0.3: 322.351803, 4.0: 438.210141, 5.0: 484.810576}
+
+
+def roof(height, masts=4):
+    places = [(5, 5), (-5, 5), (-5, -5), (5, -5)][:masts]
+    return [polygon(10 * SQUARE, 8), *(sampled(ring(2.5, height, centre=place), 32) for place in places)]
+
+
+@cache
+def tent():
+    return solve_plateau(roof(2.0, masts=2))
+
+
+def plane_roof():
+    """A plane square with four round holes, as a start of Newton's method that is not the solution."""
+    outer, *masts = roof(0.0)
+    curves = [BoundaryCurve.from_loop(loop) for loop in (outer, *(mast.reversed() for mast in masts))]
+    none = np.zeros(0)
+    rims = CorneredRims.of(
+        [CurveTensors.of(curve, NUMPY) for curve in curves],
+        [curves[0].breaks[:-1][curves[0].corners], *(4 * [none])],
+        [np.full(4, 0.5), *(4 * [none])],
+        [0, 10, 10, 10, 10],
+    )
+    circles = Circles(
+        centres=np.array([0, 0.5 + 0.5j, -0.5 + 0.5j, -0.5 - 0.5j, 0.5 - 0.5j]),
+        log_radii=np.log([1.0, 0.2, 0.2, 0.2, 0.2]),
+        arguments=np.pi / 4 + np.pi / 2 * np.arange(4),
+    )
+    return CorneredSurface(form=CornerForm(rims=rims, circles=circles), slides=np.zeros(rims.columns[-1].stop))
+
+
+def test_area_of_a_plane_region():
+    found, index = stationary(plane_roof(), Steps(limit=100))
+    assert index == 0
+    assert found.energy == pytest.approx(400 - 25 * np.pi, rel=2e-7)
+
+
+def test_derivatives_of_the_energy():
+    # in arguments of corners they are those of slides that are equal on both sides, as by symmetry here
+    here = plane_roof()
+    gradient, hessian = here.derivatives()
+    count, step = len(here.slides), 1e-3
+    for k in (0, 7, count, count + 4, count + 6, count + 9):
+        move = np.zeros(len(gradient))
+        move[k] = step
+        after, before = here.stepped(move), here.stepped(-move)
+        slope = (after.energy - before.energy) / (2 * step)
+        assert slope == pytest.approx(gradient[k], abs=1e-3 * np.abs(gradient).max())
+        column = (after.derivatives()[0] - before.derivatives()[0]) / (2 * step)
+        assert np.abs(column - hessian[:, k]).max() < 1e-2 * np.abs(column).max()
+
+
+@pytest.mark.parametrize("height", [pytest.param(height, marks=pytest.mark.slow) for height in ROOFS])
+def test_roofs_over_masts(height):
+    solution = solve_plateau(roof(height))
+    assert solution.converged
+    assert solution.area == pytest.approx(ROOFS[height], rel=1e-6)
+    assert solution.boundary_residual.rms_per_edge < 1e-4
+    assert solution.stability.verdict == "stable"
+
+
+def test_a_roof_keeps_its_corners():
+    solution = tent()
+    assert solution.converged
+    assert solution.boundary_residual.rms_per_edge < 1e-4
+    assert solution.boundary_residual.max_per_edge < 1e-2
+    assert solution.surface.area() == pytest.approx(solution.area, rel=1e-12)
+    assert solution.area_in_domain == pytest.approx(solution.area, rel=1e-3)
+    assert solution.annulus.period < 1e-8
+    assert solution.stability.verdict == "stable"
+    patch = mesh_patch(solution)
+    loops = [rim.loop for rim in solution.rims]
+    np.testing.assert_array_equal(patch.vertices[: patch.boundary_size], np.concatenate([x.points for x in loops]))
+    assert patch.area == pytest.approx(solution.area, rel=5e-3)
+
+
+def test_masts_above_the_last_surface_have_none():
+    answer = solve_plateau(roof(10.0, masts=2))
+    assert isinstance(answer, NoConnectedSurface)
+    assert "surface degenerates" in answer.reason
