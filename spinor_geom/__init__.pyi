@@ -29,6 +29,7 @@ from spinor_geom.mesh.curve import ClosedCurve as ClosedCurve
 from spinor_geom.mesh.triangle_mesh import TriangleMesh as TriangleMesh
 from spinor_geom.meshing.embed import Patch as Patch
 from spinor_geom.meshing.embed import mesh_patch as mesh_patch
+from spinor_geom.meshing.solid import Solid as Solid
 from spinor_geom.nurbs.nurbs_surface import NurbsSurface as NurbsSurface
 from spinor_geom.plateau.solution import NoConnectedSurface as NoConnectedSurface
 from spinor_geom.plateau.solution import PlateauSolution as PlateauSolution

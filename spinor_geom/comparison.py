@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
+from scipy.spatial import cKDTree
 
 from spinor_geom.adapters import is_mesh, to_mesh, to_rims
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, discrete_minimal_surface
@@ -18,8 +19,9 @@ from spinor_geom.measures import HausdorffDistance, discrete_mean_curvature, dis
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.operators import face_areas
+from spinor_geom.mesh.topology import HalfEdges, linked
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_surface
+from spinor_geom.meshing.embed import Patch, mesh_over_points, mesh_surface
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau
 
@@ -28,6 +30,7 @@ MOST_CURVATURE_POINTS = 500  # second derivatives take some milliseconds per poi
 # deviation from the surface is a sixteenth of the patch's.
 _FINER, _FEWEST, _MOST = 16, 4_000, 40_000
 _SAME_RIM = 0.1  # largest distance of a baseline's boundary from the loops, in mean edges
+_SAME_VERTEX = 1e-3  # largest distance of a vertex of a filled mesh from a point of its rim, in edges there
 _TOLERANCE = 1e-3  # of the surfaces solved here, as in `fill_hole`
 
 
@@ -130,10 +133,12 @@ def compare(
             mesh file, or a sequence of loops, Plateau's problem is solved first. A loop of a mesh is solved as by
             `fill_hole`.
         baseline: a `DiscreteMinimalSurface`, a `Patch`, or a mesh of any supported type whose boundary is the same
-            loop, without the mesh around it. None computes the `discrete_minimal_surface` of the same loop, with the
-            patch's edge length; between two loops its edges grow inwards, and between more it is `Patch.relaxed`.
+            loop. Of a filled mesh with the loop's points as vertices, the patch over the loop is used. None computes
+            the `discrete_minimal_surface` of the same loop, with the patch's edge length; between two loops its edges
+            grow inwards, and between more it is `Patch.relaxed`.
         loop: index of a mesh's loop, as in `boundary_loops`; required if a mesh has several.
-        target_edge_length: of the patch, as in `mesh_patch`, and of the baseline made here.
+        target_edge_length: of the patch, as in `mesh_patch` but over the loops' points alone, and of the baseline made
+            here.
         patch: the solution's mesh of that edge length, if it exists already.
 
     Raises:
@@ -145,7 +150,7 @@ def compare(
         SurfaceError: no connected minimal surface spans the loops.
     """
     solution = surface if isinstance(surface, PlateauSolution) else _solved(surface, loop)
-    mesh = mesh_patch(solution, target_edge_length) if patch is None else patch
+    mesh = mesh_over_points(solution, target_edge_length) if patch is None else patch
     loops = [rim.loop for rim in solution.rims]
     name, seconds, other = _baseline(baseline, loops, mesh, target_edge_length)
     exact = exact_curvature(solution, mesh.points[mesh.boundary_size :])
@@ -190,7 +195,9 @@ def _baseline(
 ) -> tuple[str, float | None, TriangleMesh]:
     """The baseline: its name, the seconds that it took if known, and the mesh."""
     if given is not None and not isinstance(given, DiscreteMinimalSurface):
-        mesh = TriangleMesh(given.vertices, given.faces) if isinstance(given, Patch) else to_mesh(given)
+        mesh = (
+            TriangleMesh(given.vertices, given.faces) if isinstance(given, Patch) else _patch_of(to_mesh(given), loops)
+        )
         _require_same_rims(mesh, loops)
         return "given mesh", None, mesh
     if given is None and len(loops) == 1:
@@ -201,6 +208,29 @@ def _baseline(
     mesh = TriangleMesh(given.vertices, given.faces)
     _require_same_rims(mesh, loops)
     return f"{given.method} mesh", given.seconds, mesh
+
+
+def _patch_of(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> TriangleMesh:
+    """The part of a filled mesh that closed chains of its edges at the points of the loops bound.
+
+    The mesh itself if the loops are its boundary or not among its edges.
+    """
+    (points, edges), faces = _polylines(loops), np.asarray(mesh.faces)
+    used = np.unique(faces)
+    distance, nearest = cKDTree(mesh.vertices[used]).query(points)
+    rim, half_edges = used[nearest][edges], HalfEdges.of(faces)
+    count = len(mesh.vertices)
+    own, rims = half_edges.origin * count + half_edges.target, rim[:, 0] * count + rim[:, 1]
+    is_rim = np.isin(own, rims)
+    is_inner = is_rim[is_rim] & (half_edges.twin[is_rim] >= 0)
+    lengths = np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1)
+    if not (distance <= _SAME_VERTEX * lengths).all() or is_inner.sum() < len(rims):
+        return mesh
+    pairs = half_edges.pairs[~(is_rim[half_edges.pairs].any(axis=1))]
+    part = linked(pairs // 3, len(faces))
+    kept = faces[np.isin(part, part[np.flatnonzero(is_rim) // 3])]
+    numbers, corners = np.unique(kept, return_inverse=True)
+    return TriangleMesh(mesh.vertices[numbers], corners.reshape(-1, 3))
 
 
 def _require_same_rims(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> None:

@@ -146,7 +146,10 @@ class ForeignLoopError(LoopError):
 
 
 class ForeignRimError(LoopError):
-    sentence = "the mesh to compare with has another boundary than the surface: {boundary}; give only the patch"
+    sentence = (
+        "the mesh to compare with has another boundary than the surface: {boundary}; give the patch, or the filled "
+        "mesh with the same rim"
+    )
 
 
 class SelfCrossingLoopError(LoopError):

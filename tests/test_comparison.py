@@ -17,12 +17,14 @@ from spinor_geom.errors import (
     SurfaceError,
     UnknownMeshTypeError,
 )
+from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solve import solve_plateau
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
+from tests.fill.shapes import tube
 
 
 @pytest.fixture(scope="module")
@@ -172,6 +174,17 @@ def test_what_a_user_holds_is_compared(known: Any, tmp_path: Path) -> None:
         # files hold single precision
         assert compare(surface, baseline).baseline_to_surface.mean == pytest.approx(wanted, rel=1e-2)
     assert compare(tube, mine, loop=place).baseline_to_surface.mean == pytest.approx(wanted, rel=1e-2)
+
+
+@pytest.mark.parametrize("loop", [0, 1])
+def test_the_patch_of_a_filled_mesh_is_compared(loop: int) -> None:
+    mesh = tube()
+    filled, report = fill_hole(mesh, return_report=True)
+    patch = report.loops[loop].patch
+    wanted = compare(mesh, (patch.vertices, patch.faces), loop=loop)
+    given = compare(mesh, filled, loop=loop)
+    assert given.baseline_vertices == wanted.baseline_vertices
+    assert given.baseline_area == pytest.approx(wanted.baseline_area, rel=1e-12)
 
 
 def test_two_rims_are_compared_with_a_strip_of_mine() -> None:

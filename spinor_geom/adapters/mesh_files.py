@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from spinor_geom.adapters.contents import FileContents, is_held_in_single_precision, malformed
 from spinor_geom.adapters.glb import encode_glb, glb_offset, names_in_glb, read_glb
@@ -320,6 +320,22 @@ def path_in_errors(path: Path) -> Iterator[None]:
     except (MeshFileError, MeshError, UnknownMeshTypeError) as error:
         place = error.fields.get("place", "")
         raise MeshFileError(f"{path}{', ' if place else ': '}{error}", path=path, place=place) from error
+
+
+def write_triangles(
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    path: str | os.PathLike[str],
+    attributes: Mapping[str, Float[np.ndarray, "v _"]] | None = None,
+) -> tuple[str, ...]:
+    """Writes triangles to a new file in the format of its suffix; returns and raises as `MeshFile.write`."""
+    contents = FileContents(
+        vertices=np.asarray(vertices),
+        polygons=Polygons.of_triangles(np.asarray(faces)),
+        attributes=attributes or {},
+        representatives=np.arange(len(vertices)),
+    )
+    return MeshFile.of_contents(contents, path=None).write(path)
 
 
 class MeshFileAdapter:

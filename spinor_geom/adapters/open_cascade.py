@@ -39,7 +39,10 @@ def require_cad_suffix(path: str | os.PathLike[str]) -> str:
     suffix = Path(path).suffix.lower()
     if suffix not in CAD_SUFFIXES:
         known = ", ".join(CAD_SUFFIXES)
-        raise CadFileError(f"{os.fspath(path)}: '{Path(path).suffix}' is not a CAD format; use one of {known}")
+        raise CadFileError(
+            f"{os.fspath(path)}: '{Path(path).suffix}' is not a CAD format; use one of {known}; "
+            "PlateauSolution.save and 'spinor-geom solve' also write meshes, such as .stl"
+        )
     require("OCP", extra="cad")
     return suffix
 

@@ -38,6 +38,15 @@ class Adapter(Protocol):
 
 
 _adapters: dict[str, Adapter] = {}
+# what to do with types that have no adapter, by a part of their description
+_CURES = {
+    ".PointCloud": "points have no holes: reconstruct faces first, or pass points of a closed curve to solve_plateau",
+    "pyvista.MultiBlock": "give its surface, mesh.combine().extract_surface(), or one of its blocks",
+    "pyvista.": "give its surface, mesh.extract_surface()",
+    "vtkmodules.": "give pyvista.wrap(mesh), with .extract_surface() if it is no vtkPolyData",
+    "of 2 (list, list)": "give arrays: (numpy.asarray(vertices), numpy.asarray(faces))",
+    "of 2 (tuple, tuple)": "give arrays: (numpy.asarray(vertices), numpy.asarray(faces))",
+}
 
 
 def register(adapter: Adapter) -> None:
@@ -119,9 +128,7 @@ def _adapter_of(obj: Any) -> Adapter:
         if name in _adapters:
             return _adapters[name]
     found, known = _description(obj), known_types()
-    advice = f"give one of: {', '.join(known)}"
-    if found.endswith(".PointCloud"):
-        advice = "points have no holes: reconstruct faces first, or pass points of a closed curve to solve_plateau"
+    advice = next((cure for name, cure in _CURES.items() if name in found), f"give one of: {', '.join(known)}")
     raise UnknownMeshTypeError(found=found, known=known, advice=advice)
 
 

@@ -74,5 +74,5 @@ def _of_cad(curves: list[CadCurve], loop: int | None) -> list[Rim]:
             raise LoopIndexError(index=loop, loops=len(curves))
         return [sorted(curves, key=lambda curve: -curve.length)[loop]]
     if len(curves) > 1 and curves[0].kind == "free boundary":
-        raise OptionError(f"the faces have {len(curves)} free boundaries; choose one by its index, or give wires")
+        raise OptionError(f"the faces have {len(curves)} free boundaries; give the wires of one or more of them")
     return [*curves]

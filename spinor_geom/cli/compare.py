@@ -9,12 +9,14 @@ from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.comparison import Comparison, compare
 from spinor_geom.errors import OptionError, SpinorGeomError
 from spinor_geom.fill.loop_choice import boundary_loops, chosen_indices
+from spinor_geom.render.page import require_html
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
     """Compares the surfaces over each chosen loop; reports the error of a loop that cannot be compared."""
     if arguments.output is not None:
         kept = [path for path in (arguments.input, arguments.baseline) if path is not None]
+        require_html(arguments.output)
         require_writable(arguments.output, *kept)
     mesh = read_surface(arguments.input, merge=arguments.merge)
     baseline = None if arguments.baseline is None else read_surface(arguments.baseline, merge=arguments.merge)

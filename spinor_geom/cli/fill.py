@@ -18,6 +18,7 @@ from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_options import LoopContinuity
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.fill.loop_choice import LoopChoice
+from spinor_geom.render.page import require_html
 
 if TYPE_CHECKING:
     from spinor_geom.comparison import Comparison
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 _OPTIONAL = ("stability", "perimeter", "seconds", "residual", "points")
 # text and style of a loop without a patch, by whether it was requested
 _OPEN = {True: ("open", "red"), False: ("left open", "dim")}
+_MOST_LISTED = 20  # loops; of more only those with warnings are listed on standard error
 # columns that are left out if empty: the RMS angle between patch and mesh along the boundary loop before and after the
 # continuation, the number of intersections, and the area of the mesh where it differs from that of the surface
 BEND, CROSSINGS, MESH_AREA = "bend", "crossings", "mesh area"
@@ -36,11 +38,13 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     if arguments.picture is not None:
         require("pyvista", extra="render")
     if arguments.html is not None:
+        require_html(arguments.html)
         require("matplotlib", extra="render")
     mesh = read_surface(arguments.input, merge=arguments.merge)
     edge_length: float | Literal["auto"] = arguments.edge_length or "auto"
     known_suffix(arguments.output)
     require_writable(arguments.output)  # the filled mesh may replace the input; no other output may
+    is_replaced = arguments.output.resolve() == arguments.input.resolve()
     outputs = [arguments.output]
     for path in (arguments.report, arguments.picture, arguments.html):
         if path is not None:
@@ -86,6 +90,8 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     for index, comparison in comparisons.items():
         show_lines(f"loop {index}\n{comparison}", piped=True)
     _show_result(result, quiet=arguments.quiet)
+    if is_replaced:
+        complain(f"{arguments.output}: the input was replaced by the filled mesh")
     for note in left_out:
         complain(note)
     good = result.closed and result.intersection_free and (result.complete or not arguments.strict)
@@ -127,7 +133,8 @@ def _add_comparisons(
 def _show_result(result: FillResult, *, quiet: bool) -> None:
     """Prints a table of loops on a terminal, and warnings on standard error.
 
-    Without a terminal, loops filled without warnings are listed on standard error too, unless `quiet`.
+    Without a terminal, a line of counts and, of at most `_MOST_LISTED` loops, those filled without warnings are on
+    standard error too, unless `quiet`.
     """
     if result.loops:
         rows = [_row(outcome) for outcome in result.loops]
@@ -143,17 +150,20 @@ def _show_result(result: FillResult, *, quiet: bool) -> None:
         else:
             show_lines(note, piped=not result.loops)
     filled = sum(outcome.filled for outcome in result.loops)
-    show_lines(
+    summary = (
         f"{filled} of {len(result.loops)} loops filled, {len(result.extension.faces)} faces added, "
-        f"{'watertight' if result.watertight else 'not watertight'}, {result.timings['total']:.1f} s",
-        piped=False,
+        f"{'watertight' if result.watertight else 'not watertight'}, {result.timings['total']:.1f} s"
     )
+    show_lines(summary, piped=False)
+    is_told = not quiet and not sys.stdout.isatty()
     for outcome in result.loops:
         lines = outcome.shortcomings
-        if (not lines or outcome.choice) and outcome.filled and not quiet and not sys.stdout.isatty():
+        if (not lines or outcome.choice) and outcome.filled and is_told and len(result.loops) <= _MOST_LISTED:
             lines = (f"loop {outcome.index} ({len(outcome.loop)} vertices): {_description(outcome)}", *lines)
         for line in lines:
             complain(line)
+    if is_told and result.loops:
+        complain(summary)
 
 
 def _description(outcome: LoopOutcome) -> str:

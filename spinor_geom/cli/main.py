@@ -88,6 +88,7 @@ class _Parser(argparse.ArgumentParser):
         texts = list(sys.argv[1:] if args is None else args)
         if _MERGE in self._option_strings():
             texts = _with_merge_values(texts)
+        texts = _with_joined_numbers(texts)
         found, rest = super().parse_known_args(texts, namespace)
         if unknown := [text.partition("=")[0] for text in rest if text.startswith("-")]:
             self.error(f"unrecognized arguments: {' '.join(unknown)}{_suggestion(unknown[0], self._option_strings())}")
@@ -114,6 +115,19 @@ def _with_merge_values(texts: Sequence[str]) -> list[str]:
         else text
         for place, text in enumerate(texts)
     ]
+
+
+def _with_joined_numbers(texts: Sequence[str]) -> list[str]:
+    """Joins the numbers after an option of loops: `--loop 0 2` becomes `--loop 0,2`."""
+    found, is_value = [""], False
+    for text in texts:
+        is_numbers = _NUMBERS.fullmatch(text) is not None
+        if is_value and is_numbers:
+            found[-1] += f",{text}"
+            continue
+        is_value = is_numbers and found[-1] in _OF_LOOPS
+        found.append(text)
+    return found[1:]
 
 
 def _is_number(text: str) -> bool:
@@ -178,6 +192,7 @@ _Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
 _positive = _checked(float, "a positive number", lambda x: 0 < x < math.inf)
 _from_zero = _checked(float, "a number of at least 0", lambda x: 0 <= x < math.inf)
 _MOST_LOOPS = 1_000_000  # in a range
+_OF_LOOPS, _NUMBERS = ("--loop", "--film", "--smooth", "--bridge"), re.compile(r"\d[\d,-]*")  # options, their values
 _MERGE, _ROUNDING = "--merge", "rounding"  # the option, and its value if no number is given
 _FORMATS = ", ".join(suffix[1:] for suffix in MESH_SUFFIXES)
 _FLAG: dict[str, Any] = {"action": "store_true"}
@@ -191,7 +206,7 @@ _merge_distance = _checked(
 )
 _loops = _checked(
     lambda text: [number for part in text.split(",") for number in _range(part)],
-    "a list of numbers such as 0,2,5-8; loops are numbered from 0",
+    "a list of numbers such as 0,2,5-8 or 0 2; loops are numbered from 0",
     lambda numbers: True,
 )
 _LOOP: dict[str, Any] = {"metavar": "N[,N…]", "type": _loops, "action": "extend"}
@@ -225,7 +240,7 @@ def _add_fill(commands: _Commands) -> None:
     add("--smooth", **_LOOP, help="continuity C1 for these loops; otherwise as --film")
     add("--report", **_path("JSON"), help="write a JSON report")
     add("--html", **_path("HTML"), help="write an HTML page that shows the filled mesh")
-    add("--quiet", **_FLAG, help="do not list filled loops on standard error when standard output is not a terminal")
+    add("--quiet", **_FLAG, help="no counts and filled loops on standard error when standard output is not a terminal")
     add("--picture", **_path("PNG"), help="draw the mesh before and after filling, facing the largest patch")
 
 
@@ -266,7 +281,7 @@ def _add_merge(add: Callable[..., Any]) -> None:
 def _add_solve(commands: _Commands) -> None:
     add = commands.add_parser(
         "solve",
-        help="write the minimal surface over closed curves as CAD data (NURBS)",
+        help="write the minimal surface over closed curves as CAD data (NURBS) or a mesh",
         epilog="exit status: 0: the surface follows the curves and the patches follow the surface; 1: one of them "
         f"exceeds its tolerance, see standard error; {_UNUSABLE}, or no connected surface spans the curves",
     ).add_argument
@@ -274,7 +289,17 @@ def _add_solve(commands: _Commands) -> None:
     add("input", **_path("CURVE"), help=f"{edges}, OBJ file of closed curves, or a mesh whose rims are spanned")
     only = "only these boundary loops of a mesh (indices from 'spinor-geom loops') or curves (CAD files: longest first)"
     add("--loop", **_LOOP, help=f"{only}; several bound one surface (default: all curves, or the only loop of a mesh)")
-    add("-o", "--output", **_path("OUT"), required=True, help="CAD file: .step, .stp, .igs, .iges or .brep")
+    add(
+        "-o",
+        "--output",
+        **_path("OUT"),
+        required=True,
+        help=f"CAD file: .step, .stp, .igs, .iges or .brep; mesh file: {_FORMATS}",
+    )
+    thick = "write a watertight mesh, the surface thickened by half of T to both sides (mesh units)"
+    add("--thickness", **_LENGTH | {"metavar": "T"}, help=thick)
+    add("--edge", choices=("rounded", "straight"), default="rounded", help="edge of the solid (default: %(default)s)")
+    add("--edge-length", **_LENGTH, help="target edge length of a mesh (default: mean edge length of the curves)")
     residual = "largest RMS distance of the surface from the curves, in mean edges (default: 1e-3, CAD edges: 1e-6)"
     add("--tolerance", metavar="T", type=_positive, help=residual)
     patches = "largest distance of the patches from the surface, in diagonals of the curves (default: %(default)s)"
@@ -306,7 +331,7 @@ def _add_compare(commands: _Commands) -> None:
     _add_input(add)
     only = "only these loops (indices from 'spinor-geom loops'); may be repeated (default: all)"
     add("--loop", **_LOOP, help=only)
-    own = "mesh of one patch to compare with, without the mesh around it (default: a discrete minimal surface)"
+    own = "filled mesh or patch to compare with (default: a discrete minimal surface)"
     add("--with", dest="baseline", **_path("MY_MESH"), help=own)
     add("--edge-length", **_LENGTH, help="edge length of computed meshes (default: mean edge length of each loop)")
     add("--json", **_FLAG, help="print JSON")

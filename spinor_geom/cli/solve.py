@@ -1,20 +1,23 @@
-"""`spinor-geom solve`: a minimal surface over the curves of a file, or rims of a mesh, written as CAD data."""
+"""`spinor-geom solve`: a minimal surface over curves of a file, or rims of a mesh, written as CAD data or a mesh."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from spinor_geom.adapters import CadCurve, read_mesh, to_rims
+from spinor_geom.adapters.mesh_files import known_suffix
 from spinor_geom.adapters.open_cascade import is_cad_file, require_cad_suffix
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines
 from spinor_geom.cli.source import require_writable
 from spinor_geom.errors import MeshFileError, NoConnectedSurfaceFoundError, OptionError
+from spinor_geom.files import MESH_SUFFIXES
 from spinor_geom.fill.loop_choice import boundary_loops, chosen_indices
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau.solution import NoConnectedSurface
+from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau
 
 _OF_POINTS, _OF_EDGES = 1e-3, 1e-6  # tolerances of surfaces over points, as of `solve_plateau`, and over CAD edges
@@ -23,7 +26,17 @@ _LEAST_GAP = 1e-9  # smallest reported gap between edges, per length of the curv
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
     """Solves Plateau's problem and writes the patches; raises an error before solving if the file cannot be written."""
-    require_cad_suffix(arguments.output)
+    is_mesh = arguments.output.suffix.lower() in MESH_SUFFIXES
+    if is_mesh:
+        known_suffix(arguments.output)
+        if arguments.unit is not None:
+            raise OptionError(f"{arguments.output}: mesh files have no unit; remove --unit, or write a CAD file")
+    else:
+        require_cad_suffix(arguments.output)
+        if arguments.thickness is not None or arguments.edge_length is not None:
+            raise OptionError(
+                "--thickness and --edge-length are for mesh files, such as film.stl; thicken a shell in the CAD program"
+            )
     require_writable(arguments.output, arguments.input)
     is_cad = is_cad_file(arguments.input)
     if is_cad and arguments.unit is not None:
@@ -36,24 +49,44 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         )
         if isinstance(solution, NoConnectedSurface):
             raise NoConnectedSurfaceFoundError(reason=solution.reason)
-        bar.stage("patches")
         arguments.output.parent.mkdir(parents=True, exist_ok=True)
-        surface = solution.save(
-            arguments.output,
-            tolerance=arguments.deviation,
-            time_limit=arguments.time_limit,
-            unit=arguments.unit or "mm",
-        )
-    deviations = surface.deviations
-    show_lines(
-        f"{len(surface.patches)} patches, {surface.size} control points, area {surface.area:.9g}, at most "
-        f"{deviations.surface:.1e} from the minimal surface and {deviations.rim:.1e} from the curve",
-        piped=False,
-    )
-    if surface.converged:
+        bar.stage("mesh" if is_mesh else "patches")
+        facts, problem = (_write_mesh if is_mesh else _write_patches)(solution, arguments)
+    show_lines(facts, piped=False)
+    if not problem:
         return ExitStatus.DONE
-    complain(surface.reason)
+    complain(problem)
     return ExitStatus.IMPERFECT
+
+
+def _write_patches(solution: PlateauSolution, arguments: argparse.Namespace) -> tuple[str, str]:
+    """Writes a CAD file; the figures, and why it is not good."""
+    surface = solution.to_nurbs(tolerance=arguments.deviation, time_limit=arguments.time_limit)
+    surface.save(arguments.output, unit=arguments.unit or "mm")
+    deviations = surface.deviations
+    facts = (
+        f"{len(surface.patches)} patches, {surface.size} control points, area {surface.area:.9g}, at most "
+        f"{deviations.surface:.1e} from the minimal surface and {deviations.rim:.1e} from the curve"
+    )
+    return facts, "" if surface.converged else surface.reason
+
+
+def _write_mesh(solution: PlateauSolution, arguments: argparse.Namespace) -> tuple[str, str]:
+    """Writes a mesh of the surface, or of the solid of some thickness; the figures, and why it is not good."""
+    length: float | Literal["auto"] = arguments.edge_length or "auto"
+    problems = [] if solution.converged else [solution.reason]
+    if arguments.thickness is None:
+        patch = mesh_patch(solution, length)
+        patch.write(arguments.output)
+        return f"{len(patch.faces)} triangles, area {patch.area:.9g}, of the surface {solution.area:.9g}", "; ".join(
+            problems
+        )
+    solid = solution.solid(arguments.thickness, target_edge_length=length, edge=arguments.edge)
+    solid.write(arguments.output)
+    if solid.intersections:
+        where = f"the solid intersects itself at {solid.intersections} pairs of faces"
+        problems.append(f"{where}; choose a smaller --thickness or --edge straight")
+    return f"{len(solid.faces)} triangles, watertight, volume {solid.volume:.9g}", "; ".join(problems)
 
 
 def _curves(path: Path, chosen: list[int] | None) -> list[Any]:

@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.spatial import cKDTree
 
@@ -227,6 +227,28 @@ class BoundaryCurve:
         coefficients[-1, own] = points
         slopes = None if self.slopes is None else scale * self.slopes
         return replace(self, coefficients=coefficients, slopes=slopes)
+
+    def divided(self, parts: Int[np.ndarray, " m"]) -> BoundaryCurve:
+        """The same curve with piece i divided into `parts[i]` pieces of equal length in s."""
+        first = np.cumsum(parts) - parts
+        step = np.repeat(np.diff(self.breaks) / parts, parts)
+        starts = np.repeat(self.breaks[:-1], parts) + step * (np.arange(len(step)) - np.repeat(first, parts))
+        corners = np.zeros(len(starts), dtype=bool)
+        corners[first] = self.corners
+
+        def expanded(coefficients: Coefficients) -> Coefficients:
+            pieces = PPoly(coefficients, self.breaks)
+            powers = range(len(coefficients) - 1, -1, -1)
+            return np.stack([pieces(starts, nu=power) / math.factorial(power) for power in powers])
+
+        return replace(
+            self,
+            breaks=np.append(starts, self.breaks[-1]),
+            coefficients=expanded(self.coefficients),
+            corners=corners,
+            slopes=None if self.slopes is None else expanded(self.slopes),
+            at_points=None,
+        )
 
     @property
     def is_formula(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,6 +11,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
+from spinor_geom.adapters.mesh_files import write_triangles
 from spinor_geom.deadline import require_time, seconds_left
 from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, relaxed_surface
@@ -96,6 +98,10 @@ class Patch(Shown):
         """Total area of the faces, in squared mesh units."""
         return float(face_areas(self.vertices, self.faces).sum())
 
+    def write(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
+        """Writes a mesh file in the format of the suffix of `path`; returns and raises as `MeshFile.write`."""
+        return write_triangles(self.vertices, self.faces, path)
+
     def relaxed(self) -> DiscreteMinimalSurface:
         """The discrete minimal surface near this mesh, with the same triangles and zero discrete mean curvature.
 
@@ -110,7 +116,10 @@ class Patch(Shown):
 
 
 def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["auto"] = "auto") -> Patch:
-    """Meshes a solved minimal surface; the points of its loops are the boundary vertices, bit for bit.
+    """Meshes a solved minimal surface; the points of its loops are boundary vertices, bit for bit.
+
+    Curves given by formulas and CAD edges are known between the points. If an edge length is given, points of the curve
+    divide longer edges, so that area and boundary converge. All others have no more boundary vertices.
 
     Ω is triangulated with edges of about target/λ, and near the boundary as long as the edges of the loop. The inner
     vertices are on the exact surface. The boundary vertices deviate from it by the boundary residual of the solution.
@@ -129,6 +138,14 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
     """
     takes = "a PlateauSolution, which solve_plateau returns (mesh_surface meshes a SpinorSurface)"
     require_type(solution, PlateauSolution, function="mesh_patch", takes=takes)
+    if target_edge_length != "auto":
+        require_positive("target_edge_length", target_edge_length, instead="'auto' or ")
+        solution = replace(solution, rims=tuple(rim.divided(target_edge_length) for rim in solution.rims))
+    return mesh_over_points(solution, target_edge_length)
+
+
+def mesh_over_points(solution: PlateauSolution, target_edge_length: float | Literal["auto"]) -> Patch:
+    """`mesh_patch` whose boundary vertices are the points of the loops only."""
     # the order of sums, and therefore the rounding, depends on the number of threads
     with one_thread():
         target = edge_length_over([rim.loop for rim in solution.rims], target_edge_length)

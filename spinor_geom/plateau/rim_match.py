@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,9 @@ from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.loop_frame import LoopFrame
+from spinor_geom.mesh.spacing import edge_lengths
+
+_ROUNDED = 0.1  # an edge that is longer by this share is not divided
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,6 +51,19 @@ class RimMatch:
             boundary=boundary,
             matching=np.column_stack([t, s]),
         )
+
+    def divided(self, longest: float) -> RimMatch:
+        """The match with more points on Γ, so that edges are at most about `longest`, in mesh units.
+
+        Γ is known between the points of the loop only if it is given by formulas; otherwise the match is unchanged.
+        """
+        parts = np.ceil(edge_lengths(self.loop.points) / longest - _ROUNDED).astype(np.int64).clip(1)
+        if not self.curve.is_formula or (parts == 1).all():
+            return self
+        curve = self.curve.divided(parts)
+        points = curve.coefficients[-1].copy()
+        points[np.cumsum(parts) - parts] = self.loop.points
+        return replace(self, loop=BoundaryLoop.from_points(points, corners=np.flatnonzero(curve.corners)), curve=curve)
 
     @cached_property
     def bulge(self) -> float:

@@ -7,6 +7,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -14,7 +15,8 @@ from jaxtyping import Complex, Float
 
 from spinor_geom import deadline
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.errors import SeveralRimsError, require_positive
+from spinor_geom.errors import OptionError, SeveralRimsError, require_positive
+from spinor_geom.files import MESH_SUFFIXES
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.loop_frame import LoopFrame
@@ -28,6 +30,8 @@ from spinor_geom.shown import Shown, shortened
 from spinor_geom.surface.array_surface import ArraySurface
 
 if TYPE_CHECKING:
+    from spinor_geom.meshing.embed import Patch
+    from spinor_geom.meshing.solid import Solid
     from spinor_geom.nurbs.nurbs_surface import NurbsSurface
     from spinor_geom.surface.spinor_surface import SpinorSurface
 
@@ -236,33 +240,75 @@ class PlateauSolution(Shown):
         with deadline.time_limit(time_limit):
             return nurbs_surface(self, tolerance)
 
+    def solid(
+        self,
+        thickness: float,
+        *,
+        target_edge_length: float | Literal["auto"] = "auto",
+        edge: Literal["straight", "rounded"] = "rounded",
+    ) -> Solid:
+        """The surface thickened by half of `thickness` to both sides, as a watertight mesh.
+
+        The vertices of both sides are those of `mesh_patch`, moved along the exact normals of the surface.
+
+        Args:
+            thickness: distance of the two sides, in mesh units.
+            target_edge_length: as for `mesh_patch`.
+            edge: "rounded", a half circle around the rim, or "straight", the normals along the rim.
+
+        Returns:
+            The solid; `intersections` is not 0 if it is too thick for the surface or its rim.
+
+        Raises:
+            OptionError: the thickness or the edge length is not positive and finite, or `edge` is unknown.
+            SurfaceError: a vertex is a branch point, where the surface has no normal.
+            DomainError, TooManyPointsError: as for `mesh_patch`.
+        """
+        from spinor_geom.meshing.solid import thickened
+
+        return thickened(self, thickness, target_edge_length, edge)
+
     def save(
         self,
         path: str | os.PathLike[str],
         *,
         tolerance: float = 1e-6,
         time_limit: float = math.inf,
-        unit: Literal["mm", "cm", "m", "in"] = "mm",
-    ) -> NurbsSurface:
-        """Writes the surface as a sewn shell of NURBS to a STEP, IGES or BREP file.
+        unit: Literal["mm", "cm", "m", "in"] | None = None,
+        target_edge_length: float | Literal["auto"] = "auto",
+    ) -> NurbsSurface | Patch:
+        """Writes the surface as a sewn shell of NURBS to a CAD file, or as triangles to a mesh file.
 
         Args:
-            path: ends with .step, .stp, .igs, .iges or .brep.
-            tolerance: as for `to_nurbs`.
-            time_limit: as for `to_nurbs`; writing the file comes after it.
-            unit: of the curve's coordinates; the file is in millimetres.
+            path: ends with .step, .stp, .igs, .iges or .brep, or with the suffix of a mesh format such as .stl.
+            tolerance: of NURBS, as for `to_nurbs`.
+            time_limit: of NURBS, as for `to_nurbs`; writing the file comes after it.
+            unit: of the curve's coordinates, "mm" by default; CAD files are in millimetres. Mesh files have no unit.
+            target_edge_length: of triangles, as for `mesh_patch`.
 
         Returns:
-            The patches that were written.
+            The patches or the mesh that was written.
 
         Raises:
-            CadFileError, OptionError, DomainError, OSError, MissingPackageError: as `to_nurbs` and `NurbsSurface.save`.
+            CadFileError, OptionError, DomainError, OSError, MissingPackageError: as `to_nurbs` and `NurbsSurface.save`;
+                or an option of the other kind of file was given.
+            MeshFileError, PrecisionError: as `MeshFile.write`.
         """
         from spinor_geom.adapters.open_cascade import require_cad_suffix
 
+        if Path(path).suffix.lower() in MESH_SUFFIXES:
+            from spinor_geom.meshing.embed import mesh_patch
+
+            if unit is not None:
+                raise OptionError(f"{os.fspath(path)}: mesh files have no unit; remove unit=, or write a CAD file")
+            patch = mesh_patch(self, target_edge_length)
+            patch.write(path)
+            return patch
         require_cad_suffix(path)
+        if target_edge_length != "auto":
+            raise OptionError(f"{os.fspath(path)}: CAD files have no triangles; remove target_edge_length=")
         surface = self.to_nurbs(tolerance=tolerance, time_limit=time_limit)
-        surface.save(path, unit=unit)
+        surface.save(path, unit=unit or "mm")
         return surface
 
     def to_dict(self) -> dict[str, Any]:

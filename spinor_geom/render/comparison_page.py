@@ -11,7 +11,7 @@ import numpy as np
 from spinor_geom.comparison import Comparison
 from spinor_geom.files import write_text
 from spinor_geom.measures import distances_to_mesh
-from spinor_geom.render.page import Views, document, table
+from spinor_geom.render.page import Views, document, require_html, table
 from spinor_geom.render.scene import Faces, Scene
 
 _DISTANCE = "distance to the exact surface, mesh units"
@@ -23,8 +23,11 @@ def comparison_page(
 ) -> str:
     """A page in one file with a table and a view of both meshes for each comparison, by name, such as "loop 0".
 
-    The page is returned, and written to `path`; raises an OSError if that fails.
+    The page is returned, and written to `path`; raises an OptionError for another suffix than .html,
+    and an OSError if the file cannot be written.
     """
+    if path is not None:
+        require_html(path)
     views, body = Views(), [f"<h1>{html.escape(title)}</h1>"]
     for name, comparison in comparisons.items():
         head, *rows = comparison.rows()

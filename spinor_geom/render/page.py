@@ -4,13 +4,16 @@ import base64
 import html
 import json
 import math
+import os
 from collections.abc import Callable, Container, Iterable, Sequence
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from spinor_geom.errors import OptionError
 from spinor_geom.render.scene import UNKNOWN_COLOUR, VIRIDIS, Faces, Layer, Lines, Scene, overview
 
 _LONG = 60  # cells with more characters wrap
@@ -34,6 +37,12 @@ def document(title: str, body: Sequence[str], *, style: str = "") -> str:
             "",
         ]
     )
+
+
+def require_html(path: str | os.PathLike[str]) -> None:
+    """Raises an OptionError unless a path has the suffix of a page."""
+    if Path(path).suffix.lower() not in (".html", ".htm"):
+        raise OptionError(f"{os.fspath(path)}: a page has the suffix .html, not '{Path(path).suffix}'; print it as PDF")
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, marked: Container[int] = ()) -> str:

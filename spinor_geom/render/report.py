@@ -27,7 +27,7 @@ from spinor_geom.render.loop_views import (
     mean_curvature_field,
     patch_faces,
 )
-from spinor_geom.render.page import Views, cell, document, panel, picture, table
+from spinor_geom.render.page import Views, cell, document, panel, picture, require_html, table
 from spinor_geom.render.scene import Scene
 
 MOST_LOOPS = 8  # loops with exact surfaces, the longest first, whose Ω and functions are shown
@@ -62,10 +62,13 @@ def report(
 
     Raises:
         ArgumentTypeError: `result` is not the result of a fill.
+        OptionError: `path` ends neither with .html nor with .htm.
         MissingPackageError: matplotlib is not installed.
         OSError: the file cannot be written.
     """
     require_type(result, FillResult, function="report", takes="the FillResult of fill_hole(mesh, return_report=True)")
+    if path is not None:
+        require_html(path)
     require("matplotlib", extra="render")
     exact = [outcome for outcome in result.loops if outcome.kind == "minimal" and outcome.patch is not None]
     details = [loop_views(outcome) for outcome in exact[:MOST_LOOPS]]

@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters import MeshFile, Polygons, to_mesh
-from spinor_geom.adapters.contents import FileContents
+from spinor_geom.adapters import to_mesh
+from spinor_geom.adapters.mesh_files import write_triangles
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface
 from spinor_geom.errors import MeshFileError
 from spinor_geom.fill.fill_result import FillResult
 from spinor_geom.measures import discrete_mean_curvature
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_surface
+from spinor_geom.meshing.solid import Solid
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render.page import Views, document
 from spinor_geom.render.portrait import Portrait
@@ -59,13 +60,7 @@ class Shape:
         attributes = {"color": np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)}
         if NORMAL in self.values:
             attributes[NORMAL] = self.values[NORMAL]
-        contents = FileContents(
-            vertices=np.asarray(self.vertices),
-            polygons=Polygons.of_triangles(np.asarray(self.faces)),
-            attributes=attributes,
-            representatives=np.arange(len(self.vertices)),
-        )
-        MeshFile.of_contents(contents, path=None).write(target)
+        write_triangles(self.vertices, self.faces, target, attributes)
 
     def framed(self, *, title: str) -> str:
         """An `iframe` with an interactive view, for a notebook; text only for more than `MOST_FACES` triangles."""
@@ -91,7 +86,7 @@ def shape_of(shown: Any) -> Shape:
         return _minimal(mesh_surface(shown), shown)
     if isinstance(shown, PlateauSolution):
         return _minimal(mesh_patch(shown), shown.array_surface)
-    if isinstance(shown, (Patch, DiscreteMinimalSurface)):
+    if isinstance(shown, (Patch, DiscreteMinimalSurface, Solid)):
         mesh = TriangleMesh(shown.vertices, shown.faces)
     else:
         mesh = to_mesh(shown.mesh if isinstance(shown, FillResult) else shown)

@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[2]
         (None, "NoneType is not"),
         ((np.zeros((3, 3)), np.zeros((1, 3)), 1), r"tuple of 3 \(numpy.ndarray, numpy.ndarray, int\)"),
         ((np.zeros((3, 3)), torch.zeros((1, 3))), r"tuple of 2 \(numpy.ndarray, torch.Tensor\)"),
-        ([[0.0, 0.0, 0.0], [0, 1, 2]], r"list of 2 \(list, list\)"),
+        (["a.obj", 3], r"list of 2 \(str, int\)"),
         ((), r"tuple of 0 \(\)"),
     ],
 )
@@ -75,6 +75,22 @@ def test_registered_adapter_serves_its_type_and_subclasses() -> None:
     assert len(to_mesh(Cloth(*open_cube())).faces) == 10
     assert isinstance(extend(Silk(*open_cube()), lid()), Silk)
     assert "Cloth" in known_types()
+
+
+def test_errors_name_the_cure_for_types_that_are_nearly_supported() -> None:
+    pyvista = pytest.importorskip("pyvista")
+    from vtkmodules.vtkCommonDataModel import vtkPolyData
+
+    vertices, faces = open_cube()
+    for given, cure in (
+        (pyvista.MultiBlock([pyvista.Sphere()]), r"combine\(\).extract_surface\(\)"),
+        (pyvista.ImageData(dimensions=(3, 3, 3)), r"mesh.extract_surface\(\)"),
+        (pyvista.StructuredGrid(), r"mesh.extract_surface\(\)"),
+        (vtkPolyData(), r"pyvista.wrap\(mesh\)"),
+        ((vertices.tolist(), faces.tolist()), "numpy.asarray"),
+    ):
+        with pytest.raises(UnknownMeshTypeError, match=cure):
+            to_mesh(given)
 
 
 def test_import_and_lookup_import_no_optional_library() -> None:

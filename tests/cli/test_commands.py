@@ -65,9 +65,10 @@ def test_fill_writes_a_closed_mesh_and_a_report(
     assert main(["fill", str(mesh_path), "-o", str(output), "--report", str(report)]) == 0
     printed = capsys.readouterr()
     assert printed.out == ""
-    lines = printed.err.splitlines()
+    *lines, counts = printed.err.splitlines()
     assert [line.partition(":")[2][:8] for line in lines] == [" loop 0 ", " loop 1 "]
     assert all("minimal" in line and "area" in line for line in lines)
+    assert "2 of 2 loops filled" in counts
     assert boundary_loops(output) == []
     assert main(["fill", str(mesh_path), "-o", str(output), "--quiet"]) == 0
     printed = capsys.readouterr()
@@ -183,7 +184,7 @@ def test_a_patch_that_crosses_the_mesh_is_written_and_reported_with_status_1(
     assert printed.startswith(
         "spinor-geom: loop 0 (3 vertices): the patch crosses the mesh in 1 pair of faces, first (4, 3)"
     )
-    assert len(printed.splitlines()) == 1
+    assert len(printed.splitlines()) == 2  # and the counts
     assert len(boundary_loops(output)) == 1
     entry = json.loads(report.read_text())
     assert (entry["complete"], entry["intersection_free"]) == (True, False)
@@ -721,3 +722,33 @@ def test_an_interrupted_fill_changes_none_of_its_files(
     expected = 130 if isinstance(error, KeyboardInterrupt) else 2
     assert main(["fill", mesh, *arguments]) == expected
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"out.obj": b"old", "out.png": b"old"}
+
+
+def test_the_input_may_be_replaced_and_that_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh = write_obj(tmp_path / "tube.obj", *tube())
+    assert main(["fill", str(mesh), "-o", str(mesh)]) == 0
+    assert "the input was replaced" in capsys.readouterr().err
+    assert main(["fill", str(mesh), "-o", str(tmp_path / "other.obj")]) == 0
+    assert "replaced" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("loops", [2, 22])
+def test_of_many_loops_only_counts_and_exceptions_are_listed(
+    loops: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    vertices, faces = tube()
+    copies = loops // 2
+    many = np.concatenate([vertices + np.array([10 * k, 0, 0]) for k in range(copies)])
+    mesh = write_obj(tmp_path / "tubes.obj", many, np.concatenate([faces + k * len(vertices) for k in range(copies)]))
+    assert main(["fill", str(mesh), "-o", str(tmp_path / "filled.obj")]) == 0
+    *listed, counts = capsys.readouterr().err.splitlines()
+    assert f"{loops} of {loops} loops filled" in counts
+    assert len(listed) == (loops if loops <= 20 else 0)
+
+
+@pytest.mark.parametrize("command", [["fill", "-o", "out.obj", "--html"], ["compare", "-o"]])
+def test_a_page_has_the_suffix_of_pages(command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh, page = write_obj(tmp_path / "tube.obj", *tube()), tmp_path / "page.pdf"
+    assert main([command[0], str(mesh), *command[1:], str(page)]) == 2
+    assert "has the suffix .html" in capsys.readouterr().err
+    assert not page.exists()

@@ -5,7 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinor_geom.cli.main import main
+from spinor_geom.adapters import read_mesh
+from spinor_geom.cli.main import _with_joined_numbers, main
+from spinor_geom.mesh.find_loops import find_boundary_loops
+from spinor_geom.mesh.topology import is_watertight
 from tests.fill.shapes import tube
 
 
@@ -63,8 +66,8 @@ def test_a_missed_tolerance_is_status_1(tmp_path: Path, capsys: pytest.CaptureFi
 
 def test_bad_input_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = write_obj(tmp_path / "curve.obj", circle(0, 0.3))
-    assert main(["solve", str(source), "-o", str(tmp_path / "film.stl")]) == 2
-    assert "'.stl' is not a CAD format" in capsys.readouterr().err
+    assert main(["solve", str(source), "-o", str(tmp_path / "film.txt")]) == 2
+    assert "'.txt' is not a CAD format" in capsys.readouterr().err
     pytest.importorskip("OCP")
     film = str(tmp_path / "film.step")
     apart = write_obj(tmp_path / "apart.obj", circle(0), circle(9))
@@ -77,3 +80,29 @@ def test_bad_input_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture
         assert message in error
         assert error.count("\n") == 1
     assert not Path(film).exists()
+
+
+def test_a_mesh_or_a_solid_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = str(write_obj(tmp_path / "curves.obj", circle(0, 0.3)))
+    film, solid = tmp_path / "film.ply", tmp_path / "solid.stl"
+    assert main(["solve", source, "-o", str(film), "--edge-length", "0.05"]) == 0
+    assert len(find_boundary_loops(read_mesh(film).mesh)) == 1
+    assert main(["solve", source, "-o", str(solid), "--thickness", "0.1", "--edge", "straight"]) == 0
+    assert is_watertight(read_mesh(solid).mesh.faces)
+    assert main(["solve", source, "-o", str(solid), "--thickness", "8"]) == 1
+    assert "choose a smaller --thickness" in capsys.readouterr().err
+    for output, options in (("film.stl", ["--unit", "cm"]), ("film.step", ["--thickness", "1"])):
+        assert main(["solve", source, "-o", str(tmp_path / output), *options]) == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "joined"),
+    [
+        (["--loop", "0", "2", "x.obj"], ["--loop", "0,2", "x.obj"]),
+        (["--film", "0-3", "5", "7-9"], ["--film", "0-3,5,7-9"]),
+        (["--loop", "1", "--", "2"], ["--loop", "1", "--", "2"]),
+        (["--time-limit", "1", "2"], ["--time-limit", "1", "2"]),
+    ],
+)
+def test_numbers_of_loops_may_be_apart(given: list[str], joined: list[str]) -> None:
+    assert _with_joined_numbers(given) == joined

@@ -1,13 +1,15 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from threadpoolctl import threadpool_limits
 
-from spinor_geom import BoundaryLoop, solve_plateau
+from spinor_geom import BoundaryLoop, gallery, read_mesh, solve_plateau
 from spinor_geom.domain.sizes import EdgeLengths
 from spinor_geom.domain.triangulation import triangulate_polygon
-from spinor_geom.errors import DomainError, OptionError
+from spinor_geom.errors import CadFileError, DomainError, OptionError
 from spinor_geom.measures import discrete_mean_curvature, smallest_angles
 from spinor_geom.mesh.intersections import self_intersections
 from spinor_geom.meshing.embed import Patch, mesh_patch, over_domain_of_angles
@@ -189,3 +191,32 @@ def test_a_domain_has_the_given_angles() -> None:
     turn = np.angle((np.roll(ring, -1) - ring) / (ring - np.roll(ring, 1)))
     np.testing.assert_allclose(np.pi - turn, angles, atol=1e-9)
     assert (new.vertices[32:, 2] < 0.08).all()
+
+
+def test_the_rim_of_a_formula_is_divided_and_that_of_points_is_not() -> None:
+    curve = gallery.tennis_seam(0.75)
+    known, points = solve_plateau(curve), solve_plateau(curve.sample(64), between="smooth")
+    auto, fine = (mesh_patch(known, length) for length in ("auto", 0.05))
+    assert auto.boundary_size == len(known.loop) < fine.boundary_size
+    # the error of an inscribed mesh is quadratic in its edges, and the rim's edges are halved twice at least
+    assert abs(fine.area - known.area) < abs(auto.area - known.area) / 8
+    at = {tuple(point) for point in fine.vertices[: fine.boundary_size].tolist()}
+    assert {tuple(point) for point in known.loop.points.tolist()} <= at
+    assert mesh_patch(points, 0.05).boundary_size == 64
+
+
+def test_a_patch_is_written_in_every_format(tmp_path: Path) -> None:
+    solution = solve_plateau(gallery.tennis_seam(0.75))
+    patch = mesh_patch(solution)
+    for suffix in (".obj", ".ply", ".stl", ".glb"):
+        patch.write(tmp_path / f"patch{suffix}")
+        saved = solution.save(tmp_path / f"saved{suffix}")
+        assert isinstance(saved, Patch)
+        for name in ("patch", "saved"):
+            read = read_mesh(tmp_path / f"{name}{suffix}").mesh
+            assert (len(read.vertices), len(read.faces)) == (len(patch.vertices), len(patch.faces))
+    for path, options in (("a.stl", {"unit": "cm"}), ("a.step", {"target_edge_length": 0.1})):
+        with pytest.raises(OptionError, match="remove"):
+            solution.save(tmp_path / path, **options)
+    with pytest.raises(CadFileError, match="stl"):
+        solution.save(tmp_path / "a.txt")
