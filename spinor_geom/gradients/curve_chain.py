@@ -19,7 +19,7 @@ from spinor_geom.errors import NotDifferentiableError
 from spinor_geom.gradients.analytic_chain import PoissonCurve, by_steps, by_trigonometric_points
 from spinor_geom.gradients.spline_chain import SplineSystem
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.interpolation import ARC_NODES, EQUAL, gauss_nodes, piecewise_cubic
+from spinor_geom.mesh.interpolation import ARC_NODES, EQUAL, gauss_nodes, piecewise_cubic, quintic_degrees
 from spinor_geom.mesh.spacing import are_long
 
 
@@ -57,12 +57,14 @@ class _Cubic:
 
     points: Float[np.ndarray, "m 3"]
     corners: Bool[np.ndarray, " m"]
+    has_natural_ends: bool = True
 
     @cached_property
     def system(self) -> SplineSystem:
-        breaks, coefficients = piecewise_cubic(self.points, self.corners)
+        natural = self.has_natural_ends
+        breaks, coefficients = piecewise_cubic(self.points, self.corners, has_natural_ends=natural)
         degrees = np.full(len(self.points), 3)
-        return _system(breaks, coefficients, self.corners, degrees)
+        return _system(breaks, coefficients, self.corners, degrees, natural)
 
     @cached_property
     def _at_nodes(self) -> tuple[Float[np.ndarray, "m g 3"], Float[np.ndarray, "3 g"]]:
@@ -110,6 +112,8 @@ class _Spline:
     @cached_property
     def _degrees(self) -> Int[np.ndarray, " m"]:
         curve = self.curve
+        if curve.kind == "quintic":
+            return quintic_degrees(curve.corners)
         if not curve.corners.any():
             return np.full(len(curve.corners), curve.degree)
         # sides of a lower degree are padded with 0
@@ -134,8 +138,9 @@ class _Spline:
         order = np.argsort(piece, kind="stable")
         sums = csr_array((np.ones(len(s)), order, np.searchsorted(piece[order], np.arange(m + 1))), shape=(m, len(s)))
         starts, *by_powers = np.split(sums @ np.concatenate(terms, axis=1), curve.degree + 1, axis=1)
-        cubic = _Cubic(points=curve.coefficients[-1], corners=curve.corners)
-        system = _system(curve.breaks, curve.coefficients, curve.corners, self._degrees)
+        natural = curve.kind != "quintic"
+        cubic = _Cubic(points=curve.coefficients[-1], corners=curve.corners, has_natural_ends=natural)
+        system = _system(curve.breaks, curve.coefficients, curve.corners, self._degrees, natural)
         own, by_logs = system.by_points(np.stack(by_powers))
         is_cubic = self._degrees == 3
         total = starts + own + cubic.by_chords(np.where(is_cubic, by_logs, 0.0))
@@ -147,7 +152,9 @@ def _system(
     coefficients: Float[np.ndarray, "d1 m 3"],
     corners: Bool[np.ndarray, " m"],
     degrees: Int[np.ndarray, " m"],
+    has_natural_ends: bool,
 ) -> SplineSystem:
     widths, points = np.diff(breaks), coefficients[-1]
     powers = coefficients[-2::-1] * widths[:, None] ** np.arange(1, len(coefficients))[:, None, None]
-    return SplineSystem(widths=widths, powers=powers, corners=corners, degrees=degrees, natural=are_long(points))
+    natural = has_natural_ends & are_long(points)
+    return SplineSystem(widths=widths, powers=powers, corners=corners, degrees=degrees, natural=natural)

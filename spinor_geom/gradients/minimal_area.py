@@ -23,20 +23,22 @@ Corners: TypeAlias = Literal["auto"] | Sequence[ArrayLike | Literal["auto"]] | A
 def minimal_area(
     points: Tensor | Sequence[Tensor],
     *,
-    corners: Corners = "auto",
+    corners: Corners = (),
     model: Model = "auto",
-    tolerance: float = 1e-3,
+    tolerance: float = 1e-6,
     time_limit: float = math.inf,
 ) -> Float[Tensor, ""]:
     """Area of the minimal surface over ordered points, or between several rims; differentiable in the points.
 
-    The curve through the points is that of `BoundaryCurve`, as with `solve_plateau(..., between="smooth")`. The
-    gradient is ∮ ν·δΓ ds, see `PlateauSolution.area_gradient`; it takes a small part of the time of the solve. Second
-    derivatives and `torch.func.vmap` are not available.
+    The curve through the points is a spline of degree 5 at any positions of the points, as with
+    `solve_plateau(..., between="quintic")`, so that area and gradient are continuous. The gradient is ∮ ν·δΓ ds, see
+    `PlateauSolution.area_gradient`; it takes a small part of the time of the solve. Second derivatives and
+    `torch.func.vmap` are not available.
 
     Args:
         points: (m, 3) real positions in mesh units, on any device; or one such tensor for each rim.
-        corners: as for `BoundaryLoop.from_points`; for several rims one entry for each.
+        corners: indices of the points that are corners; for several rims one entry for each. "auto" detects them, so
+            that the area jumps where a moved point becomes a corner.
         model: as for `solve_plateau`.
         tolerance: as for `solve_plateau`; the relative error of the gradient is about that of the boundary. For smooth
             curves the residual is at most 1e-8 of an edge with any tolerance.
@@ -73,7 +75,8 @@ def solved(
     rims: Sequence[Tensor], corners: Corners, model: Model, tolerance: float, time_limit: float
 ) -> PlateauSolution:
     """The solution over tensors of points, with the errors and warnings of `minimal_area`."""
-    of_rims: Any = [corners] if len(rims) == 1 else ["auto"] * len(rims) if isinstance(corners, str) else corners
+    given: Any = corners
+    of_rims = [given] if len(rims) == 1 else [given] * len(rims) if isinstance(given, str) or not len(given) else given
     if len(of_rims) != len(rims):
         raise OptionError(f"corners must have one entry for each of {len(rims)} rims, got {len(of_rims)}")
     loops = [
@@ -85,7 +88,7 @@ def solved(
             raise OptionError("the last point of a rim is equal to the first; remove it")
     device = rims[0].device if rims[0].device.type != "cpu" else None
     solution = solve_plateau(
-        loops, model=model, tolerance=tolerance, between="smooth", time_limit=time_limit, device=device
+        loops, model=model, tolerance=tolerance, between="quintic", time_limit=time_limit, device=device
     )
     if isinstance(solution, NoConnectedSurface):
         raise SurfaceError(f"{solution.reason}; move the rims towards each other")

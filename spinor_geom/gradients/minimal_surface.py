@@ -34,9 +34,9 @@ _DEGENERATE = 5e-3
 def minimal_surface(
     points: Tensor | Sequence[Tensor],
     *,
-    corners: Corners = "auto",
+    corners: Corners = (),
     model: Model = "auto",
-    tolerance: float = 1e-3,
+    tolerance: float = 1e-6,
     time_limit: float = math.inf,
     target_edge_length: float | Literal["auto"] = "auto",
 ) -> tuple[Float[Tensor, "n 3"], Int[Tensor, "f 3"]]:
@@ -88,9 +88,9 @@ def nearest_on_surface(
     points: Tensor | Sequence[Tensor],
     places: Float[Tensor, "k 3"],
     *,
-    corners: Corners = "auto",
+    corners: Corners = (),
     model: Model = "auto",
-    tolerance: float = 1e-3,
+    tolerance: float = 1e-6,
     time_limit: float = math.inf,
 ) -> Float[Tensor, "k 3"]:
     """The points of the minimal surface over `points` that are nearest to given places; differentiable in `points`.

@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 
 from spinor_geom.domain.plane_domain import FourierBoundary, panel_breaks
 from spinor_geom.domain.quadrature import Panels, rule
-from spinor_geom.mesh.interpolation import EQUAL
+from spinor_geom.mesh.interpolation import ANALYTIC_DEGREE, EQUAL
 from spinor_geom.plateau.harmonic.douglas import resampled
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.solution import PlateauSolution
@@ -23,7 +23,7 @@ _ORDER = 12
 # Fewest equal steps of ∂Ω for each point of the loop. The trapezoidal rule converges with the power d + 1 of the step
 # for Γ of degree d, and geometrically if Γ is analytic: half as many steps give gradients that are off by 6e-4 for
 # splines of degree 7, and by 3e-5 for cubic ones.
-_STEPS = {"analytic": 1, "spline": 4, "cubic": 16}
+_STEPS = {3: 16, 5: 8, 7: 4, ANALYTIC_DEGREE: 1}
 # Alternating updates of c in r = c + Re ∫ φ dz and of the nearest points of Γ; more change gradients by 1e-8.
 _PLACINGS = 2
 
@@ -109,7 +109,7 @@ def _even_places(rim: RimMatch, boundary: FourierBoundary) -> Float[np.ndarray, 
     n = max(len(t), len(boundary.coefficients) + 1)
     if n > len(t) or np.abs(len(t) * t - np.arange(len(t))).max() > EQUAL:
         s = PchipInterpolator(*_around(rim).T)(np.arange(n) / n)
-    return np.asarray(resampled(s, n * math.ceil(_STEPS[rim.curve.kind] * len(rim.loop) / n)))
+    return np.asarray(resampled(s, n * math.ceil(_STEPS[rim.curve.degree] * len(rim.loop) / n)))
 
 
 def _around(rim: RimMatch) -> Float[np.ndarray, "k 2"]:

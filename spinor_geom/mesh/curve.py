@@ -24,6 +24,7 @@ from spinor_geom.mesh.interpolation import (
     between_corners,
     gauss_nodes,
     piece_places,
+    quintic_curve,
     reversed_pieces,
     smooth_curves,
     through,
@@ -80,8 +81,9 @@ class BoundaryCurve:
     s is taken mod 1 everywhere. Within piece i, Γ(s) = Σ_k coefficients[k, i] (s − breaks[i])^(d − k), d the degree.
 
     Attributes:
-        kind: "cubic", cubic splines; "spline", splines of which some have degree 5 or 7; "analytic", a curve that is
-            analytic between its corners, up to rounding errors.
+        kind: "cubic", cubic splines; "spline", splines of which some have degree 5 or 7; "quintic", splines whose
+            degrees do not depend on the positions of the points; "analytic", a curve that is analytic between its
+            corners, up to rounding errors.
         breaks: (M + 1,) parameters of the vertices, from 0 to 1: normalised chord length for cubics, normalised arc
             length otherwise (chord length would reduce the order); uniform for the trigonometric polynomial and for
             formulas.
@@ -103,7 +105,7 @@ class BoundaryCurve:
         return f"BoundaryCurve({pieces} pieces of degree {degree - 1}, {int(self.corners.sum())} corners)"
 
     @classmethod
-    def from_loop(cls, loop: BoundaryLoop) -> BoundaryCurve:
+    def from_loop(cls, loop: BoundaryLoop, *, quintic: bool = False) -> BoundaryCurve:
         """The interpolating curve through all points of a loop.
 
         Without corners it is one of these, with the least cross-validation error:
@@ -116,22 +118,28 @@ class BoundaryCurve:
         cubic, or of degree 5 or 7 on sides of 16 points and more if that predicts points better. A side of two edges is
         a parabola, a side of one edge a straight line.
 
+        With `quintic` it is a differentiable function of the points: the spline of degree 5 over the arc lengths of the
+        cubic one, periodic or not-a-knot; closed curves of fewer than 16 points, and sides of fewer, are cubic over
+        chord lengths.
+
         Raises:
             RepeatedPointError: two neighbouring points of the loop are equal.
 
         Source: Floater & Surazhsky, "Parameterization for curve interpolation" (2006), for the parameters.
         """
         require_distinct_neighbours(loop)
-        (curve,) = cls.from_loops([loop])
+        (curve,) = cls.from_loops([loop], quintic=quintic)
         return curve
 
     @classmethod
-    def from_loops(cls, loops: Sequence[BoundaryLoop]) -> list[BoundaryCurve]:
+    def from_loops(cls, loops: Sequence[BoundaryLoop], *, quintic: bool = False) -> list[BoundaryCurve]:
         """`from_loop` of several loops without equal neighbouring points; loops of equal size are computed together."""
         found: dict[int, Pieces] = {}
         alike: dict[int, list[int]] = defaultdict(list)
         for i, loop in enumerate(loops):
-            if loop.corners.any():
+            if quintic:
+                found[i] = quintic_curve(loop.points, loop.corners)
+            elif loop.corners.any():
                 found[i] = between_corners(loop.points, loop.corners)
             else:
                 alike[len(loop)].append(i)

@@ -20,7 +20,7 @@ Breaks = Float[np.ndarray, " m_plus_1"]  # parameters from 0 to 1
 Coefficients = Float[np.ndarray, "d1 m 3"]  # of the pieces between the breaks, highest power first
 ManyVertices = Float[np.ndarray, "*b m k"]
 ManyBreaks = Float[np.ndarray, "*b m_plus_1"]
-CurveKind: TypeAlias = Literal["cubic", "spline", "analytic"]
+CurveKind: TypeAlias = Literal["cubic", "spline", "quintic", "analytic"]
 
 DEGREES = (3, 5, 7)  # of splines; higher ones gain nothing in float64
 MIN_POINTS_FOR_HIGH_DEGREE = 16  # too few points to estimate the smoothness otherwise
@@ -68,14 +68,39 @@ def smooth_curves(points: Float[np.ndarray, "b m 3"]) -> list[Pieces]:
         if i in analytic and follows_edges(i, analytic[i]):
             chosen[i] = analytic[i]
         elif degree > min(DEGREES):
-            closed = np.vstack([points[i], points[i, :1]])
-            spline = interpolating_spline(arcs[i], closed, degree, bc_type="periodic")
-            powers = [spline(arcs[i, :-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
-            # the constant terms are the vertices, bit for bit
-            curve = Pieces("spline", arcs[i], np.stack([*powers, points[i]]))
+            curve = Pieces("spline", arcs[i], _periodic_spline(points[i], arcs[i], degree))
             if follows_edges(i, curve):
                 chosen[i] = curve
     return chosen
+
+
+def quintic_curve(points: Vertices, corners: Bool[np.ndarray, " m"]) -> Pieces:
+    """The spline of `quintic_degrees`, a differentiable function of the points."""
+    degrees = quintic_degrees(corners)
+    if corners.any():
+        return between_corners(points, corners, degrees)
+    breaks, cubics = periodic_cubics(points)
+    if degrees[0] == min(DEGREES):
+        return Pieces("quintic", breaks, cubics)
+    arcs = _arc_shares(breaks, cubics)
+    return Pieces("quintic", arcs, _periodic_spline(points, arcs, int(degrees[0])))
+
+
+def quintic_degrees(corners: Bool[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
+    """Degrees of the pieces of a closed spline: 5, over arc lengths; 3, over chord lengths, on sides of few points."""
+    if not corners.any():
+        return np.full(len(corners), 3 if len(corners) < MIN_POINTS_FOR_HIGH_DEGREE else 5)
+    degrees = np.full(len(corners), 3)
+    for side in _sides(corners):
+        degrees[side] = 3 if len(side) + 1 < MIN_POINTS_FOR_HIGH_DEGREE else 5
+    return degrees
+
+
+def _periodic_spline(points: Vertices, arcs: Breaks, degree: int) -> Coefficients:
+    spline = interpolating_spline(arcs, np.vstack([points, points[:1]]), degree, bc_type="periodic")
+    powers = [spline(arcs[:-1], nu=k) / factorial(k) for k in range(degree, 0, -1)]
+    # the constant terms are the vertices, bit for bit
+    return np.stack([*powers, points])
 
 
 def interpolating_spline(x: Float[np.ndarray, " n"], y: Shaped[np.ndarray, "n k"], degree: int, **ends: Any) -> BSpline:
@@ -101,18 +126,19 @@ def _leaves_long_edges(points: Vertices, curve: Pieces) -> bool:
 
 
 def piecewise_cubic(
-    points: Float[np.ndarray, "m k"], corners: Bool[np.ndarray, " m"]
+    points: Float[np.ndarray, "m k"], corners: Bool[np.ndarray, " m"], *, has_natural_ends: bool = True
 ) -> tuple[Breaks, Float[np.ndarray, "4 m k"]]:
     """Breaks and coefficients of the closed interpolating cubic spline with chord-length parameters and corners.
 
-    Points have any dimension. Breaks run from 0 to 1; coefficients are as in `scipy.interpolate.PPoly`.
+    Points have any dimension. Breaks run from 0 to 1; coefficients are as in `scipy.interpolate.PPoly`. The
+    ends of sides are not-a-knot, or with `has_natural_ends` natural on long edges.
     """
     if not corners.any():
         return periodic_cubics(points)
     breaks = _shares(edge_lengths(points))
     coefficients = np.empty((4, *points.shape))
     # not-a-knot would extrapolate the curvature at short edges over a long edge at the end of a side
-    ends = np.where(are_long(points), "natural", "not-a-knot").tolist()
+    ends = np.where(has_natural_ends & are_long(points), "natural", "not-a-knot").tolist()
     for side in _sides(corners):
         t = np.append(breaks[side], breaks[side[-1] + 1])
         t[1:] += t[1:] <= t[0]  # the side may wrap around the end of the parameter
@@ -127,18 +153,23 @@ def _sides(corners: Bool[np.ndarray, " m"]) -> list[Int[np.ndarray, " _"]]:
     return np.split(shifted(edges, -first[0]), np.flatnonzero(shifted(corners, -first[0]))[1:])
 
 
-def between_corners(points: Vertices, corners: Bool[np.ndarray, " m"]) -> Pieces:
-    """The curve of a closed polygon with corners: cubic, or of higher degree on sides where that is better."""
-    breaks, cubics = piecewise_cubic(points, corners)
+def between_corners(
+    points: Vertices, corners: Bool[np.ndarray, " m"], degrees: Int[np.ndarray, " m"] | None = None
+) -> Pieces:
+    """The curve of a closed polygon with corners.
+
+    Its sides have given degrees, or are cubic, and of higher degree where that is better.
+    """
+    breaks, cubics = piecewise_cubic(points, corners, has_natural_ends=degrees is None)
     padding, highest = max(DEGREES) - min(DEGREES), min(DEGREES)
     coefficients = np.concatenate([np.zeros((padding, *points.shape)), cubics])
     widths, is_long = np.diff(breaks), are_long(points)
     for side in _sides(corners):
-        if len(side) + 1 < MIN_POINTS_FOR_HIGH_DEGREE or is_long[side].any():
+        if len(side) + 1 < MIN_POINTS_FOR_HIGH_DEGREE or (degrees is None and is_long[side].any()):
             continue
         vertices = points[np.append(side, (side[-1] + 1) % len(points))]
         arcs = _arc_shares(np.append(0.0, np.cumsum(widths[side])), cubics[:, side])
-        degree = int(predicting_degree(vertices, arcs, is_closed=False)[0])
+        degree = int(predicting_degree(vertices, arcs, is_closed=False)[0] if degrees is None else degrees[side[0]])
         if degree > min(DEGREES):
             highest, length = max(highest, degree), widths[side].sum()
             spline = interpolating_spline(arcs, vertices, degree)
@@ -147,7 +178,8 @@ def between_corners(points: Vertices, corners: Bool[np.ndarray, " m"]) -> Pieces
             breaks[side] = (breaks[side[0]] + length * arcs[:-1]) % 1.0
     # the first point may be inside a side
     breaks[:-1] = (breaks[:-1] - breaks[0]) % 1.0
-    return Pieces("cubic" if highest == min(DEGREES) else "spline", breaks, coefficients[max(DEGREES) - highest :])
+    kind: CurveKind = "quintic" if degrees is not None else "cubic" if highest == min(DEGREES) else "spline"
+    return Pieces(kind, breaks, coefficients[max(DEGREES) - highest :])
 
 
 def periodic_cubics(points: ManyVertices) -> tuple[ManyBreaks, Float[np.ndarray, "*b 4 m k"]]:

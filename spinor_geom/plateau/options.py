@@ -118,8 +118,8 @@ class Options:
         require_positive("max_iterations", self.max_iterations)
         if self.unstable not in ("leave", "keep"):
             raise OptionError(f"unknown choice for unstable {self.unstable!r}; choose 'leave' or 'keep'")
-        if self.between not in ("smooth", "free"):
-            raise OptionError(f"unknown choice for between {self.between!r}; choose 'smooth' or 'free'")
+        if self.between not in ("smooth", "quintic", "free"):
+            raise OptionError(f"unknown choice for between {self.between!r}; choose 'smooth', 'quintic' or 'free'")
         _ = self.trainer  # checks the optimizer
 
     def require_rims(self, count: int) -> None:
@@ -174,6 +174,11 @@ class Options:
     def is_series(self) -> bool:
         """Whether the model is a power series, or a Laurent series for several loops."""
         return self.model == "series"
+
+    @property
+    def is_quintic(self) -> bool:
+        """Whether Γ is a spline that is a differentiable function of the points."""
+        return self.between == "quintic"
 
     @property
     def replaces_unstable(self) -> bool:

@@ -105,7 +105,7 @@ class PlateauProblem:
             loops=tuple(loops),
             units=units,
             curves=tuple(
-                BoundaryCurve.from_loop(unit)
+                BoundaryCurve.from_loop(unit, quintic=options.is_quintic)
                 if curve is None
                 else curve.placed(unit.points, unit.diagonal / _diagonal(curve.coefficients[-1]))
                 for unit, curve in zip(units, curves, strict=True)
@@ -123,7 +123,7 @@ class PlateauProblem:
         given = [_single_loop(loop) for loop in loops]
         scaled = _each_at_unit_size(given)
         simple = [one for one in scaled if not isinstance(one, SpinorGeomError)]
-        curves = iter(BoundaryCurve.from_loops([units[0] for units, _, _ in simple]))
+        curves = iter(BoundaryCurve.from_loops([units[0] for units, _, _ in simple], quintic=options.is_quintic))
         problems: list[PlateauProblem | SpinorGeomError] = []
         for loop, one in zip(given, scaled, strict=True):
             if isinstance(loop, SpinorGeomError):

@@ -47,8 +47,8 @@ def negligible_energy(edges: int, allowed: float) -> float:
 
 
 def is_rough(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
-    """Whether neighbours do not predict the points of a loop, and its curve is a cubic spline."""
-    return curve.kind == "cubic" and not is_predicted(loop)
+    """Whether neighbours do not predict the points of a loop, and its curve was not chosen for its predictions."""
+    return curve.kind in ("cubic", "quintic") and not is_predicted(loop)
 
 
 def is_predicted(loop: BoundaryLoop) -> bool:

@@ -40,7 +40,7 @@ class _Rest(TypedDict, total=False):
     tolerance: float
     max_iterations: int
     unstable: Literal["leave", "keep"]
-    between: Literal["smooth", "free"]
+    between: Literal["smooth", "quintic", "free"]
     time_limit: float
     device: str | torch.device | None
     on_iteration: Callable[[Iteration], None] | None
@@ -71,7 +71,7 @@ def solve_plateau(
     tolerance: float = 1e-3,
     max_iterations: int = 400,
     unstable: Literal["leave", "keep"] = "leave",
-    between: Literal["smooth", "free"] = "free",
+    between: Literal["smooth", "quintic", "free"] = "free",
     all_solutions: bool = False,
     time_limit: float = math.inf,
     device: str | torch.device | None = None,
@@ -120,7 +120,8 @@ def solve_plateau(
             prescribed. The surface is then the minimal surface through the points that is nearest to a discrete minimal
             disk, or for several loops to the surface between averages of them, and Γ is its boundary. That takes
             hundredths of a second for tens of points and seconds for several loops. With a model other than "auto",
-            and for curves given by formulas or edges, "free" has no effect.
+            and for curves given by formulas or edges, "free" has no effect. "quintic": along the spline of
+            `BoundaryCurve.from_loop(..., quintic=True)`, so that the area is a differentiable function of the points.
         all_solutions: search for several disks over the loop, as Cauchy networks, or for annuli, as Laurent series,
             unstable ones too; see `find_disks`. It takes several times as long, and may miss some.
         time_limit: seconds after which the best surface so far is returned; see its `converged` and `reason`. With
@@ -192,7 +193,7 @@ def solve_plateau_batch(
     tolerance: float = 1e-3,
     max_iterations: int = 400,
     unstable: Literal["leave", "keep"] = "leave",
-    between: Literal["smooth", "free"] = "free",
+    between: Literal["smooth", "quintic", "free"] = "free",
     time_limit: float = math.inf,
     device: str | torch.device | None = None,
 ) -> Iterator[PlateauSolution | SpinorGeomError]:

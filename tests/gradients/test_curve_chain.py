@@ -34,6 +34,16 @@ CURVES = {
     "a long edge": (np.concatenate([arched(12)[:36], QUADRILATERAL[3:] + 0.1]), (0, 12), "cubic", 3),
 }
 
+QUINTIC = {
+    "uniform": (wavy(64), (), 5),
+    "rough": (wavy(60, uneven=1) + ROUGH, (), 5),
+    "few points": (wavy(12, uneven=1), (), 3),
+    "sides": (arched(20), range(0, 80, 20), 5),
+    "short sides": (arched(6), range(0, 24, 6), 3),
+    "straight sides": (np.concatenate([arched(20)[:20], np.linspace(*QUADRILATERAL[[1, 0]], 20)[:-1]]), (0, 20), 5),
+}
+CURVES |= {f"quintic, {name}": (points, at, "quintic", degree) for name, (points, at, degree) in QUINTIC.items()}
+
 
 @pytest.mark.parametrize("name", CURVES)
 @pytest.mark.parametrize("is_back", [False, True])
@@ -42,7 +52,8 @@ def test_chain_rule_equals_differences(name, is_back):
     m, rng = len(points), np.random.default_rng(1)
 
     def curve(moved):
-        found = BoundaryCurve.from_loop(BoundaryLoop.from_points(moved, corners=list(corners)))
+        loop = BoundaryLoop.from_points(moved, corners=list(corners))
+        found = BoundaryCurve.from_loop(loop, quintic=kind == "quintic")
         assert (found.kind, found.degree) == (kind, degree)
         return found.reversed() if is_back else found
 
