@@ -31,8 +31,9 @@ from spinor_geom.meshing.embed import Patch, over_domain_of_angles
 from spinor_geom.meshing.remeshing import remesh
 
 _ROUNDS = 6  # of minimisation and remeshing, to bound the time
-# Edges are refined that are longer than `_LONG` times this multiple of the radius of curvature 1/√(κ₁² + κ₂²)
-_FLATNESS, _LONG = 0.2, 1.5
+# Edges are refined that are longer than `_LONG` times this multiple of the radius of curvature 1/√(κ₁² + κ₂²). With 0.2
+# tubes between two rims are off by twice as much; 0.1 needs a third more faces for the same distances.
+_FLATNESS, _LONG = 0.14, 1.5
 # The report has a remark if the bend inside a patch, for edges as long as those of the mesh around it, exceeds this
 # multiple of the bend there by more than so many degrees. The ratio is at most 1.5 on spheres, cylinders, tori and
 # scans.

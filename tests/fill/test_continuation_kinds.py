@@ -197,8 +197,8 @@ def test_a_wide_band_between_two_rims_has_no_slivers() -> None:
     assert smooth.continuation is not None
     assert smooth.continuation.started_from == "strip"
     assert smooth.continuation.smallest_angle > 25
-    # the mean distance of vertices at rest, with the tolerance of the steps; the slivers' was 0.0017
-    assert np.sqrt(np.mean(band.distances(smooth.patch.vertices) ** 2)) < 5e-4 * band.diameter  # type: ignore[union-attr]
+    # slivers were off by 0.0017, edges of up to a fifth of the radius of curvature by 3e-4
+    assert np.sqrt(np.mean(band.distances(smooth.patch.vertices) ** 2)) < 2e-4 * band.diameter  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("number", [30, *(pytest.param(k, marks=pytest.mark.slow) for k in (7, 19))])
