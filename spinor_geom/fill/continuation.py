@@ -179,7 +179,8 @@ def continue_patch(patch: Patch, collar: Collar, lengths: EdgeLengths) -> Faired
        domain whose angles at the loop complete those of the mesh to 2π. A minimal surface that turns back over the mesh
        has other angles there.
     4. If it is still folded or has not converged, the thin plate replaces it, unless that is folded too.
-    5. The patch is remeshed with the target length, or with edges short enough for its curvature, and minimised again.
+    5. If it has converged, the patch is remeshed with the target length, or with edges short enough for its curvature,
+       and minimised again.
 
     Raises:
         SingularMatrixError: triangles of the patch are degenerate.
@@ -196,7 +197,7 @@ def continue_patch(patch: Patch, collar: Collar, lengths: EdgeLengths) -> Faired
             plate = replace(_plate(patch, collar), lowered=faired.defect)
             if not plate.folds:
                 faired = replace(plate, steps=faired.steps)
-    return _refined(faired, collar, lengths)
+    return _refined(faired, collar, lengths) if faired.converged else faired
 
 
 def _from_domain_of_angles(patch: Patch, collar: Collar) -> Faired | None:
