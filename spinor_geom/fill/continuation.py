@@ -257,10 +257,9 @@ def _minimised(patch: Patch, collar: Collar, remeshed: Callable[[Patch], Patch])
                 steps += faired.steps
             faired = minimised_curvature(remeshed(faired.patch), collar)
             steps += faired.steps
-            if _rank(faired) < _rank(best):
-                best = faired
-            elif best.converged:
+            if _rank(faired) >= _rank(best):
                 break
+            best = faired
     return replace(best, steps=steps)
 
 
