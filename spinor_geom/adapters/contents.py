@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int, Real
 
 from spinor_geom.adapters.polygon_faces import Polygons
+from spinor_geom.adapters.textures import Appearance
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.topology import coincident_vertices
 from spinor_geom.mesh.triangle_mesh import MeshExtension
@@ -41,6 +42,8 @@ class FileContents:
     names: tuple[str, ...] = ()  # of objects and groups, as "object/group"
     polygon_names: Int[np.ndarray, " p"] | None = None  # for each polygon an index into `names`; None without names
     polyline_names: tuple[str, ...] = ()  # for each curve the name of its first piece
+    appearance: Appearance | None = None  # materials and textures; None if the file has none
+    several: tuple[str, ...] = ()  # "texture coordinates" or "normals", where a vertex has several, so no attribute
     unit: str = ""  # of lengths, one of `METRES`, if the format has units
     # the places of vertices that are NaN or infinite, as "line 12", by index; may be empty
     nonfinite_places: Mapping[int, str] = field(default_factory=dict)

@@ -8,6 +8,7 @@ from functools import partial
 from itertools import groupby
 from operator import attrgetter
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -15,6 +16,7 @@ from jaxtyping import Float, Int
 from spinor_geom.adapters.contents import METRES, FileContents, is_held_in_single_precision, malformed, single_precision
 from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer, Json
 from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
+from spinor_geom.adapters.textures import EMBEDDED, Appearance, Texture
 from spinor_geom.adapters.vertex_data import as_float64, cast_values, parts_of_faces, unit_vectors
 from spinor_geom.errors import MeshFileError, PrecisionError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
@@ -39,7 +41,8 @@ def read_glb(data: bytes) -> FileContents:
     Draco, meshopt, sparse arrays, strips, morph targets and data outside the file are not supported.
     """
     try:
-        pieces = scene_pieces(GlbContainer.read(data))
+        container = GlbContainer.read(data)
+        pieces = scene_pieces(container)
     except MeshFileError:
         raise
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError) as error:
@@ -58,10 +61,35 @@ def read_glb(data: bytes) -> FileContents:
         attributes=attributes,
         color_scale=1.0 if color_dtype.kind == "f" else float(np.iinfo(color_dtype).max),
         representatives=_representatives(vertices, pieces),
+        appearance=_appearance(container, pieces),
         unit="meter",
         suffix=".glb",
         appended=partial(_appended, data, pieces),
     )
+
+
+def _appearance(container: GlbContainer, pieces: Sequence[PlacedPrimitive]) -> Appearance | None:
+    """The images outside the file, and the texture if all primitives have the same one; None without materials."""
+    tree = container.tree
+    if not tree.get("materials"):
+        return None
+    listed = tree.get("images")
+    images = [image for image in listed if isinstance(image, dict)] if isinstance(listed, list) else []
+    outside = [image["uri"] for image in images if isinstance(image.get("uri"), str)]
+    names = tuple(unquote(uri) for uri in outside if not uri.startswith("data:"))
+    meshes = [tree["meshes"][tree["nodes"][piece.node]["mesh"]] for piece in pieces]
+    primitives = [mesh["primitives"][piece.primitive] for mesh, piece in zip(meshes, pieces, strict=True)]
+    try:
+        (material,) = {primitive.get("material") for primitive in primitives}
+        described = tree["materials"][material]["pbrMetallicRoughness"]["baseColorTexture"]
+        image = tree["images"][tree["textures"][described["index"]]["source"]]
+        data = container.views[image["bufferView"]]
+        suffix = next(key for key, kind in EMBEDDED.items() if kind == image["mimeType"])
+        is_plain = not described.get("texCoord") and not described.get("extensions")
+    except (ValueError, TypeError, KeyError, IndexError, AttributeError, StopIteration):  # of another form
+        return Appearance(names=names)
+    texture = Texture(data=data, name=f"texture{suffix}") if data and is_plain else None
+    return Appearance(names=names, texture=texture)
 
 
 def _appended(data: bytes, pieces: Sequence[PlacedPrimitive], extension: MeshExtension) -> bytes:
@@ -138,10 +166,17 @@ def encode_glb(contents: FileContents) -> bytes:
         rows[semantic] = single_precision(values / contents.color_scale if name == "color" else values)
     faces, _ = contents.polygons.triangulated(contents.vertices)
     container = GlbContainer(tree={}, views=[])
-    primitive = {
+    primitive: Json = {
         "attributes": {name: container.store(values, target=ARRAY_BUFFER) for name, values in rows.items()},
         "indices": container.store(faces.reshape(-1, 1).astype("<u4"), target=ELEMENT_ARRAY_BUFFER),
     }
+    if (texture := contents.appearance and contents.appearance.texture) and "TEXCOORD_0" in rows:
+        primitive["material"] = 0
+        container.tree |= {
+            "images": [{"bufferView": container.store_bytes(texture.data), "mimeType": texture.media_type}],
+            "textures": [{"source": 0}],
+            "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0}}],
+        }
     container.tree |= {
         "asset": {"version": "2.0", "generator": "spinor_geom"},
         "scene": 0,

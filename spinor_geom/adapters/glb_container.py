@@ -94,6 +94,12 @@ class GlbContainer:
             raise malformed(f"accessor {accessor}", f"declares {count} rows, more than buffer view {view} holds")
         return np.asarray(np.ndarray((count, width), dtype, content, offset, (stride, dtype.itemsize)))
 
+    def store_bytes(self, data: bytes) -> int:
+        """Appends bytes, such as an image, and returns the number of their buffer view."""
+        self.views.append(data)
+        self.tree.setdefault("bufferViews", []).append({"buffer": 0, "byteLength": len(data)})
+        return len(self.views) - 1
+
     def store(self, rows: np.ndarray, *, target: int, like: int | None = None) -> int:
         """Appends rows (n, k) for `ARRAY_BUFFER` or `ELEMENT_ARRAY_BUFFER`, and returns the number of their accessor.
 

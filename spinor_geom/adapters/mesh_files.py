@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import attrgetter
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,11 +17,12 @@ from jaxtyping import Float, Int
 from spinor_geom.adapters.contents import FileContents, is_held_in_single_precision, malformed
 from spinor_geom.adapters.glb import encode_glb, glb_offset, names_in_glb, read_glb
 from spinor_geom.adapters.library_files import encode_vtk, read_vtk
-from spinor_geom.adapters.obj import encode_obj, read_obj
+from spinor_geom.adapters.obj import encode_obj, material_library, read_obj
 from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, names_in_ply, read_ply
 from spinor_geom.adapters.polygon_faces import Polygons, close_seams
 from spinor_geom.adapters.stl import encode_stl, read_stl
+from spinor_geom.adapters.textures import Appearance, Companions, Texture
 from spinor_geom.adapters.threemf import encode_3mf, read_3mf
 from spinor_geom.adapters.vertex_data import append_attributes
 from spinor_geom.errors import (
@@ -33,7 +34,7 @@ from spinor_geom.errors import (
     require,
     require_type,
 )
-from spinor_geom.files import atomic_path
+from spinor_geom.files import atomic_path, safe_name, together
 from spinor_geom.mesh.array_checks import nonfinite_rows, with_finite_rows
 from spinor_geom.mesh.topology import coincident_vertices
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within, require_finite
@@ -50,6 +51,7 @@ class Format(NamedTuple):
     holds_nan: bool = True  # whether positions may be NaN or infinite
 
 
+TEXTURED = (".obj", ".ply", ".glb")  # formats of new files with a texture
 _attributes = attrgetter("attributes")
 _NAN = "vertices that are NaN or infinite have the position of another one, because {suffix} files hold no such numbers"
 FORMATS = {
@@ -193,17 +195,63 @@ class MeshFile(Shown):
         """
         target = Path(path)
         suffix = known_suffix(target)
-        data = self._encoded(suffix)
+        told, files, texture = self._appearance_in(suffix)
+        notes = [*self._left_out(suffix), *told]
+        if texture is not None:
+            name = safe_name([target.stem]) + PurePosixPath(texture.name).suffix
+            texture = replace(texture, name=name)
+            appearance = Appearance(texture=texture)
+            data = encoded(replace(self.contents, appearance=appearance), suffix)
+            if suffix != ".glb":
+                files = {name: texture.data}
+            if suffix == ".obj":
+                files[f"{safe_name([target.stem])}.mtl"] = material_library(texture)
+        else:
+            data = self._encoded(suffix)
         try:
-            with atomic_path(target) as temporary:
-                temporary.write_bytes(data)
+            with together():
+                with atomic_path(target) as temporary:
+                    temporary.write_bytes(data)
+                for name, content in files.items():
+                    notes += _write_beside(target.parent, name, content)
         except OSError as error:
             raise MeshFileError(f"{target}: cannot be written ({error}); check the folder", path=target) from error
-        return tuple(f"{target}: {note}" for note in self.left_out(suffix))
+        return tuple(f"{target}: {note}" for note in notes)
+
+    def _appearance_in(self, suffix: str) -> tuple[list[str], dict[str, bytes], Texture | None]:
+        """For a file of a format: what is lost of the materials, files to copy, and the texture for a new file."""
+        appearance, follows = self.contents.appearance, self._follows(suffix)
+        added = len(self.polygons) > self.read_sizes[1]
+        why = "some vertices have several"
+        notes = [
+            f"the new faces have no {what}: {why}" if follows else f"the {what} are left out: {why}"
+            for what in self.contents.several
+            if added or not follows
+        ]
+        if appearance is None:
+            return notes, {}, None
+        if self.path is None:
+            named = Companions(folder=Path())
+            if appearance.names:
+                named.notes.append("the files that it refers to are not copied: its folder is not known")
+        else:
+            named = Companions.of(self.path.parent, appearance.names)
+        if follows:
+            return notes + named.notes, named.files, None
+        texture = appearance.texture or named.texture
+        if texture is not None and suffix in TEXTURED and "uv" in self.contents.attributes:
+            return notes, {}, texture
+        reason = f"{suffix} files hold none" if suffix not in TEXTURED else "only a single texture can be converted"
+        if suffix in TEXTURED and "uv" not in self.contents.attributes:
+            reason = "vertices have no texture coordinates of their own"
+        return [*notes, *named.notes, f"the materials and textures are left out: {reason}"], {}, None
 
     def left_out(self, suffix: str) -> tuple[str, ...]:
         """A sentence for each attribute that a file of a format (such as ".ply") cannot hold, and as for `write`."""
-        if suffix not in FORMATS or self._follows(suffix):
+        return (*self._left_out(suffix), *self._appearance_in(suffix)[0]) if suffix in FORMATS else ()
+
+    def _left_out(self, suffix: str) -> tuple[str, ...]:
+        if self._follows(suffix):
             return ()
         kept = FORMATS[suffix].names(self.contents)
         why = f"left out: {suffix} files do not support it, its name, or its number of columns"
@@ -241,6 +289,22 @@ class MeshFile(Shown):
             if _count_of_positions(written) < _count_of_positions(self.contents):
                 raise PrecisionError(suffix=suffix)
         return data
+
+
+def _write_beside(folder: Path, name: str, content: bytes) -> list[str]:
+    """Writes a file that a mesh refers to, without replacing another one; a sentence if there is one."""
+    real = Path(os.path.realpath(folder))
+    place = real.joinpath(*PurePosixPath(name).parts)
+    if Path(os.path.realpath(place)) != place:
+        return [f"{name} was not copied: a link beside the output leads elsewhere"]
+    if place.exists():
+        if place.is_file() and place.stat().st_size == len(content) and place.read_bytes() == content:
+            return []
+        return [f"{name} was not copied: another file of this name is beside the output"]
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_path(place) as temporary:
+        temporary.write_bytes(content)
+    return []
 
 
 def _count_of_positions(contents: FileContents) -> int:

@@ -1,15 +1,17 @@
 """Wavefront OBJ: read in blocks, and extended without changing the bytes that were read.
 
 The lines `v`, `vt`, `vn`, `f`, `l`, `o` and `g` are read, in lower or upper case. Other lines, such as `mtllib`, are
-kept as text; files that they refer to are not opened.
+kept as text. The names after `mtllib` are read; the files are copied when the mesh is written.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import compress
+from pathlib import PurePosixPath
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -23,6 +25,7 @@ from spinor_geom.adapters.contents import (
     real_numbers,
 )
 from spinor_geom.adapters.polygon_faces import Polygons, chained
+from spinor_geom.adapters.textures import Appearance, Texture
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.array_checks import nonfinite_rows
 from spinor_geom.mesh.triangle_mesh import MeshExtension
@@ -30,11 +33,12 @@ from spinor_geom.mesh.triangle_mesh import MeshExtension
 BLOCK_SIZE = 1 << 22
 LONGEST_LINE = 1 << 25
 NEWLINE = b"\n"
-GROUP = "spinor_geom_fill"
+GROUP, MATERIAL = "spinor_geom_fill", "textured"
 KEYWORDS = (b"v", b"vt", b"vn", b"f", b"l", b"o")
 NUMBERS = (b"v", b"vt", b"vn")  # keywords of lines of numbers
 ELEMENTS = {b"f": (3, "a face needs three corners"), b"l": (2, "a curve needs two vertices")}
 COLORED = ({6}, {7})  # words after `v` where all lines have colours
+MATERIALS, LIBRARY_LINE = b"mtllib", re.compile(rb"^[ \t]*mtllib[ \t]+([^\n]{1,1000})$", re.MULTILINE)
 WHOLE_LINE_END = re.compile(rb"(?<!\\)\n")
 
 
@@ -63,7 +67,19 @@ def read_obj(data: bytes) -> FileContents:
         start, line = stop, line + text.count(NEWLINE, start, stop)
     # a backslash at the end of the file would continue the last line
     ending = (not text.endswith(NEWLINE)) + text[-2:].rstrip().endswith(b"\\")
-    return reader.contents(data, newline.decode("ascii"), ending)
+    contents = reader.contents(data, newline.decode("ascii"), ending)
+    names = _library_names(text)
+    return replace(contents, appearance=Appearance(names=names)) if names else contents
+
+
+def _library_names(text: bytes) -> tuple[str, ...]:
+    """The names after `mtllib`; a line may have several, separated by their suffix and a space."""
+    if MATERIALS not in text:
+        return ()
+    lines = (match[1].decode("utf-8", "replace") for match in LIBRARY_LINE.finditer(text))
+    return tuple(
+        dict.fromkeys(name.strip() for line in lines for name in re.split(r"(?<=\.mtl)\s", line) if name.strip())
+    )
 
 
 class _Reader:
@@ -146,10 +162,12 @@ class _Reader:
         attributes = {}
         if self.widths[b"v"] in COLORED:
             attributes["color"] = np.concatenate([rows[:, 3:] for rows in self.values[b"v"]])
-        corner_indices = {}
+        corner_indices, several = {}, []
         for column, name, key in ((1, "uv", b"vt"), (2, "normal", b"vn")):
             own = _index_of_each_vertex(faces[0][:, 0], faces[0][:, column], len(vertices), self.counts[key])
             widths = self.widths[key]
+            if own is None and (faces[0][:, column] >= 0).any():
+                several.append({"uv": "texture coordinates", "normal": "normals"}[name])
             if own is not None and len(widths) == 1 and (widths == {3} if name == "normal" else 0 not in widths):
                 if key in self.unreadable:
                     raise self.unreadable[key]
@@ -170,6 +188,7 @@ class _Reader:
             polygon_names=faces[3],
             polyline_names=tuple(names[curves[3][first]] for first, _ in chains),
             nonfinite_places=self.nonfinite_places,
+            several=tuple(several),
             suffix=".obj",
             appended=partial(_appended, data, newline * ending, newline, "color" in attributes, indices),
         )
@@ -344,7 +363,9 @@ def _appended(
 def encode_obj(contents: FileContents) -> bytes:
     """A new OBJ file of vertices (with colours), texture coordinates, normals, faces and curves."""
     colors = [contents.attributes["color"] / contents.color_scale] if "color" in contents.attributes else []
-    lines = [_number_lines("v", np.hstack([contents.vertices, *colors]))]
+    texture = contents.appearance and contents.appearance.texture
+    head = f"mtllib {PurePosixPath(texture.name).with_suffix('.mtl')}\nusemtl {MATERIAL}\n" if texture else ""
+    lines = [head, _number_lines("v", np.hstack([contents.vertices, *colors]))]
     corners = [contents.representatives[contents.polygons.corners] + 1]
     for name, keyword in (("uv", "vt"), ("normal", "vn")):
         if name in contents.attributes:
@@ -353,7 +374,12 @@ def encode_obj(contents: FileContents) -> bytes:
     sizes, has_uv = contents.polygons.sizes, "uv" in contents.attributes
     lines.append(_face_lines(corners, sizes, contents.loop_of_faces, has_uv=has_uv))
     lines += ["l " + " ".join(map(str, (curve + 1).tolist())) + "\n" for curve in contents.polylines]
-    return "".join(lines).encode("ascii")
+    return "".join(lines).encode()
+
+
+def material_library(texture: Texture) -> bytes:
+    """A material library with one material that has a texture."""
+    return f"newmtl {MATERIAL}\nKd 1 1 1\nmap_Kd {texture.name}\n".encode()
 
 
 def _number_lines(keyword: str, rows: Float[np.ndarray, "n k"], newline: str = "\n") -> str:

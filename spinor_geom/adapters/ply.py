@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, color_scale_of, malformed
 from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
 from spinor_geom.adapters.records import Element, Property, Records, binary_records, parse_rows, read_binary, split_rows
+from spinor_geom.adapters.textures import Appearance
 from spinor_geom.adapters.vertex_data import as_float64, most_frequent_row
 from spinor_geom.errors import PolygonError
 from spinor_geom.mesh.array_checks import nonfinite_rows
@@ -32,11 +33,14 @@ GROUPS: Mapping[str, tuple[tuple[str, ...], ...]] = {
 }
 FACE_LISTS = ("vertex_indices", "vertex_index")
 STRIPS = "tristrips"  # the element of triangle strips; −1 begins another strip
+TEXTURE = re.compile(rb"^comment TextureFile ([^\r\n]{1,1000})", re.MULTILINE)  # as MeshLab writes it
 
 
 def read_ply(data: bytes) -> FileContents:
-    """The vertices, per-vertex properties and faces of a PLY file."""
-    return contents_of_records(read_records(data), suffix=".ply")
+    """The vertices, per-vertex properties and faces of a PLY file, and the names of its textures."""
+    contents = contents_of_records(read_records(data), suffix=".ply")
+    names = tuple(match[1].decode("utf-8", "replace") for match in TEXTURE.finditer(data, 0, _read_header(data)[0]))
+    return replace(contents, appearance=Appearance(names=names)) if names else contents
 
 
 def read_records(data: bytes) -> Records:
@@ -239,9 +243,11 @@ def encode_ply(contents: FileContents) -> bytes:
     properties = tuple(Property(name, np.dtype(f"<{TYPES[kind]}")) for name, kind in types.items())
     largest = int(contents.polygons.sizes.max(initial=3))
     count_name, count_dtype = ("uchar", np.dtype("u1")) if largest < 256 else ("uint", np.dtype("<u4"))
+    texture = contents.appearance and contents.appearance.texture
     header = [
         "ply",
         "format binary_little_endian 1.0",
+        *([f"comment TextureFile {texture.name}"] if texture else []),
         f"element vertex {len(contents.vertices)}",
         *(f"property {kind} {name}" for name, kind in types.items()),
         f"element face {len(contents.polygons)}",
@@ -258,7 +264,7 @@ def encode_ply(contents: FileContents) -> bytes:
     # between two faces the patch of the first comes before the size of the second
     places, added = np.concatenate([ends, starts]), np.concatenate([patches.view(np.uint8), sizes.view(np.uint8)])
     faces = np.insert(corners.view(np.uint8), places, added)
-    return "\n".join(header).encode("ascii") + vertices + faces.tobytes()
+    return "\n".join(header).encode() + vertices + faces.tobytes()
 
 
 def _table(element: Element, names: tuple[str, ...]) -> Float[np.ndarray, "n _"]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from spinor_geom.comparison import Comparison
 from spinor_geom.files import write_text
 from spinor_geom.measures import distances_to_mesh
 from spinor_geom.render.page import Views, document, require_html, table
-from spinor_geom.render.scene import Faces, Scene
+from spinor_geom.render.scene import Faces, Scale, Scene, overview
 
 _DISTANCE = "distance to the exact surface, mesh units"
 _GAP = 1.15  # from one mesh to the next, in widths
@@ -30,10 +31,11 @@ def comparison_page(
         require_html(path)
     views, body = Views(), [f"<h1>{html.escape(title)}</h1>"]
     for name, comparison in comparisons.items():
-        head, *rows = comparison.rows()
+        (head, *rows), layers = comparison.rows(), _side_by_side(comparison)
         scene = Scene(
-            title=f"{name}: the exact surface's mesh, then the {comparison.method}",
-            layers=_side_by_side(comparison),
+            title=f"{name}: left the exact surface's mesh, right the {comparison.method}",
+            layers=layers,
+            scales={_DISTANCE: Scale(low=0.0, high=max(float(one.fields[_DISTANCE].max()) for one in layers))},
             unit="mesh units",
         )
         body += [f"<h2>{html.escape(name)}</h2>", table(head, rows), views.figure(scene)]
@@ -44,17 +46,13 @@ def comparison_page(
 
 
 def _side_by_side(comparison: Comparison) -> list[Faces]:
-    """Both meshes, the second one moved along the longest side of their bounding box."""
+    """Both meshes, the second one to the right of the first one as they are seen at first."""
     patch, baseline, fine = comparison.patch, comparison.baseline, comparison.surface_mesh
-    meshes = (patch.vertices, patch.faces), (baseline.vertices, baseline.faces)
-    extent = np.ptp(patch.vertices, axis=0)
-    shift = np.where(np.arange(3) == np.argmax(extent), _GAP * extent, 0.0)
-    return [
-        Faces(
-            vertices=vertices + k * shift,
-            faces=faces,
-            fields={_DISTANCE: distances_to_mesh(vertices, fine.vertices, fine.faces)},
-            edges=True,
-        )
-        for k, (vertices, faces) in enumerate(meshes)
-    ]
+    distances = [distances_to_mesh(one.vertices, fine.vertices, fine.faces) for one in (patch, baseline)]
+    first, second = (
+        Faces(vertices=one.vertices, faces=one.faces, fields={_DISTANCE: values}, edges=True)
+        for one, values in zip((patch, baseline), distances, strict=True)
+    )
+    right = overview([first]).frame[0]
+    seen = np.concatenate([first.vertices, second.vertices]) @ right
+    return [first, replace(second, vertices=second.vertices + _GAP * np.ptp(seen) * right)]

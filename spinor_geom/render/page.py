@@ -95,6 +95,7 @@ class Views:
                 **{name: getattr(scene, name) for name in ("title", "panel", "unit", "flat")},
                 "place": place,
                 "reach": reach,
+                "labels": [(scaled(at).tolist(), text) for at, text in scene.labels],
                 "layers": [self._layer(layer, scaled) for layer in scene.layers],
                 "scales": {name: vars(scale) for name, scale in scene.colour_scales.items()},
                 "cameras": {

@@ -15,7 +15,9 @@ from spinor_geom.comparison import Comparison
 from spinor_geom.errors import require, require_type
 from spinor_geom.files import write_text
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
+from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.meshing.embed import Patch
 from spinor_geom.render.domain_colours import domain_colours
 from spinor_geom.render.fill_scene import hole_camera, mesh_layers, shown_loop, used_vertices
 from spinor_geom.render.loop_views import (
@@ -31,7 +33,9 @@ from spinor_geom.render.page import Views, cell, document, panel, picture, requi
 from spinor_geom.render.scene import Scene
 
 MOST_LOOPS = 8  # loops with exact surfaces, the longest first, whose Ω and functions are shown
-MOST_FACES = 120_000  # triangles of the mesh that are shown, the nearest to its loops
+MOST_FACES = 120_000  # triangles of the mesh that are shown: half of them as they are, near its loops
+_MOST_LABELS = 200  # numbers of loops in the view
+_COARSER = 1.25  # factor of the cells of a mesh that has too many triangles
 _KEYS = "Drag to turn, with Shift to move, wheel or + and − to zoom, double click or 0 to reset."
 _MOST_REMARKS = 3  # a longer list is collapsed
 _PIXELS = 144  # of the longer side of a function's picture
@@ -49,8 +53,8 @@ def report(
     It shows an interactive view of the mesh with its patches, with switches for wireframe, grid lines and normals, and
     for colours by |H|, by the distance to the discrete minimal surface and by Gauss curvature; for one selected loop at
     a time, Ω with the poles of its network, the image of the Gauss map, and p, q, f and g in colours; and the figures
-    of the report. Lengths are in mesh units. Of very large meshes only the part near the loops is shown, and only the
-    longest loops have details; the page then has a note.
+    of the report. Lengths are in mesh units. Patches have the numbers of their loops. Very large meshes
+    are shown coarser far from the loops, and only the longest loops have details; the page then has a note.
 
     Args:
         result: from `fill_hole(..., return_report=True)`.
@@ -132,7 +136,7 @@ def _scenes(result: FillResult, details: Sequence[LoopViews], views: Views) -> l
     patches = {outcome.index: outcome.patch for outcome in result.loops if outcome.patch is not None}
     shown = {one.outcome.index: one for one in details}
     loops = [outcome.loop for outcome in result.loops]
-    mesh = _near(result.original, np.concatenate([loop.points for loop in loops] or [result.original.vertices[:1]]))
+    mesh = _shown(result.original, np.concatenate([loop.points for loop in loops] or [result.original.vertices[:1]]))
     layers = mesh_layers(mesh, loops, edges=WIREFRAME)
     for index, patch in patches.items():
         if index in shown:
@@ -141,10 +145,11 @@ def _scenes(result: FillResult, details: Sequence[LoopViews], views: Views) -> l
             layers.append(patch_faces(patch, {MEAN: mean_curvature_field(patch)}))
     used = used_vertices(result.original)
     scene = Scene(
-        title="The filled mesh: patches orange, loops blue",
+        title="The filled mesh: patches orange with the numbers of their loops, loops blue",
         layers=layers,
         camera=hole_camera(used, shown_loop(result.loops)),
         loop_cameras={str(index): hole_camera(used, result.loops[index]) for index in patches},
+        labels=[(patch.vertices[_middle(patch)], str(index)) for index, patch in list(patches.items())[:_MOST_LABELS]],
         unit="mesh units",
         panel=True,
     )
@@ -154,9 +159,8 @@ def _scenes(result: FillResult, details: Sequence[LoopViews], views: Views) -> l
         loops={str(o.index): f"loop {o.index}: {len(o.loop)} vertices" for o in (one.outcome for one in details)},
     )
     parts = [controls, f"<p><small>{_KEYS}</small></p>"]
-    left_out = len(result.original.faces) - len(mesh.faces)
-    if left_out:
-        parts.append(f"<p>{left_out} triangles of the mesh that are far from its loops are not shown.</p>")
+    if len(mesh.faces) < len(result.original.faces):
+        parts.append("<p>Far from its loops the mesh is shown coarser than it is.</p>")
     if 0 < len(details) < len(patches):
         parts.append(f"<p>Only the {len(details)} longest loops with exact surfaces have details.</p>")
     scales = scene.colour_scales
@@ -169,13 +173,40 @@ def _scenes(result: FillResult, details: Sequence[LoopViews], views: Views) -> l
     return [*parts, f'<div class="beside">{main}<div>{beside}</div></div>']
 
 
-def _near(mesh: TriangleMesh, points: np.ndarray) -> TriangleMesh:
-    """The triangles of a mesh nearest to some points, at most `MOST_FACES`."""
-    if len(mesh.faces) <= MOST_FACES:
+def _middle(patch: Patch) -> int:
+    """The vertex of a patch that is nearest to the mean of all."""
+    return int(np.linalg.norm(patch.vertices - patch.vertices.mean(axis=0), axis=1).argmin())
+
+
+def _shown(mesh: TriangleMesh, points: np.ndarray) -> TriangleMesh:
+    """A mesh of at most `MOST_FACES` triangles: those nearest to some points, and a coarser mesh of the others.
+
+    Far from the points, vertices in one cell of a cubic grid become one, at the mean of their positions.
+    """
+    faces = np.asarray(mesh.faces)
+    if len(faces) <= MOST_FACES:
         return mesh
-    distance = cKDTree(points).query(mesh.vertices[mesh.faces].mean(axis=1))[0]
-    used, faces = np.unique(mesh.faces[np.argpartition(distance, MOST_FACES)[:MOST_FACES]], return_inverse=True)
-    return TriangleMesh(mesh.vertices[used], faces.reshape(-1, 3))
+    distance = cKDTree(points).query(mesh.vertices[faces].mean(axis=1))[0]
+    is_near = np.zeros(len(faces), dtype=bool)
+    is_near[np.argpartition(distance, MOST_FACES // 2)[: MOST_FACES // 2]] = True
+    used = np.unique(faces)
+    vertices, place = mesh.vertices[used], np.searchsorted(used, faces)
+    kept = np.zeros(len(used), dtype=bool)
+    kept[place[is_near]] = True
+    # a surface of area A has about 2A/h² triangles with edges of length h
+    cell = float(np.sqrt(2 * face_areas(vertices, place[~is_near]).sum() / (MOST_FACES / 2)))
+    while True:
+        key = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
+        key[kept] = np.column_stack([-1 - np.flatnonzero(kept), *np.zeros((2, int(kept.sum())), dtype=np.int64)])
+        _, group = np.unique(key, axis=0, return_inverse=True)
+        group = group.ravel()
+        corners = group[place]
+        shown = corners[(corners != corners[:, [1, 2, 0]]).all(axis=1)]
+        if len(shown) <= MOST_FACES:
+            count = np.bincount(group)
+            means = np.column_stack([np.bincount(group, weights=x) for x in vertices.T]) / count[:, None]
+            return TriangleMesh(means, shown)
+        cell *= _COARSER
 
 
 def _loop_table(outcomes: Sequence[LoopOutcome]) -> str:
@@ -241,9 +272,10 @@ def _loop_section(one: LoopViews, comparison: Comparison | None) -> str:
         compared = f"<p>Comparison with the {comparison.method}:</p>{table(head, rows)}"
     return (
         f'<section data-loop="{outcome.index}">'
-        f"<h2>Loop {outcome.index}</h2><p>p, q, f = −2q² and g = −p/q on Ω. The hue is the argument (red: positive), "
+        f"<h2>Loop {outcome.index}</h2>{compared}<details><summary>Mathematics: p, q, f, g, and all figures</summary>"
+        "<p>p, q, f = −2q² and g = −p/q on Ω. The hue is the argument (red: positive), "
         "the lightness the modulus relative to its median: black is 0, white is infinite, with a step at every power "
-        f'of two.</p><div class="functions">{"".join(images)}</div>{compared}{_figure_table(figures)}</section>'
+        f'of two.</p><div class="functions">{"".join(images)}</div>{_figure_table(figures)}</details></section>'
     )
 
 

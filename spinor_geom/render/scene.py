@@ -81,17 +81,25 @@ class Dots(Layer):
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """Values at the two ends of the colour scale."""
+    """Values at the two ends of the colour scale; where it is cut, smaller and larger values have the ends' colours."""
 
     low: float
     high: float
+    is_cut_below: bool = False
+    is_cut_above: bool = False
 
     @classmethod
     def of(cls, values: Float[np.ndarray, " n"]) -> Scale:
         """The 3 % and the 97 % quantile of the finite values; 0 and 1 if there are none."""
         known = values[np.isfinite(values)]
         low, high = np.quantile(known, [_TAIL, 1 - _TAIL]).tolist() if len(known) else (0.0, 1.0)
-        return cls(low=low, high=high)
+        is_cut = len(known) > 0
+        return cls(
+            low=low,
+            high=high,
+            is_cut_below=is_cut and bool(known.min() < low),
+            is_cut_above=is_cut and bool(known.max() > high),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,7 +112,7 @@ class Scene:
     layers: Sequence[Layer]
     title: str = ""
     camera: Camera | None = None  # None: see `overview`
-    labels: Sequence[tuple[Float[np.ndarray, "3"], str]] = ()  # texts at points, in pictures only
+    labels: Sequence[tuple[Float[np.ndarray, "3"], str]] = ()  # texts at points
     scales: Mapping[str, Scale] = field(default_factory=dict)  # by field; the default is `Scale.of` the values
     loop_cameras: Mapping[str, Camera] = field(default_factory=dict)  # by the loop selected in the page's panel
     panel: bool = False  # whether the view follows the page's panel; else it shows the first field

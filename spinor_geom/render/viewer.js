@@ -27,12 +27,12 @@
     const plain = size === 0 || (size >= 1e-3 && size < 1e5);
     return plain ? String(Number(value.toPrecision(3))) : value.toExponential(1);
   }
-  function showScale(element, name, { low, high }) {
+  function showScale(element, name, { low, high, is_cut_below, is_cut_above }) {
     element.className = "bar";
     element.replaceChildren(name);
     make("i", element, { style: `background: linear-gradient(to right, ${colours.stops.join(", ")})` });
-    make("b", element, {}, formatted(high));
-    element.append(formatted(low));
+    make("b", element, {}, (is_cut_above ? "≥ " : "") + formatted(high));
+    element.append((is_cut_below ? "≤ " : "") + formatted(low));
   }
 
   // one shader for all surfaces, lit from the eye and from above; the materials of three.js take seconds to compile
@@ -178,6 +178,8 @@
         const ruler = make("div", stage, { class: "ruler" });
         [this.rule, this.length] = [make("i", ruler), make("span", ruler)];
       }
+      this.numbers = this.labels.map(([at, text]) =>
+        ({ at: new THREE.Vector3(...at), element: make("span", stage, { class: "number" }, text) }));
       if (!this.panel && Object.keys(this.scales).length) this.bar = make("span", this.host);
       if (this.layers.some((layer) => layer.conjugate !== undefined)) {
         const label = make("label", this.host, {}, "θ "), name = "angle of the associate family in degrees";
@@ -264,6 +266,12 @@
       renderer.render(this.scene, camera);
       Object.assign(canvas, { width, height });  // clears it
       canvas.getContext("2d").drawImage(drawn, 0, drawn.height - height, width, height, 0, 0, width, height);
+      for (const { at, element } of this.numbers) {
+        const { x, y } = this.world.localToWorld(at.clone()).project(camera);
+        element.style.left = `${50 + 50 * x}%`;
+        element.style.top = `${50 - 50 * y}%`;
+        element.hidden = Math.max(Math.abs(x), Math.abs(y)) > 1;
+      }
       if (this.unit) this.drawRuler(least / fine / 2 * camera.zoom / this.reach);
     }
     // a ruler of a round length, about a quarter of the picture; `size`: CSS pixels per unit

@@ -16,10 +16,12 @@ import spinor_geom
 from spinor_geom.bench.holes import plane_square
 from spinor_geom.bench.odd_holes import facing_rims
 from spinor_geom.cli.main import main
+from spinor_geom.errors import OptionError
 from spinor_geom.fill.fill_result import FillResult
+from spinor_geom.mesh.operators import face_areas
 from spinor_geom.render.loop_views import DISTANCE, GAUSS, MEAN, loop_views
 from spinor_geom.render.page import Views, cell
-from spinor_geom.render.report import MOST_FACES
+from spinor_geom.render.report import MOST_FACES, _shown
 from tests.browser import Visit, browser, visit
 from tests.fill.shapes import collar, figure_eight, tube
 
@@ -247,13 +249,26 @@ def test_the_command_asks_for_matplotlib_before_it_works(
     assert "matplotlib is not installed" in capsys.readouterr().err
 
 
-def test_a_large_mesh_is_shown_near_its_loops() -> None:
+def test_a_large_mesh_is_shown_whole_and_as_it_is_near_its_loops() -> None:
     vertices, faces = plane_square(250)
     middle = np.linalg.norm(vertices[faces].mean(axis=1) - vertices.mean(axis=0), axis=1) < 3
     _, result = spinor_geom.fill_hole((vertices, faces[~middle]), return_report=True)
-    left_out = len(result.original.faces) - MOST_FACES
-    assert left_out > 0
-    assert f"{left_out} triangles of the mesh that are far from its loops are not shown" in spinor_geom.report(result)
+    points = np.concatenate([outcome.loop.points for outcome in result.loops])
+    shown = _shown(result.original, points)
+    assert 0.5 * MOST_FACES < len(shown.faces) <= MOST_FACES < len(result.original.faces)
+    area = face_areas(result.original.vertices, result.original.faces).sum()
+    assert face_areas(shown.vertices, shown.faces).sum() == pytest.approx(area, rel=0.05)  # corners are rounded
+    assert {tuple(point) for point in points.tolist()} <= {tuple(point) for point in shown.vertices.tolist()}
+    assert "shown coarser than it is" in spinor_geom.report(result)
+
+
+def test_patches_have_the_numbers_of_their_loops(opened: Visit) -> None:
+    assert opened.page.locator(".number").all_inner_texts() == ["0", "1"]
+
+
+def test_a_page_with_another_suffix_is_refused(result: FillResult, tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="html"):
+        spinor_geom.report(result, tmp_path / "page.pdf")
 
 
 def test_the_page_of_a_scan_is_small(tmp_path: Path) -> None:

@@ -1,0 +1,148 @@
+"""Textures and material libraries that mesh files refer to, from their own folder only.
+
+The names come from strangers' files. A name is followed only to a regular file of limited size in the folder of the
+mesh file or below it, without links, and only if it has the suffix of a material library or an image.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+import struct
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+
+from spinor_geom.files import safe_name
+
+LIBRARY, IMAGES = ".mtl", (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp", ".dds", ".exr")
+EMBEDDED = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}  # in GLB, with their media types
+MOST_BYTES, MOST_PIXELS, MOST_FILES = 1 << 28, 1 << 28, 256  # of one file, of one image, and of one mesh
+_IMAGE = re.compile(r"(map_\w+|bump|disp|decal|refl|norm)\s+(.+)", re.IGNORECASE)
+_COLOUR_IMAGE = "map_kd"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Texture:
+    """An image of colours for the whole mesh; `name` is that of its file."""
+
+    data: bytes
+    name: str
+
+    @property
+    def media_type(self) -> str:
+        """As in `EMBEDDED`."""
+        return EMBEDDED[PurePosixPath(self.name).suffix.lower()]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Appearance:
+    """What a mesh file says about materials: files that it refers to, or the only texture, which is inside."""
+
+    names: tuple[str, ...] = ()
+    texture: Texture | None = None
+
+
+@dataclass(kw_only=True, eq=False)
+class Companions:
+    """Files beside a mesh file, by name, and a sentence for each that was not read."""
+
+    folder: Path
+    files: dict[str, bytes] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    colours: set[str] = field(default_factory=set)  # names of the images of colours
+
+    @classmethod
+    def of(cls, folder: Path, names: Iterable[str]) -> Companions:
+        """The material libraries and images of these names in a folder, and the images that the libraries name."""
+        found = cls(folder=folder)
+        for name in names:
+            found._add(name, (LIBRARY, *IMAGES))
+            if PurePosixPath(name).suffix.lower() in IMAGES:
+                found.colours.add(_slashes(name))
+        for library in [name for name in found.files if name.lower().endswith(LIBRARY)]:
+            inside = PurePosixPath(library).parent
+            for line in found.files[library].decode("utf-8", "replace").splitlines():
+                if match := _IMAGE.fullmatch(line.strip()):
+                    # after options, which begin with −, names have no spaces
+                    own = match[2].split()[-1] if match[2].startswith("-") else match[2]
+                    image = str(inside / _slashes(own))
+                    found._add(image, IMAGES)
+                    if match[1].lower() == _COLOUR_IMAGE:
+                        found.colours.add(image)
+        return found
+
+    @property
+    def texture(self) -> Texture | None:
+        """The only image of colours, if it can be embedded."""
+        if len(self.colours) != 1:
+            return None
+        (name,) = self.colours
+        if name not in self.files or PurePosixPath(name).suffix.lower() not in EMBEDDED:
+            return None
+        return Texture(data=self.files[name], name=name)
+
+    def _add(self, name: str, suffixes: tuple[str, ...]) -> None:
+        name = _slashes(name)
+        if name in self.files or len(self.files) >= MOST_FILES:
+            return
+        try:
+            self.files[name] = _read(self.folder, name, suffixes)
+        except _RefusedError as refused:
+            self.notes.append(f"{name[:80]!r}, which the file refers to, was not copied: {refused}")
+
+
+class _RefusedError(Exception):
+    """Why a file is not read."""
+
+
+def _slashes(name: str) -> str:
+    """A name with slashes instead of backslashes, without parts that are a dot."""
+    text = name.strip().replace("\\", "/")
+    return text if text.startswith("/") else str(PurePosixPath(text))
+
+
+def _read(folder: Path, name: str, suffixes: tuple[str, ...]) -> bytes:
+    """The bytes of a regular file in a folder or below it; a `_RefusedError` if it is anything else."""
+    parts = PurePosixPath(name).parts
+    if name.startswith("/") or ".." in parts or ":" in name or any(part.startswith(".") for part in parts):
+        raise _RefusedError("its name leads outside the folder of the file, or to a hidden file")
+    if not name.lower().endswith(suffixes) or safe_name(parts) != name:
+        raise _RefusedError("its name is not that of a material library or an image on all systems")
+    real = Path(os.path.realpath(folder))
+    place = real.joinpath(*parts)
+    if Path(os.path.realpath(place)) != place:
+        raise _RefusedError("it is a link")
+    try:
+        if not stat.S_ISREG(os.lstat(place).st_mode):
+            raise _RefusedError("it is not a regular file")
+        flags = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
+        with open(os.open(place, os.O_RDONLY | flags), "rb") as file:
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise _RefusedError("it is not a regular file")
+            if status.st_size > MOST_BYTES:
+                raise _RefusedError(f"it has more than {MOST_BYTES >> 20} MiB")
+            data = file.read(MOST_BYTES)
+    except OSError as error:
+        raise _RefusedError(f"it cannot be read ({error.strerror})") from error
+    width, height = _size_of_image(data)
+    if width * height > MOST_PIXELS:
+        raise _RefusedError(f"it has {width} × {height} pixels, at most {MOST_PIXELS} are allowed")
+    return data
+
+
+def _size_of_image(data: bytes) -> tuple[int, int]:
+    """Width and height of a PNG or JPEG in pixels; 0 for others."""
+    if data.startswith(b"\x89PNG\r\n\x1a\n") and len(data) >= 24:
+        width, height = struct.unpack_from(">II", data, 16)
+        return width, height
+    at = 2 if data.startswith(b"\xff\xd8") else len(data)
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        kind, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
+        if 0xC0 <= kind <= 0xCF and kind not in (0xC4, 0xC8, 0xCC):  # a start of frame
+            height, width = struct.unpack_from(">HH", data, at + 5)
+            return width, height
+        at += 2 + length
+    return 0, 0

@@ -1,0 +1,153 @@
+"""Materials and textures are carried along, and names in strangers' files lead nowhere else."""
+
+import os
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from spinor_geom import fill_hole, read_mesh
+from spinor_geom.adapters import MeshFile, textures
+from spinor_geom.cli.main import main
+
+CUBE = (
+    "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
+    "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvt .2 .2\nvt .8 .2\nvt .8 .8\nvt .2 .8\nusemtl skin\n"
+    "f 4/4 3/3 2/2 1/1\nf 1/1 2/2 6/6 5/5\nf 2/2 3/3 7/7 6/6\nf 3/3 4/4 8/8 7/7\nf 4/4 1/1 5/5 8/8\n"
+)
+
+
+def png(width: int = 1, height: int = 1) -> bytes:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    rows = zlib.compress(b"\0\xff\0\0")
+    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+def textured(folder: Path, *, library: str = "skin.mtl", image: str = "maps/skin.png") -> Path:
+    """An open cube with a material library and an image in a folder below."""
+    (folder / "maps").mkdir(parents=True)
+    (folder / "maps" / "skin.png").write_bytes(png())
+    (folder / "skin.mtl").write_text(f"newmtl skin\nKd 1 1 1\nmap_Kd {image}\n")
+    (folder / "cube.obj").write_text(f"mtllib {library}\n{CUBE}")
+    return folder / "cube.obj"
+
+
+def test_files_are_copied_beside_the_output(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, out = textured(tmp_path / "in"), tmp_path / "out"
+    assert main(["fill", str(source), "-o", str(out / "filled.obj")]) == 0
+    assert (out / "skin.mtl").read_bytes() == (source.parent / "skin.mtl").read_bytes()
+    assert (out / "maps" / "skin.png").read_bytes() == png()
+    capsys.readouterr()
+    (out / "skin.mtl").write_text("of another mesh")
+    assert main(["fill", str(source), "-o", str(out / "filled.obj")]) == 0
+    assert "skin.mtl was not copied: another file" in capsys.readouterr().err
+    assert (out / "skin.mtl").read_text() == "of another mesh"
+
+
+@pytest.mark.parametrize("path", [(".glb", ".obj"), (".ply", ".glb"), (".glb", ".ply", ".obj"), (".obj", ".glb")])
+def test_uv_and_image_go_through_formats(path: tuple[str, ...], tmp_path: Path) -> None:
+    mesh = fill_hole(textured(tmp_path / "in"))
+    assert isinstance(mesh, MeshFile)
+    wanted = {tuple(row) for row in np.hstack([mesh.mesh.vertices, mesh.contents.attributes["uv"]]).round(6).tolist()}
+    for number, suffix in enumerate(path):
+        (tmp_path / str(number)).mkdir()
+        place = tmp_path / str(number) / f"mesh{suffix}"
+        assert mesh.write(place) == ()
+        mesh = read_mesh(place)
+    (tmp_path / "last").mkdir()
+    assert mesh.write(tmp_path / "last" / "mesh.glb") == ()
+    loaded = trimesh.load_mesh(tmp_path / "last" / "mesh.glb", process=False)
+    assert loaded.visual.material.baseColorTexture.size == (1, 1)
+    got = {tuple(row) for row in np.hstack([loaded.vertices, loaded.visual.uv]).round(6).tolist()}
+    assert got == wanted
+
+
+def test_what_is_lost_is_told(tmp_path: Path) -> None:
+    mesh = read_mesh(textured(tmp_path / "in"))
+    for suffix in (".stl", ".off"):
+        assert any("textures are left out" in note for note in mesh.write(tmp_path / f"mesh{suffix}"))
+    (tmp_path / "in" / "seam.obj").write_text("mtllib skin.mtl\n" + CUBE + "f 5/1 6/2 7/3\n")
+    seam = read_mesh(tmp_path / "in" / "seam.obj")
+    notes = " ".join(seam.write(tmp_path / "seam.glb"))
+    assert "texture coordinates are left out: some vertices have several" in notes
+    assert "textures are left out" in notes
+    assert any("new faces have no texture coordinates" in note for note in fill_hole(seam).write(tmp_path / "s.obj"))
+
+
+def as_link(folder: Path) -> None:
+    (folder / "skin.mtl").rename(folder.parent / "real.mtl")
+    (folder / "skin.mtl").symlink_to(folder.parent / "real.mtl")
+
+
+def in_linked_folder(folder: Path) -> None:
+    (folder / "maps").rename(folder.parent / "elsewhere")
+    (folder / "maps").symlink_to(folder.parent / "elsewhere")
+
+
+def as_pipe(folder: Path) -> None:
+    (folder / "maps" / "skin.png").unlink()
+    os.mkfifo(folder / "maps" / "skin.png")
+
+
+def as_giant(folder: Path) -> None:
+    (folder / "maps" / "skin.png").write_bytes(png(100_000, 100_000))
+
+
+def as_long_file(folder: Path) -> None:
+    with (folder / "maps" / "skin.png").open("r+b") as file:
+        file.truncate(textures.MOST_BYTES + 1)
+
+
+@pytest.mark.parametrize(
+    ("library", "image", "spoil", "reason"),
+    [
+        ("../secret.mtl", "maps/skin.png", None, "leads outside"),
+        ("/etc/passwd", "maps/skin.png", None, "leads outside"),
+        ("C:/secret.mtl", "maps/skin.png", None, "leads outside"),
+        ("..\\secret.mtl", "maps/skin.png", None, "leads outside"),
+        (".hidden.mtl", "maps/skin.png", None, "hidden"),
+        ("conftest.py", "maps/skin.png", None, "not that of a material library"),
+        ("skin.mtl", "/dev/zero", None, "leads outside"),
+        ("skin.mtl", "../secret.png", None, "leads outside"),
+        ("skin.mtl", "-s 1 1 1 ../secret.png", None, "leads outside"),
+        ("skin.mtl", "maps/run.sh", None, "not that of a material library"),
+        ("skin.mtl", "maps/missing.png", None, "cannot be read"),
+        ("skin.mtl", "maps/skin.png", as_link, "a link"),
+        ("skin.mtl", "maps/skin.png", in_linked_folder, "a link"),
+        ("skin.mtl", "maps/skin.png", as_pipe, "not a regular file"),
+        ("skin.mtl", "maps/skin.png", as_giant, "pixels"),
+        ("skin.mtl", "maps/skin.png", as_long_file, "MiB"),
+    ],
+)
+def test_names_in_a_file_lead_nowhere_else(
+    library: str, image: str, spoil: Callable[[Path], None] | None, reason: str, tmp_path: Path
+) -> None:
+    source, out = textured(tmp_path / "in", library=library, image=image), tmp_path / "out"
+    out.mkdir()
+    for name in ("secret.mtl", "secret.png"):
+        (tmp_path / name).write_bytes(png())
+    (source.parent / "conftest.py").write_text("")
+    (source.parent / ".hidden.mtl").write_text("")
+    if spoil is not None:
+        spoil(source.parent)
+    before = {path for path in tmp_path.rglob("*") if out not in path.parents}
+    notes = read_mesh(source).write(out / "copy.obj")
+    assert any(reason in note and "was not copied" in note for note in notes), notes
+    assert {path for path in tmp_path.rglob("*") if out not in path.parents} == before
+    assert {path.suffix for path in out.rglob("*") if path.is_file()} <= {".obj", ".mtl"}
+
+
+def test_nothing_is_written_through_a_link_beside_the_output(tmp_path: Path) -> None:
+    source, out, other = textured(tmp_path / "in"), tmp_path / "out", tmp_path / "other"
+    out.mkdir()
+    other.mkdir()
+    (out / "maps").symlink_to(other)
+    assert any("a link beside the output" in note for note in read_mesh(source).write(out / "copy.obj"))
+    assert list(other.iterdir()) == []
