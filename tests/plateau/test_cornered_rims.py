@@ -93,6 +93,14 @@ def test_a_roof_keeps_its_corners():
     assert patch.area == pytest.approx(solution.area, rel=5e-3)
 
 
+def test_the_angle_at_a_corner_is_corrected():
+    # few nodes show the surface outside the small square, where it would have angles of 270°
+    solution = solve_plateau([polygon(SQUARE, 8), polygon(0.6 * SQUARE + [0, 0, 0.3], 8)])
+    assert solution.boundary_residual.rms_per_edge < 1e-4
+    # of the harmonic surface
+    assert solution.area == pytest.approx(3.1205514, rel=1e-7)
+
+
 def test_masts_above_the_last_surface_have_none():
     answer = solve_plateau(roof(10.0, masts=2))
     assert isinstance(answer, NoConnectedSurface)

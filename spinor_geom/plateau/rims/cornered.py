@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from spinor_geom.arrays import TINY, cis
+from spinor_geom.arrays import cis
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.errors import SurfaceError
@@ -36,12 +36,19 @@ _HALVINGS = 24  # of the panels towards a corner with α = π/2; fewer for large
 _LEAST_HALVINGS = 10
 _DEPENDENT = 1e-14  # eigenvalues below this share of the largest are dropped: functions are nearly dependent
 _NEGLIGIBLE = 1e-12  # expected relative decrease of the energy at which Newton's method ends
+# Expected relative decrease at which it ends too if a step does not reduce that by the second factor: where rims nearly
+# touch, the energy hardly depends on some slides.
+_ENOUGH, _SLOW = 1e-6, 0.25
 _FLAT = 1e-9  # relative curvature treated as 0
 _MOST_STEPS = 40
-_LARGEST_STEPS = 2.0, 0.5  # of the coefficients of slides, and of arguments, logarithms of radii and centres
+_LARGEST_STEPS = 2.0, 0.5  # of logit s, and of arguments, logarithms of radii and centres
+_MORE_DAMPING = 4.0  # factor of the damping, until a step is short enough
 _LEAST_LENGTH = 1e-3  # of a step that lowers the energy
 # Poles between circles that nearly touch: the first distance from a circle, in radii, and the ratio of distances
 _FIRST_DISTANCE, _RATIO = 0.4, 0.6
+# Share of a side near a corner, and the largest |φ·φ|/|φ|² of conformal surfaces there: 1e-3 for the right angle, and
+# almost 1 for the rest of a full turn
+_NEAR, _CONFORMAL = 1e-3, 0.1
 _SMOOTHING = 0.8  # factor of each power in holomorphic fields through the corners, so that low powers prevail
 # Newton's method goes on over a conformal image of Ω when the mean of holes and corners is this far from 0
 _UNEVEN = 0.2
@@ -503,6 +510,17 @@ class CorneredSurface:
         """φ = 2∂X/∂z in Ω."""
         return np.asarray(self.form.functions(z)[1] @ self.coefficients)
 
+    def are_conformal_at_corners(self) -> Bool[np.ndarray, " c"]:
+        """Whether the surface is conformal near each corner, as it is if the assumed angle is right."""
+        rims = self.form.rims
+        phi = self.form.at_nodes[1] @ self.coefficients
+        defects = np.abs((phi * phi).sum(1)) / (np.abs(phi) ** 2).sum(1)
+        largest = np.zeros(rims.corners)
+        for side, rows in zip(rims.sides, rims.rows, strict=True):
+            for corner, share in zip(side.corners or (), side.shares, strict=False):
+                largest[corner] = max(largest[corner], np.median(defects[rows][share < _NEAR]))
+        return largest < _CONFORMAL
+
     def derivatives(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
         """Gradient and Hessian of the energy in the coefficients of slides, then the moduli.
 
@@ -613,13 +631,13 @@ class CorneredSurface:
 def stationary(start: CorneredSurface, steps: Steps) -> tuple[CorneredSurface, int]:
     """The critical point of the energy that damped Newton steps from a start lead to, and its Morse index.
 
-    Negative curvature is reversed, and steps are shortened until they lower the energy.
+    Negative curvature is reversed. Long steps are damped, and shortened until they lower the energy.
 
     Raises:
         OutOfTimeError: time ran out.
         SurfaceError: the circles meet, or the steps do not converge.
     """
-    here, is_free = start, start.is_free
+    here, is_free, before = start, start.is_free, math.inf
     for _ in range(_MOST_STEPS):
         require_time()
         if here.form.circles.unevenness(here.form.rims.rim_of_corner) > _UNEVEN:
@@ -629,14 +647,18 @@ def stationary(start: CorneredSurface, steps: Steps) -> tuple[CorneredSurface, i
         diagonal = np.abs(np.diag(hessian))
         unit = 1 / np.sqrt(np.maximum(diagonal, _FLAT * diagonal.max()))
         curvatures, vectors = np.linalg.eigh(unit[:, None] * hessian * unit)
-        least = _FLAT * np.abs(curvatures).max()
-        step = np.zeros(len(is_free))
-        along = vectors @ ((unit * gradient) @ vectors / np.maximum(np.abs(curvatures), least))
-        step[is_free] = -unit * along
+        sizes, pull, step = np.abs(curvatures), (unit * gradient) @ vectors, np.zeros(len(is_free))
+        damping = _FLAT * sizes.max()
+        while True:
+            step[is_free] = -unit * (vectors @ (pull / (sizes + damping)))
+            if max(_extents(here, step)) <= 1:
+                break
+            damping *= _MORE_DAMPING
         fall = -float(step[is_free] @ gradient)
         steps.take("Douglas-Newton", math.sqrt(abs(fall) / here.energy))
-        if fall < _NEGLIGIBLE * here.energy:
-            return here, int(np.count_nonzero(curvatures < -least))
+        is_slow, before = _SLOW * before < fall < _ENOUGH * here.energy, fall
+        if fall < _NEGLIGIBLE * here.energy or is_slow:
+            return here, int(np.count_nonzero(curvatures < -_FLAT * sizes.max()))
         there = _lower(here, step)
         if there is None:
             break
@@ -644,13 +666,17 @@ def stationary(start: CorneredSurface, steps: Steps) -> tuple[CorneredSurface, i
     raise SurfaceError("the circles of the domain meet before the search between rims with corners converges")
 
 
-def _lower(here: CorneredSurface, step: Float[np.ndarray, " k"]) -> CorneredSurface | None:
-    """The surface after the longest step that lowers the energy; None if short ones do not."""
+def _extents(here: CorneredSurface, step: Float[np.ndarray, " k"]) -> tuple[float, float]:
+    """The largest changes of the slides and of the moduli, over those allowed in a step."""
     count = len(here.slides)
-    parts = zip(_LARGEST_STEPS, (step[:count], step[count:]), strict=True)
-    length = min(1.0, *(largest / max(float(np.abs(part).max()), TINY) for largest, part in parts))
-    shortest = _LEAST_LENGTH * length
-    while length > shortest:
+    slides = here.form.rims.modes @ step[:count]
+    return float(np.abs(slides).max()) / _LARGEST_STEPS[0], float(np.abs(step[count:]).max()) / _LARGEST_STEPS[1]
+
+
+def _lower(here: CorneredSurface, step: Float[np.ndarray, " k"]) -> CorneredSurface | None:
+    """The surface after the longest part of a step that lowers the energy; None if short ones do not."""
+    length = 1.0
+    while length > _LEAST_LENGTH:
         there = here.stepped(length * step)
         if there is not None and there.energy < here.energy * (1 + _NEGLIGIBLE):
             return there

@@ -46,8 +46,8 @@ _LEAST_EDGES = 6  # of a side
 _FREQUENCIES = 10, 64  # least and largest number of frequencies of a rim without corners
 _SPECTRUM = 1e-7  # share of the amplitude of Γ above the frequencies of the slide, which has half of them
 _SAMPLES = 256  # of Γ for its spectrum
-_POLES = 20
-_LEVELS = 5
+_POLES = 28
+_LEVELS = 9
 # Modes of the start's slides that are fitted to nodes, and the least share of a side between these and its ends
 _START_MODES, _INSIDE = 3, 0.02
 
@@ -62,7 +62,11 @@ def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> Ro
     """
     start = _Start.of(problem, oriented)
     with problem.clock.stage("slides"):
-        surface, _ = stationary(start.surface, problem.steps)
+        surface, _ = stationary(start.surface(start.exponents), problem.steps)
+        are_right = surface.are_conformal_at_corners()
+        if not are_right.all():
+            exponents = np.where(are_right, start.exponents, 2 - start.exponents)
+            surface, _ = stationary(start.surface(exponents), problem.steps)
     return _Lifted(problem=problem, curves=start.curves, surface=surface).fitted(oriented)
 
 
@@ -99,13 +103,21 @@ class _Start:
         )
 
     @cached_property
-    def surface(self) -> CorneredSurface:
-        """The start of Newton's method."""
-        corners = [curve.breaks[:-1][curve.corners] for curve in self.curves]
+    def _corners(self) -> list[Float[np.ndarray, " _"]]:
+        return [curve.breaks[:-1][curve.corners] for curve in self.curves]
+
+    @cached_property
+    def exponents(self) -> Float[np.ndarray, " c"]:
+        """Probable angles of the surface at all corners, over π."""
+        return np.concatenate(list(map(self._exponents, range(len(self.curves)), self._corners)))
+
+    def surface(self, exponents: Float[np.ndarray, " c"]) -> CorneredSurface:
+        """The start of Newton's method with given angles of the surface at corners, over π."""
+        corners = self._corners
         rims = CorneredRims.of(
             [CurveTensors.of(curve, NUMPY) for curve in self.curves],
             corners,
-            [self._exponents(rim, own) for rim, own in enumerate(corners)],
+            np.split(exponents, np.cumsum([len(own) for own in corners])[:-1]),
             [0 if len(own) else _frequencies(curve) for own, curve in zip(corners, self.curves, strict=True)],
         )
         slides = np.concatenate(list(map(self._modes, rims.sides)))

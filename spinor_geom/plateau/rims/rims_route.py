@@ -99,13 +99,28 @@ class RimsSolver:
         return not self._is_noisy and any(curve.corners.any() for curve in self.problem.curves)
 
     def with_corners(self) -> RouteResult:
-        """The surface between rims of which some have corners, near the first one with rounded corners."""
-        oriented = self._descended
-        if oriented is None:
-            if len(self.problem.units) == 2:
-                raise SurfaceError("no annulus was found between the rims with rounded corners")
-            raise NoConnectedSurfaceError(_COLLAPSED)
-        return solve_with_corners(self.problem, oriented)
+        """The surface between rims of which some have corners, near the first one with rounded corners.
+
+        Nodes at equal steps of circles do not resolve corners. If few of them do not settle, Newton's method with the
+        corners still does.
+        """
+        with self.problem.clock.stage("slides"):
+            starts = sorted(self._starts, key=lambda start: start.surface.dirichlet_energy)
+            rounded = next((lower for start in starts if (lower := self._rounded(start)) is not None), None)
+        if rounded is not None:
+            return solve_with_corners(self.problem, rounded)
+        if len(self.problem.units) == 2 or not starts:
+            raise SurfaceError("no surface was found between the rims with rounded corners")
+        raise NoConnectedSurfaceError(_COLLAPSED)
+
+    def _rounded(self, start: OrientedSurface) -> OrientedSurface | None:
+        """The last surface of the descent from a start on few nodes; None if it degenerates on twice as many too."""
+        problem, n = self._problem(start), start.surface.slides.shape[1]
+        surfaces = (
+            problem.stationary(problem.resampled(start.surface, count), tolerance=SMALL) for count in (n, 2 * n)
+        )
+        lower = next((surface for surface in surfaces if not surface.falls_apart), None)
+        return None if lower is None else replace(start, surface=lower)
 
     def on_circles(self) -> RouteResult:
         """The minimal surface of least energy found, or the one with the modulus nearest to that of the options."""
@@ -171,8 +186,6 @@ class RimsSolver:
     def _settled(self, start: OrientedSurface) -> tuple[OrientedSurface | None, bool]:
         """The minimum of the energy from a start that is one with twice as many nodes too, as `_lower` returns it."""
         best, is_resolved = self._lower(start)
-        if self.have_corners:
-            return best, is_resolved
         while best is not None:
             problem, nodes = self._problem(best), 2 * best.surface.slides.shape[1]
             fine = problem.stationary(problem.resampled(best.surface, nodes), saddles=True)
@@ -192,8 +205,7 @@ class RimsSolver:
         problem, n, fallen = self._problem(start), start.surface.slides.shape[1], 0
         while True:
             lower = problem.stationary(problem.resampled(start.surface, n), tolerance=SMALL)
-            # nodes on circles do not resolve corners: `with_corners` continues from few
-            if not lower.falls_apart and (self.have_corners or lower.size <= _SETTLED):
+            if not lower.falls_apart and lower.size <= _SETTLED:
                 return replace(start, surface=lower), True
             n, fallen = 2 * n, fallen + lower.falls_apart
             degenerates = fallen == 2 or (len(self.problem.units) == 2 and lower.is_apart)
