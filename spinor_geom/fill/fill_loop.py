@@ -40,10 +40,10 @@ from spinor_geom.fill.smooth_patch import NO_TIME, NOT_CONTINUED, smooth_patch
 from spinor_geom.fill.solved_loops import SolvedLoop, solved_loops
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
-from spinor_geom.meshing.embed import Patch, edge_length_over, mesh_patch
+from spinor_geom.meshing.embed import Patch, edge_length_over, mesh_over_points
 from spinor_geom.plateau.solution import PlateauSolution
 
-# reason for a patch of an exact surface that `mesh_patch` could not refine
+# reason for a patch of an exact surface that `mesh_over_points` could not refine
 _COARSE = "its mesh of {} vertices has triangles larger than asked for (the limit on time or on vertices)"
 _SEARCHES = 2  # for intersections, before and after a patch is changed in its own frame
 _SECONDS_TO_REPORT = 0.5  # for the intersections of a patch, at least, where its loop has no time left
@@ -274,10 +274,10 @@ def _exact_patch(solution: PlateauSolution, solved: SolvedLoop, options: FillOpt
     """The mesh of an exact surface; raises as `mesh_patch`, or a SurfaceError for a surface that is not finite."""
     target = options.target_edge_length
     if solved.frame is None or solved.in_frame is None:
-        patch = mesh_patch(solution, target)
+        patch = mesh_over_points(solution, target)
     else:
         try:
-            patch = mesh_patch(solved.in_frame, target if isinstance(target, str) else target / solved.frame.size)
+            patch = mesh_over_points(solved.in_frame, target if isinstance(target, str) else target / solved.frame.size)
         except TooManyPointsError as error:
             raise in_mesh_units(error, solved.frame.size) from error
         patch = patch.placed_by(solved.frame, solution.loop.points)

@@ -32,7 +32,7 @@ def by_points(
     """
     if curve.slopes is not None:
         raise NotDifferentiableError("the curve is given by a formula; solve over points of the curve instead")
-    if curve.kind == "analytic" and curve.corners.any():
+    if curve.is_of_surface:
         raise NotDifferentiableError(
             "the surface passes through the points of a rough loop, and its boundary between them is not a function of "
             "the points; solve with between='smooth'"

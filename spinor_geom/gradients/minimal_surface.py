@@ -19,7 +19,7 @@ from spinor_geom.gradients.minimal_area import Corners, as_rims, require_first_o
 from spinor_geom.gradients.nearest_points import nearest
 from spinor_geom.gradients.rim_nodes import RimNodes
 from spinor_geom.gradients.slide_adjoint import SlideAdjoint
-from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.meshing.embed import mesh_over_points
 from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.route_result import typed_failures
 from spinor_geom.plateau.solution import PlateauSolution
@@ -42,10 +42,10 @@ def minimal_surface(
 ) -> tuple[Float[Tensor, "n 3"], Int[Tensor, "f 3"]]:
     """A mesh (vertices, faces) of the minimal surface over points; its vertices are differentiable in the points.
 
-    The mesh is that of `mesh_patch`, with the points of the rims first, in the given order and direction. When the
-    points move, an inner vertex moves along the normal, and stays on the minimal surface to first order. The
-    displacement solves Jacobi's equation, and `backward` solves its adjoint once. Second derivatives and
-    `torch.func.vmap` are not available.
+    The mesh is that of `mesh_patch`, but the points are the only vertices of its rims; they come first, in the given
+    order and direction. When the points move, an inner vertex moves along the normal, and stays on the minimal surface
+    to first order. The displacement solves Jacobi's equation, and `backward` solves its adjoint once. Second
+    derivatives and `torch.func.vmap` are not available.
 
     Args:
         points: as for `minimal_area`.
@@ -71,7 +71,7 @@ def minimal_surface(
     rims = as_rims(points)
     with deadline.time_limit(time_limit):
         solution = solved(rims, corners, model, tolerance, time_limit)
-        patch = mesh_patch(solution, target_edge_length)
+        patch = mesh_over_points(solution, target_edge_length)
     if not patch.is_complete:
         raise OutOfTimeError
     size = patch.boundary_size

@@ -264,6 +264,11 @@ class BoundaryCurve:
         return self.slopes is not None
 
     @property
+    def is_of_surface(self) -> bool:
+        """Whether Γ between the loop's points is the boundary of a surface through them, with a corner at each."""
+        return self.kind == "analytic" and not self.is_formula and bool(self.corners.any())
+
+    @property
     def at_loop(self) -> Float[np.ndarray, " n"]:
         """Parameters of the loop's points."""
         starts = self.breaks[:-1]

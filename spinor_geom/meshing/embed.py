@@ -118,8 +118,8 @@ class Patch(Shown):
 def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["auto"] = "auto") -> Patch:
     """Meshes a solved minimal surface; the points of its loops are boundary vertices, bit for bit.
 
-    Curves given by formulas and CAD edges are known between the points. If an edge length is given, points of the curve
-    divide longer edges, so that area and boundary converge. All others have no more boundary vertices.
+    If an edge length is given, points of Γ divide longer edges, so that area and boundary converge. Where Γ is known
+    only at the points of a rough loop (`route` "vertices"), and with "auto", there are no more boundary vertices.
 
     Ω is triangulated with edges of about target/λ, and near the boundary as long as the edges of the loop. The inner
     vertices are on the exact surface. The boundary vertices deviate from it by the boundary residual of the solution.
@@ -145,7 +145,7 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
 
 
 def mesh_over_points(solution: PlateauSolution, target_edge_length: float | Literal["auto"]) -> Patch:
-    """`mesh_patch` whose boundary vertices are the points of the loops only."""
+    """`mesh_patch` whose boundary vertices are the points of the loops only, as of a fill."""
     # the order of sums, and therefore the rounding, depends on the number of threads
     with one_thread():
         target = edge_length_over([rim.loop for rim in solution.rims], target_edge_length)

@@ -55,10 +55,10 @@ class RimMatch:
     def divided(self, longest: float) -> RimMatch:
         """The match with more points on Γ, so that edges are at most about `longest`, in mesh units.
 
-        Γ is known between the points of the loop only if it is given by formulas; otherwise the match is unchanged.
+        The match is unchanged if Γ is not known between the points of the loop, see `BoundaryCurve.is_of_surface`.
         """
         parts = np.ceil(edge_lengths(self.loop.points) / longest - _ROUNDED).astype(np.int64).clip(1)
-        if not self.curve.is_formula or (parts == 1).all():
+        if self.curve.is_of_surface or (parts == 1).all():
             return self
         curve = self.curve.divided(parts)
         points = curve.coefficients[-1].copy()

@@ -12,8 +12,9 @@ from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import CadFileError, DomainError, OptionError
 from spinor_geom.measures import discrete_mean_curvature, smallest_angles
 from spinor_geom.mesh.intersections import self_intersections
-from spinor_geom.meshing.embed import Patch, mesh_patch, over_domain_of_angles
+from spinor_geom.meshing.embed import Patch, mesh_over_points, mesh_patch, over_domain_of_angles
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
+from tests.loops import noisy_ellipse
 from tests.sizes import constant_size
 
 
@@ -89,7 +90,7 @@ def test_patch_area_converges_to_the_exact_area_at_order_two():
 def test_inner_edges_are_as_long_as_asked_for(share):
     solution = exact_solution(ENNEPER, 80)
     target = share * solution.loop.mean_edge_length
-    patch = mesh_patch(solution, target)
+    patch = mesh_over_points(solution, target)
     check_is_a_patch(patch, solution)
     faces = patch.faces[(patch.faces >= 80).all(axis=1)]
     # well away from the rim, where the edges are the loop's own
@@ -193,16 +194,23 @@ def test_a_domain_has_the_given_angles() -> None:
     assert (new.vertices[32:, 2] < 0.08).all()
 
 
-def test_the_rim_of_a_formula_is_divided_and_that_of_points_is_not() -> None:
+@pytest.mark.parametrize("is_formula", [True, False])
+def test_rims_of_known_curves_are_divided(is_formula: bool) -> None:
     curve = gallery.tennis_seam(0.75)
-    known, points = solve_plateau(curve), solve_plateau(curve.sample(64), between="smooth")
+    known = solve_plateau(curve if is_formula else curve.sample(64))
     auto, fine = (mesh_patch(known, length) for length in ("auto", 0.05))
     assert auto.boundary_size == len(known.loop) < fine.boundary_size
     # the error of an inscribed mesh is quadratic in its edges, and the rim's edges are halved twice at least
     assert abs(fine.area - known.area) < abs(auto.area - known.area) / 8
     at = {tuple(point) for point in fine.vertices[: fine.boundary_size].tolist()}
     assert {tuple(point) for point in known.loop.points.tolist()} <= at
-    assert mesh_patch(points, 0.05).boundary_size == 64
+
+
+def test_rims_of_rough_loops_and_fills_are_not_divided() -> None:
+    rough = solve_plateau(noisy_ellipse(40))
+    assert mesh_patch(rough, rough.loop.mean_edge_length / 4).boundary_size == 40
+    smooth = gallery.tennis_seam(0.75).sample(32)
+    assert mesh_over_points(solve_plateau(smooth), smooth.mean_edge_length / 4).boundary_size == 32
 
 
 def test_a_patch_is_written_in_every_format(tmp_path: Path) -> None:

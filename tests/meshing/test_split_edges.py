@@ -12,7 +12,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import self_intersections
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.topology import HalfEdges
-from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.meshing.embed import mesh_over_points, mesh_patch
 from spinor_geom.meshing.split_edges import edges_far_from_arcs
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.solution import PlateauSolution
@@ -50,7 +50,7 @@ def with_gap(seed: int) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(12))
 def test_boundary_is_the_loop_s_where_chords_cross(seed: int) -> None:
     solution = through_some(annulus(), [with_gap(2 * seed), with_gap(2 * seed + 1)])
-    patch = mesh_patch(solution, 0.2)
+    patch = mesh_over_points(solution, 0.2)
     points = np.concatenate([rim.loop.points for rim in solution.rims])
     assert patch.vertices[: len(points)].tobytes() == points.tobytes()
     half_edges = HalfEdges.of(patch.faces)
