@@ -140,6 +140,7 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
     require_type(solution, PlateauSolution, function="mesh_patch", takes=takes)
     if target_edge_length != "auto":
         require_positive("target_edge_length", target_edge_length, instead="'auto' or ")
+        require_few_points(solution.area, float(target_edge_length))
         solution = replace(solution, rims=tuple(rim.divided(target_edge_length) for rim in solution.rims))
     return mesh_over_points(solution, target_edge_length)
 

@@ -224,20 +224,20 @@ def test_an_error_that_is_not_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch
     def broken(*_: object) -> object:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(fill_loop, "mesh_patch", broken)
+    monkeypatch.setattr(fill_loop, "mesh_over_points", broken)
     with pytest.raises(ZeroDivisionError):
         fill_hole(tube())
 
 
 def test_a_surface_that_is_not_finite_gives_way_to_a_discrete_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = fill_loop.mesh_patch
+    real = fill_loop.mesh_over_points
 
     def with_a_hole(*arguments: Any) -> Any:
         patch = real(*arguments)
         patch.vertices[-1] = np.nan
         return patch
 
-    monkeypatch.setattr(fill_loop, "mesh_patch", with_a_hole)
+    monkeypatch.setattr(fill_loop, "mesh_over_points", with_a_hole)
     _, report = fill_hole(tube(), return_report=True)
     assert {outcome.kind for outcome in report.loops} == {"discrete"}
     assert "not finite" in report.loops[0].reason

@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 from spinor_geom import BoundaryLoop, gallery, read_mesh, solve_plateau
 from spinor_geom.domain.sizes import EdgeLengths
 from spinor_geom.domain.triangulation import triangulate_polygon
-from spinor_geom.errors import CadFileError, DomainError, OptionError
+from spinor_geom.errors import CadFileError, DomainError, OptionError, TooManyPointsError
 from spinor_geom.measures import discrete_mean_curvature, smallest_angles
 from spinor_geom.mesh.intersections import self_intersections
 from spinor_geom.meshing.embed import Patch, mesh_over_points, mesh_patch, over_domain_of_angles
@@ -204,6 +204,11 @@ def test_rims_of_known_curves_are_divided(is_formula: bool) -> None:
     assert abs(fine.area - known.area) < abs(auto.area - known.area) / 8
     at = {tuple(point) for point in fine.vertices[: fine.boundary_size].tolist()}
     assert {tuple(point) for point in known.loop.points.tolist()} <= at
+
+
+def test_too_many_points_are_refused_before_rims_are_divided() -> None:
+    with pytest.raises(TooManyPointsError):
+        mesh_patch(solve_plateau(gallery.tennis_seam(0.75).sample(32)), 1e-12)
 
 
 def test_rims_of_rough_loops_and_fills_are_not_divided() -> None:
