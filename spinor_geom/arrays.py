@@ -167,6 +167,12 @@ def shifted(x: Shaped[Array, "..."], by: int, axis: int = -1) -> Shaped[Array, "
     return x.take(np.arange(start, start + count), axis=axis)
 
 
+def distinct(numbers: Int[np.ndarray, "*_"]) -> Int[np.ndarray, " _"]:
+    """The distinct ones of some integers, ascending; `np.unique` takes several times as long for many."""
+    ordered = np.sort(numbers, axis=None)
+    return np.asarray(ordered[np.append(True, ordered[1:] != ordered[:-1])[: len(ordered)]])
+
+
 def backwards(count: int) -> Int[np.ndarray, " {count}"]:
     """Indices of a closed sequence in the opposite direction, from the same first element."""
     return np.asarray(-np.arange(count) % count)

@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 import torch
 
-from spinor_geom.arrays import cholesky, cholesky_solve, cross, gram, median, modulo_one, norm, shifted, solve_lower
+from spinor_geom.arrays import (
+    cholesky,
+    cholesky_solve,
+    cross,
+    distinct,
+    gram,
+    median,
+    modulo_one,
+    norm,
+    shifted,
+    solve_lower,
+)
 
 
 @pytest.mark.parametrize("by", [1, -1, 3])
@@ -24,6 +35,12 @@ def test_nothing_is_shifted_without_numbers():
 def test_medians_of_rows(shape):
     x = np.random.default_rng(0).normal(size=shape)
     np.testing.assert_array_equal(median(x), np.median(x, axis=-1))
+
+
+def test_distinct_numbers_ascend():
+    numbers = np.array([[3, 1, 3], [2, 1, -7]])
+    np.testing.assert_array_equal(distinct(numbers), [-7, 1, 2, 3])
+    assert distinct(numbers[:0]).shape == (0,)
 
 
 def test_parameters_just_below_a_whole_turn_stay_below_one():

@@ -6,6 +6,7 @@ import numpy as np
 import pythoncdt
 from jaxtyping import Complex, Float, Int
 
+from spinor_geom.arrays import distinct
 from spinor_geom.errors import DomainError
 
 # numbers of vertices of the polygons that bound a plane region, the outer one first; the region is on their left
@@ -74,6 +75,5 @@ def edge_codes(faces: Int[np.ndarray, "t 3"], n: int) -> Int[np.ndarray, " t3"]:
 
 def unique_edges(faces: Int[np.ndarray, "t 3"], n: int) -> Int[np.ndarray, "e 2"]:
     """The edges of faces, smaller index first, sorted."""
-    code = np.sort(edge_codes(faces, n))  # np.unique would hash integers first, which takes longer
-    code = code[np.append(True, code[1:] != code[:-1])[: len(code)]]
+    code = distinct(edge_codes(faces, n))
     return np.stack([code // n, code % n], axis=1)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinor_geom.arrays import distinct
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.operators import Bending, crossing_angles
@@ -62,10 +63,13 @@ def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) ->
     mesh, m = patched.mesh, len(rim)
     rings = [patched.faces_at(rim)]
     for _ in range(1, _RINGS):
-        rings.append(np.setdiff1d(patched.faces_at(np.unique(mesh.faces[rings[-1]])), np.concatenate(rings)))
-    first = np.setdiff1d(mesh.faces[rings[0]], rim)
-    beyond = np.setdiff1d(mesh.faces[np.concatenate(rings)], np.concatenate([rim, first]))
-    ids, size = np.concatenate([rim, first, beyond]), m + len(first)
+        rings.append(
+            np.setdiff1d(patched.faces_at(distinct(mesh.faces[rings[-1]])), np.concatenate(rings), assume_unique=True)
+        )
+    first = np.setdiff1d(distinct(mesh.faces[rings[0]]), rim, assume_unique=True)
+    inner = np.concatenate([rim, first])
+    beyond = np.setdiff1d(distinct(mesh.faces[np.concatenate(rings)]), inner, assume_unique=True)
+    ids, size = np.concatenate([inner, beyond]), m + len(first)
     order = np.argsort(ids, kind="stable")
     faces = order[np.searchsorted(ids[order], mesh.faces[np.concatenate(rings)])]
     vertices = mesh.vertices[ids]

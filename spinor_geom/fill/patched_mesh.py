@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
+from spinor_geom.arrays import distinct
 from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, is_graph, self_intersections, sorted_pairs
@@ -134,7 +135,7 @@ class PatchedMesh:
 
     def faces_at(self, vertices: Int[np.ndarray, " k"]) -> Int[np.ndarray, " f"]:
         """The mesh faces with at least one of the vertices, ascending."""
-        return np.unique(self._faces_of_vertices[vertices].indices)
+        return distinct(self._faces_of_vertices[vertices].indices)
 
     @cached_property
     def _angles(self) -> Float[np.ndarray, " n"]:
@@ -229,11 +230,11 @@ class PatchedMesh:
         numbered by their local coordinates.
         """
         corner = _Piece(np.stack(box), np.array([[0, 1, 1]]), np.zeros(1, dtype=np.int64))
-        faces = np.union1d(self._mesh_piece.meeting(corner), self.faces_at(loop.vertex_ids))
+        faces = distinct(np.concatenate([self._mesh_piece.meeting(corner), self.faces_at(loop.vertex_ids)]))
         for _ in range(_RINGS_BEYOND):
-            faces = self.faces_at(np.unique(self.mesh.faces[faces]))
+            faces = self.faces_at(distinct(self.mesh.faces[faces]))
         rim = loop.vertex_ids[frame.order(len(loop))]
-        others = np.setdiff1d(self.mesh.faces[faces], rim)
+        others = np.setdiff1d(distinct(self.mesh.faces[faces]), rim, assume_unique=True)
         local = frame.local(self.mesh.vertices[others])
         others = others[np.lexsort(local.T[::-1])]
         ids = np.concatenate([rim, others])
