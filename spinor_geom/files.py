@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 # In bytes. A path on Windows has at most 260 characters; 120 are left for the output folder and the names in it.
 _LONGEST_PART, _LONGEST_NAME = 100, 140
@@ -22,10 +22,17 @@ _FREE_SIZE, MOST_RATIO = 1 << 24, 200
 SURFACE_SUFFIX = ".safetensors"  # of saved surfaces
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".vtp", ".vtk", ".3mf")  # of mesh files that can be read
 _group: ContextVar[list[tuple[Path, Path]] | None] = ContextVar("files of `together`", default=None)
+# of files whose third axis is upwards; in GLB it is the second one, and in most other mesh files
+Z_UP = (SURFACE_SUFFIX, ".stl", ".3mf", ".step", ".stp", ".igs", ".iges", ".brep")
 NUMBERED = "%~"  # in no other safe name: there two hexadecimal digits or nothing follow a %
 _UNSAFE = re.compile(r"[\x00-\x1f\x7f\\/:*?\"<>|%\ud800-\udfff]|^[. ]|[. ]$")
 # devices of Windows, whatever suffix follows
 _DEVICE = re.compile(r"(con|conin\$|conout\$|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\.|$)", re.IGNORECASE)
+
+
+def up_axis(path: str | os.PathLike[str] | None) -> Literal["y", "z"]:
+    """The axis that is upwards in a file, by its suffix; y without a file."""
+    return "z" if path is not None and Path(path).suffix.lower() in Z_UP else "y"
 
 
 @contextmanager

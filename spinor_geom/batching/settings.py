@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from spinor_geom.errors import OptionError, require_positive
 from spinor_geom.files import MESH_SUFFIXES
-from spinor_geom.fill.fill_options import Choice, ContinuityName, PatchOptions, known_continuity, require_merge
+from spinor_geom.fill.fill_options import CLOSING, Choice, ContinuityName, PatchOptions, known_continuity, require_merge
 
 What: TypeAlias = Literal["fill", "surface", "loops"]
 
@@ -29,7 +29,7 @@ class BatchOptions(Choice, PatchOptions):
     merge: bool | float = False
     edge_length: float | Literal["auto"] = "auto"
     strict: bool = False
-    closing: float = 1e-3
+    closing: float = CLOSING
     compare: bool = False
     device: str | None = None
 

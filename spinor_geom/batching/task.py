@@ -20,7 +20,6 @@ from spinor_geom.adapters.mesh_files import (
 )
 from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.batching.inputs import Source
-from spinor_geom.batching.obj_curves import NamedLoop, curve_loops
 from spinor_geom.batching.settings import BatchOptions
 from spinor_geom.batching.store import STATUSES, Writer, failure
 from spinor_geom.comparison import compare
@@ -31,6 +30,7 @@ from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.filling import Filling
 from spinor_geom.fill.merging import merged
+from spinor_geom.fill.obj_curves import NamedLoop, curve_loops
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
 from spinor_geom.fill.solved_loops import SolvedLoop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop

@@ -8,6 +8,7 @@ from typing import Any
 from spinor_geom.cli.console import ExitStatus, complain, show_lines, show_table
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.errors import require
+from spinor_geom.files import up_axis
 from spinor_geom.fill.mesh_notes import mesh_notes, useful_merging
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
@@ -32,7 +33,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         from spinor_geom.render.png import write_png
 
         arguments.picture.parent.mkdir(parents=True, exist_ok=True)
-        write_png(loops_scene(mesh.mesh, loops), arguments.picture)
+        write_png(loops_scene(mesh.mesh, loops, up=up_axis(arguments.input)), arguments.picture)
     if arguments.json:
         show_lines(json.dumps([_json(index, loop) for index, loop in enumerate(loops)], indent=2), piped=True)
     elif loops:

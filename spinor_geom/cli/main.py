@@ -17,7 +17,7 @@ from spinor_geom.batching.settings import FORMAT, WHAT
 from spinor_geom.errors import ImperfectFillWarning, SpinorGeomError, UncertainGradientWarning
 from spinor_geom.experiments import NAMES as EXPERIMENTS
 from spinor_geom.files import MESH_SUFFIXES
-from spinor_geom.fill.fill_options import CONTINUITIES, ISLANDS, TIME_LIMIT
+from spinor_geom.fill.fill_options import CLOSING, CONTINUITIES, ISLANDS, TIME_LIMIT
 
 _MODULES = {  # of the commands that have no module of the same name
     **dict.fromkeys(("view", "render", "morph"), "pictures"),
@@ -278,6 +278,11 @@ def _add_merge(add: Callable[..., Any]) -> None:
     add(_MERGE, metavar="TOL", nargs="?", default=False, type=_merge_distance, help=f"{near} (STL: always)")
 
 
+def _add_closing(add: Callable[..., Any]) -> None:
+    near = "close curves with a gap of at most T mean edge lengths (default: %(default)s)"
+    add("--closing", metavar="T", type=_from_zero, default=CLOSING, help=near)
+
+
 def _add_solve(commands: _Commands) -> None:
     add = commands.add_parser(
         "solve",
@@ -289,6 +294,7 @@ def _add_solve(commands: _Commands) -> None:
     add("input", **_path("CURVE"), help=f"{edges}, OBJ file of closed curves, or a mesh whose rims are spanned")
     only = "only these boundary loops of a mesh (indices from 'spinor-geom loops') or curves (CAD files: longest first)"
     add("--loop", **_LOOP, help=f"{only}; several bound one surface (default: all curves, or the only loop of a mesh)")
+    _add_closing(add)
     add(
         "-o",
         "--output",
@@ -389,8 +395,7 @@ def _add_batch(commands: _Commands) -> None:
     _add_filling(batch)
     add("--workers", **_COUNT, help="number of worker processes (default: one per core)")
     add("--scheduler", metavar="ADDRESS", help="Dask scheduler to use instead, such as tcp://host:8786")
-    near = "close curves with a gap of at most T mean edge lengths (default: %(default)s)"
-    add("--closing", metavar="T", type=_from_zero, default=1e-3, help=near)
+    _add_closing(add)
     add("--device", help="torch device of the batched linear algebra, such as cuda (default: the CPU, without torch)")
     add("--resume", **_FLAG, help="continue the run in OUT with the files that are not complete")
     add("--memory-limit", **_SIZE, default=4 << 30, help="memory of each worker process, such as 512M (default: 4G)")
@@ -423,14 +428,19 @@ def _add_pictures(commands: _Commands) -> None:
     )
     for parser in (view, render):
         add = parser.add_argument
-        add("input", **_path("IN"), help=f"mesh file ({_FORMATS}) or saved surface (.safetensors)")
+        add(
+            "input",
+            **_path("IN"),
+            help=f"mesh file ({_FORMATS}), CAD file, or saved surface (.safetensors)",
+        )
         _add_merge(add)
         add("--curvature", **_FLAG, help="colour by Gauss curvature (surface) or absolute mean curvature (mesh)")
+        upwards = "vertical axis (default: z for STL, 3MF, CAD files and saved surfaces, y for other mesh files)"
+        add("--up", choices=("y", "z"), help=upwards)
     add("-o", "--output", **_path("PNG"), required=True, help="the picture")
     add("--size", metavar="WxH", type=_pixels, default=(1200, 960), help="in pixels (default: 1200x960)")
     eye = "direction to the viewer: right, back, up (default: 1,-2,1.3); write --eye=-1,... for a negative X"
     add("--eye", metavar="X,Y,Z", type=_direction, default=(1.0, -2.0, 1.3), help=eye)
-    add("--up", choices=("y", "z"), help="vertical axis (default: y for mesh files, z for saved surfaces)")
 
 
 if __name__ == "__main__":

@@ -9,14 +9,17 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from spinor_geom.adapters.open_cascade import is_cad_file, read_shape, triangulated
 from spinor_geom.cli.console import ExitStatus
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.errors import OptionError, RenderError, require
-from spinor_geom.files import SURFACE_SUFFIX
+from spinor_geom.files import SURFACE_SUFFIX, up_axis
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.png import draw_apart, require_png
 from spinor_geom.render.scene import Scene
 
 if TYPE_CHECKING:
+    from spinor_geom.render.portrait import Portrait
     from spinor_geom.render.shapes import Shape
 
 _SIZE = (1024, 768)  # of a window
@@ -36,7 +39,7 @@ def _view(arguments: argparse.Namespace) -> None:
             "with 'spinor-geom fill ... --html report.html'"
         )
     shape = _shape(arguments.input, arguments.merge)
-    scene = Scene(layers=shape.portrait(curvature=arguments.curvature).layers, title=arguments.input.name)
+    scene = Scene(layers=_upright(shape, arguments).layers, title=arguments.input.name)
     draw_apart([scene], _SIZE, [0.0], None, time_limit=math.inf)  # until the user closes the window
 
 
@@ -45,12 +48,15 @@ def _render(arguments: argparse.Namespace) -> None:
     require_png(arguments.output)
     require_writable(arguments.output)
     shape = _shape(arguments.input, arguments.merge)
-    portrait = shape.portrait(curvature=arguments.curvature)
-    # the vertical axis is y in most mesh files, z in formulas
-    if (arguments.up or ("z" if arguments.input.suffix.lower() == SURFACE_SUFFIX else "y")) == "y":
-        portrait = portrait.moved([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    portrait.write(arguments.output, eye=arguments.eye, size=arguments.size)
+    _upright(shape, arguments).write(arguments.output, eye=arguments.eye, size=arguments.size)
+
+
+def _upright(shape: Shape, arguments: argparse.Namespace) -> Portrait:
+    """The picture of a shape, turned so that its vertical axis is the third one."""
+    portrait = shape.portrait(curvature=arguments.curvature)
+    is_upright = (arguments.up or up_axis(arguments.input)) == "z"
+    return portrait if is_upright else portrait.moved([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 
 def _morph(arguments: argparse.Namespace) -> None:
@@ -69,6 +75,10 @@ def _morph(arguments: argparse.Namespace) -> None:
 def _shape(path: Path, merge: bool | float) -> Shape:
     from spinor_geom.render.shapes import shape_of
 
+    if is_cad_file(path):
+        if merge is not False:
+            raise OptionError(f"{path} is a CAD file, which has no vertices to merge; remove --merge")
+        return shape_of(TriangleMesh(*triangulated(read_shape(path))).merged("rounding")[0])
     if path.suffix.lower() != SURFACE_SUFFIX:
         return shape_of(read_surface(path, merge=merge))
     if merge is not False:

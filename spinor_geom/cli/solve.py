@@ -15,6 +15,7 @@ from spinor_geom.cli.source import require_writable
 from spinor_geom.errors import MeshFileError, NoConnectedSurfaceFoundError, OptionError
 from spinor_geom.files import MESH_SUFFIXES
 from spinor_geom.fill.loop_choice import boundary_loops, chosen_indices
+from spinor_geom.fill.obj_curves import NamedLoop, curve_loops
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
@@ -41,7 +42,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     is_cad = is_cad_file(arguments.input)
     if is_cad and arguments.unit is not None:
         raise OptionError("CAD files contain their unit; remove --unit")
-    curves = _curves(arguments.input, arguments.loop)
+    curves = _curves(arguments.input, arguments.loop, arguments.closing)
     tolerance = arguments.tolerance or (_OF_EDGES if is_cad else _OF_POINTS)
     with progress("solving") as bar:
         solution = solve_plateau(
@@ -89,7 +90,16 @@ def _write_mesh(solution: PlateauSolution, arguments: argparse.Namespace) -> tup
     return f"{len(solid.faces)} triangles, watertight, volume {solid.volume:.9g}", "; ".join(problems)
 
 
-def _curves(path: Path, chosen: list[int] | None) -> list[Any]:
+def _closed(path: Path, number: int, curve: NamedLoop) -> BoundaryLoop:
+    """The loop of a curve of a file; tells repairs, and raises a MeshFileError if there is none."""
+    for note in curve.notes:
+        complain(f"{path}: curve {number}: {note}")
+    if curve.loop is None:
+        raise MeshFileError(f"{path}: curve {number}: {curve.error}", path=path) from curve.error
+    return curve.loop
+
+
+def _curves(path: Path, chosen: list[int] | None, closing: float) -> list[Any]:
     """The closed curves of a CAD file or a file without faces, or boundary loops of a mesh: all, or those chosen."""
     if is_cad_file(path):
         edges = to_rims(path) if chosen is None else [rim for number in chosen for rim in to_rims(path, number)]
@@ -99,11 +109,9 @@ def _curves(path: Path, chosen: list[int] | None) -> list[Any]:
     if len(mesh.mesh.faces):
         loops: list[Any] = list(boundary_loops(mesh))
     else:
-        vertices = mesh.mesh.vertices
-        closed = [line[:-1] for line in mesh.polylines if len(line) > 3 and line[0] == line[-1]]
-        if len(closed) < len(mesh.polylines):
-            raise MeshFileError(f"{path}: has an open curve; close it: its last point must be its first", path=path)
-        loops = [BoundaryLoop.from_points(vertices[line]) for line in closed]
+        loops = [
+            _closed(path, number, curve) for number, curve in enumerate(curve_loops(mesh.contents, closing=closing))
+        ]
     if not loops:
         raise MeshFileError(f"{path}: has no curves and no boundary loops", path=path)
     if chosen is None and len(mesh.mesh.faces) and len(loops) > 1:

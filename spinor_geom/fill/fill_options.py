@@ -23,6 +23,7 @@ Islands: TypeAlias = Literal["join", "ignore"]
 CONTINUITIES: dict[str, Continuity] = {"c0": "C0", "film": "C0", "c1": "C1", "smooth": "C1", "auto": "auto"}
 ISLANDS: tuple[Islands, ...] = get_args(Islands)
 TIME_LIMIT = 20.0  # seconds for each loop, see `fill_hole`
+CLOSING = 1e-3  # largest gap of a curve that is closed, in mean edges
 
 
 @dataclass(frozen=True, kw_only=True)

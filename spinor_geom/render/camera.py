@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
-_ALONG_Y = np.cos(np.pi / 4)  # within 45° of the y axis the z axis points up or down instead
+_ALONG = np.cos(np.pi / 4)  # within 45° of the upward axis another one is upwards
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,11 +42,14 @@ class Camera:
         return cls(focus=(low + high) / 2 @ frame, direction=direction, up=up, radius=radius)
 
     @classmethod
-    def facing(cls, points: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "3"]) -> Camera:
-        """The camera that shows all points and looks against a unit normal; the y axis is up, as in most mesh files."""
-        axis = np.array([0.0, 1.0, 0.0])
-        if abs(normal[1]) > _ALONG_Y:
-            axis = np.array([0.0, 0.0, -np.sign(normal[1])])
+    def facing(
+        cls, points: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "3"], up: Literal["y", "z"] = "y"
+    ) -> Camera:
+        """The camera that shows all points and looks against a unit normal; `up` is the axis that is upwards."""
+        place = "xyz".index(up)
+        axis = np.eye(3)[place]
+        if abs(normal[place]) > _ALONG:
+            axis = np.array([0.0, 0.0, -np.sign(normal[1])] if up == "y" else [0.0, 1.0, 0.0])
         return cls.around(points, normal, upright(normal, axis))
 
 

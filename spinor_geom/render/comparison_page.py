@@ -47,11 +47,18 @@ def comparison_page(
 
 def _side_by_side(comparison: Comparison) -> list[Faces]:
     """Both meshes, the second one to the right of the first one as they are seen at first."""
-    patch, baseline, fine = comparison.patch, comparison.baseline, comparison.surface_mesh
-    distances = [distances_to_mesh(one.vertices, fine.vertices, fine.faces) for one in (patch, baseline)]
+    fine = comparison.surface_mesh
     first, second = (
-        Faces(vertices=one.vertices, faces=one.faces, fields={_DISTANCE: values}, edges=True)
-        for one, values in zip((patch, baseline), distances, strict=True)
+        Faces(
+            vertices=vertices,
+            faces=faces,
+            fields={_DISTANCE: distances_to_mesh(vertices, fine.vertices, fine.faces)},
+            edges=True,
+        )
+        for vertices, faces in (
+            (comparison.patch.vertices, comparison.patch.faces),
+            (comparison.baseline.vertices, comparison.baseline.faces),
+        )
     )
     right = overview([first]).frame[0]
     seen = np.concatenate([first.vertices, second.vertices]) @ right

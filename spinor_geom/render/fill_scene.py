@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
+from spinor_geom.adapters import MeshFile
 from spinor_geom.domain.delaunay import rim_successors
+from spinor_geom.files import up_axis
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import vertex_normals
@@ -25,16 +28,25 @@ def fill_scene(result: FillResult) -> tuple[Scene, Scene]:
     """The open and the filled mesh, both with the camera of `hole_camera`."""
     original, extension = result.original, result.extension
     # a smooth patch may reach far beyond the mesh
-    camera = hole_camera(np.concatenate([used_vertices(original), extension.vertices]), shown_loop(result.loops))
+    camera = hole_camera(
+        np.concatenate([used_vertices(original), extension.vertices]), shown_loop(result.loops), up_of(result)
+    )
     mesh = mesh_layers(original, [outcome.loop for outcome in result.loops])
     vertices = np.concatenate([original.vertices, extension.vertices])
     patch = Faces(vertices=vertices, faces=extension.faces, edges=True, **PATCH)
     return Scene(layers=mesh, camera=camera, title="open"), Scene(layers=[*mesh, patch], camera=camera, title="filled")
 
 
-def loops_scene(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> tuple[Scene, Scene]:
+def up_of(result: FillResult) -> Literal["y", "z"]:
+    """The axis that is upwards in the file that was filled; y if the mesh is from no file."""
+    return up_axis(result.mesh.path if isinstance(result.mesh, MeshFile) else None)
+
+
+def loops_scene(
+    mesh: TriangleMesh, loops: Sequence[BoundaryLoop], *, up: Literal["y", "z"] = "y"
+) -> tuple[Scene, Scene]:
     """Two scenes of a mesh: against the longest loop's normal, and from behind. Loops are numbered where visible."""
-    front = Camera.facing(used_vertices(mesh), loops[0].plane.normal if loops else UPWARDS)
+    front = Camera.facing(used_vertices(mesh), loops[0].plane.normal if loops else UPWARDS, up)
     behind = Camera.around(used_vertices(mesh), -front.direction, front.up)
     nearest = [int(loop.vertex_ids[np.argmin(np.linalg.norm(loop.points - loop.centroid, axis=1))]) for loop in loops]
     is_behind = vertex_normals(mesh.vertices, mesh.faces)[nearest] @ front.direction < 0
@@ -70,12 +82,12 @@ def used_vertices(mesh: TriangleMesh) -> Float[np.ndarray, "v 3"]:
     return np.asarray(mesh.vertices[referenced_vertices(mesh.faces, vertices=len(mesh.vertices))])
 
 
-def hole_camera(points: Float[np.ndarray, "v 3"], outcome: LoopOutcome | None) -> Camera:
+def hole_camera(points: Float[np.ndarray, "v 3"], outcome: LoopOutcome | None, up: Literal["y", "z"] = "y") -> Camera:
     """A camera that faces a hole and shows all points, or a small hole close up; without a hole, along the z axis."""
     if outcome is None:
-        return Camera.facing(points, UPWARDS)
+        return Camera.facing(points, UPWARDS, up)
     loop = outcome.loop
-    camera = Camera.facing(points, loop.plane.normal)
+    camera = Camera.facing(points, loop.plane.normal, up)
     radius = _MARGIN * float(np.linalg.norm(loop.points - loop.centroid, axis=1).max())
     if radius < _CLOSE_UP * camera.radius:
         return Camera(focus=loop.centroid, direction=camera.direction, up=camera.up, radius=radius)

@@ -19,7 +19,7 @@ from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.render.domain_colours import domain_colours
-from spinor_geom.render.fill_scene import hole_camera, mesh_layers, shown_loop, used_vertices
+from spinor_geom.render.fill_scene import hole_camera, mesh_layers, shown_loop, up_of, used_vertices
 from spinor_geom.render.loop_views import (
     MEAN,
     SWITCHES,
@@ -147,8 +147,8 @@ def _scenes(result: FillResult, details: Sequence[LoopViews], views: Views) -> l
     scene = Scene(
         title="The filled mesh: patches orange with the numbers of their loops, loops blue",
         layers=layers,
-        camera=hole_camera(used, shown_loop(result.loops)),
-        loop_cameras={str(index): hole_camera(used, result.loops[index]) for index in patches},
+        camera=hole_camera(used, shown_loop(result.loops), up_of(result)),
+        loop_cameras={str(index): hole_camera(used, result.loops[index], up_of(result)) for index in patches},
         labels=[(patch.vertices[_middle(patch)], str(index)) for index, patch in list(patches.items())[:_MOST_LABELS]],
         unit="mesh units",
         panel=True,

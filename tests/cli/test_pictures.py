@@ -10,9 +10,15 @@ import pytest
 from PIL import Image
 
 import spinor_geom
-from spinor_geom import gallery
+from spinor_geom import fill_hole, gallery, read_mesh, solve_plateau
+from spinor_geom.adapters.open_cascade import read_shape, triangulated
 from spinor_geom.cli import pictures
 from spinor_geom.cli.main import main
+from spinor_geom.mesh.operators import face_areas
+from spinor_geom.mesh.topology import boundary_edges
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.render.camera import Camera
+from spinor_geom.render.fill_scene import fill_scene, loops_scene, up_of
 from spinor_geom.render.portrait import Portrait
 
 MESH = Path(__file__).parents[2] / "data" / "trimesh_reference.obj"
@@ -134,3 +140,41 @@ def test_vertices_are_merged_before_a_mesh_is_drawn(tmp_path: Path, monkeypatch:
 def test_a_saved_surface_has_no_vertices_to_merge(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["render", "--merge", str(saved), "-o", str(saved.with_suffix(".png"))]) == 2
     assert "remove --merge" in capsys.readouterr().err
+
+
+def test_the_upward_axis_is_that_of_the_format_in_all_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[Any] = []
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(pictures, "draw_apart", lambda *job, time_limit: shown.append(job[0][0].layers[0].vertices))
+    monkeypatch.setattr(Portrait, "write", lambda self, _, *, eye, size: shown.append(self.layers[0].vertices))
+    mesh = read_mesh(MESH)
+    for suffix, is_turned in ((".ply", True), (".stl", False), (".3mf", False), (".glb", True)):
+        path = tmp_path / f"mesh{suffix}"
+        mesh.write(path)
+        shown.clear()
+        assert main(["view", str(path)]) == 0
+        assert main(["render", str(path), "-o", str(tmp_path / "p.png")]) == 0
+        np.testing.assert_array_equal(*shown)
+        assert np.array_equal(shown[0], read_mesh(path).mesh.vertices) is not is_turned
+        up = np.array([0, 1, 0] if is_turned else [0, 0, 1])
+        _, report = fill_hole(path, [], return_report=True)
+        for scene in (fill_scene(report)[0], loops_scene(report.original, [], up=up_of(report))[0]):
+            assert scene.camera is not None
+            assert scene.camera.up @ up >= 0
+            side = np.array([1.0, 0.0, 0.0])
+            assert Camera.facing(mesh.mesh.vertices, side, up_of(report)).up @ up == 1
+
+
+def test_a_cad_file_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("OCP")
+    t = 2 * np.pi * np.arange(40) / 40
+    film = solve_plateau(np.column_stack([np.cos(t), np.sin(t), 0.3 * np.cos(2 * t)]))
+    path = tmp_path / "film.step"
+    film.save(path)
+    mesh = TriangleMesh(*triangulated(read_shape(path))).merged("rounding")[0]
+    assert len(boundary_edges(mesh.faces)) > 20
+    assert face_areas(mesh.vertices, mesh.faces).sum() == pytest.approx(film.area, rel=1e-2)
+    assert main(["render", str(path), "-o", str(tmp_path / "film.png"), "--size", "120x90"]) == 0
+    assert (tmp_path / "film.png").stat().st_size > 500
+    assert main(["render", "none.step", "-o", str(tmp_path / "film.png")]) == 2
+    assert "no such file" in capsys.readouterr().err

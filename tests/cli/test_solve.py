@@ -1,5 +1,6 @@
 """`spinor-geom solve`: outputs, exit statuses, and one sentence for bad input."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +73,7 @@ def test_bad_input_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture
     film = str(tmp_path / "film.step")
     apart = write_obj(tmp_path / "apart.obj", circle(0), circle(9))
     for path, message in (
-        (write_obj(tmp_path / "open.obj", circle(0), closed=False), "open curve"),
+        (write_obj(tmp_path / "open.obj", circle(0), closed=False), "curve 0: the curve is open"),
         (apart, "solve the curves one by one"),
     ):
         assert main(["solve", str(path), "-o", film]) == 2
@@ -106,3 +107,18 @@ def test_a_mesh_or_a_solid_is_written(tmp_path: Path, capsys: pytest.CaptureFixt
 )
 def test_numbers_of_loops_may_be_apart(given: list[str], joined: list[str]) -> None:
     assert _with_joined_numbers(given) == joined
+
+
+def test_gaps_of_curves_are_closed_by_one_rule(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ring = circle(0, 0.3)
+    edge = float(np.linalg.norm(ring[1] - ring[0]))
+    for gap, options, status in ((1e-4, [], 0), (1e-2, [], 2), (1e-2, ["--closing", "0.1"], 0)):
+        nearly = np.vstack([ring, ring[:1] + np.array([0, 0, gap * edge])])
+        source = write_obj(tmp_path / "ring.obj", nearly, closed=False)
+        for command in (["solve", "-o", str(tmp_path / "film.stl")], ["batch", "-o", str(tmp_path / "batch")]):
+            if command[0] == "batch":
+                shutil.rmtree(tmp_path / "batch", ignore_errors=True)
+                pytest.importorskip("dask")
+            expected = min(status, 1) if command[0] == "batch" else status
+            assert main([*command[:1], str(source), *command[1:], *options]) == expected, (gap, command)
+    assert "closed over a gap" in capsys.readouterr().err
