@@ -232,8 +232,8 @@ class SurfaceError(SpinorGeomError):
 
 class UnresolvedRimsError(SurfaceError):
     sentence = (
-        "the search for a surface between the {rims} rims needs more than its limit of {nodes} nodes, so that one may "
-        "exist; round the corners of the rims more, or divide narrow gaps by edges between the rims"
+        "the search for a surface between the {rims} rims {failure}, so that one may exist; round the corners of the "
+        "rims more, or divide narrow gaps by edges between the rims"
     )
 
 

@@ -90,9 +90,12 @@ def _plan_between(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tuple
     through = (Route("vertices", lambda _: solver.through_points()),) if is_free else ()
     # the route on circles detects crowded nodes early, with few nodes
     network = (NETWORK,) if len(problem.loops) == 2 else ()
-    have_corners = solver.have_corners and options.model == "auto"
-    cornered = (Route("network on circles", lambda _: solver.with_corners()),) if have_corners else ()
-    return (*in_plane, *through, *cornered, on_circles, *network)
+    on_own_nodes = Route("network on circles", lambda _: solver.on_own_nodes())
+    if options.model == "auto" and solver.have_corners:
+        return (*in_plane, *through, on_own_nodes, on_circles, *network)
+    # where equal steps of all circles are too few for one rim
+    finer = (on_own_nodes,) if options.model == "auto" and not through and len(problem.loops) > 2 else ()
+    return (*in_plane, *through, on_circles, *network, *finer)
 
 
 def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:

@@ -69,7 +69,8 @@ class PlateauSolution(Shown):
             "network", "annular network": Gauss-Newton for a Cauchy network on a flattened discrete disk or annulus.
             "annulus", "circles": Douglas's method for two loops, or for more, on a disk with round holes; p and q are
             Laurent series.
-            "network on circles": the same for loops of which some have corners; p and q are a Cauchy network.
+            "network on circles": the same for loops of which some have corners or need many nodes; p and q are a
+            Cauchy network.
             "trained": a complex-valued network.
         history: the steps.
         solve_timings: wall time of each stage of the solve, in seconds.

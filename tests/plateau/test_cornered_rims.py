@@ -7,6 +7,7 @@ import pytest
 
 from spinor_geom import mesh_patch, solve_plateau
 from spinor_geom.arrays import NUMPY
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import NoConnectedSurface
 from spinor_geom.plateau.curve_tensors import CurveTensors
@@ -16,7 +17,7 @@ from tests.plateau.rims import polygon, ring, sampled
 
 SQUARE = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
 # a square of side 20 and four circles of radius 2.5 above it: the height, and the area by a prototype with symmetry
-ROOFS = {0.3: 322.351803, 4.0: 438.210141, 5.0: 484.810576}
+ROOFS = {4.0: 438.210141, 5.0: 484.810576}
 
 
 def roof(height, masts=4):
@@ -99,6 +100,22 @@ def test_the_angle_at_a_corner_is_corrected():
     assert solution.boundary_residual.rms_per_edge < 1e-4
     # of the harmonic surface
     assert solution.area == pytest.approx(3.1205514, rel=1e-7)
+
+
+def test_each_rim_has_as_many_nodes_as_it_needs():
+    # a square with rounded corners needs many, round masts few
+    quarter = np.pi / 2 * np.arange(7) / 6
+    corner = 7 + 3 * np.stack([np.cos(quarter), np.sin(quarter), 0 * quarter], axis=1)
+    corner[:, 2] = 0
+    side = np.linspace(corner[-1], corner[-1] * [-1, 1, 1], 7)[1:-1]
+    turn = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    outer = np.concatenate([np.concatenate([corner, side]) @ np.linalg.matrix_power(turn, k) for k in range(4)])
+    places = [(5, 5), (-5, 5), (-5, -5), (5, -5)]
+    masts = [sampled(ring(1.5, 1.5, centre=place), 32) for place in places]
+    solution = solve_plateau([BoundaryLoop.from_points(outer, corners=()), *masts])
+    assert solution.converged
+    # of the harmonic surface
+    assert solution.area == pytest.approx(378.5528, rel=1e-4)
 
 
 def test_masts_above_the_last_surface_have_none():

@@ -86,7 +86,7 @@ PLANS = {
     "several, rough": (rough_pair(), {}, ("vertices", "circles", "network")),
     "several, rough, smooth": (rough_pair(), SMOOTH_ONLY, ("circles", "network")),
     "several, rough, by modulus": (rough_pair(), {"model": Laurent()}, ("circles", "network")),
-    "three": (facing(TETRAHEDRON[:3]), {}, ("circles",)),
+    "three": (facing(TETRAHEDRON[:3]), {}, ("circles", "network on circles")),
     "several, with corners": ((planar(CONVEX, 20), *coaxial(0.5)), {}, ("network on circles", "circles")),
     "several, plane": ((ring(1.0, 0.0), ring(0.5, 0.0)), {}, ("plane", "circles", "network")),
     "trained": (SMOOTH, {"model": "mlp"}, ("trained",)),

@@ -24,7 +24,7 @@ from jaxtyping import Bool, Complex, Float, Int
 from spinor_geom.arrays import cis
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.quadrature import rule
-from spinor_geom.errors import SurfaceError
+from spinor_geom.errors import UnresolvedRimsError
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.steps import Steps
 
@@ -635,7 +635,7 @@ def stationary(start: CorneredSurface, steps: Steps) -> tuple[CorneredSurface, i
 
     Raises:
         OutOfTimeError: time ran out.
-        SurfaceError: the circles meet, or the steps do not converge.
+        UnresolvedRimsError: the steps do not converge.
     """
     here, is_free, before = start, start.is_free, math.inf
     for _ in range(_MOST_STEPS):
@@ -663,7 +663,7 @@ def stationary(start: CorneredSurface, steps: Steps) -> tuple[CorneredSurface, i
         if there is None:
             break
         here = there
-    raise SurfaceError("the circles of the domain meet before the search between rims with corners converges")
+    raise UnresolvedRimsError(rims=len(here.form.circles.centres), failure="does not converge")
 
 
 def _extents(here: CorneredSurface, step: Float[np.ndarray, " k"]) -> tuple[float, float]:

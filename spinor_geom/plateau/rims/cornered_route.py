@@ -43,11 +43,11 @@ from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 _TURN = np.radians(20.0)  # largest turn of an edge of a circle's polygon
 _DEGREE = 14  # of the polynomials of the arcs: to rounding errors for such turns
 _LEAST_EDGES = 6  # of a side
-_FREQUENCIES = 10, 64  # least and largest number of frequencies of a rim without corners
+_FREQUENCIES = 10, 96  # least and largest number of frequencies of a rim without corners
 _SPECTRUM = 1e-7  # share of the amplitude of Γ above the frequencies of the slide, which has half of them
 _SAMPLES = 256  # of Γ for its spectrum
-_POLES = 28
-_LEVELS = 9
+_POLES = 28  # at each corner; with 20 residuals are twice as large
+_LEVELS = 9  # of edges towards a corner with an angle below 180°; with 5 areas are off by 5e-6
 # Modes of the start's slides that are fitted to nodes, and the least share of a side between these and its ends
 _START_MODES, _INSIDE = 3, 0.02
 
@@ -57,7 +57,8 @@ def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> Ro
 
     Raises:
         OutOfTimeError: time ran out.
-        SurfaceError: Newton's method does not converge, or the surface has a branch point.
+        UnresolvedRimsError: Newton's method does not converge.
+        SurfaceError: the surface has a branch point.
         DomainError: the polygon of ∂Ω crosses itself.
     """
     start = _Start.of(problem, oriented)

@@ -98,11 +98,10 @@ class RimsSolver:
         """Whether some rims have corners, and all rims their own curves."""
         return not self._is_noisy and any(curve.corners.any() for curve in self.problem.curves)
 
-    def with_corners(self) -> RouteResult:
-        """The surface between rims of which some have corners, near the first one with rounded corners.
+    def on_own_nodes(self) -> RouteResult:
+        """The surface between rims with as many nodes as each needs, near the first one on few equal steps of circles.
 
-        Nodes at equal steps of circles do not resolve corners. If few of them do not settle, Newton's method with the
-        corners still does.
+        Such steps do not resolve corners. If few of them do not settle, Newton's method with the corners still does.
         """
         with self.problem.clock.stage("slides"):
             starts = sorted(self._starts, key=lambda start: start.surface.dirichlet_energy)
@@ -110,7 +109,7 @@ class RimsSolver:
         if rounded is not None:
             return solve_with_corners(self.problem, rounded)
         if len(self.problem.units) == 2 or not starts:
-            raise SurfaceError("no surface was found between the rims with rounded corners")
+            raise SurfaceError("no surface was found between the rims on few nodes")
         raise NoConnectedSurfaceError(_COLLAPSED)
 
     def _rounded(self, start: OrientedSurface) -> OrientedSurface | None:
@@ -167,7 +166,8 @@ class RimsSolver:
         """
         best, is_resolved = self._searched
         if not is_resolved and len(self.problem.units) > 2:
-            raise UnresolvedRimsError(rims=len(self.problem.units), nodes=DENSE)
+            failure = f"needs more than its limit of {DENSE} nodes"
+            raise UnresolvedRimsError(rims=len(self.problem.units), failure=failure)
         return best
 
     @cached_property
