@@ -15,7 +15,9 @@ from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.mesh.triangle_mesh import require_faces
 
-COLUMNS = ("loop", "points", "perimeter", "mean edge", "elongation", "corners", "vertex", "remark")
+COLUMNS = ("loop", "points", "perimeter", "mean edge", "size", "centre", "elongation", "corners", "remark")
+# columns to leave out on a narrow terminal, in this order
+_OPTIONAL = ("elongation", "mean edge", "corners", "size", "centre", "perimeter")
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
@@ -37,7 +39,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     if arguments.json:
         show_lines(json.dumps([_json(index, loop) for index, loop in enumerate(loops)], indent=2), piped=True)
     elif loops:
-        show_table(COLUMNS, [_row(index, loop) for index, loop in enumerate(loops)], piped=True)
+        show_table(COLUMNS, [_row(index, loop) for index, loop in enumerate(loops)], piped=True, optional=_OPTIONAL)
     else:
         show_lines("\n".join(["no boundary loops", *notes]), piped=True)
     for note in notes if loops or arguments.json else ():
@@ -82,8 +84,9 @@ def _row(index: int, loop: BoundaryLoop) -> list[str]:
         str(len(loop)),
         f"{loop.perimeter:.5g}",
         f"{loop.mean_edge_length:.4g}",
+        f"{loop.diagonal:.4g}",
+        " ".join(f"{x:.4g}" for x in loop.centroid.tolist()),
         f"{loop.elongation:.3g}",
         str(int(loop.corners.sum())),
-        str(int(loop.vertex_ids[0])),
         "; ".join(filter(None, remarks)),
     ]

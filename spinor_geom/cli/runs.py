@@ -1,6 +1,7 @@
 """`spinor-geom batch`, `bench` and `reproduce`: long runs over many files or cases, which can be resumed."""
 
 import argparse
+import sys
 from itertools import count
 from pathlib import Path
 
@@ -78,15 +79,20 @@ def _bench(arguments: argparse.Namespace) -> ExitStatus:
 def _reproduce(arguments: argparse.Namespace) -> ExitStatus:
     for package in ("matplotlib", "markdown_it", "pyvista", "torch"):
         require(package, extra="experiments")
-    from spinor_geom.experiments.experiment import PAGE, reproduce
+    from spinor_geom.experiments.experiment import PAGE, Results, reproduce
 
     names = arguments.names or tuple(NAMES)
     with progress("reproducing") as bar:
         finished = count(1)
         bar(0, len(names))
-        done = reproduce(
-            names, arguments.output, quick=arguments.quick, on_done=lambda _: bar(next(finished), len(names))
-        )
+
+        def on_done(one: Results) -> None:
+            number = next(finished)
+            bar(number, len(names))
+            if not sys.stderr.isatty():
+                complain(f"{number} of {len(names)}: {one.name}, {one.seconds:.0f} s")
+
+        done = reproduce(names, arguments.output, quick=arguments.quick, on_done=on_done)
     rows = [[one.name, "yes" if one.reproduced else "no", f"{one.seconds:.1f}"] for one in done]
     show_table(("experiment", "agrees", "seconds"), rows, piped=False)
     show_lines(f"report: {arguments.output / PAGE}", piped=False)

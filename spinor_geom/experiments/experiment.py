@@ -177,7 +177,9 @@ def report(done: Sequence[Results], *, quick: bool, shown: Callable[[str], str] 
     start = [
         f"# {TITLE}",
         f"{'Quick' if quick else 'Full'} run: {len(done)} {'experiment' if len(done) == 1 else 'experiments'} in "
-        f"{sum(one.seconds for one in done):.0f} s; {sum(one.reproduced for one in done)} agree with the paper.",
+        f"{sum(one.seconds for one in done):.0f} s; {sum(one.reproduced for one in done)} agree with the paper: the "
+        "verdict of each says what was compared"
+        f"{'. Trainings have fewer epochs and grids are coarser than in the paper' if quick else ''}.",
     ]
     link = shown or (lambda path: f"![{Path(path).stem}]({path})")
     return "\n\n".join([*start, *(_section(one, quick, link) for one in done)]) + "\n"

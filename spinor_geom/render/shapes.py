@@ -2,8 +2,8 @@
 
 import html
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,9 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_surface
 from spinor_geom.meshing.solid import Solid
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.render.page import Views, document
+from spinor_geom.render.page import Views, document, table
 from spinor_geom.render.portrait import Portrait
-from spinor_geom.render.scene import Scene, viridis
+from spinor_geom.render.scene import MESH, PATCH, Faces, Layer, Scene, viridis
 from spinor_geom.surface.array_surface import ArraySurface
 
 GAUSS, MEAN, NORMAL = "gauss_curvature", "mean_curvature", "normal"
@@ -39,6 +39,8 @@ class Shape:
     faces: Int[np.ndarray, "f 3"]
     values: Mapping[str, np.ndarray]  # (n,) or (n, k), names as in `Shown`
     colour_field: str = MEAN  # name of the values shown as colours
+    first_new: int | None = None  # the first face of the patches of a fill
+    loops: Sequence[tuple[str, ...]] = ()  # rows of a table of the loops of a fill, its head first
 
     @property
     def curvature(self) -> Float[np.ndarray, " n"]:
@@ -68,8 +70,13 @@ class Shape:
         if len(self.faces) > MOST_FACES:
             return f"<p>{html.escape(facts)}; too many to show here: plot the result of to_pyvista().</p>"
         views = Views()
-        scene = Scene(title=facts, layers=self.portrait(curvature=True).layers, unit="units")
-        page = document(facts, [views.figure(scene), views.script()], style=_FRAME_STYLE)
+        layers: Sequence[Layer] = self.portrait(curvature=True).layers
+        if self.first_new is not None:
+            parts = (self.faces[: self.first_new], MESH), (self.faces[self.first_new :], PATCH)
+            layers = [Faces(vertices=self.vertices, faces=faces, **look) for faces, look in parts]
+        scene = Scene(title=facts, layers=layers, unit="mesh units")
+        below = [table(self.loops[0], self.loops[1:])] if self.loops else []
+        page = document(facts, [views.figure(scene), *below, views.script()], style=_FRAME_STYLE)
         return (
             f'<iframe title="{html.escape(title)}" srcdoc="{html.escape(page)}" width="100%" height="{_HEIGHT}" '
             'style="border: 0" sandbox="allow-scripts"></iframe>'
@@ -94,7 +101,12 @@ def shape_of(shown: Any) -> Shape:
     if len(mesh.faces):
         curvature = discrete_mean_curvature(mesh.vertices, mesh.faces)
         mean[curvature.vertices] = curvature.values
-    return Shape(vertices=mesh.vertices, faces=mesh.faces, values={**mesh.vertex_attributes, MEAN: mean})
+    shape = Shape(vertices=mesh.vertices, faces=mesh.faces, values={**mesh.vertex_attributes, MEAN: mean})
+    if not isinstance(shown, FillResult):
+        return shape
+    rows = [(str(o.index), str(len(o.loop)), o.kind or "open", str(o.faces_added), o.reason) for o in shown.loops]
+    first = len(mesh.faces) - len(shown.extension.faces)
+    return replace(shape, first_new=first, loops=[("loop", "points", "patch", "new faces", "reason"), *rows])
 
 
 def _minimal(patch: Patch, surface: ArraySurface) -> Shape:

@@ -326,6 +326,16 @@ def test_loops_lists_them_for_a_pipe(mesh_path: Path, capsys: pytest.CaptureFixt
     assert [row.split("\t")[:2] for row in rows] == [["0", "16"], ["1", "16"]]
 
 
+@pytest.mark.parametrize("columns", [40, 50, 200])
+def test_a_narrow_table_of_loops_has_fewer_columns_and_whole_numbers(
+    columns: int, mesh_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    _, shown = on_terminal(["loops", str(mesh_path)])
+    assert "…" not in shown
+    assert ("centre" in shown) == (columns == 200)
+
+
 def test_loops_as_json_are_those_of_boundary_loops(mesh_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["loops", str(mesh_path), "--json"]) == 0
     entries = json.loads(capsys.readouterr().out)

@@ -379,7 +379,7 @@ def test_unconfirmed_statements_are_reported_and_gaps_in_the_table_stay_empty():
     assert "|  |  | yes |" in text
     assert "**Not reproduced.** Slope 0." in text
     assert "Shortened" not in text
-    assert "1 experiment in 2 s; 0 agree with the paper." in text
+    assert "1 experiment in 2 s; 0 agree with the paper: the verdict of each says what was compared." in text
 
 
 def test_an_unknown_name_is_refused_before_anything_runs(tmp_path, capsys):
@@ -403,7 +403,9 @@ def test_an_unconfirmed_statement_of_the_paper_is_an_exit_status(tmp_path, capsy
     )
     monkeypatch.setitem(integration.EXPERIMENTS, "catenoid", not_seen)
     assert main(["reproduce", "catenoid", "-o", str(tmp_path)]) == 1
-    assert capsys.readouterr().err == "spinor-geom: catenoid: Slope 0.\n"
+    finished, verdict = capsys.readouterr().err.splitlines()
+    assert finished.startswith("spinor-geom: 1 of 1: catenoid, ")
+    assert verdict == "spinor-geom: catenoid: Slope 0."
 
 
 def test_functions_are_drawn_black_where_they_vanish_and_white_outside_the_disk():

@@ -12,7 +12,7 @@ import torch
 import trimesh
 
 import spinor_geom
-from spinor_geom import gallery
+from spinor_geom import fill_hole, gallery
 from spinor_geom.errors import MeshFileError
 from spinor_geom.fill.fill_result import FillResult
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -138,3 +138,14 @@ def test_names_are_escaped_twice_and_large_meshes_are_given_as_counts() -> None:
     large = TriangleMesh(np.eye(3), np.tile([[0, 1, 2]], (shapes.MOST_FACES + 1, 1)))._repr_html_()
     assert "to_pyvista()" in large
     assert "<iframe" not in large
+
+
+def test_a_fill_is_shown_with_its_patches_and_a_table_of_its_loops() -> None:
+    _, report = fill_hole(tube(), return_report=True)
+    frame = report._repr_html_()
+    assert "#f28e2b" in frame  # the colour of patches
+    shape = shapes.shape_of(report)
+    assert shape.first_new == len(report.original.faces)
+    assert [row[:3] for row in shape.loops[1:]] == [
+        (str(k), str(len(o.loop)), "minimal") for k, o in enumerate(report.loops)
+    ]
