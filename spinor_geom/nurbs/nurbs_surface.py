@@ -13,7 +13,8 @@ from jaxtyping import Float
 
 from spinor_geom.adapters.cad_objects import cad_object
 from spinor_geom.adapters.open_cascade import Unit, require_cad_suffix, sewn_shell, write_shape
-from spinor_geom.errors import OptionError, require_positive
+from spinor_geom.deadline import is_out_of_time
+from spinor_geom.errors import OptionError, OutOfTimeError, require_positive
 from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.rational_splines import NurbsCurve, NurbsPatch, homogeneous
 from spinor_geom.nurbs.blocks import Blocks
@@ -21,12 +22,16 @@ from spinor_geom.nurbs.polynomial_disk import QUADS, PolynomialDisk
 from spinor_geom.nurbs.rims import Rim
 from spinor_geom.nurbs.samples import Samples
 from spinor_geom.nurbs.strips import NEARER_AT_RIMS, Fit, QuadMesh, fitted, share_sides
-from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.plateau.route_result import FAILURES
+from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.shown import shortened
 from spinor_geom.surface.array_surface import ArraySurface
 
 _OF_TOLERANCE = 0.01  # accuracy of positions, relative to the tolerance
+# Most times that a solve is continued, the share of the allowed distance that it is continued to, and the relative
+# difference of areas beyond which the surface found is another one over the same curves.
+_CONTINUED, _BELOW, _SAME_AREA = 2, 0.5, 1e-3
 _AROUND, _ROUNDING = 256, 1e-12  # points of a rim for its diagonal; tolerance of exact patches
 
 
@@ -73,7 +78,7 @@ class NurbsSurface:
         deviations: measured.
         tolerance: given to `to_nurbs`, relative to `deviations.diagonal`.
         converged: whether the patches and the displacement of the rims are within the tolerance, and the solution has
-            converged.
+            converged or was continued.
         reason: the accuracy that was reached, in one sentence.
     """
 
@@ -165,6 +170,9 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
     """See `PlateauSolution.to_nurbs`."""
     require_positive("tolerance", tolerance)
     diagonal = max(rim.loop.diagonal for rim in solution.rims)
+    given, solution = solution, _within(solution, tolerance * diagonal)
+    # of a solution that was continued only the distance counts, not the tolerance of the last step
+    has_converged = given.converged or solution is not given
     disk, missed = PolynomialDisk.of(solution.array_surface), solution.boundary_residual.max
     with one_thread():
         if disk is not None and disk.is_representable and missed <= tolerance * diagonal / NEARER_AT_RIMS:
@@ -185,9 +193,10 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
     reached = f"{fit.error / diagonal:.1e} of the diagonal with {fit.points} control points"
     within = fit.error <= tolerance * diagonal
     reason = f"interpolation error {reached}"
-    if not solution.converged:
+    is_met = moved <= tolerance * diagonal
+    if not has_converged:
         reason = f"{reason}, but the solution has not converged: {solution.reason}"
-    elif moved > tolerance * diagonal:
+    elif not is_met:
         reason = (
             f"{reason}, but the rims are moved by the boundary residual of the solution, {moved / diagonal:.1e} of the "
             f"diagonal, above the tolerance {tolerance:.1e}: solve with a smaller tolerance"
@@ -200,9 +209,34 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
         rims=_rims(blocks.sizes),
         deviations=deviations,
         tolerance=tolerance,
-        converged=within and solution.converged and moved <= tolerance * diagonal,
+        converged=within and is_met and has_converged,
         reason=reason,
     )
+
+
+def _within(solution: PlateauSolution, allowed: float) -> PlateauSolution:
+    """The solution, solved again if its boundary is farther from the curves than allowed, in mesh units.
+
+    The given solution is kept if no other is nearer, or if that is another surface over the same curves.
+    """
+    solve, residual = solution.solved_to, solution.boundary_residual
+    tolerance = residual.rms_per_edge
+    for _ in range(_CONTINUED):
+        missed = residual.max / allowed
+        if solve is None or missed <= 1 or is_out_of_time():
+            break
+        tolerance *= _BELOW / missed
+        try:
+            again = solve(tolerance)
+        except (*FAILURES, OutOfTimeError):
+            break
+        if isinstance(again, NoConnectedSurface) or abs(again.area - solution.area) > _SAME_AREA * solution.area:
+            break
+        if again.boundary_residual.max >= residual.max:
+            break
+        solution, residual = again, again.boundary_residual
+        tolerance = min(tolerance, residual.rms_per_edge)
+    return solution
 
 
 def _rims(sizes: Sequence[int]) -> tuple[tuple[tuple[int, int], ...], ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -80,6 +80,8 @@ class PlateauSolution(Shown):
         reason: why the solver stopped, in one sentence.
         evidence: the surface and its checks, computed on first use.
         annulus: properties of a surface over several rims; None for disks.
+        solved_to: solves the same problem with another tolerance; None for surfaces of a batch or a search, and for
+            those moved into other coordinates.
     """
 
     rims: tuple[RimMatch, ...]
@@ -94,6 +96,7 @@ class PlateauSolution(Shown):
     reason: str
     evidence: Evidence
     annulus: Annulus | None = None
+    solved_to: Callable[[float], PlateauSolution | NoConnectedSurface] | None = None
 
     def __repr__(self) -> str:
         rims = " + ".join(str(len(rim.loop)) for rim in self.rims)
@@ -201,6 +204,7 @@ class PlateauSolution(Shown):
             boundary_residual=self.boundary_residual.enlarged(frame.size, diagonal=loop.diagonal),
             area=self.area * frame.size**2,
             evidence=self.evidence.placed_by(frame),
+            solved_to=None,
         )
 
     def loop_points_in_domain(self) -> Complex[np.ndarray, " m"]:
@@ -213,7 +217,8 @@ class PlateauSolution(Shown):
         Ω is divided into quadrilaterals: 5 for a disk over a smooth curve, up to 30 for strongly folded and elongated
         ones, more for curves with many corners, and three for every two points of a ragged rim, or five for long ones.
         On each the surface is interpolated by splines, in the parameter of Γ along the rims. The outer sides are Γ
-        itself: within the patches at the rims the surface is moved by its boundary residual.
+        itself: within the patches at the rims the surface is moved by its boundary residual. If this residual is above
+        the tolerance, the problem is solved again with a smaller tolerance.
 
         Plane polygons have exact patches of degree 1. If p and q are polynomials of degree up to 5 on a disk, as for
         Enneper's surface, five rational patches are exact; see `NurbsSurface.of_polynomials`.
@@ -228,8 +233,7 @@ class PlateauSolution(Shown):
 
         Returns:
             The patches; with `converged=False` and a reason if the tolerance needs too many control points or more
-            time, this solution has not converged, or its boundary residual is above the tolerance. Patches are not
-            refined below this residual.
+            time, or the boundary residual stays above the tolerance. Patches are not refined below this residual.
 
         Raises:
             OptionError: the tolerance or the time limit is not positive.

@@ -5,7 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, overload
 
@@ -15,6 +17,7 @@ from spinor_geom import deadline
 from spinor_geom.adapters import Rim, to_rims
 from spinor_geom.errors import ArgumentTypeError, OptionError, SpinorGeomError, require_positive
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.harmonic.harmonic_route import BATCH_NODES, FEWEST_NODES, UNIT_DISK, begun_on_unit_disk
 from spinor_geom.plateau.options import Cauchy, Model, Optimizer, Options, usable_place
 from spinor_geom.plateau.plan import all_surfaces, minimal_disk, plan, surface_between
@@ -173,6 +176,20 @@ def solve_plateau(
         problem = PlateauProblem.of(rims, options, on_iteration)
         if all_solutions:
             return all_surfaces(problem)
+        solution = minimal_disk(problem, plan(problem)) if problem.is_disk else surface_between(problem)
+    if isinstance(solution, NoConnectedSurface):
+        return solution
+    # without the functions in formulas and `on_iteration`, so that solutions can be pickled
+    curves = [curve if curve.is_formula else None for curve in problem.curves]
+    return replace(solution, solved_to=partial(_solved_to, problem.loops, curves, options))
+
+
+def _solved_to(
+    loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve | None], options: Options, tolerance: float
+) -> PlateauSolution | NoConnectedSurface:
+    """The surface over loops within a tolerance."""
+    with one_thread(), typed_failures():
+        problem = PlateauProblem.over(loops, curves, replace(options, tolerance=tolerance))
         return minimal_disk(problem, plan(problem)) if problem.is_disk else surface_between(problem)
 
 

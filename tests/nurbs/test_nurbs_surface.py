@@ -1,6 +1,8 @@
 """NURBS of known surfaces: exact areas, equal sides, rims on the given curves."""
 
+import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -177,11 +179,18 @@ def test_rims_moved_by_the_residual_do_not_turn_normals_along_seams() -> None:
 def test_refinement_ends_at_the_residual_of_the_solution() -> None:
     solution = spinor_geom.solve_plateau(curves.l_shape(0.5))
     assert solution.converged
-    surface = solution.to_nurbs(tolerance=1e-6)
+    surface = replace(solution, solved_to=None).to_nurbs(tolerance=1e-6)
     assert not surface.converged
     assert "moved by the boundary residual" in surface.reason
     assert "solve with a smaller tolerance" in surface.reason
     assert surface.size < 10_000  # 11,677 without the end
+
+
+def test_a_solve_is_continued_to_the_tolerance_of_patches() -> None:
+    solution = spinor_geom.solve_plateau(gallery.random_curve(26))
+    missed = solution.boundary_residual
+    assert missed.max > 1e-6 * missed.diagonal
+    assert pickle.loads(pickle.dumps(solution)).to_nurbs(tolerance=1e-6).converged
 
 
 @pytest.mark.slow
