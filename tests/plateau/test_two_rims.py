@@ -394,7 +394,7 @@ def test_squares_over_each_other_are_met_with_many_nodes(h):
 @pytest.mark.parametrize(
     ("turn", "edges", "area"),
     [
-        pytest.param(0.0, 8, 7.10744, marks=pytest.mark.slow),
+        pytest.param(0.0, 8, 7.10752, marks=pytest.mark.slow),
         (30.0, 1, 7.11727),
         pytest.param(30.0, 8, 7.11727, marks=pytest.mark.slow),
     ],
