@@ -38,7 +38,6 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     if arguments.picture is not None:
         require("pyvista", extra="render")
     if arguments.html is not None:
-        require_html(arguments.html)
         require("matplotlib", extra="render")
     mesh = read_surface(arguments.input, merge=arguments.merge)
     edge_length: float | Literal["auto"] = arguments.edge_length or "auto"
@@ -50,6 +49,8 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         if path is not None:
             require_writable(path, arguments.input, *outputs)
             outputs.append(path)
+    if arguments.html is not None:
+        require_html(arguments.html)
     loop, continuity = _choice(arguments)
     with progress("filling") as bar:
         done = count(1)
