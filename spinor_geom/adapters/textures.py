@@ -18,7 +18,8 @@ from spinor_geom.files import safe_name
 
 LIBRARY, IMAGES = ".mtl", (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp", ".dds", ".exr")
 EMBEDDED = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}  # in GLB, with their media types
-MOST_BYTES, MOST_PIXELS, MOST_FILES = 1 << 28, 1 << 28, 256  # of one file, of one image, and of one mesh
+MOST_BYTES, MOST_PIXELS = 1 << 30, 1 << 28  # of all files of one mesh, and of one image
+MOST_FILES = 256  # that are looked for
 _IMAGE = re.compile(r"(map_\w+|bump|disp|decal|refl|norm)\s+(.+)", re.IGNORECASE)
 _COLOUR_IMAGE = "map_kd"
 
@@ -52,6 +53,7 @@ class Companions:
     files: dict[str, bytes] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     colours: set[str] = field(default_factory=set)  # names of the images of colours
+    tried: set[str] = field(default_factory=set)  # names that were looked for
 
     @classmethod
     def of(cls, folder: Path, names: Iterable[str]) -> Companions:
@@ -85,10 +87,14 @@ class Companions:
 
     def _add(self, name: str, suffixes: tuple[str, ...]) -> None:
         name = _slashes(name)
-        if name in self.files or len(self.files) >= MOST_FILES:
+        if name in self.tried or len(self.tried) > MOST_FILES:
+            return
+        self.tried.add(name)
+        if len(self.tried) > MOST_FILES:
+            self.notes.append(f"the file refers to more than {MOST_FILES} files; the others were not copied")
             return
         try:
-            self.files[name] = _read(self.folder, name, suffixes)
+            self.files[name] = _read(self.folder, name, suffixes, MOST_BYTES - sum(map(len, self.files.values())))
         except _RefusedError as refused:
             self.notes.append(f"{name[:80]!r}, which the file refers to, was not copied: {refused}")
 
@@ -103,8 +109,8 @@ def _slashes(name: str) -> str:
     return text if text.startswith("/") else str(PurePosixPath(text))
 
 
-def _read(folder: Path, name: str, suffixes: tuple[str, ...]) -> bytes:
-    """The bytes of a regular file in a folder or below it; a `_RefusedError` if it is anything else."""
+def _read(folder: Path, name: str, suffixes: tuple[str, ...], most: int) -> bytes:
+    """The bytes of a regular file in a folder or below it, at most `most`; a `_RefusedError` for anything else."""
     parts = PurePosixPath(name).parts
     if name.startswith("/") or ".." in parts or ":" in name or any(part.startswith(".") for part in parts):
         raise _RefusedError("its name leads outside the folder of the file, or to a hidden file")
@@ -122,9 +128,9 @@ def _read(folder: Path, name: str, suffixes: tuple[str, ...]) -> bytes:
             status = os.fstat(file.fileno())
             if not stat.S_ISREG(status.st_mode):
                 raise _RefusedError("it is not a regular file")
-            if status.st_size > MOST_BYTES:
-                raise _RefusedError(f"it has more than {MOST_BYTES >> 20} MiB")
-            data = file.read(MOST_BYTES)
+            if status.st_size > most:
+                raise _RefusedError(f"all files together have more than {MOST_BYTES >> 20} MiB")
+            data = file.read(most)
     except OSError as error:
         raise _RefusedError(f"it cannot be read ({error.strerror})") from error
     width, height = _size_of_image(data)

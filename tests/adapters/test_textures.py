@@ -1,6 +1,7 @@
 """Materials and textures are carried along, and names in strangers' files lead nowhere else."""
 
 import os
+import shutil
 import struct
 import zlib
 from collections.abc import Callable
@@ -142,6 +143,34 @@ def test_names_in_a_file_lead_nowhere_else(
     assert any(reason in note and "was not copied" in note for note in notes), notes
     assert {path for path in tmp_path.rglob("*") if out not in path.parents} == before
     assert {path.suffix for path in out.rglob("*") if path.is_file()} <= {".obj", ".mtl"}
+
+
+def test_names_are_followed_up_to_a_number_and_a_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, out = textured(tmp_path / "in"), tmp_path / "out"
+    out.mkdir()
+    names = [f"maps/{k}.png" for k in range(8)]
+    for name in names:
+        (tmp_path / "in" / name).write_bytes(png())
+    size = len(png())
+
+    def written(*, missing: int, bytes_of_images: int) -> tuple[tuple[str, ...], int]:
+        lines = [f"map_Ks maps/missing{k}.png" for k in range(missing)] + [f"map_Kd {name}" for name in names]
+        library = "\n".join(lines)
+        (tmp_path / "in" / "skin.mtl").write_text(library)
+        monkeypatch.setattr(textures, "MOST_BYTES", len(library) + bytes_of_images)
+        shutil.rmtree(out / "maps", ignore_errors=True)
+        (out / "skin.mtl").unlink(missing_ok=True)
+        return read_mesh(source).write(out / "copy.obj"), len(list(out.glob("maps/*.png")))
+
+    assert written(missing=0, bytes_of_images=8 * size) == ((), 8)
+    notes, copied = written(missing=0, bytes_of_images=5 * size)
+    assert copied == 5
+    assert len(notes) == 3
+    assert all("MiB" in note for note in notes)
+    notes, copied = written(missing=5 * textures.MOST_FILES, bytes_of_images=8 * size)
+    assert copied == 0
+    assert len(notes) == textures.MOST_FILES
+    assert f"more than {textures.MOST_FILES} files" in notes[-1]
 
 
 def test_nothing_is_written_through_a_link_beside_the_output(tmp_path: Path) -> None:
