@@ -15,6 +15,8 @@ from rich.text import Text
 
 from spinor_geom.files import printable
 
+_WRAPPED = 20  # characters, the least width of a column that is broken into lines if it is wider
+
 
 class ExitStatus(enum.IntEnum):
     """Exit statuses; `IMPERFECT` means that the results were written, but some need a check."""
@@ -54,24 +56,35 @@ def complain(text: str) -> None:
 
 
 def show_table(
-    columns: Sequence[str], rows: Iterable[Sequence[str | Text]], *, piped: bool, optional: Sequence[str] = ()
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str | Text]],
+    *,
+    piped: bool,
+    optional: Sequence[str] = (),
+    wrapped: str = "",
 ) -> None:
     """Writes a table to standard output: ruled on a terminal, else tab-separated lines if `piped`.
 
-    If the terminal is too narrow, optional columns are left out, in the order of `optional`.
+    If the terminal is too narrow, optional columns are left out, in the order of `optional`; the column `wrapped` is
+    broken into lines.
     """
     console = Console()
     if console.is_terminal:
         rows = [list(row) for row in rows]
         widths = {name: max(map(len, (name, *column))) + 2 for name, *column in zip(columns, *rows, strict=True)}
+        widths |= {wrapped: min(widths[wrapped], _WRAPPED)} if wrapped else {}
         for name in optional:
             if sum(widths.values()) > console.width:
                 widths.pop(name, None)
-        table = Table(*widths, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+        table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+        for name in widths:
+            table.add_column(name, no_wrap=name != wrapped)
         for row in rows:
             cells = [cell for name, cell in zip(columns, row, strict=True) if name in widths]
             # rich would interpret markup in a string
             table.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in cells))
+        # lines that are still too long are broken by the terminal; rich would cut their numbers
+        console.width = max(console.width, sum(widths.values()))
         console.print(table)
     elif piped:
         _write("".join("\t".join(map(str, row)) + "\n" for row in (columns, *rows)))

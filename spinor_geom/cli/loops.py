@@ -39,7 +39,13 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     if arguments.json:
         show_lines(json.dumps([_json(index, loop) for index, loop in enumerate(loops)], indent=2), piped=True)
     elif loops:
-        show_table(COLUMNS, [_row(index, loop) for index, loop in enumerate(loops)], piped=True, optional=_OPTIONAL)
+        show_table(
+            COLUMNS,
+            [_row(index, loop) for index, loop in enumerate(loops)],
+            piped=True,
+            optional=_OPTIONAL,
+            wrapped=COLUMNS[-1],
+        )
     else:
         show_lines("\n".join(["no boundary loops", *notes]), piped=True)
     for note in notes if loops or arguments.json else ():

@@ -20,6 +20,7 @@ import pytest
 from spinor_geom.adapters import read_mesh
 from spinor_geom.cli import console, runs
 from spinor_geom.cli.main import build_parser, main
+from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.render.scene import Scene
 from tests.fill.shapes import collar, cylinder, figure_eight, spiked_tetrahedron, tube
@@ -334,6 +335,32 @@ def test_a_narrow_table_of_loops_has_fewer_columns_and_whole_numbers(
     _, shown = on_terminal(["loops", str(mesh_path)])
     assert "…" not in shown
     assert ("centre" in shown) == (columns == 200)
+
+
+def test_a_long_remark_is_broken_into_lines_and_hides_no_column(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    remark = "crosses itself at 3 pairs of edges " * 4
+    columns = ("loop", "size", "remark")
+    with contextlib.redirect_stdout(Terminal()) as terminal:
+        console.show_table(columns, [["0", "1.25", remark]], piped=False, optional=("size",), wrapped="remark")
+    plain = re.sub(r"\x1b\[[\d;]*m", "", terminal.getvalue())
+    assert "1.25" in plain
+    assert plain.split().count("crosses") == 4
+    assert max(map(len, plain.splitlines())) <= 40
+
+
+@pytest.mark.parametrize("columns", [30, 40, 50])
+def test_a_narrow_table_of_a_fill_has_whole_numbers(
+    columns: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    vertices, faces = tube()
+    far = write_obj(tmp_path / "far.obj", 1234.5 * vertices, faces)
+    _, text = on_terminal(["fill", str(far), "-o", str(tmp_path / "filled.obj")])
+    plain = re.sub(r"\x1b\[[\d;]*m", "", text)
+    assert "…" not in plain
+    loops = fill_hole(far, return_report=True)[1].loops
+    assert all(f"{outcome.area:.4g}" in plain.split() for outcome in loops)
 
 
 def test_loops_as_json_are_those_of_boundary_loops(mesh_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
