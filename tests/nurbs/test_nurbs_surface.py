@@ -214,8 +214,8 @@ def test_bad_tolerances_and_suffixes_are_errors(tmp_path: Path) -> None:
     solution = SMOOTH["enneper"]()
     with pytest.raises(OptionError, match="tolerance"):
         nurbs_surface(solution, 0.0)
-    with pytest.raises(CadFileError, match=r"\.stl"):
-        solution.save(tmp_path / "film.stl")
+    with pytest.raises(CadFileError, match=r"\.dxf"):
+        solution.save(tmp_path / "film.dxf")
 
 
 @pytest.mark.parametrize("suffix", [".step", ".igs", ".brep"])
