@@ -46,6 +46,7 @@ def described() -> Mapping[str, tuple[Any, tuple[str, ...]]]:
         (annulus.array_surface.model, ("LaurentSeries",)),
         (spinor_geom.solve_plateau(apart), ("200 + 200 points", "cone")),
         (patch, ("vertices", "rim of 200 points", "area 3.5")),
+        (solution.solid(0.1), ("faces", "thickness 0.1")),
         (film, ("5 patches", "area 3.57", "converged")),
         (film.patches[0], ("degrees",)),
         (film.boundary_curves[0][0], ("degree",)),

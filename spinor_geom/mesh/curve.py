@@ -244,7 +244,7 @@ class BoundaryCurve:
         corners = np.zeros(len(starts), dtype=bool)
         corners[first] = self.corners
 
-        def expanded(coefficients: Coefficients) -> Coefficients:
+        def expanded(coefficients: Coefficients) -> Float[np.ndarray, "d_plus_1 n 3"]:
             pieces = PPoly(coefficients, self.breaks)
             powers = range(len(coefficients) - 1, -1, -1)
             return np.stack([pieces(starts, nu=power) / math.factorial(power) for power in powers])
