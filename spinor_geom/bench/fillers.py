@@ -99,7 +99,7 @@ def _spinor(hole: Hole, *, continuity: ContinuityName) -> Prepared:
     # if all loops are rims, none is selected, and `fill_hole` leaves borders of sheets open
     some = {} if len(hole.rim_indices) == len(hole.loops) else {"loop": hole.rim_indices}
     options: dict[str, Any] = {"bridge": hole.rim_indices} if hole.facing else some
-    options |= {"target_edge_length": hole.edge_length or "auto", "islands": "join", "continuity": continuity}
+    options |= {"islands": "join", "continuity": continuity}
 
     def convert(result: Any) -> Filled:
         mesh, report = result
@@ -160,8 +160,6 @@ def _meshlib(hole: Hole, *, metric: str = "", fine: bool = False, natural: bool 
         return [edge for edge in mesh.topology.findHoleRepresentiveEdges() if mesh.topology.org(edge).get() in rim]
 
     rims = edges()
-    if wanted := {} if hole.triangles is None else dict(zip(hole.rim.tolist(), hole.triangles.tolist(), strict=True)):
-        rims = [edge for edge in rims if wanted[mesh.topology.org(edge).get()]]
 
     def fill() -> None:
         if metric:
@@ -179,10 +177,6 @@ def _meshlib(hole: Hole, *, metric: str = "", fine: bool = False, natural: bool 
             mrmeshpy.stitchHolesNicely(mesh, *rims, settings)
             return
         for edge in rims:
-            if wanted:
-                # without inner vertices there are two triangles fewer than edges; each split adds two
-                extra = wanted[mesh.topology.org(edge).get()] + 2 - mesh.topology.getLeftDegree(edge)
-                settings.subdivideSettings.maxEdgeSplits = max(0, extra // 2)
             mrmeshpy.fillHoleNicely(mesh, edge, settings)
 
     def convert(_: Any) -> Filled:

@@ -36,9 +36,6 @@ class Hole:
     expected: str = ""  # the correct result, if it is not one patch for each rim
     facing: bool = False  # two rims that one patch should join, if the tool can do that
     area: float | None = None  # of the minimal surface over the rims, if known
-    # wanted number of new triangles in the hole at each vertex of `rim`, 0 to leave it open; MeshLib only
-    triangles: Int[np.ndarray, " r"] | None = None
-    edge_length: float | None = None  # of our patches; None for the mean edge of each rim
 
     @cached_property
     def edges(self) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, "o 2"]]:

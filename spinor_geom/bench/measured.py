@@ -1,23 +1,18 @@
-"""The figures of disks, filled holes and solutions; each has one definition, see docs/benchmark.md."""
+"""The figures of disks and filled holes; each has one definition, see docs/benchmark.md."""
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
-from scipy.spatial.distance import pdist
 
 from spinor_geom.bench.cases import Case
 from spinor_geom.bench.cut_outs import CutOut
 from spinor_geom.bench.fillers import Filled, Mesh, Surface
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.machine import Record
-from spinor_geom.bench.solves import Solve
 from spinor_geom.comparison import exact_curvature
-from spinor_geom.errors import SpinorGeomError
-from spinor_geom.experiments.boundary_distance import boundary_distance
 from spinor_geom.gallery.chart import Chart
 from spinor_geom.measures import discrete_mean_curvature, distances_to_mesh, mesh_samples, smallest_angles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, diagonals
@@ -25,14 +20,12 @@ from spinor_geom.mesh.intersections import intersections_between, self_intersect
 from spinor_geom.mesh.operators import crossing_angles, face_areas, internal_angles
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, face_components
 from spinor_geom.meshing.embed import mesh_patch
-from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
+from spinor_geom.plateau.solution import PlateauSolution
 
 _CURVATURE_POINTS = 100  # of the exact |H|, which takes some milliseconds a point
 _DISTANCE_SAMPLES, _SURFACE_TRIANGLES = 5_000, 2_000  # fewest samples of a mesh; triangles of our surface
 _MOST_FACES = 300_000  # intersections of more faces are not counted: the exact predicates take minutes
 _SAME = 1e-6  # vertices closer than this, per diagonal, are the same: some tools keep single precision
-_OVERSTATED = 2.0  # ratio of measured and reported distance that contradicts the report
-_AREA_GAP = 0.05  # relative difference of the area and its mesh's that contradicts the report
 
 DISTANCE, REMOVED = "distance / diameter", "removed"
 
@@ -212,62 +205,3 @@ def _diagonal(hole: Hole) -> float:
 
 def _rms(values: Float[np.ndarray, " k"], weights: Float[np.ndarray, " k"] | None = None) -> float:
     return float(np.sqrt(np.average(values**2, weights=weights)))
-
-
-def solve_figures(case: Solve, solution: PlateauSolution | NoConnectedSurface) -> dict[str, Any]:
-    """The figures of a solution, measured from the surface and the curve unless stated otherwise."""
-    figures: dict[str, Any] = {"annulus": isinstance(solution, PlateauSolution), "area": solution.area}
-    if case.disks and solution.area is not None:
-        figures["area_error"] = min(abs(solution.area / disk.area - 1) for disk in case.disks)
-    figures["message"] = solution.reason
-    if isinstance(solution, NoConnectedSurface):
-        return figures
-    figures["converged"] = solution.converged
-    if len(solution.rims) > 1:
-        return figures | {"rms_per_edge": solution.boundary_residual.rms_per_edge}
-    rms = rms_distance(solution)
-    figures |= {
-        "rms_per_edge": rms / solution.loop.mean_edge_length,
-        "rms_per_diameter": rms / float(pdist(solution.loop.points).max()),
-        "max_per_diagonal": boundary_distance(solution.array_surface, solution.curve) / solution.loop.diagonal,
-        "verdict": f"{solution.stability.verdict}, index {solution.stability.index}",
-    }
-    if case.also == "null error":
-        figures["null_error"] = null_error(solution)
-    elif case.also == "untrue":
-        figures["untrue"] = untrue(solution, figures["rms_per_edge"])
-    return figures
-
-
-def rms_distance(solution: PlateauSolution, samples_per_edge: int = 8) -> float:
-    """RMS distance, by arc length, of the boundary from the nearest points of Γ."""
-    boundary, count = solution.domain.boundary, samples_per_edge * len(solution.loop)
-    t = (np.arange(count) + 0.5) / count
-    z = boundary.point(t)
-    points = np.asarray(solution.array_surface.position(z))
-    distance = np.linalg.norm(points - solution.curve.point(solution.curve.nearest(points)), axis=1)
-    return _rms(distance, np.asarray(solution.array_surface.conformal_factor(z)) * np.abs(boundary.derivative(t)))
-
-
-def untrue(solution: PlateauSolution, rms_per_edge: float) -> str:
-    """The first reported property of a solution that measurement contradicts; empty if there is none."""
-    reported = solution.boundary_residual.rms_per_edge
-    if not rms_per_edge <= _OVERSTATED * max(reported, solution.tolerance):
-        return f"its distance from Γ is {rms_per_edge:.1e} of an edge, not {reported:.1e}"
-    if not solution.converged:
-        return ""
-    try:
-        gap = abs(mesh_patch(solution).area / solution.area - 1)
-    except SpinorGeomError as error:
-        return f"its patch cannot be meshed: {error}"
-    return f"its area and its mesh's are {gap:.0%} apart" if gap > _AREA_GAP else ""
-
-
-def null_error(solution: PlateauSolution) -> float:
-    """Largest |φ·φ| on the circle over largest |φ|², with φ of the harmonic map with the same boundary values."""
-    x: Float[np.ndarray, "n 3"] = solution.curve.point(solution.matching[:, 1] % 1)
-    n = len(x)
-    k = np.arange(n // 2)[:, None]
-    # φ z = 2 Σ k c_k zᵏ
-    phi = np.fft.ifft(np.concatenate([2 * k * np.fft.fft(x, axis=0)[: n // 2], np.zeros((n - n // 2, 3))]), axis=0)
-    return float(np.abs((phi * phi).sum(1)).max() / (np.abs(phi) ** 2).sum(1).max())

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from statistics import median
+from typing import Literal, TypeAlias
 
 from spinor_geom.bench.cases import known_kind
 from spinor_geom.bench.cut_outs import HEIGHTS
@@ -12,31 +13,16 @@ from spinor_geom.bench.frames import CAD
 from spinor_geom.bench.machine import Record
 from spinor_geom.bench.odd_holes import NOTHING_MISSING
 from spinor_geom.bench.ragged import CUT, NOISY
-from spinor_geom.bench.solves import SUITES as SOLVED
-from spinor_geom.bench.solves import Kind, Limit, solves
+
+Kind: TypeAlias = Literal["accuracy", "time"]
 
 # largest seconds of a whole fill per those of the reference, by points of the rim
 REFERENCE, REFERENCE_CASE, REFERENCE_SHARE = "meshlib-nicely", "enneper-0.8", {64: 4.0, 256: 1.0, 1000: 0.333}
 SAME_LOAD = 1.0  # seconds are compared if the loads differ by at most this
 LEAST_POINTS = 64  # of a loop that is compared with its smooth curve
 CAP_DISTANCES = dict(zip(HEIGHTS, (2e-3, 4e-3, 8e-3, 2e-2), strict=True))  # from unit spheres, by the caps' heights
-WORKER_MIB = 1536.0  # memory of a batch's largest process
 _ROUNDING = 1e-15  # smaller errors are rounding
 _NOISY_SECONDS = {100: 0.15, 250: 0.5, 600: 2.0, 1200: 6.0}  # by points of noisy rims
-_RATES = {  # loops per second
-    "smooth loops": 60.0,
-    "loops with 5% noise": 10.0,
-    "rims cut along triangles": 12.0,
-    "solved only, on CUDA": 2e3,
-}
-# CPU seconds of a new process, with compiled modules, and its memory
-_STARTS = {"help": 0.1, "loops of a small mesh": 0.5, "fill of a small mesh": 0.7, "worker of a batch": 1.0}
-_START_MIB = 160.0
-# ratios of two batches' rates
-_FASTER = (
-    ("smooth loops", "one worker", "smooth loops, one worker", 1.8),
-    ("solved only, 64 at once", "one by one", "solved only, one by one", 8.0),
-)
 # least ratios of the area errors of discrete surfaces and of other fillers to ours; largest ratio of ours to the limit
 # error
 _CLOSER, _NEARER, _OF_LIMIT = 1e3, 1e4, 10.0
@@ -59,8 +45,8 @@ class Promise:
 
 def promises(records: Sequence[Record]) -> list[Promise]:
     """All promises about the records."""
-    suites = {suite: [r for r in records if r["suite"] == suite] for suite in names(records, "suite")}
-    done = {suite: [r for r in here if r["status"] == "done"] for suite, here in suites.items()}
+    finished = [r for r in records if r["status"] == "done"]
+    done = {suite: [r for r in finished if r["suite"] == suite] for suite in names(finished, "suite")}
     found: list[Promise] = []
     for case, here in _by_case(done.get("disks", [])).items():
         found += _disks(case, [r for r in here if r["area_error"] is not None])
@@ -75,12 +61,7 @@ def promises(records: Sequence[Record]) -> list[Promise]:
     found += _ragged([r for r in done.get("ragged", []) if r["method"] == OURS])
     found += _reports(done.get("reports", []))
     found += _meshes([r for r in done.get("meshes", []) if r["method"] == OURS and "within_1e-2" in r])
-    for record in records:
-        # an error counts as a missed promise
-        if record["suite"] in SOLVED and record["case"] in solves() and record["method"] == "spinor":
-            found += [judged(limit, record) for limit in solves()[record["case"]].limits]
-    found += _random([r for r in suites.get("curves", []) if r["case"].startswith("random curve")])
-    return [*found, *_batch(done.get("batch", [])), *_start(done.get("start", []))]
+    return found
 
 
 def names(records: Iterable[Record], field: str) -> list[str]:
@@ -232,9 +213,11 @@ def _ragged(ours: list[Record]) -> Iterator[Promise]:
         yield from at_most("ragged", "cut", "seconds", seconds, 1.0, "time")
     for record in (r for r in ours if r["case"] in NOISY):
         noise, points = NOISY[record["case"]]
+        residual = record.get("residual_per_edge")
         allowed = _WITHIN if noise < 0.2 else 1e-2
-        yield judged(Limit("residual_per_edge", "RMS residual, in mean edges,", allowed), record)
-        yield judged(Limit("seconds", "seconds", _NOISY_SECONDS[points], "time"), record)
+        values = [math.nan if residual is None else residual]
+        yield from at_most("ragged", record["case"], "RMS residual, in mean edges,", values, allowed)
+        yield from at_most("ragged", record["case"], "seconds", [record["seconds"]], _NOISY_SECONDS[points], "time")
 
 
 def _reports(done: list[Record]) -> Iterator[Promise]:
@@ -263,66 +246,13 @@ def _meshes(ours: list[Record]) -> Iterator[Promise]:
     yield from share("meshes", "all meshes", "every loop that is left open has a reason", explained)
 
 
-def _random(curves: list[Record]) -> Iterator[Promise]:
-    """The promises of all random curves together; an error counts as an infinite distance."""
-    rms = {r["case"]: math.inf if r.get("rms_per_edge") is None else r["rms_per_edge"] for r in curves}
-    near, true = [value <= 1e-2 for value in rms.values()], [not r.get("untrue") for r in curves]
-    yield from share("curves", "random curves", "within 1e-2 of an edge", near, 0.98)
-    yield from share("curves", "random curves", "reported properties agree with measurements", true)
-    for odd, noise, limit in ((0, "without noise", 1e-6), (1, "with 15% noise", 2e-3)):
-        if chosen := [v for name, v in rms.items() if int(name.rpartition(" ")[2]) % 2 == odd]:
-            text = f"median RMS distance from Γ, in mean edges, {noise}"
-            yield from at_most("curves", "random curves", text, [median(chosen)], limit)
-
-
-def _batch(done: list[Record]) -> Iterator[Promise]:
-    here = {r["case"]: r for r in done}
-    for case in (name for name in _RATES if name in here):
-        rate, least = here[case]["rate"], _RATES[case]
-        yield Promise("batch", case, f"loops per second at least {least:g}", f"{rate:.3g}", rate >= least, "time")
-    for case, name, of, least in _FASTER:
-        whole, alone = here.get(case), here.get(of)
-        if whole and alone and _comparable(whole, alone):
-            ratio, text = whole["rate"] / alone["rate"], f"rate / that of {name} at least {least:g}"
-            yield Promise("batch", case, text, f"{ratio:.3g}", ratio >= least, "time")
-    for case, record in here.items():
-        if record.get("worker_mib"):
-            yield from at_most("batch", case, "MiB of the largest process", [record["worker_mib"]], WORKER_MIB)
-    few, many = here.get("few inputs"), here.get("ten times as many inputs")
-    if few and many:
-        growth = [many["driver_mib"] / few["driver_mib"]]
-        yield from at_most("batch", many["case"], "memory of the driver / that for few inputs", growth, 1.1)
-    for record in (r for r in done if r.get("equal") is not None):
-        yield judged(Limit("equal", "equal to the last bit", True), record)
-
-
-def _start(done: list[Record]) -> Iterator[Promise]:
-    for record in (r for r in done if r["case"] in _STARTS):
-        yield from at_most("start", record["case"], "CPU seconds", [record["seconds"]], _STARTS[record["case"]], "time")
-    for record in done:
-        yield from at_most("start", record["case"], "MiB of memory", [record["memory_mib"]], _START_MIB)
-        yield judged(Limit("torch", "torch is imported", False), record)
-
-
-def judged(limit: Limit, record: Record) -> Promise:
-    """Compares a record with a limit; a missing value or NaN misses it."""
-    exact = isinstance(limit.value, str | bool)
-    found = record.get(limit.field) if record["status"] == "done" else record["status"]
-    if exact or found is None or isinstance(found, str):
-        met, measured = found == limit.value, {True: "yes", False: "no", None: "not measured"}.get(found, str(found))
-    else:
-        met, measured = bool(found <= limit.value), f"{found:.3g}"
-    text = limit.name if limit.value is True else f"{limit.name}: {limit.value}"
-    text = text if exact else f"{limit.name} at most {limit.value:g}"
-    return Promise(record["suite"], record["case"], text, measured, met, limit.kind)
-
-
 def at_most(
     suite: str, case: str, text: str, values: Sequence[float], limit: float, kind: Kind = "accuracy"
 ) -> Iterator[Promise]:
     """The promise that no value exceeds a limit; nothing without values."""
     if values:
-        measured = f"{max(values):.3g}" + (f" at most, {median(values):.3g} in the median" if len(values) > 1 else "")
+        measured = "not measured" if math.isnan(max(values)) else f"{max(values):.3g}"
+        measured += f" at most, {median(values):.3g} in the median" if len(values) > 1 else ""
         yield Promise(suite, case, f"{text} at most {limit:.3g}", measured, max(values) <= limit, kind)
 
 

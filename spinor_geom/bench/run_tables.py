@@ -22,15 +22,14 @@ from spinor_geom.render.scene import Faces, Scale, Scene
 from spinor_geom.render.tables import Table
 
 PAGE, TABLES, CSV = "report.html", "tables.md", "records.csv"
-LOCAL = ("key", "data", "share", "view", "repeat", "output", "seconds_all")  # fields that the CSV leaves out
+LOCAL = ("key", "data", "view", "repeat", "output", "seconds_all")  # fields that the CSV leaves out
 OLDER = "†"  # marks a row of ours whose code has changed since
 _GAP = 1.15  # distance between the pieces of a view, per width
 _FIELDS = (
-    *("n", "files", "seconds", "rate", "files_failed", "driver_mib", "worker_mib", "equal", "memory_mib", "torch"),
-    *("closed", "area_error", "limit_error", "area_excess", "rms_per_edge", "max_per_diagonal", "surface_distance_max"),
+    *("n", "seconds", "memory_mib", "closed", "area_error", "limit_error", "area_excess", "surface_distance_max"),
     *("residual_per_edge", "exact_curvature_median", "triangles", "mesh_area_error", "distance_max", "curvature_rms"),
     *("min_angle", "rim_kept", "open_edges", "old_faces_kept", "crossings", "mesh_crossings", "nonmanifold_edges"),
-    *("converged", "rim_distance", "faces", "file_kib", "valid", "verdict", "untrue", "message"),
+    *("converged", "rim_distance", "faces", "file_kib", "valid", "message"),
 )
 """The columns of the suites' tables; the CSV has all fields."""
 _short = partial(shorten, width=160, placeholder="…")

@@ -9,11 +9,9 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from spinor_geom.bench.batches import BATCHES
 from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind
 from spinor_geom.bench.cut_outs import CAPS, WINDOWS, scan_names
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, OURS, REPORTED, SMOOTHEST, Tool
@@ -23,9 +21,6 @@ from spinor_geom.bench.machine import Record, Task, machine, stamp
 from spinor_geom.bench.odd_holes import odd_holes
 from spinor_geom.bench.promises import REFERENCE, REFERENCE_CASE
 from spinor_geom.bench.ragged import CUT, NOISY, reported_holes
-from spinor_geom.bench.solves import QUICK as QUICK_SOLVES
-from spinor_geom.bench.solves import solves
-from spinor_geom.bench.starts import STARTS
 from spinor_geom.errors import OptionError
 from spinor_geom.files import finite, write_json
 from spinor_geom.isolate import FaultError, Process
@@ -36,7 +31,6 @@ TASKS = "spinor_geom.bench.tasks"
 PICTURED = ("icosphere-4-0.3", "torus-outside-0.4", "bunny_scan-02", "demosthenes_low_res-03")
 METHODS: Mapping[str, Tool[Any]] = {**LOOP_METHODS, **FILLERS, **FRAME_METHODS}
 _QUICK = ("enneper-0.8", "tennis-seam", "random-1", "random-1@even", "random-1@uneven", "plane-l", "schwarz-d-quad")
-_QUICK_SHARE = 0.03  # of a batch's files
 _SLOW = ("pymeshlab",)  # methods that the short run measures on two cases only
 _COMPARED = ("spinor", "libigl", "libigl-uniform")  # methods that are measured at all samplings of the curves
 
@@ -84,7 +78,6 @@ def suite_tasks(name: str, settings: Settings) -> Iterator[Task]:
     common = {
         "repeat": settings.repeat if suite.repeat is None else suite.repeat,
         "data": settings.data and str(settings.data),
-        "share": _QUICK_SHARE if settings.quick else 1.0,
     }
     for method in dict.fromkeys((*suite.methods, *more)):
         for case in cases:
@@ -116,25 +109,8 @@ def _cut_outs(settings: Settings) -> Iterable[str]:
     return (*CAPS, *WINDOWS, *scan_names(settings.data))
 
 
-def _ragged(_: Settings) -> Iterable[str]:
-    return (*NOISY, *CUT)
-
-
 def _mesh_files(settings: Settings) -> Iterable[str]:
     return () if settings.data is None else map(str, mesh_files(settings.data, settings.cases))
-
-
-def _solve_names(suite: str, _: Settings) -> Iterable[str]:
-    return (case.name for case in solves().values() if case.suite == suite)
-
-
-def _quick_solves(cases: Sequence[str]) -> Iterable[str]:
-    return (name for name in cases if name in QUICK_SOLVES)
-
-
-def _batches(settings: Settings) -> Iterable[str]:
-    """All batches; the short run has them only if the suite is named."""
-    return () if settings.quick and not (settings.cases or settings.suites) else BATCHES
 
 
 SUITES: Mapping[str, Suite] = {
@@ -143,15 +119,11 @@ SUITES: Mapping[str, Suite] = {
     "odd": Suite(lambda _: odd_holes(), FILLERS),
     "cut-outs": Suite(_cut_outs, SMOOTHEST, quick=lambda _: ("icosphere-3-0.7", "torus-outside-0.4"), repeat=1),
     "meshes": Suite(_mesh_files, FILLERS, quick=lambda _: ()),
-    "ragged": Suite(_ragged, (OURS, REFERENCE), quick=lambda _: (next(iter(NOISY)), *CUT[:5]), repeat=1),
+    "ragged": Suite(
+        lambda _: (*NOISY, *CUT), (OURS, REFERENCE), quick=lambda _: (next(iter(NOISY)), *CUT[:5]), repeat=1
+    ),
     "reports": Suite(lambda _: reported_holes(), REPORTED, quick=lambda cases: cases[:: len(cases) // 8], repeat=1),
-    "curves": Suite(partial(_solve_names, "curves"), ("spinor",), quick=_quick_solves),
-    "rims": Suite(partial(_solve_names, "rims"), ("spinor",), quick=_quick_solves, repeat=None),
-    "speed": Suite(partial(_solve_names, "speed"), ("spinor",), quick=_quick_solves, repeat=None),
-    "paper": Suite(partial(_solve_names, "paper"), ("spinor",), quick=_quick_solves, repeat=None),
     "cad": Suite(lambda _: FRAMES, FRAME_METHODS, quick=lambda _: FRAMES[1:4:2], repeat=1),
-    "batch": Suite(_batches, ("spinor",)),
-    "start": Suite(lambda _: STARTS, ("spinor",), repeat=None),
 }
 """All suites, in the order of the tables."""
 

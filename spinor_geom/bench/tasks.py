@@ -3,7 +3,6 @@
 import gc
 import importlib
 import statistics
-import tempfile
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -18,17 +17,14 @@ from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
 from spinor_geom.bench.frames import FRAME_METHODS, frame_edges, frame_figures
 from spinor_geom.bench.holes import Hole, hole_of_file, hole_over
 from spinor_geom.bench.machine import Record, Task
-from spinor_geom.bench.measured import cut_out_figures, disk_figures, hole_figures, save_views, solve_figures
+from spinor_geom.bench.measured import cut_out_figures, disk_figures, hole_figures, save_views
 from spinor_geom.bench.odd_holes import odd_holes
 from spinor_geom.bench.promises import LEAST_POINTS
 from spinor_geom.bench.ragged import ragged_hole, reported_holes
 from spinor_geom.bench.runner import METHODS
-from spinor_geom.bench.solves import solves
-from spinor_geom.bench.starts import start_figures
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.isolate import serve
 from spinor_geom.mesh.boundary_loop import turning_angles
-from spinor_geom.plateau.solve import solve_plateau
 
 _ENOUGH_SECONDS = 5.0  # in all, after which a call is not repeated
 
@@ -38,7 +34,7 @@ def run(task: Task) -> Record:
     gc.collect()
     gc.freeze()  # later collections skip what is imported and cached by now
     forget_peak_memory()
-    measure = _fill if task["method"] in FILLERS else _MEASURES.get(task["suite"], _solve)
+    measure = _fill if task["method"] in FILLERS else _MEASURES[task["suite"]]
     package = METHODS[task["method"]].package
     try:
         importlib.import_module(package)
@@ -49,25 +45,6 @@ def run(task: Task) -> Record:
         return {"status": "refused", "reason": _sentence(error)}
     except Exception as error:  # any exception of another tool is a result
         return {"status": "failed", "reason": f"{type(error).__name__}: {_sentence(error)}"}
-
-
-def _batch(task: Task) -> Record:
-    from spinor_geom.bench.batches import BATCHES
-
-    with tempfile.TemporaryDirectory() as folder:
-        return BATCHES[task["case"]](Path(folder), task["share"])
-
-
-def _start(task: Task) -> Record:
-    with tempfile.TemporaryDirectory() as folder:
-        return start_figures(task["case"], Path(folder), task["repeat"])
-
-
-def _solve(task: Task) -> Record:
-    case = solves()[task["case"]]
-    subject: Any = case.subject()
-    timed, solution = _timed(lambda: (partial(solve_plateau, subject, **case.options), _same), task["repeat"])
-    return {**timed, **solve_figures(case, solution)}
 
 
 def _disk(task: Task) -> Record:
@@ -87,12 +64,7 @@ def _frame(task: Task) -> Record:
     return {**timed, **frame_figures(shape, edges, case)}
 
 
-_MEASURES: Mapping[str, Callable[[Task], Record]] = {
-    "disks": _disk,
-    "batch": _batch,
-    "cad": _frame,
-    "start": _start,
-}
+_MEASURES: Mapping[str, Callable[[Task], Record]] = {"disks": _disk, "cad": _frame}
 
 
 def _fill(task: Task) -> Record:

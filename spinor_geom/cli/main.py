@@ -365,10 +365,8 @@ def _add_bench(commands: _Commands) -> None:
     ).add_argument
     add("-o", "--output", **_path("DIR"), required=True, help="folder of the run")
     add("--quick", **_FLAG, help="a few cases of each suite, one run of each tool; takes less than three minutes")
-    compared = "disks, fills, odd, cut-outs, meshes, ragged, reports, cad"
-    alone = "curves, rims, speed, paper, batch, start"
-    suites = f"suites with other tools: {compared}; suites of spinor_geom only: {alone} (default: all)"
-    add("--suite", dest="suites", **_NAMES, help=suites)
+    suites = "disks, fills, odd, cut-outs, meshes, ragged, reports, cad"
+    add("--suite", dest="suites", **_NAMES, help=f"suites: {suites} (default: all)")
     add("--cases", **_NAMES, help="names of cases, or patterns such as 'icosphere-*' (default: all)")
     add("--methods", **_NAMES, help="names of methods and tools (default: all)")
     add("--repeat", **_COUNT, help="timed runs per case (default: 3)")
