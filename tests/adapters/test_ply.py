@@ -110,6 +110,7 @@ def test_round_trip_keeps_every_property(
     assert np.array_equal(attributes["color"][:, 1], extra["green"][1])
     grown = file.extended(data.draw(extensions(file.mesh)))
     back = again(grown, tmp_path_factory.mktemp("ply"))
+    assert back.mesh.labels == {"label"}
     assert back.mesh.vertices[:6].tobytes() == vertices.astype(float).tobytes()
     rounded = grown.mesh.vertices[6:] if encoding == "ascii" else grown.mesh.vertices[6:].astype(vertices.dtype)
     assert np.array_equal(back.mesh.vertices[6:], rounded)

@@ -1,16 +1,12 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 import trimesh
-from hypothesis import given
-from hypothesis import strategies as st
-from trimesh.visual import ColorVisuals, TextureVisuals
+from trimesh.visual import TextureVisuals
 
 from spinor_geom.adapters import extend, to_mesh
-from spinor_geom.errors import MeshShapeError, VertexIndexError
 from spinor_geom.mesh.topology import boundary_edges
-from tests.adapters.shapes import extensions, is_closed, lid, lid_for, meshes, nothing, open_cube
+from tests.adapters.shapes import is_closed, lid, lid_for, nothing, open_cube
 
 
 def plain(vertices: np.ndarray, faces: np.ndarray, **options: object) -> trimesh.Trimesh:
@@ -28,65 +24,6 @@ def textured_tube(columns: int = 8) -> trimesh.Trimesh:
     b = a + columns + 1
     faces = np.concatenate([np.stack([a, a + 1, b + 1], axis=1), np.stack([a, b + 1, b], axis=1)])
     return plain(vertices, faces, visual=TextureVisuals(uv=uv))
-
-
-@given(data=st.data(), mesh=meshes(), color=st.sampled_from(["none", "vertex", "face", "texture"]))
-def test_prefix_is_unchanged(data: st.DataObject, mesh: tuple, color: str) -> None:
-    vertices, faces = mesh
-    random = np.random.default_rng(len(vertices))
-    visual = {
-        "none": None,
-        "vertex": ColorVisuals(vertex_colors=random.integers(0, 256, (len(vertices), 4), dtype=np.uint8)),
-        "face": ColorVisuals(face_colors=random.integers(0, 256, (len(faces), 4), dtype=np.uint8)),
-        "texture": TextureVisuals(uv=random.uniform(size=(len(vertices), 2))),
-    }[color]
-    old = plain(
-        vertices,
-        faces,
-        visual=visual,
-        vertex_attributes={
-            "label": np.arange(len(vertices), dtype=np.int16),
-            "flow": random.normal(size=(len(vertices), 2, 2)),
-        },
-        face_attributes={"part": np.arange(len(faces))},
-        metadata={"name": ["a"]},
-    )
-    read = to_mesh(old)
-    extension = data.draw(extensions(read))
-    new = extend(old, extension)
-    n, f = len(vertices), len(faces)
-    assert type(new) is trimesh.Trimesh
-    assert np.asarray(new.vertices[:n]).tobytes() == vertices.tobytes()
-    assert np.array_equal(new.vertices[n:], extension.vertices)
-    assert np.array_equal(new.faces, np.concatenate([faces, extension.faces]))
-    assert np.array_equal(new.vertex_attributes["label"][:n], np.arange(n))
-    assert new.vertex_attributes["label"].dtype == np.int16
-    assert np.array_equal(new.vertex_attributes["flow"][:n], old.vertex_attributes["flow"])
-    assert new.vertex_attributes["flow"].shape == (n + len(extension.vertices), 2, 2)
-    assert np.array_equal(new.face_attributes["part"][:f], np.arange(f))
-    assert len(new.face_attributes["part"]) == len(new.faces)
-    assert new.visual.kind == old.visual.kind
-    if color == "vertex":
-        assert np.array_equal(new.visual.vertex_colors[:n], visual.vertex_colors)
-        assert np.array_equal(new.visual.vertex_colors[n:], extension.vertex_attributes["color"])
-    if color == "face":
-        assert np.array_equal(new.visual.face_colors[:f], visual.face_colors)
-        assert len(new.visual.face_colors) == len(new.faces)
-    if color == "texture":
-        assert np.array_equal(new.visual.uv[:n], visual.uv)
-    new.metadata["name"].append("b")
-    assert old.metadata == {"name": ["a"]}
-    assert len(old.vertices) == n
-    assert len(old.faces) == f
-
-
-def test_lid_closes_the_cube_in_trimesh_s_own_eyes() -> None:
-    cube = plain(*open_cube())
-    closed = extend(cube, lid())
-    assert not cube.is_watertight
-    assert closed.is_watertight
-    assert closed.is_winding_consistent
-    assert closed.volume == pytest.approx(1 + 1 / 9)
 
 
 def test_colors_are_in_their_own_scale_and_rounded() -> None:
@@ -171,11 +108,3 @@ def test_primitive_becomes_a_plain_trimesh() -> None:
     box = trimesh.creation.box()
     assert is_closed(to_mesh(box))
     assert type(extend(trimesh.primitives.Box(), nothing())) is trimesh.Trimesh
-
-
-def test_bad_meshes_and_extensions_give_typed_errors() -> None:
-    vertices, faces = open_cube()
-    with pytest.raises(VertexIndexError):
-        to_mesh(plain(vertices[:5], faces))
-    with pytest.raises(MeshShapeError, match="'color'"):
-        extend(plain(vertices, faces, vertex_colors=np.zeros((8, 4), dtype=np.uint8)), lid())

@@ -1,13 +1,11 @@
-"""`fill_hole` returns the type that it was given: arrays, tensors, trimesh, pymeshlab, files."""
+"""`fill_hole` of files gives files that can be written; objects are in `tests/adapters/test_objects`."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
-import pymeshlab
 import pytest
-import torch
 import trimesh
 
 from spinor_geom.adapters import MeshFile, read_mesh, to_mesh
@@ -15,7 +13,6 @@ from spinor_geom.errors import UnknownMeshTypeError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.topology import is_watertight
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.fill.shapes import tube
 
 
@@ -28,56 +25,6 @@ def require_filled_tube(filled: object) -> None:
     assert len(mesh.vertices) > 48
     assert is_watertight(mesh.faces)
     assert boundary_loops(filled) == []
-
-
-@pytest.mark.parametrize("container", [tuple, list])
-@pytest.mark.parametrize(("real", "integer"), [(np.float64, np.int64), (np.float32, np.int32)])
-def test_array_pairs_keep_their_dtypes(container: type, real: type, integer: type) -> None:
-    vertices, faces = tube()
-    given = container((vertices.astype(real), faces.astype(integer)))
-    filled = fill_hole(given)
-    assert type(filled) is container
-    assert (filled[0].dtype, filled[1].dtype) == (real, integer)
-    np.testing.assert_array_equal(filled[0][:48], given[0])
-    require_filled_tube(filled)
-
-
-def test_tensors_keep_their_dtypes() -> None:
-    vertices, faces = tube()
-    filled = fill_hole((torch.from_numpy(vertices).float(), torch.from_numpy(faces)))
-    assert isinstance(filled[0], torch.Tensor)
-    assert (filled[0].dtype, filled[1].dtype) == (torch.float32, torch.int64)
-    require_filled_tube(filled)
-
-
-def test_a_triangle_mesh_stays_one() -> None:
-    filled = fill_hole(TriangleMesh(*tube()))
-    assert isinstance(filled, TriangleMesh)
-    require_filled_tube(filled)
-
-
-def test_a_trimesh_keeps_its_colours_and_gets_new_ones() -> None:
-    vertices, faces = tube()
-    colors = np.column_stack([np.full((48, 3), (200, 100, 50)), np.full(48, 255)]).astype(np.uint8)
-    given = trimesh.Trimesh(vertices, faces, vertex_colors=colors, process=False)
-    filled = fill_hole(given)
-    assert isinstance(filled, trimesh.Trimesh)
-    assert filled.is_watertight
-    # harmonic interpolation of one colour is that colour
-    np.testing.assert_array_equal(filled.visual.vertex_colors, np.tile(colors[:1], (len(filled.vertices), 1)))
-    assert len(given.vertices) == 48
-    require_filled_tube(filled)
-
-
-def test_a_mesh_set_gives_a_new_mesh_set() -> None:
-    pymeshlab = pytest.importorskip("pymeshlab")
-    vertices, faces = tube()
-    given = pymeshlab.MeshSet(verbose=False)
-    given.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32)), "tube")
-    filled = fill_hole(given)
-    assert isinstance(filled, pymeshlab.MeshSet)
-    assert given.current_mesh().face_number() == 64
-    require_filled_tube(filled)
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".off", ".glb"])
@@ -136,42 +83,6 @@ def test_an_stl_path_is_merged_filled_and_written_back(tmp_path: Path, kind: str
     assert is_watertight(back.mesh.faces)
 
 
-@pytest.mark.parametrize("kind", ["trimesh", "ply", "TriangleMesh"])
-def test_integer_labels_stay_classes_that_exist(tmp_path: Path, kind: str) -> None:
-    vertices, faces = tube()
-    labels = np.where(vertices[:, 0] > 0, 10, 3)
-    mesh: object = TriangleMesh(vertices, faces, vertex_attributes={"label": labels})
-    if kind == "trimesh":
-        mesh = trimesh.Trimesh(vertices, faces, process=False, vertex_attributes={"label": labels})
-    if kind == "ply":
-        lines = ["ply", "format ascii 1.0", f"element vertex {len(vertices)}", *(f"property double {x}" for x in "xyz")]
-        lines += ["property int label", f"element face {len(faces)}", "property list uchar int vertex_indices"]
-        lines += ["end_header", *(f"{x} {y} {z} {n}" for (x, y, z), n in zip(vertices.tolist(), labels, strict=True))]
-        lines += [f"3 {a} {b} {c}" for a, b, c in faces]
-        (tmp_path / "labels.ply").write_text("\n".join([*lines, ""]))
-        mesh = tmp_path / "labels.ply"
-    filled = fill_hole(mesh)
-    found = to_mesh(filled).vertex_attributes["label"][:, 0]
-    assert len(found) > len(vertices)
-    np.testing.assert_array_equal(found[: len(labels)], labels)
-    assert set(found) == {3.0, 10.0}
-    assert to_mesh(filled).labels == {"label"}
-
-
 def test_a_point_cloud_is_refused_with_advice() -> None:
     with pytest.raises(UnknownMeshTypeError, match=r"PointCloud .* reconstruct faces first"):
         fill_hole(trimesh.PointCloud(tube()[0]))
-
-
-def test_the_other_meshes_of_a_set_stay() -> None:
-    vertices, faces = tube()
-    meshes = pymeshlab.MeshSet()
-    for k, name in enumerate("abc"):
-        meshes.add_mesh(pymeshlab.Mesh(vertices + 9 * k, faces), name)
-    meshes.set_current_mesh(1)
-    filled = fill_hole(meshes)
-    assert filled.mesh_number() == 3
-    assert filled.current_mesh().label() == "b"
-    assert filled.current_mesh().face_number() > len(faces)
-    others = {mesh.label(): mesh.face_number() for mesh in filled if mesh.label() != "b"}
-    assert others == {"a": len(faces), "c": len(faces)}

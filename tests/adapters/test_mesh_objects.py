@@ -1,0 +1,127 @@
+"""What meshio, Open3D and PyMeshLab each do in their own way; what all types have in common is in `test_objects`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+import pymeshlab
+import pytest
+
+from spinor_geom.adapters import extend, to_mesh
+from spinor_geom.errors import MeshShapeError
+from spinor_geom.fill.fill_hole import fill_hole
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, is_closed, lid, lid_for, nothing, open_cube
+from tests.bench.test_holes import require_peer
+from tests.fill.shapes import tube
+
+
+def test_quads_and_polygons_stay_and_are_closed_by_a_lid() -> None:
+    cube = meshio.Mesh(CUBE_POINTS, [("quad", CUBE_QUADS[:3]), ("polygon", CUBE_QUADS[3:5])])
+    assert len(to_mesh(cube).faces) == 10
+    closed = extend(cube, lid())
+    assert np.array_equal(closed.cells[0].data, CUBE_QUADS[:3])
+    assert closed.cells[1].type == "polygon"
+    assert is_closed(to_mesh(closed))
+
+
+@pytest.mark.parametrize("suffix", ["vtu", "vtk", "ply"])
+def test_files_of_meshio_s_formats_are_filled_and_written_back(tmp_path: Path, suffix: str) -> None:
+    vertices, faces = tube()
+    path = tmp_path / f"tube.{suffix}"
+    meshio.Mesh(vertices, [("triangle", faces)], point_data={"height": vertices[:, 2]}).write(path)
+    filled, report = fill_hole(meshio.read(path), return_report=True)
+    assert isinstance(filled, meshio.Mesh)
+    assert report.watertight
+    filled.write(tmp_path / f"filled.{suffix}")
+    again = to_mesh(meshio.read(tmp_path / f"filled.{suffix}"))
+    assert is_closed(again)
+    np.testing.assert_allclose(again.vertices[:48], vertices)
+    np.testing.assert_allclose(again.vertex_attributes["height"][:48, 0], vertices[:, 2])
+
+
+@pytest.fixture(scope="module")
+def open3d() -> Any:
+    require_peer("open3d")
+    import open3d
+
+    return open3d
+
+
+def made(open3d: Any, vertices: np.ndarray, faces: np.ndarray) -> Any:
+    return open3d.geometry.TriangleMesh(
+        open3d.utility.Vector3dVector(vertices), open3d.utility.Vector3iVector(faces.astype(np.int32))
+    )
+
+
+def test_normals_and_neighbours_of_an_open3d_mesh_are_computed_again(open3d: Any) -> None:
+    cube = made(open3d, *open_cube())
+    cube.compute_triangle_normals()
+    cube.compute_adjacency_list()
+    closed = extend(cube, lid())
+    assert len(closed.adjacency_list) == 9
+    np.testing.assert_allclose(np.linalg.norm(closed.triangle_normals, axis=1), 1)
+    assert (np.asarray(closed.triangle_normals)[10:, 2] > 0.5).all()
+
+
+def test_colours_stay_between_0_and_1(open3d: Any) -> None:
+    cube = made(open3d, *open_cube())
+    cube.paint_uniform_color([1.0, 0.5, 0.0])
+    assert to_mesh(cube).vertex_attributes["color"][0].tolist() == [1.0, 0.5, 0.0]
+    closed = extend(cube, lid(color=np.array([[1.2, 0.5, -0.1]])))
+    assert closed.vertex_colors[8].tolist() == [1.0, 0.5, 0.0]
+
+
+def test_a_seam_of_normals_is_no_boundary(open3d: Any) -> None:
+    box = open3d.geometry.TriangleMesh.create_box()
+    corners = np.asarray(box.vertices)[np.asarray(box.triangles)].reshape(-1, 3)
+    flat = made(open3d, corners, np.arange(len(corners)).reshape(-1, 3))
+    flat.vertex_normals = open3d.utility.Vector3dVector(np.repeat(np.asarray(np.eye(3))[np.arange(12) % 3], 3, axis=0))
+    assert is_closed(to_mesh(flat))
+
+
+def test_a_mesh_of_tensors_is_refused_with_advice(open3d: Any) -> None:
+    with pytest.raises(MeshShapeError, match=r"mesh.to_legacy\(\)"):
+        to_mesh(open3d.t.geometry.TriangleMesh.create_box())
+
+
+def mesh_set(vertices: np.ndarray, faces: np.ndarray, label: str = "a mesh", **arrays: np.ndarray) -> pymeshlab.MeshSet:
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32), **arrays), label)
+    return meshes
+
+
+def test_the_transform_stays() -> None:
+    cube = mesh_set(*open_cube())
+    cube.compute_matrix_from_translation(axisx=5.0, freeze=False)
+    closed = extend(cube, lid_for(to_mesh(cube)))
+    assert np.array_equal(closed.current_mesh().transform_matrix(), cube.current_mesh().transform_matrix())
+    assert closed.current_mesh().transform_matrix()[0, 3] == 5.0
+
+
+def test_the_current_mesh_of_a_set_is_taken_and_the_others_stay() -> None:
+    meshes = mesh_set(*open_cube(), label="cube")
+    meshes.add_mesh(pymeshlab.Mesh(np.eye(3), np.array([[0, 1, 2]], dtype=np.int32)), "triangle")
+    assert len(to_mesh(meshes).faces) == 1
+    meshes.set_current_mesh(0)
+    closed = extend(meshes, lid_for(to_mesh(meshes)))
+    assert closed.current_mesh().label() == "cube"
+    assert {mesh.label(): mesh.face_number() for mesh in closed} == {"cube": 14, "triangle": 1}
+    assert meshes.mesh_number() == 2
+
+
+def test_deleted_elements_are_left_out() -> None:
+    vertices, faces = open_cube()
+    meshes = mesh_set(vertices, faces)
+    meshes.compute_selection_by_condition_per_face(condselect="fi < 2")
+    meshes.meshing_remove_selected_faces()
+    assert np.array_equal(to_mesh(meshes).faces, faces[2:])
+    assert len(extend(meshes, nothing()).current_mesh().face_matrix()) == 8
+
+
+def test_colors_outside_of_the_range_are_clipped() -> None:
+    cube = mesh_set(*open_cube(), v_color_matrix=np.ones((8, 4)))
+    closed = extend(cube, lid(color=np.array([[1.5, -0.5, 0.2, 1.0]]), scalar=np.zeros((1, 1))))
+    assert closed.current_mesh().vertex_color_matrix()[8].tolist() == [1.0, 0.0, 0.2, 1.0]
