@@ -14,19 +14,7 @@ import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.adapters.malformed import (
-    CUBE,
-    FACES,
-    GLB,
-    OBJ,
-    OFF,
-    PLY,
-    STL,
-    binary_ply,
-    binary_stl,
-    limit_memory,
-    tried,
-)
+from tests.adapters.malformed import CUBE, FACES, GLB, OBJ, OFF, PLY, STL, binary_ply, binary_stl, limit_memory, tried
 from tests.adapters.malformed import glb as glb_with
 from tests.adapters.shapes import glb_file
 

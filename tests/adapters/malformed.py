@@ -151,10 +151,7 @@ PLY_FILES: Files = {
     "face count of 5000 digits": (ply(faces=HUGE), "line 7: cannot understand"),
     "negative count": (ply(vertices=-3), "line 3: cannot understand"),
     "fraction as count": (ply(vertices=3.0), "line 3: cannot understand"),
-    "many records of nothing": (
-        PLY.replace("end_header", f"element x {10**17}\nend_header"),
-        (3, 1),
-    ),
+    "many records of nothing": (PLY.replace("end_header", f"element x {10**17}\nend_header"), (3, 1)),
     "unknown line in the header": (PLY.replace("float z\n", "float z\nnonsense 1\n"), "line 7: cannot understand"),
     "word as coordinate": (ply(body="0 0 0\n1 0 q\n0 1 0\n3 0 1 2\n"), "line 11: cannot read vertex 1"),
     "a long vertex": (ply(body="0 0 0\n1 0 0 7\n0 1 0\n3 0 1 2\n"), "line 11: cannot read vertex 1"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import numpy as np
@@ -77,10 +76,3 @@ def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     with pytest.raises(MissingPackageError, match="pip install build123d"):
         cad_object(None, "build123d")
-
-
-def test_libraries_are_not_imported() -> None:
-    import subprocess
-
-    code = "import sys; from spinor_geom.adapters import to_rims; print({'OCP', 'build123d'} & set(sys.modules))"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"

@@ -107,11 +107,7 @@ def test_cells_of_a_vtk_file_that_lie_outside_it_are_refused(tmp_path: Path, off
 
 @pytest.mark.parametrize(("suffix", "package"), [(".vtp", "pyvista"), (".vtk", "pyvista")])
 def test_a_library_that_is_missing_is_named_with_what_installs_it(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    suffix: str,
-    package: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], suffix: str, package: str
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == package else object())
     path = tmp_path / f"a{suffix}"

@@ -8,13 +8,13 @@ import pytest
 import pyvista
 import trimesh
 
-from spinor_geom.adapters import MeshFile, extend, read_mesh, to_mesh
+from spinor_geom.adapters import MeshFile, read_mesh, to_mesh
 from spinor_geom.adapters.mesh_files import FORMATS
 from spinor_geom.errors import MeshFileError, MeshShapeError, NonFiniteVertexError, VertexIndexError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, DATA, glb_file, is_closed, lid, lid_for, nothing, open_cube
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, glb_file, is_closed, lid, lid_for, nothing, open_cube
 
 SUFFIXES = [".obj", ".ply", ".stl", ".off", ".glb"]
 
@@ -49,24 +49,48 @@ def test_filled_files_close_in_every_format(tmp_path: Path, source: str, target:
         assert np.abs(ours - theirs).max() <= 0.5 / 255 + 1e-7
 
 
-def test_extending_does_not_change_the_file_and_the_object(tmp_path: Path) -> None:
-    path = cube_file(tmp_path)
-    before = path.read_bytes()
+@pytest.mark.parametrize("encoding", ["ascii.ply", "binary.ply", ".off", ".glb", ".obj", ".stl"])
+def test_files_of_trimesh_are_read_and_written_as_by_trimesh(tmp_path: Path, encoding: str) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    path, anew = (tmp_path / f"{name}.{encoding.rpartition('.')[2]}" for name in ("ball", "anew"))
+    if encoding != ".stl":
+        ball.visual.vertex_colors = np.arange(len(ball.vertices) * 4).reshape(-1, 4) % 256
+    ball.export(path, **({"encoding": encoding[:-4]} if encoding.endswith("ply") else {}))
     file = read_mesh(path)
-    grown = extend(file, lid_for(file.mesh))
-    assert isinstance(grown, MeshFile)
-    assert grown.path == path
-    assert len(file.mesh.faces) == 10
-    assert len(grown.mesh.faces) == 14
-    assert to_mesh(grown) is grown.mesh
-    assert path.read_bytes() == before
+    file.merged().write(anew)
+    for other in (trimesh.load_mesh(path, process=False), trimesh.load_mesh(anew, process=False)):
+        corners = other.vertices[other.faces]
+        np.testing.assert_allclose(file.mesh.vertices[file.mesh.faces], corners, rtol=1e-6, atol=1e-8)
+        if encoding[-3:] in ("ply", "glb"):
+            np.testing.assert_allclose(file.mesh.vertex_attributes["color"], other.visual.vertex_colors, atol=1)
+    # nothing added gives the same bytes; of a part of them nothing is made up
+    file.write(tmp_path / f"same{path.suffix}")
+    data = path.read_bytes()
+    assert (tmp_path / f"same{path.suffix}").read_bytes() == data or encoding == ".stl"
+    refused = []
+    for stop in range(0, len(data) - 9, 1 + len(data) // 300):
+        path.write_bytes(data[:stop])
+        try:
+            assert len(read_mesh(path).mesh.faces) < len(file.mesh.faces)
+        except (MeshFileError, NonFiniteVertexError, VertexIndexError):
+            refused.append(stop)
+    assert len(refused) > (20 if encoding == ".obj" else 250)
 
 
-def test_file_can_be_written_over_its_own_source(tmp_path: Path) -> None:
-    path = cube_file(tmp_path)
-    file = read_mesh(path)
-    file.extended(lid_for(file.mesh)).write(path)
-    assert is_closed(to_mesh(str(path)))
+@pytest.mark.parametrize("suffix", [".ply", ".off", ".glb", ".vtp"])
+def test_edges_where_attributes_differ_are_no_boundary_and_others_are(tmp_path: Path, suffix: str) -> None:
+    vertices, faces = open_cube()
+    soup = pyvista.PolyData.from_regular_faces(vertices[faces].reshape(-1, 3), np.arange(30).reshape(-1, 3))
+    soup.save(tmp_path / "soup.vtp")
+    soup.point_data.active_normals = np.repeat(soup.compute_normals().cell_data["Normals"], 3, axis=0)
+    soup.active_texture_coordinates = np.random.default_rng(0).uniform(size=(30, 2))
+    soup.save(tmp_path / "seams.vtp")
+    for name, boundary in (("soup", 30), ("seams", 4)):
+        read_mesh(tmp_path / f"{name}.vtp").write(tmp_path / f"again{suffix}")
+        file = read_mesh(tmp_path / f"again{suffix}")
+        assert len(boundary_edges(file.mesh.faces)) == boundary
+        assert len(file.mesh.vertices) == 30
+        assert len(boundary_edges(file.merged().mesh.faces)) == 4
 
 
 def test_merged_closes_a_soup_and_keeps_polygons_and_curves(tmp_path: Path) -> None:
@@ -136,19 +160,6 @@ def test_failed_writing_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["cube.obj", "target.ply"]
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize(
-    "content",
-    [b"", b"\0" * 1000, bytes(range(256)) * 8, b"\xff\xfe garbage\n" * 20],
-    ids=["empty", "zeros", "bytes", "text"],
-)
-def test_garbage_gives_an_error_that_names_the_file(tmp_path: Path, suffix: str, content: bytes) -> None:
-    path = tmp_path / f"bad{suffix}"
-    path.write_bytes(content)
-    with pytest.raises(MeshFileError, match=f"bad{suffix}"):
-        to_mesh(path)
-
-
 def test_files_that_cannot_be_opened_are_named_with_the_reason(tmp_path: Path) -> None:
     with pytest.raises(MeshFileError, match=r"missing\.obj: cannot be read \(No such file") as caught:
         read_mesh(tmp_path / "missing.obj")
@@ -171,12 +182,6 @@ def test_unwritable_paths_are_named_with_the_reason(tmp_path: Path) -> None:
         file.write(tmp_path / "missing" / "a.obj")
 
 
-def test_points_alone_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "points.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
-    with pytest.raises(MeshFileError, match="vertices but no faces"):
-        read_mesh(tmp_path / "points.obj")
-
-
 def test_extensions_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     file = read_mesh(cube_file(tmp_path))
     with pytest.raises(MeshShapeError, match="'color'"):
@@ -185,14 +190,6 @@ def test_extensions_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     wrong = type(lid())(vertices=np.zeros((0, 3)), faces=np.array([[0, 1, 8]]), face_loops=np.array([0]))
     with pytest.raises(VertexIndexError):
         file.extended(wrong)
-
-
-def test_every_file_of_the_data_folder_is_read_and_written_back_unchanged(tmp_path: Path) -> None:
-    names = sorted(path.name for path in DATA.glob("*.obj"))
-    assert len(names) == 7
-    for name in names:
-        read_mesh(DATA / name).write(tmp_path / name)
-        assert (tmp_path / name).read_bytes() == (DATA / name).read_bytes()
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-30, 1e30, 1e300])

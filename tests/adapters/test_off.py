@@ -5,16 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import MeshFile, read_mesh
 from spinor_geom.adapters.mesh_files import path_in_errors
 from spinor_geom.adapters.off import read_off
-from spinor_geom.errors import MeshFileError
-from spinor_geom.mesh.topology import boundary_edges
-from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, lid_for, open_cube
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, lid_for
 
 QUADS = "".join(f"4 {' '.join(map(str, quad))}\n" for quad in CUBE_QUADS[:-1].tolist())
 POINTS = "".join(f"{x} {y} {z}\n" for x, y, z in CUBE_POINTS.tolist())
@@ -109,29 +106,3 @@ def test_every_keyword_may_be_joined_to_the_counts(keyword: str) -> None:
     assert len(one.vertex_attributes) == len(keyword.replace("OFF", "").replace("ST", "T"))
     for name, values in one.vertex_attributes.items():
         assert np.array_equal(other.vertex_attributes[name], values)
-
-
-@pytest.mark.parametrize("keyword", ["4OFF", "nOFF", "4nOFF", "C4OFF", "4OFF8", "OFF BINARY", "LIST"])
-def test_other_kinds_are_refused_by_name(keyword: str) -> None:
-    with pytest.raises(MeshFileError, match=rf"a\.off, line 1: '{keyword}' is not a supported kind of OFF"):
-        parsed(CUBE.replace("OFF\n", keyword + "\n"))
-
-
-def test_normal_seam_is_no_boundary() -> None:
-    vertices, faces = open_cube()
-    corners = vertices[faces].reshape(-1, 3)
-    normals = np.arange(90.0).reshape(30, 3)
-    rows = "".join(" ".join(map(repr, row)) + "\n" for row in np.hstack([corners, normals]).tolist())
-    triangles = "".join(f"3 {i} {i + 1} {i + 2}\n" for i in range(0, 30, 3))
-    assert len(boundary_edges(parsed(f"NOFF\n30 10 0\n{rows}{triangles}").mesh.faces)) == 4
-
-
-def test_agrees_with_trimesh(tmp_path: Path) -> None:
-    ball = trimesh.creation.icosphere(subdivisions=1)
-    ball.export(tmp_path / "ball.off")
-    file = read_mesh(tmp_path / "ball.off")
-    other = trimesh.load(tmp_path / "ball.off", process=False)
-    assert np.array_equal(file.mesh.vertices, other.vertices)
-    assert np.array_equal(file.mesh.faces, other.faces)
-    file.merged().write(tmp_path / "again.off")
-    assert np.array_equal(trimesh.load(tmp_path / "again.off", process=False).vertices, other.vertices)

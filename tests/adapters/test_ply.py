@@ -14,9 +14,8 @@ from spinor_geom.adapters import MeshFile, read_mesh
 from spinor_geom.adapters.mesh_files import path_in_errors
 from spinor_geom.adapters.ply import read_ply, read_records
 from spinor_geom.errors import MeshFileError
-from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import MeshExtension
-from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, lid_for, open_cube
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, open_cube
 
 FORMATS = ["ascii", "binary_little_endian", "binary_big_endian"]
 
@@ -175,11 +174,6 @@ def test_lists_beside_the_corners_are_kept(tmp_path: Path) -> None:
     assert is_closed(closed.mesh)
 
 
-def test_text_without_a_last_line_end_can_be_appended_to(tmp_path: Path) -> None:
-    data = ply("ascii", CUBE_POINTS, QUADS).rstrip(b"\n")
-    assert is_closed(again(parsed(data).extended(lid()), tmp_path).mesh)
-
-
 def test_blank_lines_and_old_line_ends_are_read(tmp_path: Path) -> None:
     data = ply("ascii", CUBE_POINTS, QUADS)
     spaced = data.replace(b"end_header\n", b"end_header\n\n").replace(b"\n4 ", b"\n\n4 ")
@@ -190,67 +184,7 @@ def test_blank_lines_and_old_line_ends_are_read(tmp_path: Path) -> None:
     assert is_closed(again(old.extended(lid()), tmp_path).mesh)
 
 
-def test_texture_seam_is_no_boundary_and_soup_is_left_alone() -> None:
-    vertices, faces = open_cube()
-    soup = vertices[faces].reshape(-1, 3)
-    triangles = np.arange(len(soup)).reshape(-1, 3).tolist()
-    bare = parsed(ply("binary_little_endian", soup, triangles))
-    assert len(boundary_edges(bare.mesh.faces)) == 30
-    texture = {"s": ("float", np.arange(30.0)), "t": ("float", np.zeros(30))}
-    sewn = parsed(ply("binary_little_endian", soup, triangles, extra=texture))
-    assert len(boundary_edges(sewn.mesh.faces)) == 4
-    assert np.array_equal(sewn.mesh.vertices, soup)
-    assert sewn.mesh.vertex_attributes["uv"].shape == (30, 2)
-
-
-def test_merged_file_is_written_anew_with_its_polygons(tmp_path: Path) -> None:
-    soup = CUBE_POINTS[CUBE_QUADS[:-1]].reshape(-1, 3)
-    quads = np.arange(20).reshape(-1, 4).tolist()
-    colors = {name: ("uchar", np.arange(20, dtype="u1")) for name in ("red", "green", "blue")}
-    merged = parsed(ply("ascii", soup, quads, extra=colors)).merged()
-    assert len(merged.mesh.vertices) == 8
-    assert merged.polygons.sizes.tolist() == [4] * 5
-    assert len(boundary_edges(merged.mesh.faces)) == 4
-    back = again(merged, tmp_path)
-    assert back.polygons.rows() == merged.polygons.rows()
-    assert np.array_equal(back.mesh.vertex_attributes["color"], merged.mesh.vertex_attributes["color"])
-
-
-@pytest.mark.parametrize("encoding", ["ascii", "binary"])
-def test_agrees_with_trimesh(tmp_path: Path, encoding: str) -> None:
-    ball = trimesh.creation.icosphere(subdivisions=2)
-    ball.export(tmp_path / "ball.ply", encoding=encoding)
-    file = read_mesh(tmp_path / "ball.ply")
-    other = trimesh.load(tmp_path / "ball.ply", process=False)
-    assert np.allclose(file.mesh.vertices, other.vertices, rtol=1e-7)
-    assert np.array_equal(file.mesh.faces, other.faces)
-    file.write(tmp_path / "again.ply")
-    assert np.array_equal(trimesh.load(tmp_path / "again.ply", process=False).vertices, other.vertices)
-    anew = file.merged()
-    anew.write(tmp_path / "anew.ply")
-    assert np.array_equal(trimesh.load(tmp_path / "anew.ply", process=False).faces, other.faces)
-
-
 HEAD = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-FACES = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
-
-
-@pytest.mark.parametrize("faces", [QUADS, MIXED], ids=["equal", "mixed"])
-@pytest.mark.parametrize("encoding", FORMATS)
-def test_every_truncation_is_refused_with_a_typed_error(encoding: str, faces: list[list[int]]) -> None:
-    data = ply(encoding, CUBE_POINTS, faces)
-    last = len(data) - (
-        2 if encoding == "ascii" else 0
-    )  # text may lack the last line end, or digits of the last number
-    for stop in range(last):
-        with pytest.raises(MeshFileError):
-            read_ply(data[:stop])
-
-
-def test_attributes_of_other_formats_survive_in_ply(tmp_path: Path) -> None:
-    file = parsed(ply("ascii", CUBE_POINTS, QUADS, extra={"heat": ("double", np.arange(8.0))}))
-    closed = file.extended(lid_for(file.mesh)).merged()
-    assert again(closed, tmp_path).mesh.vertex_attributes["heat"][8].tolist() == [3.5]
 
 
 def test_an_attribute_called_like_a_coordinate_is_written_beside_it(tmp_path: Path) -> None:

@@ -31,19 +31,7 @@ ROOT = Path(__file__).parents[2]
 def test_unknown_type_error_lists_the_known_ones(thing: object, message: str) -> None:
     with pytest.raises(UnknownMeshTypeError, match=message) as caught:
         to_mesh(thing)
-    assert all(
-        name in str(caught.value)
-        for name in (
-            "trimesh.Scene",
-            "pymeshlab.MeshSet",
-            "pyvista.PolyData",
-            "open3d",
-            "meshio",
-            "numpy",
-            "torch",
-            ".obj",
-        )
-    )
+    assert all(name in str(caught.value) for name in ("trimesh.Scene", "numpy", "torch", ".obj"))
     assert caught.value.fields["known"] == known_types()
     with pytest.raises(UnknownMeshTypeError):
         extend(thing, lid())
@@ -96,7 +84,7 @@ def test_errors_name_the_cure_for_types_that_are_nearly_supported() -> None:
 def test_import_and_lookup_import_no_optional_library() -> None:
     program = (
         "import conftest, sys, numpy as np\n"
-        "from spinor_geom.adapters import read_mesh, to_mesh\n"
+        "from spinor_geom.adapters import read_mesh, to_mesh, to_rims\n"
         "from spinor_geom.errors import UnknownMeshTypeError\n"
         "to_mesh((np.eye(3), np.array([[0, 1, 2]])))\n"
         "try:\n"
@@ -105,6 +93,7 @@ def test_import_and_lookup_import_no_optional_library() -> None:
         "    pass\n"
         "assert len(read_mesh('data/trimesh_reference.obj').mesh.faces) == 1610\n"
         "heavy = {'trimesh', 'torch', 'pymeshlab', 'PIL', 'igl', 'pyvista', 'vtkmodules', 'open3d', 'meshio'}\n"
+        "heavy |= {'OCP', 'build123d'}\n"
         "found = sorted(heavy & set(sys.modules))\n"
         "assert not found, found\n"
     )

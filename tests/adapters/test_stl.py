@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -72,33 +71,3 @@ def test_round_trip_is_bit_exact(seed: int, text: bool) -> None:
 def test_triangle_without_area_gets_a_zero_normal() -> None:
     contents = read_stl(b"solid\nfacet normal 0 0 0\nouter loop\n" + b"vertex 1 1 1\n" * 3 + b"endloop\nendfacet\n")
     assert b"facet normal 0.0 0.0 0.0" in encode_stl(contents)
-
-
-def test_padding_after_the_last_facet_is_passed_over() -> None:
-    for padding in (b"\0\0", b"\r\n"):
-        assert np.array_equal(
-            parsed(cube_stl("binary") + padding).mesh.vertices, parsed(cube_stl("binary")).mesh.vertices
-        )
-
-
-@pytest.mark.parametrize("change", [lambda text: text.replace(b"\n", b"\r"), lambda text: b"\xef\xbb\xbf" + text])
-def test_line_ends_and_byte_order_marks_of_any_kind_are_read(change: Callable[[bytes], bytes]) -> None:
-    text = cube_stl("text")
-    assert np.array_equal(parsed(change(text)).mesh.vertices, parsed(text).mesh.vertices)
-
-
-def test_needles_are_left_out_and_counted(tmp_path: Path) -> None:
-    vertices, faces = open_cube()
-    needle = np.array([[0, 0, 1], [5, 7, 5]])
-    flat = np.array([[0, 2, 6]])
-    corners = vertices[np.vstack([faces[:4], needle, faces[4:], flat])]
-    records = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    records["corners"] = corners
-    (tmp_path / "a.stl").write_bytes(b"\0" * 80 + np.uint32(len(corners)).tobytes() + records.tobytes())
-    file = read_mesh(tmp_path / "a.stl")
-    assert len(file.mesh.vertices) == 8
-    assert len(file.mesh.faces) == 11
-    assert file.notes == (
-        "vertices of equal position were merged: 39 became 8",
-        "degenerate faces were removed after merging: 2",
-    )

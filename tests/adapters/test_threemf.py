@@ -164,14 +164,7 @@ RELS = '<Relationships><Relationship Target="/3D/other.model" Id="a" Type="http:
         # equal ids in two parts
         ({ROOT: model(mesh_text(1), 'objectid="1"', MOVED_PART), A: model(mesh_text(1))}, 0, 2),
         # components: the component's transform comes before the item's
-        (
-            {
-                ROOT: model(components(2, MOVED_PART), f'objectid="2" transform="{MOVED}"'),
-                A: model(mesh_text(1)),
-            },
-            10,
-            1,
-        ),
+        ({ROOT: model(components(2, MOVED_PART), f'objectid="2" transform="{MOVED}"'), A: model(mesh_text(1))}, 10, 1),
         # a part whose components refer to another part
         (
             {

@@ -7,13 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.errors import (
-    LoopTooShortError,
-    MeshShapeError,
-    NonFiniteVertexError,
-    OptionError,
-    RepeatedPointError,
-)
+from spinor_geom.errors import LoopTooShortError, MeshShapeError, NonFiniteVertexError, OptionError, RepeatedPointError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, centroids, detect_corners, diagonals, turning_angles
 from tests.strategies import RigidMotion, rigid_motions, rough_loops, smooth_loops
 

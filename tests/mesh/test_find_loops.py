@@ -269,11 +269,7 @@ class TestRandomMeshes:
 
 @pytest.mark.parametrize(
     ("name", "lengths"),
-    [
-        ("trimesh_reference.obj", [56, 24]),
-        ("demosthenes_low_res.obj", [67]),
-        ("mountain.obj", [636]),
-    ],
+    [("trimesh_reference.obj", [56, 24]), ("demosthenes_low_res.obj", [67]), ("mountain.obj", [636])],
 )
 def test_loops_of_published_meshes(name: str, lengths: list[int], real_mesh: Callable[[str], TriangleMesh]) -> None:
     assert [len(loop) for loop in find_boundary_loops(real_mesh(name))] == lengths
