@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from spinor_geom.domain.sizes import SizeField
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
@@ -13,7 +12,6 @@ from spinor_geom.fill.attributes import patch_attributes
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
-from tests.fill.shapes import fan
 from tests.strategies import SEEDS
 
 
@@ -87,15 +85,6 @@ def test_every_attribute_is_carried_and_normals_are_the_surface_s(disk: Patch) -
     np.testing.assert_allclose(inner["color"][:, 0], disk.points[rim:].real, atol=1e-12)
     np.testing.assert_allclose(inner["weight"], 7.0, rtol=1e-12)
     np.testing.assert_array_equal(inner["normal"], np.tile([0.0, 0.0, 1.0], (len(disk.points) - rim, 1)))
-
-
-@given(sides=st.integers(3, 9))
-def test_a_patch_without_inner_vertices_has_no_new_values(sides: int) -> None:
-    angle = 2 * np.pi * np.arange(sides) / sides
-    loop = BoundaryLoop.from_points(np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]))
-    attributes = {"color": np.ones((sides, 3)), "normal": np.ones((sides, 3))}
-    inner = inner_values(attributes, loop.vertex_ids, fan(loop))
-    assert {name: values.shape for name, values in inner.items()} == {"color": (0, 3), "normal": (0, 3)}
 
 
 def test_labels_are_those_of_the_nearest_rim_vertex_and_never_averaged(disk: Patch) -> None:

@@ -7,12 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from spinor_geom.errors import ImperfectFillWarning, SheetBorderError
-from spinor_geom.fill.borders import require_no_border
+from spinor_geom.errors import ImperfectFillWarning
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.patched_mesh import PatchedMesh
-from spinor_geom.mesh.find_loops import find_boundary_loops
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.fill.shapes import tube
 
 
@@ -55,14 +51,6 @@ def test_the_border_of_a_sheet_stays_open_with_the_reason(name: str) -> None:
         fill_hole(SHEETS[name])
 
 
-def test_long_borders_are_found_before_anything_is_solved() -> None:
-    _, report = fill_hole(SHEETS["hilly"], return_report=True)
-    border, hole = report.loops
-    assert len(border.loop) == 80
-    assert border.solution is None
-    assert hole.solution is not None
-
-
 def test_a_border_is_filled_where_it_is_named() -> None:
     _, report = fill_hole(sheet(), [0, 1], return_report=True)
     assert report.watertight
@@ -83,44 +71,3 @@ def test_lids_that_keep_clear_of_the_mesh_are_no_borders(mesh: tuple[np.ndarray,
     _, report = fill_hole(mesh, return_report=True)
     assert report.watertight
     assert report.complete
-
-
-def cap(opening: float, *, ragged: bool) -> tuple[np.ndarray, np.ndarray]:
-    """The part of a sphere within a polar angle in degrees, cut along a row of vertices or along whole triangles."""
-    rows, columns = 16, 64
-    polar = np.repeat(np.radians(np.linspace(0, opening * 1.25, rows + 1)[1:]), columns)
-    turn = np.tile(2 * np.pi * np.arange(columns) / columns, rows)
-    vertices = np.column_stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)])
-    a = np.arange((rows - 1) * columns)
-    right = np.where((a + 1) % columns, a + 1, a + 1 - columns)
-    faces = np.concatenate(
-        [np.stack([a, a + columns, right], axis=1), np.stack([right, a + columns, right + columns], axis=1)]
-    )
-    first = np.arange(columns)
-    faces = np.concatenate([faces + 1, np.stack([0 * first, first + 1, (first + 1) % columns + 1], axis=1)])
-    vertices = np.concatenate([[[0, 0, 1.0]], vertices])
-    height = vertices[faces][:, :, 2]
-    tilt = 0.15 * vertices[faces].mean(axis=1)[:, 0] * ragged
-    kept = (height.mean(axis=1) if ragged else height.min(axis=1)) > np.cos(np.radians(opening + 0.1)) + tilt
-    used, faces = np.unique(faces[kept], return_inverse=True)
-    return vertices[used], faces.reshape(-1, 3)
-
-
-@pytest.mark.parametrize("opening", [45, 60, 75, 88])
-@pytest.mark.parametrize("ragged", [False, True])
-def test_bowls_are_no_borders_however_they_are_cut(opening: float, ragged: bool) -> None:
-    mesh = TriangleMesh(*cap(opening, ragged=ragged))
-    loops = find_boundary_loops(mesh)
-    require_no_border(PatchedMesh(mesh, loops), loops[0])
-
-
-def test_the_border_of_a_narrow_strip_is_found_before_anything_is_solved() -> None:
-    x = np.arange(199.0)
-    vertices = np.concatenate([np.stack([x, 0 * x, np.sin(x / 9)], 1), np.stack([x, 0 * x + 1, np.sin(x / 9)], 1)])
-    a = np.arange(198)
-    mesh = TriangleMesh(
-        vertices, np.concatenate([np.stack([a, a + 1, a + 199], 1), np.stack([a + 1, a + 200, a + 199], 1)])
-    )
-    loops = find_boundary_loops(mesh)
-    with pytest.raises(SheetBorderError):
-        require_no_border(PatchedMesh(mesh, loops), loops[0])

@@ -143,12 +143,6 @@ def test_island_in_a_hole_of_a_mesh_cut_along_triangles_is_joined_through_its_po
     assert report.complete
 
 
-def test_pieces_elsewhere_are_no_islands() -> None:
-    for other in (ring(0.2, 0.4, height=2.0), (ring(0.2, 0.4)[0] + [3.0, 0, 0], ring(0.2, 0.4)[1])):
-        mesh = TriangleMesh(*together(ring(1.0, 1.5), other))
-        assert find_islands(mesh, find_boundary_loops(mesh)) == {}
-
-
 @pytest.mark.parametrize(("height", "is_in"), [(0.3, True), (0.5, True), (0.65, False), (1.0, False)])
 def test_a_piece_is_in_a_round_hole_up_to_a_fifth_of_the_diagonal(height: float, is_in: bool) -> None:
     # of the hole's box, which is 2.8
@@ -256,8 +250,7 @@ def terrain(start: float, rows: int, seed: int) -> tuple[np.ndarray, np.ndarray]
 
 
 @pytest.mark.parametrize("seed", every_second(range(4)))
-@pytest.mark.parametrize("gap", [1.0, 2.0, 5.0])
-@pytest.mark.parametrize("rows", [14, 10])
+@pytest.mark.parametrize(("gap", "rows"), [(1.0, 14), (5.0, 10)])
 def test_what_is_advised_for_open_sheets_joins_them(seed: int, gap: float, rows: int) -> None:
     left, right = terrain(0.0, 14, seed), terrain(9.0 + gap, rows, seed)
     vertices, faces = together(left, right)

@@ -69,13 +69,6 @@ def test_a_curve_is_closed_within_the_tolerance_and_no_further() -> None:
     assert "its ends are 0.01 apart" in str(left.error)
 
 
-def test_three_near_ends_are_not_guessed_at() -> None:
-    text = vertex_lines(np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1e-6, 0], [2, 0, 0], [1, 0, 1e-6], [1, -1, 0]]))
-    found = loops(text + "l 1 2\nl 4 5\nl 6 7\n")
-    assert len(found) == 3
-    assert all(isinstance(loop.error, OpenCurveError) for loop in found)
-
-
 def test_repeated_points_are_dropped_and_reported() -> None:
     points = np.repeat(circle(10), [1, 3, 1, 1, 1, 1, 1, 1, 1, 2], axis=0)
     (found,) = loops(curve_text(points))
@@ -103,11 +96,6 @@ def test_what_bounds_no_disk_is_refused_by_name_with_the_reason() -> None:
 def test_holes_have_the_name_of_most_faces_beside_them() -> None:
     file = opened(holed_text().replace("g north\r\nf -3 -2 -1\r\n", "f -3 -2 -1\r\ng north\r\n"))
     assert (file.hole_names, [len(loop) for loop in file.rims]) == (["roof/south"], [4])
-
-
-def test_a_file_may_have_holes_and_curves() -> None:
-    file = opened(holed_text() + vertex_lines(circle(9) + 5) + "l -9 -8 -7 -6 -5 -4 -3 -2 -1 -9\n")
-    assert (len(file.rims), [curve.error for curve in file.curves]) == (1, [None])
 
 
 def test_curves_of_a_file_whose_mesh_is_broken_are_kept() -> None:

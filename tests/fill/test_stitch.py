@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from time import perf_counter
-
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -58,10 +55,6 @@ def test_chords_of_a_fan_are_its_inner_edges() -> None:
     np.testing.assert_array_equal(patch_chords(fan(hexagon(), apex=5)), [[1, 5], [2, 5], [3, 5]])
 
 
-def test_a_cone_has_no_chords() -> None:
-    assert len(patch_chords(cone(hexagon()))) == 0
-
-
 @given(chosen=st.sets(st.integers(0, 2), min_size=1))
 def test_splitting_chords_keeps_area_orientation_and_rim(chosen: set[int]) -> None:
     patch = fan(hexagon())
@@ -94,14 +87,6 @@ def test_a_chord_on_a_taken_edge_is_split_and_a_free_one_stays() -> None:
     for patch in (kept, split):
         part = LoopPatch(index=0, rim=loop.vertex_ids, patch=patch, attributes={})
         assert is_watertight(joined(mesh, stitch(mesh, [part])).faces)
-
-
-def test_without_the_split_the_taken_edge_would_be_non_manifold() -> None:
-    mesh = as_mesh(folded_quad())
-    (loop,) = find_boundary_loops(mesh)
-    taken_apex = int(np.flatnonzero(loop.vertex_ids == 1)[0])
-    part = LoopPatch(index=0, rim=loop.vertex_ids, patch=fan(loop, taken_apex), attributes={})
-    assert not is_watertight(joined(mesh, stitch(mesh, [part])).faces)
 
 
 def test_a_chord_that_an_earlier_patch_took_is_split_in_the_next() -> None:
@@ -154,13 +139,6 @@ def test_new_vertices_and_faces_come_loop_by_loop() -> None:
     assert is_watertight(joined(mesh, extension).faces)
 
 
-def test_no_patches_give_an_empty_extension() -> None:
-    extension = stitch(as_mesh(tube(), color=np.ones((48, 3))), [])
-    assert extension.vertices.shape == (0, 3)
-    assert extension.faces.shape == (0, 3)
-    assert extension.vertex_attributes["color"].shape == (0, 3)
-
-
 @settings(max_examples=60, deadline=None)
 @given(mesh=ragged_meshes(), apex=st.integers(0, 1000))
 def test_ragged_meshes_filled_by_chords_are_watertight_and_valid(mesh: TriangleMesh, apex: int) -> None:
@@ -181,38 +159,3 @@ def test_disks_with_holes_become_spheres(disk: object, apex: int) -> None:
     used = len(np.unique(filled.faces))
     edges = len(np.unique(undirected_edges(filled.faces), axis=0))
     assert used - edges + len(filled.faces) == 2
-
-
-@pytest.mark.parametrize("broken", ["reversed", "doubled"])
-def test_the_watertight_check_notices_a_broken_patch(broken: str) -> None:
-    mesh = as_mesh(tube())
-    parts = [
-        LoopPatch(index=place, rim=loop.vertex_ids, patch=cone(loop), attributes={})
-        for place, loop in enumerate(find_boundary_loops(mesh))
-    ]
-    faces = joined(mesh, stitch(mesh, parts)).faces
-    assert is_watertight(faces)
-    spoilt = np.concatenate([faces, faces[-1:]]) if broken == "doubled" else np.vstack([faces[:-1], faces[-1, ::-1]])
-    assert not is_watertight(spoilt)
-
-
-def test_four_thousand_patches_are_joined_in_linear_time() -> None:
-    pieces = 2000
-    vertices, faces = tube(6, 2)
-    place = np.arange(pieces)
-    shift = np.column_stack([3.0 * (place % 50), 3.0 * (place // 50), 0 * place])
-    mesh = TriangleMesh((vertices + shift[:, None]).reshape(-1, 3), (faces + 12 * place[:, None, None]).reshape(-1, 3))
-    loops = find_boundary_loops(mesh)
-    patched = PatchedMesh(mesh, loops)
-    patches = [fan(loop) for loop in loops]
-    chords = [loop.vertex_ids[patch_chords(patch)] for loop, patch in zip(loops, patches, strict=True)]
-    start = perf_counter()
-    for loop, patch, edges in zip(loops, patches, chords, strict=True):
-        assert not patched.has_edges(edges).any()
-        patched.join(patch, loop.vertex_ids)
-        assert patched.face_on(loop) is None
-    # half a second; arrays that are copied for every patch took twenty
-    assert perf_counter() - start < 8
-    assert all(patched.has_edges(edges).all() for edges in chords)
-    # those of the other end of a piece and its neighbours are found among all of them
-    assert len(patched.crossings(patches[0]).patches) == 4

@@ -40,22 +40,6 @@ def test_polynomials_are_the_formula(curve, s):
         np.testing.assert_allclose(own(s), formula(s), rtol=0, atol=error * scale)
 
 
-@pytest.mark.parametrize("curve", CURVES, ids=lambda curve: curve.name)
-def test_corners_are_ends_of_pieces(curve):
-    fitted = BoundaryCurve.from_formula(curve)
-    np.testing.assert_array_equal(fitted.breaks[:-1][fitted.corners], curve.corners)
-    assert 64 <= len(fitted.breaks) - 1 <= 300
-
-
-def test_a_moved_curve_keeps_its_derivatives():
-    fitted = BoundaryCurve.from_formula(gallery.tennis_seam(0.8))
-    points = 3 * fitted.coefficients[-1] + [1, 2, 3]
-    moved = fitted.placed(points, 3.0)
-    s = np.linspace(0, 1, 77)
-    np.testing.assert_allclose(moved.point(s), 3 * fitted.point(s) + [1, 2, 3], rtol=0, atol=1e-14)
-    np.testing.assert_allclose(moved.derivative(s), 3 * fitted.derivative(s), rtol=0, atol=1e-13)
-
-
 def circle(**changes) -> ClosedCurve:
     def turned(order):
         def value(s):

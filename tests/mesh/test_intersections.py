@@ -21,7 +21,7 @@ from spinor_geom.mesh.intersections import (
     self_intersections,
 )
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from tests.strategies import SEEDS, RigidMotion, rigid_motions, rough_loops, smooth_loops
+from tests.strategies import SEEDS, RigidMotion, rigid_motions, smooth_loops
 
 Point: TypeAlias = tuple[Fraction, ...]
 BOTH = np.array([[0, 1, 2], [3, 4, 5]])
@@ -117,7 +117,7 @@ def crossings_exactly(points: np.ndarray) -> list[list[int]]:
 def test_two_triangles_cross_as_in_rational_arithmetic(seed: int, reach: int) -> None:
     # small whole coordinates: most pairs share corners or sides, touch, lie in a plane, or have no area
     random = np.random.default_rng(seed)
-    for triangles in random.integers(-reach, reach + 1, size=(25, 2, 3, 3)).astype(float):
+    for triangles in random.integers(-reach, reach + 1, size=(12, 2, 3, 3)).astype(float):
         expected = [[0, 0]] if cross_exactly(*triangles) else []
         assert intersections_between(triangles[0], BOTH[:1], triangles[1], BOTH[:1]).tolist() == expected
         assert len(self_intersections(triangles.reshape(-1, 3), BOTH)) == len(expected)
@@ -148,41 +148,6 @@ def test_a_soup_crosses_as_in_rational_arithmetic_at_any_scale(seed: int, scale:
     assert self_intersections(vertices, faces).tolist() == expected
 
 
-def test_a_crossing_is_found_among_many_faces() -> None:
-    vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [2, 2, 0], [0.4, 0.4, -1], [0.5, 0.4, 1], [0.4, 0.5, 1]])
-    assert len(self_intersections(vertices, np.array([[0, 1, 2], [1, 3, 2]]))) == 0
-    assert self_intersections(vertices, np.array([[0, 1, 2], [1, 3, 2], [4, 5, 6]])).tolist() == [[0, 2]]
-
-
-@pytest.mark.parametrize("scale", [1e-9, 1e-6, 1.0])
-def test_faces_with_a_common_vertex_or_side_that_cross_are_found_at_any_scale(scale: float) -> None:
-    pierced = scale * np.array([[0, 0, 0], [2, -1, 0], [2, 1, 0], [1.5, 0, -1], [1.5, 0.1, 1]])
-    assert self_intersections(pierced, np.array([[0, 1, 2], [0, 3, 4]])).tolist() == [[0, 1]]
-    folded = scale * np.array([[0, 0, 0], [1, 0, 0], [0.3, 1, 0], [0.5, 0.7, 0], [0.5, -1, 0]])
-    for order in ([0, 1, 3], [1, 0, 3]):
-        assert self_intersections(folded, np.array([[0, 1, 2], order])).tolist() == [[0, 1]]
-    for order in ([0, 1, 4], [1, 0, 4]):
-        assert len(self_intersections(folded, np.array([[0, 1, 2], order]))) == 0
-
-
-def test_faces_that_only_touch_do_not_cross() -> None:
-    # a corner on a face, a corner on a side, side by side in one plane with corners that do not match
-    face = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0.0]])
-    for touching in (
-        [[2, 0, 0], [3, -1, 1], [3, -1, -1]],
-        [[1, 0, 0], [3, 0, 0], [2, -1, 0]],
-        [[0, 0, 0], [2, 0, 0], [0, 0, 3]],
-        [[4, 0, 0], [0, 4, 0], [4, 4, 0]],
-    ):
-        assert len(intersections_between(face, BOTH[:1], np.array(touching, dtype=float), BOTH[:1])) == 0
-
-
-def test_a_side_that_lies_in_a_face_and_a_corner_on_its_inside_do_cross() -> None:
-    face = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0.0]])
-    for crossing in ([[1, 1, 0], [2, 1, 0], [1, 1, 1]], [[1, 1, 0], [2, 1, 1], [1, 2, 1]]):
-        assert len(intersections_between(face, BOTH[:1], np.array(crossing, dtype=float), BOTH[:1])) == 1
-
-
 def test_no_faces_cross_nothing() -> None:
     none = np.zeros((0, 3), dtype=np.int64)
     assert self_intersections(np.eye(3), none).shape == (0, 2)
@@ -204,10 +169,10 @@ def test_counts_do_not_change_under_motion_and_scale(motion: RigidMotion, scale:
     assert sorted(map(tuple, flipped[:, ::-1].tolist())) == sorted(map(tuple, between.tolist()))
 
 
-@settings(max_examples=10)
+@settings(max_examples=8)
 @given(seed=SEEDS)
 def test_all_pairs_of_a_crumpled_sheet_are_found(seed: int) -> None:
-    vertices, faces = crumpled(seed, size=5)
+    vertices, faces = crumpled(seed, size=4)
     expected = [
         [i, j]
         for i in range(len(faces))
@@ -233,14 +198,6 @@ def grid(size: int) -> tuple[np.ndarray, np.ndarray]:
 def crumpled(seed: int, size: int = 9) -> tuple[np.ndarray, np.ndarray]:
     vertices, faces = grid(size)
     return vertices + 0.7 * np.random.default_rng(seed).normal(size=vertices.shape), faces
-
-
-@pytest.mark.parametrize("tilted", [False, True])
-def test_a_plane_mesh_does_not_cross_itself(tilted: bool) -> None:
-    vertices, faces = grid(30)
-    if tilted:
-        vertices = vertices @ np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
-    assert len(self_intersections(vertices, faces)) == 0
 
 
 @pytest.mark.parametrize(
@@ -273,12 +230,6 @@ def test_a_strip_is_a_graph_until_it_overlaps() -> None:
         assert len(self_intersections(vertices, faces)) == 0
 
 
-def test_a_folded_sheet_is_no_graph() -> None:
-    vertices = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1, 0.2], [0.5, 0.7, 1]])
-    assert is_graph(vertices, np.array([[0, 1, 2], [1, 0, 3]]), 4) is False
-    assert is_graph(vertices[:3], np.array([[0, 1, 2]]), 3) is True
-
-
 @given(points=smooth_loops(min_points=12, max_points=40), height=st.floats(-3, 3))
 def test_a_graph_does_not_cross_itself(points: np.ndarray, height: float) -> None:
     vertices = np.vstack([points, points.mean(axis=0) + np.array([0, 0, height])])
@@ -302,30 +253,6 @@ def test_edges_meet_as_in_rational_arithmetic(seed: int, count: int, reach: int,
     assert loop_crossings(points).tolist() == crossings_exactly(points)
 
 
-@settings(max_examples=30)
-@given(seed=SEEDS, count=st.integers(4, 40))
-def test_plane_polygons_cross_where_exact_predicates_say_so(seed: int, count: int) -> None:
-    import igl.predicates
-
-    points = np.random.default_rng(seed).normal(size=(count, 3))
-    points[:, 2] = 0.5
-    ends = np.roll(points, -1, axis=0)
-    expected = [
-        [i, j]
-        for i in range(count)
-        for j in range(i + 2, count)
-        if j - i < count - 1
-        and igl.predicates.segment_segment_intersect(points[i, :2], ends[i, :2], points[j, :2], ends[j, :2])
-    ]
-    assert loop_crossings(points).tolist() == expected
-
-
-@settings(max_examples=30)
-@given(points=rough_loops(max_noise=0.15, max_points=300), motion=rigid_motions(), scale=st.floats(1e-6, 1e6))
-def test_rough_loops_in_space_do_not_cross(points: np.ndarray, motion: RigidMotion, scale: float) -> None:
-    assert len(loop_crossings(scale * motion(points))) == 0
-
-
 @pytest.mark.parametrize("count", [64, 65, 200, 1001])
 def test_a_figure_eight_crosses_once(count: int) -> None:
     t = 2 * np.pi * (np.arange(count) + 0.3) / count
@@ -337,13 +264,6 @@ def test_a_figure_eight_crosses_once(count: int) -> None:
     assert len(loop_crossings(lifted)) == 0
 
 
-def test_two_vertices_at_one_position_are_found_through_their_edges() -> None:
-    t = 2 * np.pi * np.arange(8) / 8
-    circle = np.column_stack([1 - np.cos(t), np.sin(t), 0.2 * np.sin(2 * t)])
-    pinched = np.concatenate([circle, circle * [-1, -1, 1]])
-    assert loop_crossings(pinched).tolist() == [[0, 7], [0, 8], [7, 15], [8, 15]]
-
-
 def test_a_polygon_that_turns_back_is_found_and_a_sharp_one_is_not() -> None:
     spike = np.array([[0, 0, 0], [1, 0, 0], [3, 0, 0], [1, 0, 0], [1, 1, 0.0]])
     assert [1, 2] in loop_crossings(spike).tolist()
@@ -353,15 +273,6 @@ def test_a_polygon_that_turns_back_is_found_and_a_sharp_one_is_not() -> None:
     assert loop_crossings(np.roll(spike, -2, axis=0)).tolist() == [[0, 4], [1, 4]]
     spike[3] = [2, 1e-6, 0]
     assert len(loop_crossings(spike)) == 0
-
-
-def test_a_narrow_slit_does_not_cross_and_one_of_no_width_does() -> None:
-    x = np.arange(50.0)
-    for width, found in ((1e-6, False), (0.0, True)):
-        sides = [np.column_stack([x, np.full(50, y), 0 * x]) for y in (0.0, width)]
-        ends = np.array([[50, width / 2, 0]]), np.array([[-1, width / 2, 0]])
-        slit = np.concatenate([sides[0], ends[0], sides[1][::-1], ends[1]])
-        assert bool(len(loop_crossings(slit))) is found
 
 
 @pytest.mark.parametrize(("height", "found"), [(0.0, True), (1e-6, False)])

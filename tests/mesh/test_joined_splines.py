@@ -69,15 +69,6 @@ def test_polygon_has_a_corner_at_each_vertex_and_straight_sides() -> None:
     )
 
 
-def test_knots_where_the_direction_jumps_are_corners_of_one_spline() -> None:
-    """A polygon as one spline of degree 1, as other programs write it."""
-    points = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [0, 0, 0]], dtype=float)
-    spline = NurbsCurve(knots=np.array([0, 0, 1, 2, 3, 4, 4]) / 4, control_points=points, weights=np.ones(5))
-    curve = JoinedSplines.of([spline]).curve()
-    assert len(curve.corners) == 3
-    assert len(curve.joints) == 1  # on the straight side
-
-
 @pytest.mark.parametrize(("turn", "corners"), [(0.0, 2), (5e-4, 2), (2e-3, 3)])
 def test_small_turns_are_joints(turn: float, corners: int) -> None:
     """Imported edges meet with small angles; those up to SMOOTH_TURN = 1e-3 are no corners."""
@@ -116,12 +107,6 @@ def test_curves_move_with_their_poles(motion: RigidMotion, seed: int) -> None:
     )
     s = np.linspace(0, 1, 20)
     np.testing.assert_allclose(other.point(s), motion(one.point(s)), atol=1e-10)  # 1e4 times the rounding error
-
-
-def test_reversed_is_the_same_curve_backwards() -> None:
-    spline = random_spline(3, 3, 4)
-    t = np.linspace(0, 1, 30)
-    np.testing.assert_allclose(spline.reversed().point(t), spline.point(1 - t), atol=1e-13)
 
 
 def test_moved_ends_keep_straight_lines_straight() -> None:

@@ -17,6 +17,8 @@ from tests.fill.shapes import tube
 SIDES, RINGS = 12, 6
 FAR = 2 * SIDES * 2  # a face between the third ring and the fourth
 Pair = tuple[np.ndarray, np.ndarray]
+TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+OCTAHEDRON = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
 
 
 def flipped(face: int) -> Pair:
@@ -153,31 +155,19 @@ def test_edges_of_very_many_faces_are_not_compared_in_pairs() -> None:
     assert all(isinstance(loop.obstacle, NonManifoldEdgeError) for loop in loops)
 
 
-def mesh_of(faces: np.ndarray) -> TriangleMesh:
-    return TriangleMesh(np.random.default_rng(0).uniform(size=(int(np.max(faces)) + 1, 3)), faces)
-
-
-def test_third_faces_away_from_the_loops_are_allowed(tetrahedron: np.ndarray) -> None:
-    # two closed tetrahedra over a common edge (4 faces there), and a triangle apart that has the only loop
-    mirrored = np.array([0, 1, 4, 5])[tetrahedron]
-    mesh = mesh_of(np.vstack([tetrahedron, mirrored, [6, 7, 8]]))
-    (loop,) = find_boundary_loops(mesh)
-    np.testing.assert_array_equal(loop.vertex_ids, [6, 8, 7])
-
-
-def test_inner_face_of_a_closed_mesh_is_allowed() -> None:
-    octahedron = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
-    wall = np.array([[0, 2, 1], [0, 1, 3]])
-    assert find_boundary_loops(mesh_of(np.vstack([octahedron, wall]))) == []
-
-
-def test_zero_area_face_with_three_vertices_is_allowed() -> None:
-    mesh = TriangleMesh([[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-    (loop,) = find_boundary_loops(mesh)
-    np.testing.assert_array_equal(np.roll(loop.vertex_ids, -loop.vertex_ids.argmin()), [0, 3, 2, 1])
-
-
-def test_unreferenced_vertices_are_allowed() -> None:
-    mesh = TriangleMesh(np.random.default_rng(1).uniform(size=(9, 3)), np.array([[2, 3, 4], [4, 3, 5], [4, 5, 6]]))
-    (loop,) = find_boundary_loops(mesh)
-    assert set(loop.vertex_ids.tolist()) == {2, 3, 4, 5, 6}
+@pytest.mark.parametrize(
+    ("faces", "rings"),
+    [
+        # two closed tetrahedra over a common edge (4 faces there), and a triangle apart that has the only loop
+        ([*TETRAHEDRON, *np.array([0, 1, 4, 5])[TETRAHEDRON], [6, 7, 8]], [[6, 8, 7]]),
+        # a wall inside an octahedron
+        ([*OCTAHEDRON, [0, 2, 1], [0, 1, 3]], []),
+        ([], []),
+        # vertices in no face
+        ([[2, 3, 4], [4, 3, 5]], [[2, 4, 5, 3]]),
+    ],
+)
+def test_inner_walls_and_loose_vertices_are_allowed(faces: list, rings: list[list[int]]) -> None:
+    vertices = np.random.default_rng(0).uniform(size=(9, 3))
+    found = find_boundary_loops(TriangleMesh(vertices, np.reshape(faces, (-1, 3)).astype(int)))
+    assert [np.roll(loop.vertex_ids, -loop.vertex_ids.argmin()).tolist() for loop in found] == rings

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import copy
 import pickle
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
-from spinor_geom.errors import MeshShapeError, NonFiniteVertexError, VertexIndexError
+from spinor_geom.errors import MeshShapeError, NonFiniteVertexError, SpinorGeomError, VertexIndexError
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
 POINTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -22,16 +24,10 @@ def test_arrays_are_read_only_copies() -> None:
     assert mesh.vertices[0, 0] == 0
     assert mesh.faces[0, 0] == 0
     assert mesh.vertex_attributes["color"][0, 0] == 1
-    for array in (mesh.vertices, mesh.faces, mesh.vertex_attributes["color"]):
+    extension = MeshExtension(vertices=[[0, 0, 1]], faces=[[0, 1, 4]], face_loops=[0])
+    for array in (mesh.vertices, mesh.faces, mesh.vertex_attributes["color"], extension.vertices, extension.faces):
         with pytest.raises(ValueError, match="read-only"):
             array[0, 0] = 7
-
-
-def test_input_arrays_stay_writable() -> None:
-    vertices, faces = POINTS.copy(), FACES.copy()
-    TriangleMesh(vertices, faces)
-    assert vertices.flags.writeable
-    assert faces.flags.writeable
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int32, ">f8"])
@@ -51,55 +47,52 @@ def test_survives_pickle_and_deepcopy() -> None:
         np.testing.assert_array_equal(twin.vertex_attributes["u"], mesh.vertex_attributes["u"])
 
 
-def test_empty_faces_are_a_mesh() -> None:
-    mesh = TriangleMesh(POINTS, np.array([]))
-    assert mesh.faces.shape == (0, 3)
+WHOLE = {"vertices": np.zeros((1, 3)), "faces": [[0, 1, 4]], "face_loops": [0]}
 
 
 @pytest.mark.parametrize(
-    ("vertices", "faces"),
+    ("made", "error", "fields"),
     [
-        (POINTS[:, :2], FACES),
-        (POINTS.ravel(), FACES),
-        (POINTS + 1j, FACES),
-        (POINTS.astype(str), FACES),
-        ([[0, 0, 0], [1, 0]], FACES),
-        (POINTS, [[0, 1, 2, 3]]),
-        (POINTS, [[0.0, 1.0, 2.0]]),
-        (POINTS, [[True, False, True]]),
+        *(
+            (lambda vertices=vertices: TriangleMesh(vertices, FACES), MeshShapeError, {})
+            for vertices in (POINTS[:, :2], POINTS.ravel(), POINTS + 1j, POINTS.astype(str), [[0, 0, 0], [1, 0]])
+        ),
+        *(
+            (lambda faces=faces: TriangleMesh(POINTS, faces), MeshShapeError, {})
+            for faces in ([[0, 1, 2, 3]], [[0.0, 1.0, 2.0]], [[True, False, True]])
+        ),
+        *(
+            (
+                lambda index=index: TriangleMesh(POINTS, [[0, 1, 2], [0, 1, index]]),
+                VertexIndexError,
+                {"face": 1, "index": index, "vertices": 4},
+            )
+            for index in (-1, 4)
+        ),
+        *(
+            (lambda bad=bad: TriangleMesh([*POINTS[:2], [0, bad, 0]], FACES), NonFiniteVertexError, {"vertex": 2})
+            for bad in (np.nan, np.inf, -np.inf)
+        ),
+        *(
+            (lambda bad=bad: TriangleMesh(POINTS, FACES, vertex_attributes={"color": bad}), MeshShapeError, {})
+            for bad in (np.zeros((3, 2)), np.zeros((4, 2, 2)), ["a", "b", "c", "d"])
+        ),
+        *(
+            (lambda bad=bad: MeshExtension(**(WHOLE | bad)), error, {})
+            for bad, error in (
+                ({"vertices": np.zeros((1, 2))}, MeshShapeError),
+                ({"faces": np.zeros((1, 4), dtype=int)}, MeshShapeError),
+                ({"face_loops": [0, 1]}, MeshShapeError),
+                ({"vertex_attributes": {"color": np.zeros((2, 3))}}, MeshShapeError),
+                ({"vertices": np.full((1, 3), np.nan)}, NonFiniteVertexError),
+            )
+        ),
     ],
-    ids=["2d", "flat", "complex", "text", "ragged", "quads", "float faces", "bool faces"],
 )
-def test_wrong_shape_or_dtype_is_refused(vertices: np.ndarray, faces: np.ndarray) -> None:
-    with pytest.raises(MeshShapeError):
-        TriangleMesh(vertices, faces)
-
-
-@pytest.mark.parametrize("index", [-1, 4])
-def test_index_out_of_range_names_the_face(index: int) -> None:
-    with pytest.raises(VertexIndexError) as caught:
-        TriangleMesh(POINTS, np.array([[0, 1, 2], [0, 1, index]]))
-    assert caught.value.fields == {"face": 1, "index": index, "vertices": 4}
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_non_finite_coordinate_names_the_vertex(value: float) -> None:
-    broken = POINTS.copy()
-    broken[2, 1] = value
-    with pytest.raises(NonFiniteVertexError) as caught:
-        TriangleMesh(broken, FACES)
-    assert caught.value.fields["vertex"] == 2
-
-
-@pytest.mark.parametrize("values", [np.zeros((3, 2)), np.zeros((4, 2, 2)), ["a", "b", "c", "d"]])
-def test_attribute_of_wrong_shape_is_refused(values: np.ndarray) -> None:
-    with pytest.raises(MeshShapeError, match="'color'"):
-        TriangleMesh(POINTS, FACES, vertex_attributes={"color": values})
-
-
-def test_scalar_attribute_becomes_a_column() -> None:
-    mesh = TriangleMesh(POINTS, FACES, vertex_attributes={"quality": [1, 2, 3, 4]})
-    np.testing.assert_array_equal(mesh.vertex_attributes["quality"], [[1.0], [2.0], [3.0], [4.0]])
+def test_what_is_no_mesh_is_refused(made: Callable[[], Any], error: type[SpinorGeomError], fields: dict) -> None:
+    with pytest.raises(error) as caught:
+        made()
+    assert fields.items() <= caught.value.fields.items()
 
 
 def test_merging_keeps_the_lowest_index_and_its_attributes() -> None:
@@ -110,43 +103,3 @@ def test_merging_keeps_the_lowest_index_and_its_attributes() -> None:
     np.testing.assert_array_equal(new_index, [0, 1, 2, 0, 3, 2])
     np.testing.assert_array_equal(merged.faces, [[0, 1, 2], [2, 1, 3]])
     np.testing.assert_array_equal(merged.vertex_attributes["id"].ravel(), [0, 1, 2, 4])
-
-
-def test_merging_a_mesh_without_equal_positions_changes_nothing() -> None:
-    merged, new_index = TriangleMesh(POINTS, FACES).merged()
-    np.testing.assert_array_equal(merged.vertices, POINTS)
-    np.testing.assert_array_equal(new_index, np.arange(4))
-
-
-def test_extension_converts_and_freezes() -> None:
-    extension = MeshExtension(
-        vertices=np.array([[0, 0, 1]]),
-        faces=np.array([[0, 1, 4]], dtype=np.int32),
-        face_loops=np.array([0]),
-        vertex_attributes={"color": np.array([[1, 2, 3]], dtype=np.uint8)},
-    )
-    assert extension.vertices.dtype == np.float64
-    assert extension.faces.dtype == np.int64
-    assert extension.vertex_attributes["color"].dtype == np.float64
-    assert not extension.face_loops.flags.writeable
-
-
-@pytest.mark.parametrize(
-    "broken",
-    [
-        {"vertices": np.zeros((1, 2))},
-        {"faces": np.zeros((1, 4), dtype=int)},
-        {"face_loops": np.array([0, 1])},
-        {"vertex_attributes": {"color": np.zeros((2, 3))}},
-    ],
-    ids=["vertices", "faces", "face_loops", "vertex_attributes"],
-)
-def test_extension_of_wrong_shape_is_refused(broken: dict[str, np.ndarray]) -> None:
-    whole = {"vertices": np.zeros((1, 3)), "faces": np.array([[0, 1, 4]]), "face_loops": np.array([0])}
-    with pytest.raises(MeshShapeError):
-        MeshExtension(**(whole | broken))
-
-
-def test_extension_with_nan_is_refused() -> None:
-    with pytest.raises(NonFiniteVertexError):
-        MeshExtension(vertices=np.full((1, 3), np.nan), faces=FACES, face_loops=np.array([0]))
