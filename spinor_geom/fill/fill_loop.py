@@ -31,9 +31,8 @@ from spinor_geom.fill.attributes import NORMAL, patch_attributes
 from spinor_geom.fill.discrete_patch import discrete_patch
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.fill_result import LoopOutcome
-from spinor_geom.fill.new_patch import NewPatch
+from spinor_geom.fill.new_patch import Change, NewPatch, in_own_frame
 from spinor_geom.fill.no_holes import require_area
-from spinor_geom.fill.own_frame import Change, in_own_frame
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
 from spinor_geom.fill.retriangulation import NOT_CLEARED, retriangulated, without_intersections
 from spinor_geom.fill.smooth_patch import NO_TIME, NOT_CONTINUED, smooth_patch

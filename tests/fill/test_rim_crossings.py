@@ -11,8 +11,7 @@ from spinor_geom.fill import outlines
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import PatchedMesh
-from spinor_geom.fill.retriangulation import retriangulated
-from spinor_geom.fill.rim_crossings import RimCrossings
+from spinor_geom.fill.retriangulation import RimCrossings, retriangulated
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
